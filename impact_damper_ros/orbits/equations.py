@@ -232,17 +232,18 @@ def forced_response(
     root = -decay + 1j * np.asarray(damped)
     drive = 1j * np.asarray(frequency)
     near = np.where(decay * spans < _LOST, spans, 0.0)
+    free = np.exp(root * near)
     parts = []
-    for eigenvalue in (root, root.conjugate()):
+    for eigenvalue, factor in ((root, free), (root.conjugate(), free.conjugate())):
         apart = drive - eigenvalue
         # So close to resonance, the quotient is the same; its parts may be no floats.
         close = np.abs(apart) < _RESONANT
-        grown = np.exp(eigenvalue * near) * np.expm1(apart * near)
+        grown = factor * np.expm1(apart * near)
         if (near != spans).any():
             grown = np.where(near < spans, np.exp(drive * spans), grown)
         if close.any():
-            resonant = spans * np.exp(eigenvalue * near)
-            parts.append(np.where(close, resonant, grown / np.where(close, 1.0, apart)))
+            quotient = grown / np.where(close, 1.0, apart)
+            parts.append(np.where(close, spans * factor, quotient))
         else:
             parts.append(grown / apart)
     x = (parts[0] - parts[1]) / (2j * np.asarray(damped))

@@ -200,17 +200,18 @@ class _Layout:
         m = len(self.rows)
         row, column = np.full(5 * n, -1), np.full(5 * n, -1)
         row[self.rows] = column[self.columns] = np.arange(m)
-        #: Derivatives by the state and the instant at the node before: from (n, 5, 5)
+        #: Derivatives by the state and the instant at the node before, in rows of seven
         j, r, c = (index.ravel() for index in np.indices((n, 5, 5)))
         to_row, to_column = row[5 * j + r], column[5 * self.last[j] + c]
         counts = (to_row >= 0) & (to_column >= 0)
-        self.block_from = np.flatnonzero(counts)
+        self.block_from = (35 * j + 7 * r + c)[counts]
         self.block_to = (m * to_row + to_column)[counts]
         #: Those by the state of the node itself, which are constant, and by its instant
         own = np.zeros((m, m))
         both = np.flatnonzero((row >= 0) & (column >= 0) & (np.arange(5 * n) % 5 != _T))
         own[row[both], column[both]] = -1.0
         self.own = own.ravel()
+        self.late_from, self.value_from = 7 * self.rows + 5, 7 * self.rows + 6
         self.late_to = m * np.arange(m) + column[5 * (self.rows // 5) + _T]
 
 
@@ -325,12 +326,14 @@ class Segments:
         lasts = self.durations(instants)
         x, v, y, u = (states[..., i] for i in range(4))
         decay, damped, stiffness = self._decay, self._damped, self._stiffness
-        envelope = np.exp(-decay * lasts)
-        impulse = envelope * np.sin(damped * lasts) / damped
-        slope = envelope * np.cos(damped * lasts) - decay * impulse
         # What X is after the flight from a unit X, less 1, without cancellation in short bounces
-        less = np.expm1(-decay * lasts) + decay * impulse
-        less -= 2.0 * envelope * np.sin(0.5 * damped * lasts) ** 2
+        less = np.expm1(-decay * lasts)
+        envelope, half = 1.0 + less, 0.5 * damped * lasts
+        sine = np.sin(half)
+        impulse = 2.0 * envelope * sine * np.cos(half) / damped
+        fall = 2.0 * envelope * sine * sine
+        slope = envelope - fall - decay * impulse
+        less += decay * impulse - fall
         x_forced, v_forced = forced_response(
             decay[:, None], damped[:, None], self._frequencies, lasts[..., None]
         )
@@ -377,18 +380,17 @@ class Segments:
         states, instants = self.motion(unknowns)
         after = self.flights(states, instants)
         last = self.layout.last
-        value = np.empty((*states.shape[:-1], 5))
-        jump_end = self._jump @ after.end[..., last, :, None]
-        value[...] = jump_end[..., 0]
+        # By the state at the node before, and by the instants of that and of the node; the state
+        ends = np.empty((*states.shape, 7))
+        ends[..., :4] = after.matrix[..., last, :, :]
+        ends[..., 4] = -(ends[..., :4] @ after.rate_start[..., last, :, None])[..., 0]
+        ends[..., 5] = after.rate_end[..., last, :]
+        ends[..., 6] = after.end[..., last, :]
+        there = self._jump @ ends
+        blocks, later, value = there[..., :5], there[..., 5], there[..., 6]
         value[..., :4] -= states
         value[..., _Y] += self._across
         value[..., _NEED] = after.rate_end[..., last, _V] - self._need
-        # By the state at the node before, and by the instants of that and of the node
-        blocks = np.empty((*value.shape, 5))
-        blocks[..., :4] = self._jump @ after.matrix[..., last, :, :]
-        earlier = blocks[..., :4] @ after.rate_start[..., last, :, None]
-        blocks[..., _T] = -earlier[..., 0]
-        later = (self._jump @ after.rate_end[..., last, :, None])[..., 0]
         later[..., _NEED] = after.jerk[..., last]
         if self.layout.any_returns:
             # The mean velocity of a bounce is zero, rather than the way: or else two impacts at
@@ -404,13 +406,11 @@ class Segments:
         m, shape = len(self.layout.rows), instants.shape[:-1]
         jacobian = np.empty((*shape, m * m))
         jacobian[...] = self.layout.own
-        flat = blocks.reshape(*shape, -1)
+        flat = there.reshape(*shape, -1)
         jacobian[..., self.layout.block_to] += flat[..., self.layout.block_from]
-        late_rows = later.reshape(*shape, -1)[..., self.layout.rows]
-        jacobian[..., self.layout.late_to] += late_rows
+        jacobian[..., self.layout.late_to] += flat[..., self.layout.late_from]
         jacobian *= self._scale
-        flat = value.reshape(*shape, -1)[..., self.layout.rows]
-        return flat / self._row_scale, jacobian.reshape(*shape, m, m)
+        return flat[..., self.layout.value_from] / self._row_scale, jacobian.reshape(*shape, m, m)
 
     def by_gap(self) -> Array:
         """Return the derivative of the residual by the gap, 1/m, at any unknowns."""

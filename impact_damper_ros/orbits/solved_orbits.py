@@ -28,8 +28,8 @@ from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
 
-from .equations import Array, ImpactEquations, check_cycles, check_forcing
-from .flights import Flight, flight_after_impact, flight_at, machine_of
+from .equations import Array, ImpactEquations, check_cycles, check_forcing, single_harmonic
+from .flights import Flight, flight_at, machine_of
 from .orbit import OrbitEvent, PeriodicOrbit
 from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
 from .trajectory import FlightPart, Trajectory, follow_trajectory
@@ -125,14 +125,38 @@ def guess_along(flight: Flight, instant: float, period: float) -> Guess | None:
     return guess if alike and np.diff(guess.instants).min(initial=1.0) > 0.0 else None
 
 
-def _guess_performed(orbit: PeriodicOrbit, parameters: RigParameters) -> Guess | None:
-    """Return a guess from what a rig does after the first impact of a motion."""
-    machine = machine_of(parameters)
-    instant, stop, velocity = orbit.instants[0], orbit.stops[0], orbit.primary_velocity_before[0]
+def _first_flight(orbit: PeriodicOrbit, parameters: RigParameters, instant: float) -> Flight:
+    """Return what a rig does after the first impact of a motion, at an instant of its force, s."""
+    machine, stop = machine_of(parameters), orbit.stops[0]
+    velocity = orbit.primary_velocity_before[0]
     relative = orbit.damper_velocity_before[0] - velocity
     beyond = 0.0 if stop == 1 else -2.0 * machine.constants.half_gap
     there = flight_at(machine, instant, orbit.x[0], velocity, beyond, relative, 0, stop)
-    return guess_along(there.struck(velocity, relative), instant, orbit.period)
+    return there.struck(velocity, relative)
+
+
+def _first_instant(orbit: PeriodicOrbit) -> float:
+    """
+    Return the instant of the first impact on the clock of the force, s.
+
+    The phases leave out whole cycles of its first harmonic, which matter if there are others.
+    """
+    first = orbit.instants[0]
+    if orbit.cycles == 1 or single_harmonic(orbit.parameters):
+        return first
+
+    def missed(instant: float) -> float:
+        flight = _first_flight(orbit, orbit.parameters, instant)
+        trajectory = follow_trajectory(flight, orbit.period)
+        return math.inf if trajectory is None else abs(trajectory.end.run.x - orbit.x[0])
+
+    return min((first + k * orbit.cycle for k in range(orbit.cycles)), key=missed)
+
+
+def _guess_performed(orbit: PeriodicOrbit, parameters: RigParameters) -> Guess | None:
+    """Return a guess from what a rig does after the first impact of a motion."""
+    instant = _first_instant(orbit)
+    return guess_along(_first_flight(orbit, parameters, instant), instant, orbit.period)
 
 
 def guess_on(orbit: PeriodicOrbit) -> Guess | None:
@@ -147,8 +171,9 @@ def guess_on(orbit: PeriodicOrbit) -> Guess | None:
     guess = _guess_performed(orbit, orbit.parameters)
     if guess is None:
         return None
-    whole = np.round((guess.instants - orbit.instants[0]) / orbit.period) * orbit.period
-    late = np.abs(guess.instants - whole - orbit.instants[0])
+    instant = _first_instant(orbit)
+    whole = np.round((guess.instants - instant) / orbit.period) * orbit.period
+    late = np.abs(guess.instants - whole - instant)
     late[[node.kind is not EventKind.IMPACT for node in guess.nodes]] = np.inf
     first = int(np.argmin(late))
     return Guess(
@@ -162,7 +187,8 @@ def _guess_of_impacts(orbit: PeriodicOrbit) -> Guess:
     velocity = np.array(orbit.primary_velocity_after)
     relative = np.array(orbit.damper_velocity_after) - velocity
     states = np.stack([np.array(orbit.x), velocity, 0.0 * velocity, relative], axis=-1)
-    return Guess(impact_nodes(orbit.parameters, orbit.stops), states, np.array(orbit.instants))
+    instants = np.array(orbit.instants) + (_first_instant(orbit) - orbit.instants[0])
+    return Guess(impact_nodes(orbit.parameters, orbit.stops), states, instants)
 
 
 def orbit_of(solution: Solution) -> PeriodicOrbit:
@@ -170,8 +196,11 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
     segments, states = solution.segments, solution.states
     rig, cycle, cycles = segments.machine.constants, segments.cycle, segments.cycles
     impacts = [j for j, node in enumerate(segments.nodes) if node.kind is EventKind.IMPACT]
-    # The whole cycles before the first impact do not matter, and would cost digits.
-    instants = solution.instants - cycle * math.floor(solution.instants[impacts[0]] / cycle)
+    # The whole periods before the first impact do not matter, and would cost digits; nor do the
+    # whole cycles before it in the phases.
+    late = float(solution.instants[impacts[0]])
+    instants = solution.instants - segments.period * math.floor(late / segments.period)
+    whole = math.floor(float(instants[impacts[0]]) / cycle)
     before = np.roll(segments.flights(states, instants).end, 1, axis=0)
     flights = [
         segments.flight(j, state, float(instant))
@@ -182,7 +211,7 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
     columns: dict[str, list[float]] = {name: [] for name in _AT_IMPACTS}
     events: list[OrbitEvent] = []
     for j, node in enumerate(segments.nodes):
-        phase = float(instants[j]) / cycle % cycles
+        phase = (float(instants[j]) / cycle - whole) % cycles
         if node.kind is not EventKind.IMPACT:
             events.append(OrbitEvent(node.kind, node.stop, phase))
             continue
@@ -199,7 +228,7 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
             left = 0.0
             if node.mode >= CHATTER_1:
                 left = flights[j].struck(velocity, relative).run.chatter_left
-            rest = (float(instants[j]) + left) / cycle % cycles
+            rest = ((float(instants[j]) + left) / cycle - whole) % cycles
             events.append(OrbitEvent(EventKind.REST, node.stop, rest))
     return PeriodicOrbit(
         parameters=segments.parameters,
@@ -308,13 +337,14 @@ def orbit_near(
     check_forcing(parameters, cycles)
     cycle = math.tau / parameters.force_frequencies[0]
     instant = cycle * (phase % cycles)
-    flight = flight_after_impact(
-        machine_of(parameters),
-        instant,
-        impact.stop,
-        impact.x,
-        impact.primary_velocity_after,
-        impact.damper_velocity_after,
+    machine = machine_of(parameters)
+    velocity = impact.primary_velocity_after
+    relative = impact.damper_velocity_after - velocity
+    beyond = 0.0 if impact.stop == 1 else -2.0 * machine.constants.half_gap
+    # After a plastic impact m rests or leaves, as the forces say
+    resting = STICK if relative == 0.0 else 0
+    flight = flight_at(
+        machine, instant, impact.x, velocity, beyond, relative, resting, impact.stop
     )
     guess = guess_along(flight, instant, cycles * cycle)
     return None if guess is None else solved(parameters, guess, cycles)
