@@ -119,7 +119,7 @@ class OrbitSearch:
 def _hits(solution: Solution) -> bool:
     """Return whether all impacts have a speed; motion without impacts solves the equations too."""
     problem = solution.segments
-    before = problem.flights(solution.states, solution.instants).end
+    before = solution.flights.end
     scale = max(
         problem.length * problem.parameters.force_frequencies[0], float(np.abs(before[:, 1]).max())
     )

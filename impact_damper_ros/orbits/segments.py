@@ -34,7 +34,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -120,7 +120,7 @@ def _total(turning: _Complex) -> Array:
     return total
 
 
-class _Flights(NamedTuple):
+class Flights(NamedTuple):
     """
     The flights after all nodes, shapes (..., n, 4) and (..., n, 4, 4).
 
@@ -321,7 +321,7 @@ class Segments:
         phasors *= self._forces
         return phasors
 
-    def flights(self, states: Array, instants: Array) -> _Flights:
+    def flights(self, states: Array, instants: Array) -> Flights:
         """Return the flights after all nodes, from the states just after these."""
         lasts = self.durations(instants)
         x, v, y, u = (states[..., i] for i in range(4))
@@ -373,7 +373,7 @@ class Segments:
         rate_start[..., _V], rate_end[..., _V] = a_start, a_end
         rate_start[..., _Y], rate_end[..., _Y] = moves * u, end[..., _U]
         rate_start[..., _U], rate_end[..., _U] = moves * (slide - a_start), moves * (slide - a_end)
-        return _Flights(end, matrix, rate_start, rate_end, jerk)
+        return Flights(end, matrix, rate_start, rate_end, jerk)
 
     def residual(self, unknowns: Array) -> tuple[Array, Array]:
         """Return the residual (..., m) of the equations and its derivative by the unknowns."""
@@ -436,9 +436,8 @@ class Segments:
         sizes = {0: 4, STICK: 3}
         return min(range(len(self.nodes)), key=lambda j: sizes.get(self.nodes[j].resting, 2))
 
-    def monodromy(self, states: Array, instants: Array) -> Array:
+    def monodromy(self, after: Flights) -> Array:
         """Return the derivative of the state after a node by itself, a period later."""
-        after = self.flights(states, instants)
         jump = self._jump[:, :4].copy()
         for j in range(len(self.nodes)):
             condition = self.layout.conditions[j]
@@ -458,10 +457,10 @@ class Segments:
             product = jump[(i + 1) % len(self.nodes)] @ (after.matrix[i] @ product)
         return product
 
-    def multipliers(self, states: Array, instants: Array) -> tuple[complex, ...]:
+    def multipliers(self, after: Flights) -> tuple[complex, ...]:
         """Return the four multipliers; those that belong to sticking or rest are zero."""
         with np.errstate(over='ignore', invalid='ignore'):
-            matrix = self.monodromy(states, instants)
+            matrix = self.monodromy(after)
         size = {0: 4, STICK: 3}.get(self.nodes[self.begins_with()].resting, 2)
         if not np.isfinite(matrix).all():
             raise ArithmeticError('the derivative grows beyond all numbers')
@@ -508,6 +507,11 @@ class Solution:
     instants: Array
     residual: float
     history: tuple[float, ...]
+
+    @cached_property
+    def flights(self) -> Flights:
+        """The flights after all nodes."""
+        return self.segments.flights(self.states, self.instants)
 
 
 System = Callable[[Array], tuple[Array, Array]]

@@ -201,7 +201,7 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
     late = float(solution.instants[impacts[0]])
     instants = solution.instants - segments.period * math.floor(late / segments.period)
     whole = math.floor(float(instants[impacts[0]]) / cycle)
-    before = np.roll(segments.flights(states, instants).end, 1, axis=0)
+    before = np.roll(solution.flights.end, 1, axis=0)
     flights = [
         segments.flight(j, state, float(instant))
         for j, (state, instant) in enumerate(zip(states, instants, strict=True))
@@ -236,7 +236,7 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
         cycles=cycles,
         **{name: tuple(values) for name, values in columns.items()},
         x_max=largest_displacement(flights, durations),
-        multipliers=segments.multipliers(states, instants),
+        multipliers=segments.multipliers(solution.flights),
         viable=not reason,
         reason=reason,
         residual=solution.residual,

@@ -31,7 +31,8 @@ CASES = {
 def monodromy(orbit):
     """Return the derivative of (X, X', Y, Y') a period after the first impact by the same."""
     guess = guess_on(orbit)
-    return Segments(orbit.parameters, guess.nodes, orbit.cycles).monodromy(*guess[1:])
+    segments = Segments(orbit.parameters, guess.nodes, orbit.cycles)
+    return segments.monodromy(segments.flights(*guess[1:]))
 
 
 def expected_determinant(parameters, stops, period):
