@@ -6,7 +6,8 @@ acceleration, so that the displacements X_i and instants t_i of the impacts give
 momentum and restitution then give those of the primary mass before and after each impact; and
 its closed-form flight must lead from each impact to the next. These are 2N equations. For fixed
 instants they are linear in X_1 .. X_N and in the cosine and sine of the force's phase at the
-first impact: an N-impact motion has only N-1 non-linear unknowns.
+first impact: an N-impact motion has only N-1 non-linear unknowns. In this form they give the
+starts from which `segments` solves the boundary-value problem.
 
 The forced part of a flight is written as the response from rest, a divided difference of the
 exponential. Unlike the steady response it is finite for an undamped rig at resonance, and nothing
