@@ -29,7 +29,7 @@ def impact_problem(equations: ImpactEquations) -> Segments:
 
 
 def approach_roots(
-    equations: ImpactEquations, problem: Segments, unknowns: Array, steps: int = 60
+    equations: ImpactEquations, problem: Segments, unknowns: Array, steps: int = 40
 ) -> tuple[Array, Array]:
     """
     Bring many starts close to roots by damped least squares (Levenberg and Marquardt).
