@@ -21,9 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.orbits.event_map import Trajectory, TrajectoryEvent, follow_trajectory
 from impact_damper_ros.orbits.flights import flight_at, machine_of
-from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.orbits.trajectory import Trajectory, follow_trajectory
+from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.state import REST_1, REST_2, STICK, place
 
 from .recorded_stretch import ForceClock, Knots, RecordedImpacts, largest_size
@@ -201,9 +201,7 @@ class _SimulatedRig:
             return 1
         return 2 if math.isclose(y, -self._half, rel_tol=1e-9) and not self.rig.one_sided else 0
 
-    def trajectory(
-        self, knots: Knots, first: int, duration: float, *, differentiate: bool = False
-    ) -> Trajectory | None:
+    def trajectory(self, knots: Knots, first: int, duration: float) -> Trajectory | None:
         """Return the motion from just after a knot on."""
         x, z = float(knots.x[first]), float(knots.z[first])
         velocity = float(knots.velocity[first])
@@ -226,7 +224,7 @@ class _SimulatedRig:
             int(knots.last_stop[first]),
         )
         try:
-            return follow_trajectory(flight, duration, differentiate=differentiate)
+            return follow_trajectory(flight, duration)
         except ArithmeticError:
             # With a wrong number of the log the rig may be impossible.
             return None
@@ -423,7 +421,7 @@ class FaultSearch:
         duration = float(knots.time[last] - knots.time[first])
         trajectory = None
         if self._rig.rig.one_sided or not self._rig.out_of_reach(knots, first, last):
-            trajectory = self._rig.trajectory(knots, first, duration, differentiate=True)
+            trajectory = self._rig.trajectory(knots, first, duration)
         if trajectory is not None and _reaches(
             trajectory, knots, last, _MARGIN * found.tolerances
         ):
@@ -454,7 +452,7 @@ class FaultSearch:
         self.repairs.append(Repair(start, float(knots.time[last]), self._expected(hits, start)))
 
     def _differences(
-        self, knots: Knots, row: int, hit: TrajectoryEvent, start: float, found: Intervals
+        self, knots: Knots, row: int, hit: Event, start: float, found: Intervals
     ) -> Iterator[Fault]:
         tol_x, tol_v, _, tol_w = (_MARGIN * float(t) for t in found.tolerances)
         mass = self._rig.rig.primary_mass
@@ -475,7 +473,7 @@ class FaultSearch:
                     'impact', quantity, unit, hit.stop, time, recorded, expected, tolerance
                 )
 
-    def _expected(self, hits: Sequence[TrajectoryEvent], start: float) -> RecordedImpacts:
+    def _expected(self, hits: Sequence[Event], start: float) -> RecordedImpacts:
         if not hits:
             return RecordedImpacts.none()
         rig = self._rig.rig
@@ -540,8 +538,8 @@ def _troubles(wrong: NDArray[np.bool_], samples: NDArray[np.bool_]) -> Iterator[
 
 
 def _pairs(
-    knots: Knots, rows: Sequence[int], hits: Sequence[TrajectoryEvent], start: float
-) -> Iterator[tuple[int | None, TrajectoryEvent | None]]:
+    knots: Knots, rows: Sequence[int], hits: Sequence[Event], start: float
+) -> Iterator[tuple[int | None, Event | None]]:
     """Yield pairs of recorded and expected impacts; None for a missing counterpart."""
     if [int(knots.stop[row]) for row in rows] == [hit.stop for hit in hits]:
         yield from zip(rows, hits, strict=True)

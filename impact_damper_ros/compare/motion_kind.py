@@ -16,7 +16,6 @@ import numpy as np
 
 from impact_damper_ros.control import Outcome, Rig
 from impact_damper_ros.control.rig import Events
-from impact_damper_ros.orbits.event_map import follow_trajectory
 from impact_damper_ros.orbits.flights import Flight, Machine, flight_at, machine_of
 from impact_damper_ros.orbits.irregularity import (
     IRREGULAR_SPREAD,
@@ -38,6 +37,7 @@ from impact_damper_ros.orbits.recognition import (
     section_distance,
 )
 from impact_damper_ros.orbits.settling import relative_states
+from impact_damper_ros.orbits.trajectory import follow_trajectory
 from impact_damper_ros.rig import EVENT_TYPE, EventKind, RigParameters
 from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.quoting import counted

@@ -18,23 +18,22 @@ import numpy as np
 
 from impact_damper_ros.orbits import (
     Continuation,
-    ImpactEquations,
     OrbitError,
     PeriodicOrbit,
     continue_orbit,
     find_orbits,
     orbit_near,
 )
-from impact_damper_ros.orbits.event_map import follow_trajectory
 from impact_damper_ros.orbits.flights import flight_after_impact, machine_of
-from impact_damper_ros.orbits.impact_roots import polish
 from impact_damper_ros.orbits.recognition import (
     SETTLED,
     ImpactTable,
     Recurrence,
     last_period,
 )
-from impact_damper_ros.orbits.search import orbit_of, within_theory
+from impact_damper_ros.orbits.search import within_theory
+from impact_damper_ros.orbits.solved_orbits import impact_orbit_near
+from impact_damper_ros.orbits.trajectory import follow_trajectory
 from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.quoting import counted
@@ -137,9 +136,8 @@ def _solutions(
             force_frequencies=rig.force_frequencies[:1],
             force_phases=rig.force_phases[:1],
         )
-        equations = ImpactEquations(first, stops, cycles)
-        root = polish(equations, np.array(period.x), instants)
-        yield (None if root is None else orbit_of(equations, root)), 'impact equations'
+        found = impact_orbit_near(first, stops, cycles, np.array(period.x), instants)
+        yield found, 'impact equations'
     last = len(stops) - 1
     impact = Event(
         float(instants[last]),
@@ -153,7 +151,10 @@ def _solutions(
         period.damper_velocity_after[last],
         period.impulse[last],
     )
-    yield orbit_near(rig, impact, period.phases[last], cycles), 'shooting on the event map'
+    yield (
+        orbit_near(rig, impact, period.phases[last], cycles),
+        'boundary-value problem of its events',
+    )
     if len(stops) <= _MOST_SEARCHED_IMPACTS:
         search = find_orbits(rig, stops, cycles)
         method = 'impact equations' if search.report.method == 'scan' else 'search'
@@ -442,7 +443,7 @@ def predicted_curve(
         orbit.primary_velocity_after[0],
         orbit.damper_velocity_after[0],
     )
-    trajectory = follow_trajectory(flight, orbit.period, differentiate=False)
+    trajectory = follow_trajectory(flight, orbit.period)
     if trajectory is None:
         return None
     rows = []

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from impact_damper_ros.rig import GapControlParameters, InitialConditions, RigParameters
-from impact_damper_ros.rig.arguments import as_float
 from impact_damper_ros.rig.compiled import (
     compiled,
     dtype_of,
@@ -44,7 +43,7 @@ from impact_damper_ros.rig.flight import (
 )
 from impact_damper_ros.rig.forcing import SWEEP_FIELDS, SteppedSine, frequency_at
 from impact_damper_ros.rig.oscillator import Line
-from impact_damper_ros.rig.parameter_spec import ParameterError
+from impact_damper_ros.rig.parameter_spec import ParameterError, as_float
 from impact_damper_ros.rig.quoting import shown
 from impact_damper_ros.rig.run import (
     ALL_STEPS,

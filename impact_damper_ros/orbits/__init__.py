@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .optimum import OptimalGap, optimal_gap
     from .orbit import OrbitEvent, PeriodicOrbit
     from .search import OrbitSearch, StartReport, find_orbits
-    from .shooting import Section, orbit_near, section_on, shoot
+    from .solved_orbits import orbit_near
 
 __all__ = [
     'Branch',
@@ -35,7 +35,6 @@ __all__ = [
     'OrbitEvent',
     'OrbitSearch',
     'PeriodicOrbit',
-    'Section',
     'SpecialKind',
     'SpecialPoint',
     'StartReport',
@@ -45,8 +44,6 @@ __all__ = [
     'optimal_gap',
     'orbit_near',
     'plausible_stops',
-    'section_on',
-    'shoot',
     'switch_branch',
     'value_of',
 ]
@@ -62,6 +59,6 @@ __getattr__ = lazy_names(
         'optimum': ('OptimalGap', 'optimal_gap'),
         'orbit': ('OrbitEvent', 'PeriodicOrbit'),
         'search': ('OrbitSearch', 'StartReport', 'find_orbits'),
-        'shooting': ('Section', 'orbit_near', 'section_on', 'shoot'),
+        'solved_orbits': ('orbit_near',),
     },
 )

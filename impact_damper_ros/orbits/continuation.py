@@ -27,26 +27,18 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
 from impact_damper_ros.rig.quoting import shown
 
-from .equations import (
-    Array,
-    ImpactEquations,
-    OrbitError,
-    checked_number,
-    checked_whole,
-    single_harmonic,
-)
-from .flights import machine_of
-from .impact_roots import Root
+from .equations import Array, OrbitError, checked_number, checked_whole, single_harmonic
 from .orbit import PeriodicOrbit
-from .search import counted_as, orbit_of, within_theory
-from .shooting import Section, follow_section, orbit_on, section_on
+from .search import within_theory
+from .segments import Root, Segments, Solution, newton
+from .solved_orbits import guess_on, orbit_of, performed
 
 #: A name for both coefficients of restitution at once.
 BOTH_RESTITUTIONS = 'restitution'
@@ -153,155 +145,75 @@ class Continuation:
         return self.low <= value <= self.high
 
 
-class _Family(Protocol):
-    """A family of motions: n equations in n unknowns and one parameter, `name`."""
-
-    name: str
-
-    def start(self, orbit: PeriodicOrbit) -> Array:
-        """Return the unknowns of a motion of this family."""
-
-    def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
-        """Return the equations' residual, and its derivative by the unknowns."""
-
-    def by_value(self, unknowns: Array, value: float) -> Array | None:
-        """Return the derivative of the residual by the parameter, if there is a formula."""
-
-    def orbit(self, unknowns: Array, value: float, history: tuple[float, ...]) -> PeriodicOrbit:
-        """Return the motion at a solution."""
-
-
-class _EquationFamily:
-    """Motions that obey the impact equations; unknowns are X_i over a length, and W t_i."""
-
-    def __init__(
-        self, parameters: RigParameters, name: str, stops: tuple[int, ...], cycles: int
-    ) -> None:
-        self.parameters = parameters
-        self.name = name
-        self.stops = stops
-        self.cycles = cycles
-        self.length = ImpactEquations(parameters, stops, cycles).length
-        # Cache of the last value, which is needed up to three times in a row
-        self._last: tuple[float, ImpactEquations] | None = None
-
-    def _equations(self, value: float) -> ImpactEquations:
-        if self._last is None or self._last[0] != value:
-            rig = with_value(self.parameters, self.name, value)
-            self._last = value, ImpactEquations(rig, self.stops, self.cycles)
-        return self._last[1]
-
-    def _split(self, equations: ImpactEquations, unknowns: Array) -> tuple[Array, Array]:
-        n = equations.impacts
-        return unknowns[:n] * self.length, unknowns[n:] / equations.frequency
-
-    def start(self, orbit: PeriodicOrbit) -> Array:
-        frequency = orbit.parameters.force_frequencies[0]
-        return np.concatenate(
-            [np.array(orbit.x) / self.length, frequency * np.array(orbit.instants)]
-        )
-
-    def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
-        equations = self._equations(value)
-        x, instants = self._split(equations, unknowns)
-        if float(equations.durations(instants).min()) <= 0.0:
-            raise ArithmeticError('impacts out of order')
-        size, jacobian = equations.residual(x, instants)
-        n = equations.impacts
-        jacobian[:, :n] *= self.length / equations.length
-        jacobian[:, n:] *= equations.rate / equations.frequency
-        return size, jacobian
-
-    def by_value(self, unknowns: Array, value: float) -> Array | None:
-        if self.name != 'gap':
-            return None
-        equations = self._equations(value)
-        return equations.by_gap(self._split(equations, unknowns)[1])
-
-    def orbit(self, unknowns: Array, value: float, history: tuple[float, ...]) -> PeriodicOrbit:
-        equations = self._equations(value)
-        return orbit_of(equations, Root(*self._split(equations, unknowns), history[-1], history))
-
-
-class _ShootingFamily:
+class _Family:
     """
-    Motions with reversals, sticking or rest, as fixed points of the event map.
+    Motions with the nodes of a given one, or of some periods of it.
 
-    The unknowns are the free coordinates of the state where the period begins; the period is
-    a multiple of that of the given motion.
+    They solve n equations in n unknowns and one parameter, `name`.
     """
 
     def __init__(self, orbit: PeriodicOrbit, name: str, times: int = 1) -> None:
-        section = section_on(orbit)
-        if section is None:
+        value = value_of(orbit.parameters, name)
+        guess = guess_on(orbit)
+        if guess is None:
             raise OrbitError('the motion has too many events to be followed')
         self.parameters = orbit.parameters
         self.name = name
-        self.stops = orbit.stops * times
-        self.cycles = orbit.cycles * times
-        self._section = section
-        self._angle = section.instant * orbit.parameters.force_frequencies[0]
-        length = max(orbit.x_max, 1e-3 * orbit.parameters.gap)
-        speed = orbit.parameters.omega * length
-        self._units: Array = np.array([length, speed, length, speed])[: section.dimension]
-
-    def _placed(self, rig: RigParameters, unknowns: Array) -> Section:
-        section = self._section
-        return Section(
-            self._angle / rig.force_frequencies[0],
-            section.resting,
-            section.last_stop,
-            unknowns * self._units,
+        self._nodes = guess.nodes * times
+        self._cycles = orbit.cycles * times
+        #: Whether motions that the rig cannot perform are left for those that it can: the theory
+        #: of impacts follows its solutions through.
+        self.performed = bool(orbit.events) or not (
+            single_harmonic(orbit.parameters) and within_theory(orbit.parameters, orbit.stops)
+        )
+        segments = Segments(self.parameters, self._nodes, self._cycles)
+        self._units = segments.length, segments.length * segments.rate
+        # Cache of the last value, which is needed up to three times in a row
+        self._last = value, segments
+        self._set_units(segments)
+        later = orbit.period * np.arange(times)[:, None]
+        self.start = segments.unknowns(
+            np.tile(guess.states, (times, 1)), (guess.instants + later).ravel()
         )
 
-    def start(self, orbit: PeriodicOrbit) -> Array:
-        """Return the unknowns of the motion that the family was made from."""
-        assert orbit.parameters == self.parameters
-        return self._section.state / self._units
+    def _set_units(self, segments: Segments) -> None:
+        # With angles of the force as unknowns, they do not depend on its frequency.
+        segments.set_units(*self._units, segments.parameters.force_frequencies[0])
+
+    def segments(self, value: float) -> Segments:
+        """Return the boundary-value problem at a value of the parameter."""
+        if self._last[0] != value:
+            rig = with_value(self.parameters, self.name, value)
+            segments = Segments(rig, self._nodes, self._cycles)
+            self._set_units(segments)
+            self._last = value, segments
+        return self._last[1]
+
+    def longest_part(self, unknowns: Array, step: Array, value: float) -> float:
+        """Return the largest part of a step that keeps impacts in order; other events may pass."""
+        if self.performed:
+            return 1.0
+        return float(self.segments(value).longest_part(unknowns, step))
 
     def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
-        rig = with_value(self.parameters, self.name, value)
-        period = self.cycles * math.tau / rig.force_frequencies[0]
-        shot = follow_section(machine_of(rig), self._placed(rig, unknowns), period)
-        if shot is None:
-            raise ArithmeticError('the motion changes its kind where the period begins')
-        change, matrix = shot
-        jacobian = (matrix - np.eye(len(change))) * self._units / self._units[:, None]
-        return change / self._units, jacobian
+        """Return the equations' residual, and its derivative by the unknowns."""
+        segments = self.segments(value)
+        lasts = segments.durations(segments.motion(unknowns)[1])
+        if not self.performed and float(lasts.min()) <= 0.0:
+            raise ArithmeticError('impacts out of order')
+        return segments.residual(unknowns)
 
-    def by_value(self, unknowns: Array, value: float) -> Array | None:
-        del unknowns, value
-        return None
-
-    def orbit(self, unknowns: Array, value: float, history: tuple[float, ...]) -> PeriodicOrbit:
-        rig = with_value(self.parameters, self.name, value)
-        orbit = orbit_on(rig, self._placed(rig, unknowns), self.cycles, history)
-        return counted_as(orbit, self.stops) or orbit
+    def orbit(self, root: Root, value: float) -> PeriodicOrbit:
+        """Return the motion at a root, whose last unknown is the parameter."""
+        segments = self.segments(value)
+        states, instants = segments.motion(root.unknowns[:-1])
+        return orbit_of(Solution(segments, states, instants, root.residual, root.history))
 
 
-def _family_of(orbit: PeriodicOrbit, name: str) -> _Family:
-    """Return the family of a motion."""
-    value_of(orbit.parameters, name)
-    solvable = single_harmonic(orbit.parameters) and within_theory(orbit.parameters, orbit.stops)
-    if solvable and not orbit.events:
-        return _EquationFamily(orbit.parameters, name, orbit.stops, orbit.cycles)
-    return _ShootingFamily(orbit, name)
-
-
-#: Largest residual of a point on a branch.
-RESIDUAL_TOLERANCE = 1e-11
+#: Largest residual of a point on a branch, and one that is small enough.
+RESIDUAL_TOLERANCE, _ENOUGH = 1e-11, 1e-15
 
 _ROUND_OFF = 1e-12
-
-
-# The residual returned where there is no motion, and one that is small enough
-_NOWHERE = 1e9
-_ENOUGH = 1e-15
-_CORRECTOR = {'xtol': 1e-14, 'ftol': 1e-16, 'gtol': 0.0, 'maxiter': 40}
-
-
-class _CorrectedError(Exception):
-    """Raised to stop the solver at a point whose residual is small enough."""
 
 
 @dataclass(frozen=True)
@@ -333,9 +245,9 @@ class _Curve:
         """Return the residual and its derivative by unknowns and parameter."""
         value = self.value(place)
         residual, by_unknowns = self.family.residual(place[:-1], value)
-        known = self.family.by_value(place[:-1], value)
-        if known is not None:
-            return residual, np.column_stack([by_unknowns, known * self.scale])
+        if self.family.name == 'gap':
+            by_gap = self.family.segments(value).by_gap()
+            return residual, np.column_stack([by_unknowns, by_gap * self.scale])
         step = 1e-6 * max(abs(float(place[-1])), 1e-3)
         sides = []
         for move in (step, -step):
@@ -351,48 +263,24 @@ class _Curve:
 
     def correct(self, guess: Array, normal: Array) -> _Point | None:
         """Return the point of the curve in the plane through a guess, or None."""
-        # Not needed by most users of this package, and slow to import
-        from scipy.optimize import root
-
-        history: list[float] = []
-        last: tuple[Array, Array, Array] | None = None
 
         def in_plane(place: Array) -> tuple[Array, Array]:
-            nonlocal last
-            try:
-                residual, matrix = self.system(place)
-                last = place.copy(), residual, matrix
-            except (ArithmeticError, ParameterError):
-                matrix = np.full(1, np.nan)
-            if not np.isfinite(matrix).all():
-                # The solver then rejects the step
-                return np.full(len(place), _NOWHERE), np.eye(len(place))
-            history.append(float(np.abs(residual).max()))
-            missing = np.append(residual, normal @ (place - guess))
-            if np.abs(missing).max() < _ENOUGH:
-                raise _CorrectedError
-            return missing, np.vstack([matrix, normal])
+            residual, matrix = self.system(place)
+            return np.append(residual, normal @ (place - guess)), np.vstack([matrix, normal])
+
+        def longest_part(place: Array, step: Array) -> float:
+            return self.family.longest_part(place[:-1], step[:-1], self.value(place))
 
         try:
-            # At a branch point the matrix is singular, which MINPACK's method tolerates
-            place: Array = root(in_plane, guess, jac=True, method='lm', options=_CORRECTOR).x
-        except _CorrectedError:
-            assert last is not None
-            place = last[0]
-        try:
-            if last is not None and np.array_equal(last[0], place):
-                _, residual, matrix = last
-            else:
-                residual, matrix = self.system(place)
-            history.append(float(np.abs(residual).max()))
-            if not history[-1] < RESIDUAL_TOLERANCE:
+            root = newton(in_plane, guess, longest_part, _ENOUGH)
+            if not root.residual < RESIDUAL_TOLERANCE:
                 return None
-            tangent = np.linalg.svd(matrix)[2][-1]
+            tangent = np.linalg.svd(root.jacobian[:-1])[2][-1]
             tangent = tangent if tangent @ normal >= 0.0 else -tangent
-            orbit = self.family.orbit(place[:-1], self.value(place), tuple(history))
+            orbit = self.family.orbit(root, self.value(root.unknowns))
         except (ArithmeticError, np.linalg.LinAlgError, ParameterError):
             return None
-        return _Point(place, tangent, orbit)
+        return _Point(root.unknowns, tangent, orbit)
 
     def ahead(self, point: _Point, step: float) -> _Point | None:
         """Return the point a step further along the curve, or None."""
@@ -476,7 +364,7 @@ def _events(orbit: PeriodicOrbit) -> Counter[str]:
     words: Counter[str] = Counter(f'impact on stop {stop}' for stop in orbit.stops)
     words.update(
         node.kind.name.lower() + (f' on stop {node.stop}' if node.stop else '')
-        for node in orbit.events
+        for node in sorted(orbit.events)
     )
     return words
 
@@ -513,12 +401,22 @@ def _genuine(kind: SpecialKind, orbit: PeriodicOrbit, near: float) -> bool:
     return True
 
 
-def _locate(
-    curve: _Curve, start: _Point, end: _Point, step: float, kind: SpecialKind, test: _Test
-) -> SpecialPoint | None:
+class _Between(NamedTuple):
+    """Two neighbouring points of a branch, both on a curve, and the step from one to the other."""
+
+    curve: _Curve
+    start: _Point
+    end: _Point
+    step: float
+    #: What changes where the rig leaves the curve before the second one, if it does.
+    change: str = ''
+
+
+def _locate(between: _Between, kind: SpecialKind, test: _Test) -> SpecialPoint | None:
     """Find where a test function changes sign between two points of a branch."""
     from scipy.optimize import brentq
 
+    curve, start, end, step, change = between
     near, far = (0.0, start), (step, end)
     side = test(start)
 
@@ -547,7 +445,8 @@ def _locate(
     reason = ''
     if kind is SpecialKind.GRAZING:
         best, other = (near[1], far[1]) if near[1].orbit.viable else (far[1], near[1])
-        reason = _difference(best.orbit, other.orbit)
+        beyond = performed(other.orbit, other.orbit.parameters) if curve.family.performed else None
+        reason = _difference(best.orbit, beyond or other.orbit) or change
     if not _genuine(kind, best.orbit, _NEAR if complete else _GUESSED):
         return None
     return SpecialPoint(
@@ -560,8 +459,9 @@ def _locate(
     )
 
 
-def _special_points(curve: _Curve, start: _Point, end: _Point, step: float) -> list[SpecialPoint]:
+def _special_points(between: _Between) -> list[SpecialPoint]:
     """Locate the special points between two neighbouring points of a branch."""
+    curve, start, end, _, change = between
     turns = _fold(start) * _fold(end) < 0.0
     tests: tuple[tuple[SpecialKind, _Test], ...] = (
         (SpecialKind.FOLD, _fold),
@@ -574,8 +474,8 @@ def _special_points(curve: _Curve, start: _Point, end: _Point, step: float) -> l
     for kind, test in tests:
         if test(start) * test(end) >= 0.0 or (kind is SpecialKind.BRANCH_POINT and turns):
             continue
-        special = _locate(curve, start, end, step, kind, test)
-        if special is not None:
+        special = _locate(between, kind, test)
+        if special is not None and (special.orbit.viable or not change):
             found.append(special)
     first = curve.value(start.place)
     return sorted(found, key=lambda special: abs(special.value - first))
@@ -614,22 +514,23 @@ class Branch:
     ended: str
 
 
-def _begun_elsewhere(curve: _Curve, point: _Point) -> tuple[_Curve, _Point] | None:
+def _performed_beyond(
+    curve: _Curve, point: _Point, along: Continuation
+) -> tuple[_Curve, _Point] | None:
     """
-    Return the curve with another beginning of the period, and the point on it.
+    Return the motion that the rig performs in place of a solution, and its curve.
 
-    Along the branch a reversal or an impact may have moved to the instant at which the period
-    begins.
+    It has the same impacts; along the branch a reversal, sticking or rest has come or gone.
     """
-    if not isinstance(curve.family, _ShootingFamily):
+    found = performed(point.orbit, point.orbit.parameters)
+    if found is None or found.differs(point.orbit) > 4.0 * along.largest_step:
         return None
-    family = _family_of(point.orbit, curve.family.name)
-    fresh = _Curve(family, curve.scale)
-    place = np.append(family.start(point.orbit), point.place[-1])
+    fresh = _Curve(_Family(found, curve.family.name), curve.scale)
+    place = np.append(fresh.family.start, point.place[-1])
     normal = np.zeros_like(place)
     normal[-1] = math.copysign(1.0, point.tangent[-1])
     again = fresh.correct(place, normal)
-    return None if again is None else (fresh, again)
+    return (fresh, again) if again is not None and again.orbit.viable else None
 
 
 def _edge(curve: _Curve, here: _Point, step: float, along: Continuation) -> _Point | None:
@@ -649,30 +550,11 @@ def _edge(curve: _Curve, here: _Point, step: float, along: Continuation) -> _Poi
     return last
 
 
-def _leapt(curve: _Curve, here: _Point, along: Continuation) -> tuple[_Point, float] | None:
-    """
-    Return a point beyond a change of the kind of motion, and the step to it.
-
-    Where the relative velocity touches zero, or an impact is grazing, the derivatives are
-    unbounded on one side, and small steps fail.
-    """
-    for share in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0):
-        step = share * along.largest_step
-        there = curve.ahead(here, step)
-        if there is None or not along.holds(curve.value(there.place)):
-            continue
-        same = there.orbit.stops == here.orbit.stops
-        if same and there.orbit.differs(here.orbit) < 4.0 * along.largest_step:
-            return there, step
-    return None
-
-
 def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branch]:
     """Step along a branch until it leaves the bounds, ends or closes; see `grow_branch`."""
     name, largest_step, most_points = along.name, along.largest_step, along.most_points
     points = [point]
-    # Between neighbouring points: curve, both, and the step
-    between: list[tuple[_Curve, _Point, _Point, float]] = []
+    between: list[_Between] = []
 
     def branch(ended: str = '', special: tuple[SpecialPoint, ...] = ()) -> Branch:
         return Branch(
@@ -685,44 +567,42 @@ def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branc
 
     yield branch()
     step = first_step = _FIRST_STEP * largest_step
-    fresh_tried: _Point | None = None
     moved = False
     ended = f'{most_points} points'
     while len(points) < most_points:
         here = points[-1]
-        last = _edge(curve, here, step, along)
-        if last is not None:
-            span = float((last.place - here.place) @ here.tangent)
-            between.append((curve, here, last, span))
-            points.append(last)
-            bound = min(along.low, along.high, key=lambda b: abs(b - curve.value(last.place)))
-            ended = f'{name} = {bound:g}, the end of the range'
-            break
-        there = curve.ahead(here, step)
+        there = edge = _edge(curve, here, step, along)
+        if edge is None:
+            there = curve.ahead(here, step)
+        fresh = None
+        if there is not None and curve.family.performed and not there.orbit.viable:
+            fresh = _performed_beyond(curve, there, along)
         if (
             there is None
             or float(there.tangent @ here.tangent) < _SHARPEST_TURN
-            or not along.holds(curve.value(there.place))
+            or (edge is None and not along.holds(curve.value(there.place)))
+            or (fresh is None and curve.family.performed and not there.orbit.viable)
         ):
             step *= 0.5
             if step >= _LEAST_STEP * largest_step:
                 continue
-            fresh = _begun_elsewhere(curve, here) if fresh_tried is not here else None
-            leap = None if fresh else _leapt(curve, here, along)
-            if leap is not None:
-                there, step = leap
-                between.append((curve, here, there, step))
-                points.append(there)
-                yield branch()
-                continue
-            if fresh is None:
-                ended = 'no motion nearby: the corrector fails'
-                break
-            curve, points[-1] = fresh
-            fresh_tried, step, moved = points[-1], first_step, True
-            continue
-        between.append((curve, here, there, step))
+            ended = 'no motion nearby: the corrector fails'
+            break
+        if edge is not None:
+            step = float((edge.place - here.place) @ here.tangent)
+        if fresh is None:
+            between.append(_Between(curve, here, there, step))
+        else:
+            lost = _difference(here.orbit, fresh[1].orbit)
+            between.append(_Between(curve, here, there, step, lost))
+            curve, there = fresh
+            step, moved = first_step, True
         points.append(there)
+        if edge is not None:
+            value = value_of(there.orbit.parameters, name)
+            bound = min(along.low, along.high, key=lambda b: abs(b - value))
+            ended = f'{name} = {bound:g}, the end of the range'
+            break
         if (
             not moved
             and len(points) > 4
@@ -734,7 +614,7 @@ def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branc
         step = min(largest_step, _GROWTH * step)
     # The special points take as long as all the rest.
     yield branch(ended)
-    special = [found for pair in between for found in _special_points(*pair)]
+    special = [found for pair in between for found in _special_points(pair)]
     yield branch(ended, tuple(special))
 
 
@@ -799,9 +679,9 @@ def grow_branch(
     along.check_start(orbit.parameters)
     name = along.name
     value = value_of(orbit.parameters, name)
-    family = _family_of(orbit, name)
+    family = _Family(orbit, name)
     curve = _Curve(family, abs(value) or max(abs(along.low), abs(along.high)) or 1.0)
-    place = np.append(family.start(orbit), value / curve.scale)
+    place = np.append(family.start, value / curve.scale)
     normal = np.zeros_like(place)
     normal[-1] = 1.0 if upwards else -1.0
     point = curve.correct(place, normal)
@@ -809,20 +689,6 @@ def grow_branch(
         yield Branch(name=name, values=(), orbits=(), special=(), ended='no motion to begin with')
         return
     yield from _follow(curve, point, along)
-
-
-def _repeated(orbit: PeriodicOrbit, name: str, times: int) -> tuple[_Family, Array]:
-    """Return the family of some periods of a motion, and its unknowns there."""
-    family = _family_of(orbit, name)
-    unknowns = family.start(orbit)
-    if not isinstance(family, _EquationFamily):
-        shot = _ShootingFamily(orbit, name, times)
-        return shot, shot.start(orbit)
-    longer = _EquationFamily(orbit.parameters, name, orbit.stops * times, orbit.cycles * times)
-    n = orbit.impacts
-    turns = math.tau * orbit.cycles * np.arange(times)
-    x = np.tile(unknowns[:n] * (family.length / longer.length), times)
-    return longer, np.concatenate([x, (unknowns[n:] + turns[:, None]).ravel()])
 
 
 def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool = False) -> Branch:
@@ -852,7 +718,8 @@ def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool 
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')
     times = 2 if special.kind is SpecialKind.PERIOD_DOUBLING else 1
-    family, unknowns = _repeated(orbit, along.name, times)
+    family = _Family(orbit, along.name, times)
+    unknowns = family.start
     curve = _Curve(family, abs(special.value) or 1.0)
     place = np.append(unknowns, special.value / curve.scale)
     by_unknowns = family.residual(unknowns, special.value)[1]

@@ -6,7 +6,8 @@ acceleration, so that the displacements X_i and instants t_i of the impacts give
 momentum and restitution then give those of the primary mass before and after each impact; and
 its closed-form flight must lead from each impact to the next. These are 2N equations. For fixed
 instants they are linear in X_1 .. X_N and in the cosine and sine of the force's phase at the
-first impact: an N-impact motion has only N-1 non-linear unknowns.
+first impact: an N-impact motion has only N-1 non-linear unknowns. In this form they give the
+starts from which `segments` solves the boundary-value problem.
 
 The forced part of a flight is written as the response from rest, a divided difference of the
 exponential. Unlike the steady response it is finite for an undamped rig at resonance, and nothing
@@ -17,7 +18,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
@@ -90,7 +90,7 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
         raise OrbitError(
             f'the force has {len(parameters.force_amplitudes)} harmonics: the impact equations '
             'are for one, give force_amplitudes, force_frequencies and force_phases one entry '
-            'each, or use the shooting solver'
+            'each, or use find_orbits'
         )
     for force, frequency in zip(
         parameters.force_amplitudes, parameters.force_frequencies, strict=True
@@ -214,22 +214,37 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class ImpactVelocities:
-    """Absolute velocities of M and m just before and after each impact, (..., N), m/s."""
-
-    primary_before: Array
-    primary_after: Array
-    damper_before: Array
-    damper_after: Array
-
-
 def free_response(oscillator: Oscillator, spans: Array) -> tuple[Array, Array, Array]:
     """Return what X is after spans (s) from a unit X, and what X and X' are from a unit X'."""
     envelope = np.exp(-oscillator.decay * spans)
     impulse = envelope * np.sin(oscillator.frequency * spans) / oscillator.frequency
     cosine = envelope * np.cos(oscillator.frequency * spans)
     return cosine + oscillator.decay * impulse, impulse, cosine - oscillator.decay * impulse
+
+
+def forced_response(
+    decay: Array | float, damped: Array | float, frequency: Array | float, spans: Array
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return X and X' after spans (s) of the response from rest to exp(i frequency tau)."""
+    root = -decay + 1j * np.asarray(damped)
+    drive = 1j * np.asarray(frequency)
+    near = np.where(decay * spans < _LOST, spans, 0.0)
+    free = np.exp(root * near)
+    parts = []
+    for eigenvalue, factor in ((root, free), (root.conjugate(), free.conjugate())):
+        apart = drive - eigenvalue
+        # So close to resonance, the quotient is the same; its parts may be no floats.
+        close = np.abs(apart) < _RESONANT
+        grown = factor * np.expm1(apart * near)
+        if (near != spans).any():
+            grown = np.where(near < spans, np.exp(drive * spans), grown)
+        if close.any():
+            quotient = grown / np.where(close, 1.0, apart)
+            parts.append(np.where(close, spans * factor, quotient))
+        else:
+            parts.append(grown / apart)
+    x = (parts[0] - parts[1]) / (2j * np.asarray(damped))
+    return x, root * x + parts[1]
 
 
 class ImpactEquations:
@@ -283,7 +298,7 @@ class ImpactEquations:
             raise OrbitError(
                 f'stop sequence {",".join(map(str, stops))} with friction '
                 f'{parameters.friction:g}: a flight that returns to the same stop reverses, and '
-                'friction with it; use the shooting solver'
+                'friction with it; use find_orbits'
             )
         mass_ratio = machine.mass_ratio
         first = np.array(stops) == 1
@@ -302,8 +317,6 @@ class ImpactEquations:
         offsets = np.where(first, machine.half_gap, -machine.half_gap)
         self._travel: Array = offsets[self._next] - offsets
         self._oscillator = machine.free
-        self._decay = machine.free.decay
-        self._damped = machine.free.frequency
         self._stiffness = machine.free.omega_squared
         self._force = lines[0].force
         self.rate = math.sqrt(self._stiffness)
@@ -316,23 +329,6 @@ class ImpactEquations:
         lasts: Array = instants[..., self._next] - instants
         lasts[..., -1] += self.period
         return lasts
-
-    def _forced(self, lasts: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return X and X' of the response from rest to exp(i W tau), by divided differences."""
-        root = complex(-self._decay, self._damped)
-        drive = 1j * self.frequency
-        parts = []
-        for eigenvalue in (root, root.conjugate()):
-            apart = drive - eigenvalue
-            # So close to resonance, the quotient is the same; its parts may be no floats.
-            if abs(apart) * self.period < _RESONANT:
-                parts.append(lasts * np.exp(eigenvalue * lasts))
-            else:
-                near = np.where(self._decay * lasts < _LOST, lasts, 0.0)
-                grown = np.exp(eigenvalue * near) * np.expm1(apart * near)
-                parts.append(np.where(near < lasts, np.exp(drive * lasts), grown) / apart)
-        x = (parts[0] - parts[1]) / (2j * self._damped)
-        return x, root * x + parts[1]
 
     def _mean_velocity(self, lasts: Array) -> Array:
         """Return m's mean velocity in each flight by X_1..X_N, without its constant part."""
@@ -355,7 +351,8 @@ class ImpactEquations:
         n = self.impacts
         lasts = self.durations(instants)
         unit, impulse, slope = free_response(self._oscillator, lasts)
-        x_forced, v_forced = self._forced(lasts)
+        free = self._oscillator
+        x_forced, v_forced = forced_response(free.decay, free.frequency, self.frequency, lasts)
         turn = self._force * np.exp(1j * self.frequency * instants)
         constant = self._travel * (1.0 / lasts)
         half = 0.5 * self.accelerations * lasts
@@ -395,85 +392,12 @@ class ImpactEquations:
         speed /= self.rate
         return rows
 
-    def velocities(self, x: Array, instants: Array) -> ImpactVelocities:
-        """Return all velocities at the impacts, from X (m) and the instants (s), (..., N)."""
+    def states(self, x: Array, instants: Array) -> Array:
+        """Return the states just after the impacts as `Segments` has them, (..., N, 4)."""
         lasts = self.durations(instants)
         mean = (x[..., self._next] - x + self._travel) / lasts
         half = 0.5 * self.accelerations * lasts
-        damper_after = mean - half
-        damper_before = (mean + half)[..., self._last]
-        return ImpactVelocities(
-            self._before_from_after * damper_after + self._before_from_before * damper_before,
-            self._after_from_after * damper_after + self._after_from_before * damper_before,
-            damper_before,
-            damper_after,
-        )
-
-    def residual(self, x: Array, instants: Array) -> tuple[Array, Array]:
-        """
-        Return the residual of the equations, and its derivatives.
-
-        X (m) and the instants on the force's clock (s) have the shape (..., N). The residual
-        (..., 2N) is ordered as `linear_system` and divided by the length; the derivatives are
-        with respect to X_i/length and rate t_i.
-        """
-        n = self.impacts
-        lasts = self.durations(instants)
-        phases = self.frequency * instants + self.phase
-        unit, impulse, slope = free_response(self._oscillator, lasts)
-        x_forced, v_forced = self._forced(lasts)
-        turn = self._force * np.exp(1j * phases)
-        at = self.velocities(x, instants)
-        after = at.primary_after
-        rest = self.pushes / self._stiffness
-        x_end = rest + (x - rest) * unit + after * impulse + (turn * x_forced).imag
-        v_end = -self._stiffness * (x - rest) * impulse + after * slope + (turn * v_forced).imag
-        force_end = self._force * np.sin(phases + self.frequency * lasts)
-        a_end = self.pushes - 2.0 * self._decay * v_end - self._stiffness * x_end + force_end
-        value = np.concatenate(
-            [
-                x[..., self._next] - x_end,
-                (at.primary_before[..., self._next] - v_end) / self.rate,
-            ],
-            axis=-1,
-        )
-        # Derivatives of m's velocities by the duration of the flight they belong to
-        mean = (x[..., self._next] - x + self._travel) / lasts
-        start = -mean / lasts - 0.5 * self.accelerations
-        end = -mean / lasts + 0.5 * self.accelerations
-        by_last = np.zeros((*lasts.shape[:-1], 2 * n, n))
-        by_phase = np.zeros_like(by_last)
-        for i in range(n):
-            j, h = (i + 1) % n, (i - 1) % n
-            after_i = self._after_from_after[i] * start[..., i]
-            after_h = self._after_from_before[i] * end[..., h]
-            by_last[..., i, i] -= v_end[..., i] + impulse[..., i] * after_i
-            by_last[..., i, h] -= impulse[..., i] * after_h
-            by_last[..., n + i, i] -= a_end[..., i] + slope[..., i] * after_i
-            by_last[..., n + i, i] += self._before_from_before[j] * end[..., i]
-            by_last[..., n + i, h] -= slope[..., i] * after_h
-            by_last[..., n + i, j] += self._before_from_after[j] * start[..., j]
-            by_phase[..., i, i] = -self.frequency * (turn * x_forced).real[..., i]
-            by_phase[..., n + i, i] = -self.frequency * (turn * v_forced).real[..., i]
-        by_instant = by_phase - by_last + by_last[..., self._last]
-        by_instant[..., n:, :] /= self.rate
-        by_x = self._by_x(lasts, unit, impulse, slope)
-        jacobian = np.concatenate([by_x, by_instant / (self.rate * self.length)], axis=-1)
-        return value / self.length, jacobian
-
-    def by_gap(self, instants: Array) -> Array:
-        """
-        Return the derivative of the residual by the gap, (..., 2N), 1/m.
-
-        The instants (s) are those on the force's clock, (..., N), of a solution: elsewhere the
-        length by which the residual is divided would change as well.
-        """
-        lasts = self.durations(instants)
-        _, impulse, slope = free_response(self._oscillator, lasts)
-        mean = np.sign(self._travel) / lasts
-        after = self._after_from_after * mean
-        after += self._after_from_before * mean[..., self._last]
-        before = self._before_from_after * mean
-        before += self._before_from_before * mean[..., self._last]
-        speed = (before[..., self._next] - slope * after) / self.rate
-        return np.concatenate([-impulse * after, speed], axis=-1) / self.length
+        damper = mean - half
+        velocity = self._after_from_after * damper
+        velocity += self._after_from_before * (mean + half)[..., self._last]
+        return np.stack([x, velocity, np.zeros_like(x), damper - velocity], axis=-1)

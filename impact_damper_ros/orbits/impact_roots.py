@@ -11,58 +11,39 @@ equations lose rank, as in the symmetric motion of a symmetric rig, it is a quad
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from impact_damper_ros.rig import Event
 
 from .equations import Array, ImpactEquations
+from .segments import RESIDUAL_TOLERANCE, Segments, Solution, impact_nodes, solve
 from .settling import settled_impacts, starting_points
 
-#: Largest relative residual of a root; just beyond a fold the least residual is not zero.
-RESIDUAL_TOLERANCE = 1e-12
 
-_POLISH_STEPS = 40
-_ROUND_OFF = 4e-16
-_SHORTEST_SHARE = 0.2
-
-
-@dataclass(frozen=True)
-class Root:
-    """A solution: X at the impacts (m), instants (s), residual, and its history."""
-
-    x: Array
-    instants: Array
-    residual: float
-    history: tuple[float, ...]
-
-
-def _allowed(lasts: Array, changes: Array) -> Array:
-    """Return the largest part of a step, at most 1, that keeps every duration positive."""
-    with np.errstate(divide='ignore', invalid='ignore'):
-        parts = np.where(changes < 0.0, -(1.0 - _SHORTEST_SHARE) * lasts / changes, 1.0)
-    smallest: Array = np.minimum(parts.min(axis=-1), 1.0)
-    return smallest
+def impact_problem(equations: ImpactEquations) -> Segments:
+    """Return the boundary-value problem that the equations give the starts of."""
+    nodes = impact_nodes(equations.parameters, equations.stops)
+    return Segments(equations.parameters, nodes, equations.cycles)
 
 
 def approach_roots(
-    equations: ImpactEquations, x: Array, instants: Array, steps: int = 60
-) -> tuple[Array, Array, Array]:
+    equations: ImpactEquations, problem: Segments, unknowns: Array, steps: int = 40
+) -> tuple[Array, Array]:
     """
     Bring many starts close to roots by damped least squares (Levenberg and Marquardt).
 
     All starts advance at once: 600 of them take 0.2 s for four impacts, 10 s one by one with
-    `scipy.optimize.root`.
+    `scipy.optimize.root`. After each step the velocities are those that the impact equations
+    have at its displacements and instants, which saves a third of the steps. Returns the
+    unknowns and their largest residual.
     """
-    n = equations.impacts
-    x, instants = x.copy(), instants.copy()
-    scale, rate = equations.length, equations.rate
-    value, jacobian = equations.residual(x, instants)
+    unknowns = unknowns.copy()
+    value, jacobian = problem.residual(unknowns)
     cost = np.einsum('si,si->s', value, value)
-    damping = np.full(len(x), 1e-2)
-    identity = np.eye(2 * n)
+    damping = np.full(len(unknowns), 1e-3)
+    identity = np.eye(unknowns.shape[1])
     for _ in range(steps):
         # A start that has diverged, to two impacts at once, is dropped.
         active = (cost > 1e-24) & (cost < 1e12) & (damping < 1e12)
@@ -70,61 +51,31 @@ def approach_roots(
             break
         k = np.flatnonzero(active)
         j = jacobian[k]
-        normal = np.einsum('sij,sik->sjk', j, j)
-        slope = np.einsum('sij,si->sj', j, value[k])
-        size = np.einsum('sjj->s', normal) / (2 * n)
+        turned = j.swapaxes(1, 2)
+        normal = turned @ j
+        slope = turned @ value[k, :, None]
+        size = np.einsum('sjj->s', normal) / len(identity)
         normal += (damping[k] * size)[:, None, None] * identity
-        step = -np.linalg.solve(normal, slope[..., None])[..., 0]
-        by_time = step[:, n:] / rate
-        change = np.roll(by_time, -1, axis=-1) - by_time
-        part = _allowed(equations.durations(instants[k]), change)
-        x_new = x[k] + part[:, None] * step[:, :n] * scale
-        instants_new = instants[k] + part[:, None] * by_time
-        value_new, jacobian_new = equations.residual(x_new, instants_new)
+        step = np.asarray(-np.linalg.solve(normal, slope)[..., 0], np.float64)
+        there = unknowns[k] + problem.longest_part(unknowns[k], step)[:, None] * step
+        states, instants = problem.motion(there)
+        there = problem.unknowns(equations.states(states[..., 0], instants), instants)
+        value_new, jacobian_new = problem.residual(there)
         cost_new = np.einsum('si,si->s', value_new, value_new)
         better = cost_new < cost[k]
         kept = k[better]
-        x[kept], instants[kept] = x_new[better], instants_new[better]
+        unknowns[kept] = there[better]
         value[kept], jacobian[kept] = value_new[better], jacobian_new[better]
         cost[kept] = cost_new[better]
         damping[k] = np.where(better, np.maximum(damping[k] * 0.1, 1e-11), damping[k] * 10.0)
-    return x, instants, np.abs(value).max(axis=-1)
+    return unknowns, np.abs(value).max(axis=-1)
 
 
-def polish(equations: ImpactEquations, x: Array, instants: Array) -> Root | None:
-    """
-    Run Newton's method from a good start until the residual no longer falls.
-
-    Most candidates of a scan are not roots. This method rejects them sooner than
-    `scipy.optimize.root`, with which a scan takes twice as long (90 to 170 ms for three
-    cycles). Returns None if the residual does not fall below `RESIDUAL_TOLERANCE`.
-    """
-    n = equations.impacts
-    history: list[float] = []
-    best: tuple[float, Array, Array] | None = None
-    stalled = 0
-    for _ in range(_POLISH_STEPS):
-        value, jacobian = equations.residual(x, instants)
-        size = float(np.abs(value).max()) / max(1.0, float(np.abs(x).max()) / equations.length)
-        if not np.isfinite(size):
-            break
-        history.append(size)
-        if best is None or size < best[0]:
-            stalled = 0 if best is None or size < 0.5 * best[0] else stalled + 1
-            best = (size, x, instants)
-        else:
-            stalled += 1
-        if size < _ROUND_OFF or stalled >= 3:
-            break
-        step = np.linalg.lstsq(jacobian, -value, rcond=1e-14)[0]
-        by_time = step[n:] / equations.rate
-        change = np.roll(by_time, -1) - by_time
-        part = float(_allowed(equations.durations(instants), change))
-        x = x + part * step[:n] * equations.length
-        instants = instants + part * by_time
-    if best is None or best[0] > RESIDUAL_TOLERANCE:
-        return None
-    return Root(best[1], best[2], best[0], tuple(history))
+def _solved(equations: ImpactEquations, starts: Iterable[tuple[Array, Array]]) -> list[Solution]:
+    """Return the solutions that Newton's method leads to from X and instants."""
+    problem = impact_problem(equations)
+    found = (solve(problem, equations.states(x, t), t) for x, t in starts)
+    return [solution for solution in found if solution is not None]
 
 
 _POINTS_PER_CYCLE = 400
@@ -165,13 +116,12 @@ def _start(equations: ImpactEquations, vector: Array, offsets: Array) -> tuple[A
     return vector[:n] * equations.length, offsets + phase / equations.frequency
 
 
-def one_impact_roots(equations: ImpactEquations) -> list[Root]:
+def one_impact_roots(equations: ImpactEquations) -> list[Solution]:
     """Find all motions with one impact in a period: none, one or two."""
     offsets = np.zeros(1)
     rows = _scaled(equations, equations.linear_system(offsets))
     basis = np.linalg.svd(rows)[2][-2:]
-    starts = [_start(equations, v, offsets) for v in _plane_meets_cone(basis)]
-    return [root for x, t in starts if (root := polish(equations, x, t)) is not None]
+    return _solved(equations, (_start(equations, v, offsets) for v in _plane_meets_cone(basis)))
 
 
 def _symmetric_starts(equations: ImpactEquations) -> Iterator[tuple[Array, Array]]:
@@ -256,14 +206,14 @@ def _closer(scan: _Scan, left: float, right: float, index: int) -> Iterator[tupl
     yield best, np.empty(0)
 
 
-def two_impact_roots(equations: ImpactEquations) -> list[Root]:
+def two_impact_roots(equations: ImpactEquations) -> list[Solution]:
     """
     Find all motions with two impacts in a period.
 
     The condition is scanned over the whole period: for sign changes, and for minima of its
     modulus, which may hide two roots side by side or a double one. Where the linear equations
     come close to losing rank, the plane they nearly leave is searched too. Every candidate is
-    polished on the full equations.
+    a start of Newton's method.
     """
     ratio = max(1.0, equations.rate / equations.frequency)
     points = min(_MOST_POINTS, math.ceil(_POINTS_PER_CYCLE * equations.cycles * ratio))
@@ -292,8 +242,7 @@ def two_impact_roots(equations: ImpactEquations) -> list[Root]:
         best = [b for b, _ in _closer(scan, second[i - 1], second[i + 1], 2)][-1]
         basis = scan.look(np.array([best]))[1][0]
         starts += [_start(equations, v, np.array([0.0, best])) for v in _plane_meets_cone(basis)]
-    polished = (polish(equations, x, t) for x, t in starts)
-    return [root for root in polished if root is not None]
+    return _solved(equations, starts)
 
 
 _CLOSE = 1e-6
@@ -369,7 +318,7 @@ def _simulated_starts(equations: ImpactEquations) -> tuple[Array, Array]:
 @np.errstate(divide='ignore', invalid='ignore', over='ignore')
 def many_impact_roots(
     equations: ImpactEquations, starts: int, simulate: bool
-) -> tuple[list[Root], tuple[int, int, int]]:
+) -> tuple[list[Solution], tuple[int, int, int]]:
     """
     Find motions of one stop sequence from systematic starts and from simulation.
 
@@ -381,17 +330,20 @@ def many_impact_roots(
         x_seen, instants_seen = _simulated_starts(equations)
         x = np.concatenate([x, x_seen])
         instants = np.concatenate([instants, instants_seen])
-    x, instants, residuals = approach_roots(equations, x, instants)
+    problem = impact_problem(equations)
+    unknowns = problem.unknowns(equations.states(x, instants), instants)
+    unknowns, residuals = approach_roots(equations, problem, unknowns)
     close = residuals < _CLOSE
     # One of each group of starts that came to the same place is polished
     keys: dict[tuple[int, ...], int] = {}
-    phases = (equations.frequency * instants) / (2.0 * np.pi)
+    states, instants = problem.motion(unknowns)
+    phases = instants / equations.cycle
     phases -= np.floor(phases[:, :1])
-    finite = np.isfinite(phases).all(axis=-1) & np.isfinite(x).all(axis=-1)
+    finite = np.isfinite(unknowns).all(axis=-1)
     for s in np.flatnonzero(close & finite):
-        place = np.concatenate([phases[s], x[s] / equations.length])
+        place = np.concatenate([phases[s], states[s, :, 0] / equations.length])
         keys.setdefault(tuple(np.round(place * 1e5).astype(int)), int(s))
-    polished = (polish(equations, x[s], instants[s]) for s in keys.values())
+    solved = (solve(problem, states[s], instants[s]) for s in keys.values())
     converged = residuals < RESIDUAL_TOLERANCE
     counts = int(converged[:starts].sum()), len(x) - starts, int(converged[starts:].sum())
-    return [root for root in polished if root is not None], counts
+    return [solution for solution in solved if solution is not None], counts

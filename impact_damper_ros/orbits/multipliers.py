@@ -1,5 +1,5 @@
 """
-Propagation of deviations of (X, X', Z, Z') through flights, through events, over a period.
+Propagation of deviations of (X, X', Z, Z') through flights and through events.
 
 A flight carries deviations at a fixed instant by its free vibration. An event at a surface h = 0
 carries them by its saltation matrix
@@ -7,9 +7,6 @@ carries them by its saltation matrix
     S = D + (f+ - D f-) grad h / (grad h . f-),
 
 with D the derivative of the jump and f the rate of the state before and after [1]_ [2]_.
-
-The section of the paper is (X, X', Z', t) just after an impact. The derivative of its map is
-similar to the one at a fixed instant, so that both have the same multipliers.
 
 References
 ----------
@@ -23,9 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_damper_ros.rig.oscillator import Oscillator
-from impact_damper_ros.rig.state import STICK, RigConstants, constants_of
+from impact_damper_ros.rig.state import STICK, RigConstants
 
-from .equations import Array, ImpactEquations, free_response
+from .equations import Array, free_response
 
 Mask = NDArray[np.bool_]
 
@@ -126,43 +123,6 @@ def event_matrices(
         crosses[:, None, None], rise[:, :, None] * normal[:, None, :], 0.0
     )
     return matrices
-
-
-def monodromy(equations: ImpactEquations, x: Array, instants: Array) -> Array:
-    """
-    Return the derivative of the state one period later by the state, for impacts only.
-
-    The state is (X, X', Z, Z') just after the first impact; X at the impacts is in m, their
-    instants in s.
-    """
-    machine, lines = constants_of(equations.parameters)
-    n, at = equations.impacts, equations.velocities(x, instants)
-    drive = lines[0].force * np.sin(equations.frequency * instants + equations.phase)
-    direction, air = np.array(equations.directions), equations.air
-    before = state_rates(
-        machine,
-        drive,
-        x,
-        at.primary_before,
-        at.damper_before,
-        np.roll(direction, 1),
-        np.roll(air, 1),
-    )
-    after = state_rates(machine, drive, x, at.primary_after, at.damper_after, direction, air)
-    first = np.array(equations.stops) == 1
-    impacts = event_matrices(
-        machine.mass_ratio,
-        np.ones(n, dtype=bool),
-        np.where(first, machine.restitution_1, machine.restitution_2),
-        before,
-        after,
-        np.ones(n, dtype=bool),
-    )
-    flights = flight_matrices(machine, np.zeros(n, np.int64), equations.durations(instants))
-    matrix = np.eye(4)
-    for i in range(n):
-        matrix = impacts[(i + 1) % n] @ flights[i] @ matrix
-    return matrix
 
 
 def multipliers_of(matrix: Array) -> tuple[complex, ...]:

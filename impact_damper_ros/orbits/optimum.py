@@ -18,7 +18,7 @@ from itertools import islice
 import numpy as np
 
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.arguments import as_float
+from impact_damper_ros.rig.parameter_spec import as_float
 from impact_damper_ros.rig.quoting import shown
 
 from .equations import OrbitError, check_forcing, check_stops, checked_number

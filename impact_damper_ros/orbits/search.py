@@ -12,7 +12,6 @@ import numpy as np
 from impact_damper_ros.rig import PARAMETER_SPECS, RigParameters
 
 from .equations import (
-    Array,
     ImpactEquations,
     OrbitError,
     check_forcing,
@@ -21,14 +20,13 @@ from .equations import (
     pressed_to,
     single_harmonic,
 )
-from .event_map import follow_trajectory
 from .flights import flight_at, machine_of
-from .impact_roots import Root, many_impact_roots, one_impact_roots, two_impact_roots
-from .multipliers import monodromy, multipliers_of
+from .impact_roots import many_impact_roots, one_impact_roots, two_impact_roots
 from .orbit import PeriodicOrbit
+from .segments import Solution
 from .settling import starting_points
-from .shooting import Section, section_of, section_on, shoot
-from .viability import assumed_flights, largest_displacement, why_not_viable
+from .solved_orbits import guess_along, orbit_at, orbit_of, solved
+from .trajectory import follow_trajectory
 
 #: Motions closer than this, relative to their size, are the same.
 SAME = 1e-7
@@ -61,8 +59,9 @@ class StartReport:
         The sequence.
     method : str
         'scan': every motion of the impact equations was found, without starts to count.
-        'starts': the impact equations were solved from systematic starts. 'shooting': the event
-        map was solved from motions of a simpler rig, without friction or with one harmonic.
+        'starts': the impact equations gave systematic starts. 'events': the problem with
+        reversals, sticking and rest was solved from motions of a simpler rig, without friction
+        or with one harmonic.
     starts, converged : int
         Systematic starts, or motions of the simpler rig, and how many led to a motion.
     simulated, simulated_converged : int
@@ -72,7 +71,7 @@ class StartReport:
     """
 
     stops: tuple[int, ...]
-    method: Literal['scan', 'starts', 'shooting']
+    method: Literal['scan', 'starts', 'events']
     starts: int = 0
     converged: int = 0
     simulated: int = 0
@@ -117,12 +116,14 @@ class OrbitSearch:
     report: StartReport
 
 
-def _hits(equations: ImpactEquations, root: Root) -> bool:
+def _hits(solution: Solution) -> bool:
     """Return whether all impacts have a speed; motion without impacts solves the equations too."""
-    at = equations.velocities(root.x, root.instants)
-    speeds = np.abs(at.damper_before - at.primary_before)
-    scale = max(equations.length * equations.frequency, float(np.abs(at.primary_before).max()))
-    return bool(speeds.min() > SAME * scale)
+    problem = solution.segments
+    before = solution.flights.end
+    scale = max(
+        problem.length * problem.parameters.force_frequencies[0], float(np.abs(before[:, 1]).max())
+    )
+    return bool(np.abs(before[:, 3]).min() > SAME * scale)
 
 
 def counted_as(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | None:
@@ -145,39 +146,6 @@ def _distinct(orbits: Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
             kept.append(orbit)
     kept.sort(key=lambda orbit: (not orbit.viable, not orbit.stable, orbit.x_max))
     return kept
-
-
-def orbit_of(equations: ImpactEquations, root: Root) -> PeriodicOrbit:
-    """Return the periodic motion that belongs to a root of the impact equations."""
-    x = root.x
-    # The whole cycles before the first impact do not matter, and would cost digits.
-    instants = root.instants - equations.cycle * np.floor(root.instants[0] / equations.cycle)
-    at = equations.velocities(x, instants)
-    flights = assumed_flights(equations, x, instants, at)
-    multipliers = multipliers_of(monodromy(equations, x, instants))
-    reason = why_not_viable(equations, x, instants, at)
-    phases = instants / equations.cycle % equations.cycles
-
-    def row(values: Array) -> tuple[float, ...]:
-        return tuple(float(value) for value in values)
-
-    return PeriodicOrbit(
-        parameters=equations.parameters,
-        stops=equations.stops,
-        cycles=equations.cycles,
-        phases=row(phases),
-        x=row(x),
-        primary_velocity_before=row(at.primary_before),
-        primary_velocity_after=row(at.primary_after),
-        damper_velocity_before=row(at.damper_before),
-        damper_velocity_after=row(at.damper_after),
-        x_max=largest_displacement(flights, equations.durations(instants)),
-        multipliers=multipliers,
-        viable=not reason,
-        reason=reason,
-        residual=root.residual,
-        residual_history=root.history,
-    )
 
 
 def within_theory(parameters: RigParameters, stops: tuple[int, ...]) -> bool:
@@ -221,16 +189,16 @@ def _theory(
             simulated=simulated,
             simulated_converged=simulated_converged,
         )
-    solved = (orbit_of(equations, root) for root in roots if _hits(equations, root))
-    turned = (counted_as(orbit, stops) for orbit in solved)
+    found = (orbit_of(root) for root in roots if _hits(root))
+    turned = (counted_as(orbit, stops) for orbit in found)
     orbits = _distinct([orbit for orbit in turned if orbit is not None])
     return orbits, replace(report, distinct=len(orbits))
 
 
-def settled_sections(
+def settled_orbits(
     parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
-) -> Iterator[Section]:
-    """Yield states of simulated motion, after it has had time to settle."""
+) -> Iterator[PeriodicOrbit | None]:
+    """Yield the motions near simulated motion that has had time to settle; None without one."""
     machine = machine_of(parameters)
     period = cycles * math.tau / parameters.force_frequencies[0]
     for initial in starting_points(parameters):
@@ -247,15 +215,16 @@ def settled_sections(
         busy = 0
         periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
         for i in range(periods):
-            trajectory = follow_trajectory(flight, period, differentiate=False)
+            if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
+                guess = guess_along(flight, 0.0, period)
+                yield None if guess is None else solved(parameters, guess, cycles)
+            trajectory = follow_trajectory(flight, period)
             if trajectory is None:
                 break
             busy = busy + 1 if len(trajectory.events) > most_events else 0
             if busy > _BUSY_PERIODS:
                 break
             flight = trajectory.end
-            if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
-                yield section_of(trajectory, 0.0)
 
 
 def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
@@ -264,14 +233,12 @@ def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrb
 
     The rig that it starts from has the first harmonic only, or all the same.
     """
-    section = section_on(orbit)
     here = {name: getattr(orbit.parameters, name) for name in _NUMBERS}
     there = {name: getattr(parameters, name) for name in _NUMBERS}
     varied = [name for name in _NUMBERS if here[name] != there[name]]
-    done, share = 0.0, _FIRST_SHARE
-    found: PeriodicOrbit | None = None
+    done, share, found = 0.0, _FIRST_SHARE, orbit
     while done < 1.0:
-        if section is None or share < _LEAST_SHARE:
+        if share < _LEAST_SHARE:
             return None
         ahead = min(1.0, done + share)
         first, *others = parameters.force_amplitudes
@@ -279,17 +246,15 @@ def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrb
             force_amplitudes=(first, *(ahead * other for other in others)),
             **{name: here[name] + ahead * (there[name] - here[name]) for name in varied},
         )
-        shot = shoot(rig, section, orbit.cycles)
-        if shot is None or not any(shot[0].turned_to(orbit.stops)):
+        moved = orbit_at(found, rig)
+        if moved is None:
             share *= 0.5
             continue
-        found = shot[0]
-        section = section_on(found) or shot[1]
-        done, share = ahead, 1.5 * share
+        found, done, share = moved, ahead, 1.5 * share
     return found
 
 
-def _shot_orbits(
+def _followed_orbits(
     parameters: RigParameters,
     stops: tuple[int, ...],
     cycles: int,
@@ -297,7 +262,7 @@ def _shot_orbits(
     *,
     simulate: bool = True,
 ) -> tuple[list[PeriodicOrbit], StartReport]:
-    """Find motions of one stop sequence with the shooting solver."""
+    """Find motions of one stop sequence from those of a simpler rig, and from simulation."""
     carried = [carried_over(orbit, parameters) for orbit in simpler]
     orbits = [orbit for orbit in carried if orbit is not None]
     converged = len(orbits)
@@ -305,16 +270,15 @@ def _shot_orbits(
     if simulate:
         # Impacts, as many reversals, and room for sticking
         most_events = 4 * len(stops) + 8
-        for section in settled_sections(parameters, cycles, most_events):
+        for orbit in settled_orbits(parameters, cycles, most_events):
             simulated += 1
-            shot = shoot(parameters, section, cycles)
-            if shot is not None:
+            if orbit is not None:
                 simulated_converged += 1
-                if any(shot[0].turned_to(stops)):
-                    orbits.append(shot[0])
+                if any(orbit.turned_to(stops)):
+                    orbits.append(orbit)
     return orbits, StartReport(
         stops=stops,
-        method='shooting',
+        method='events',
         starts=len(simpler),
         converged=converged,
         simulated=simulated,
@@ -366,9 +330,9 @@ def find_orbits(
     Notes
     -----
     The impact equations cover neither flights that return to the same stop against friction nor a
-    force of several harmonics. The shooting solver then starts from simulated motion and from the
+    force of several harmonics. The search then starts from simulated motion and from the
     motions of the rig without friction or with the first harmonic only. With `simulate` it also
-    searches for motions in which m reverses, sticks or rests. The impacts of a completed chatter
+    looks for motions in which m reverses, sticks or rests. The impacts of a completed chatter
     count, up to the rest.
 
     Raises
@@ -409,7 +373,7 @@ def _found(
         orbits, report = _theory(rig, stops, cycles, starts, simulate)
         if not simulate or not may_rest_or_reverse(parameters, stops):
             return OrbitSearch(tuple(orbits), report)
-        others, shot = _shot_orbits(rig, stops, cycles, [])
+        others, shot = _followed_orbits(rig, stops, cycles, [])
         report = replace(
             report,
             simulated=report.simulated + shot.simulated,
@@ -423,7 +387,7 @@ def _found(
         if len(set(stops)) > 1 or pressed_to(simple, stops[0]):
             solved, _ = _theory(simple, stops, cycles, starts, False)
             known = [orbit for orbit in solved if orbit.viable]
-        others, report = _shot_orbits(parameters, stops, cycles, known, simulate=simulate)
+        others, report = _followed_orbits(parameters, stops, cycles, known, simulate=simulate)
     turned = [counted_as(orbit, stops) for orbit in others]
     orbits = _distinct([*orbits, *(orbit for orbit in turned if orbit is not None)])
     return OrbitSearch(tuple(orbits), replace(report, distinct=len(orbits)))

@@ -1,23 +1,34 @@
 """
-Viability: whether the rig can perform a solution of the impact equations.
+Viability: whether the rig can perform a solution of the boundary-value problem.
 
-The equations hold at the impacts only. Here the flights between them are checked in closed form:
+Its equations hold at the nodes only. Here the flights between them are checked in closed form:
 by the first event of the simulator and, to quantify a violation, by the exact extremes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from math import inf
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+from impact_damper_ros.rig import EventKind
 from impact_damper_ros.rig.first_event import first_root
-from impact_damper_ros.rig.flight import CONTACT_1, CONTACT_2, NO_EVENT, REVERSAL, oscillator_of
+from impact_damper_ros.rig.flight import (
+    CONTACT_1,
+    CONTACT_2,
+    NO_EVENT,
+    RELEASE_DOWN,
+    RELEASE_UP,
+    REVERSAL,
+    oscillator_of,
+    rest,
+)
 from impact_damper_ros.rig.oscillator import POINTS
-from impact_damper_ros.rig.state import FREE, SLIDE_DOWN, SLIDE_UP, STICK
+from impact_damper_ros.rig.state import STICK
 
-from .equations import Array, ImpactEquations, ImpactVelocities
-from .flights import Flight, flight_after_impact, machine_of
+from .equations import Array
+from .flights import Flight
+from .segments import Node, Segments
 
 #: Where the search goes on after a turning point, in steps of the grid: displacements between two
 #: that are closer do not differ.
@@ -57,7 +68,7 @@ def _turning_times(flight: Flight, duration: float, relative: bool) -> Iterator[
         end = min(tau + POINTS * step, duration)
         root = first_root(*machine, run, waves, REVERSAL, tau, motion, end, step)
         tau = end
-        if root < inf:
+        if root < math.inf:
             yield root
             run.direction, tau = 0, root + _BEYOND * step
 
@@ -74,62 +85,78 @@ def extremes(flight: Flight, duration: float, *, relative: bool) -> Extremes:
 #: How much earlier than assumed, as a share of the period, an impact counts as another one.
 TIME_TOLERANCE = 1e-7
 
-_MODE_OF_DIRECTION = {0: FREE, 1: SLIDE_DOWN, -1: SLIDE_UP}
-
-
-def assumed_flights(
-    equations: ImpactEquations, x: Array, instants: Array, at: ImpactVelocities
-) -> list[Flight]:
-    """Return the flights after each impact, in the mode that the equations assume."""
-    machine = machine_of(equations.parameters)
-    flights = []
-    for i, stop in enumerate(equations.stops):
-        velocities = float(at.primary_after[i]), float(at.damper_after[i])
-        flight = flight_after_impact(machine, float(instants[i]), stop, float(x[i]), *velocities)
-        direction = equations.directions[i] if machine.constants.grip > 0.0 else 0
-        flight.run.mode = _MODE_OF_DIRECTION[direction]
-        flights.append(flight.begun())
-    return flights
-
 
 def largest_displacement(flights: Iterable[Flight], durations: Iterable[float]) -> float:
     """Return the largest |X| over flights, from their turning points, m."""
     largest = 0.0
     for flight, duration in zip(flights, durations, strict=True):
-        swing = extremes(flight, float(duration), relative=False)
+        swing = extremes(flight, max(0.0, duration), relative=False)
         largest = max(largest, -swing.low, swing.high)
     return largest
 
 
-def _after_impact(flight: Flight, incoming: float, before: float) -> str:
-    """Return why m does not leave the stop as assumed; empty if it does."""
-    stop, mode = flight.run.last_stop, flight.struck(before, incoming).run.mode
-    if mode == flight.run.mode:
+def _after_impact(node: Node, flight: Flight, before: Array) -> str:
+    """Return why m does not leave a stop as assumed; empty if it does."""
+    _, velocity, _, incoming = (float(value) for value in before)
+    mode = flight.struck(velocity, incoming).run.mode
+    if mode == node.mode:
         return ''
+    if node.mode >= STICK:
+        return f'does not stay on stop {node.stop} after the impact'
     if mode >= STICK:
-        return f'stays on stop {stop} after the impact, its speed {abs(incoming):.4g} m/s there'
-    return f'leaves stop {stop} against the friction assumed'
+        return (
+            f'stays on stop {node.stop} after the impact, its speed {abs(incoming):.4g} m/s there'
+        )
+    return f'leaves stop {node.stop} against the friction assumed'
 
 
-def _in_flight(flight: Flight, duration: float, end: int, tolerance: float) -> str:
-    """Return what happens in a flight before its impact; empty if nothing does."""
+def _after_reversal(node: Node, flight: Flight) -> str:
+    """Return why m does not go on as assumed where it has stopped; empty if it does."""
+    there = flight.copy()
+    # Within the gap, however short the bounce
+    there.run.clearance_1 = there.run.clearance_2 = math.inf
+    rest(*there.machine, there.run, there.waves)
+    if there.run.mode == node.mode:
+        return ''
+    if node.kind is EventKind.STICK:
+        return 'does not stick where it has stopped'
+    return 'does not turn back where it has stopped'
+
+
+_EXPECTED = {
+    EventKind.REVERSAL: (REVERSAL,),
+    EventKind.STICK: (REVERSAL,),
+    EventKind.RELEASE: (RELEASE_UP, RELEASE_DOWN),
+}
+
+
+def _in_flight(
+    flight: Flight, since: float, duration: float, end: Node, to: int, tolerance: float
+) -> str:
+    """
+    Return what happens in a flight before the node at its end; empty if nothing does.
+
+    It begins some time after the impact before it, s, and the next impact is on stop `to`.
+    """
     start = flight.run.last_stop
     kind, tau = flight.first_event(duration + tolerance)
-    contact = CONTACT_1 if end == 1 else CONTACT_2
+    expected = _EXPECTED.get(end.kind, (CONTACT_1 if end.stop == 1 else CONTACT_2,))
     if kind == NO_EVENT or tau > duration + tolerance:
         return ''
-    if kind == contact and tau >= duration - tolerance:
+    if kind in expected and tau >= duration - tolerance:
         return ''
-    route = f'between the impacts on stop {start} and stop {end}'
-    when = f'{tau:.6g} s after the former'
+    route = f'between the impacts on stop {start} and stop {to}'
+    when = f'{since + tau:.6g} s after the former'
+    if kind in (RELEASE_UP, RELEASE_DOWN):
+        return f'm leaves its support {route}, {when}'
     travel = extremes(flight, duration, relative=True)
-    across = 2.0 * flight.machine.constants.half_gap
     # Distance beyond stop 1 and stop 2
-    beyond_1 = travel.high - (0.0 if start == 1 else across)
-    beyond_2 = -travel.low - (across if start == 1 else 0.0)
+    beyond_1 = travel.high - flight.run.clearance_1
+    beyond_2 = -travel.low - flight.run.clearance_2
     if kind == REVERSAL:
+        away = flight.run.clearance_1 if start == 1 else -flight.run.clearance_2
         return (
-            f'm turns back {route}, {when} and {abs(flight.motion(tau).travel):.4g} m from '
+            f'm turns back {route}, {when} and {abs(flight.motion(tau).travel - away):.4g} m from '
             f'stop {start}: friction changes sign there'
         )
     hit = 1 if kind == CONTACT_1 else 2
@@ -138,26 +165,40 @@ def _in_flight(flight: Flight, duration: float, end: int, tolerance: float) -> s
 
 
 def why_not_viable(
-    equations: ImpactEquations, x: Array, instants: Array, at: ImpactVelocities
+    segments: Segments, flights: Sequence[Flight], durations: Sequence[float], before: Array
 ) -> str:
-    """Return why the rig cannot perform a motion; empty if it can."""
-    durations = equations.durations(instants)
-    tolerance = TIME_TOLERANCE * equations.period
-    incoming = at.damper_before - at.primary_before
+    """
+    Return why the rig cannot perform a motion; empty if it can.
+
+    Given are the flights after all nodes, how long they last, s, and the states before the nodes.
+    """
+    tolerance = TIME_TOLERANCE * segments.period
+    nodes = segments.nodes
+    if min(durations) <= 0.0:
+        return 'events would come in another order'
     faults = []
-    for i, flight in enumerate(assumed_flights(equations, x, instants, at)):
-        stop = equations.stops[i]
-        towards = 1.0 if stop == 1 else -1.0
-        if towards * incoming[i] <= 0.0:
-            faults.append(
-                f'm would reach stop {stop} from beyond it, with a relative velocity of '
-                f'{incoming[i]:.4g} m/s (it must be {"positive" if stop == 1 else "negative"})'
-            )
-            continue
-        fault = _after_impact(flight, float(incoming[i]), float(at.primary_before[i]))
+    for j, (node, flight) in enumerate(zip(nodes, flights, strict=True)):
+        fault = ''
+        if node.kind is EventKind.IMPACT:
+            incoming = float(before[j, 3])
+            if incoming * (1.0 if node.stop == 1 else -1.0) <= 0.0:
+                faults.append(
+                    f'm would reach stop {node.stop} from beyond it, with a relative velocity of '
+                    f'{incoming:.4g} m/s (it must be '
+                    f'{"positive" if node.stop == 1 else "negative"})'
+                )
+                continue
+            fault = _after_impact(node, flight, before[j])
+        elif node.kind is not EventKind.RELEASE:
+            fault = _after_reversal(node, flight)
         if fault:
             faults.append(f'm {fault}')
             continue
-        end = equations.stops[(i + 1) % equations.impacts]
-        faults.append(_in_flight(flight, float(durations[i]), end, tolerance))
+        later = nodes[j + 1 :] + nodes[: j + 1]
+        to = next(n.stop for n in later if n.kind is EventKind.IMPACT)
+        since, k = 0.0, j
+        while nodes[k].kind is not EventKind.IMPACT:
+            k -= 1
+            since += durations[k]
+        faults.append(_in_flight(flight, since, durations[j], later[0], to, tolerance))
     return '; '.join(fault for fault in faults if fault)

@@ -11,10 +11,9 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import field, fields, replace
 from itertools import islice
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias
 
-from .arguments import as_float
 from .quoting import shown
 
 Value: TypeAlias = float | bool | int | str | tuple[float, ...]
@@ -25,6 +24,20 @@ Effect: TypeAlias = Literal['now', 'next reset', 'next recording', 'start']
 
 #: Most harmonics the force may have.
 MAX_HARMONICS = 1024
+
+
+def as_float(value: Any) -> float:
+    """
+    Return a number as a float, one too large as infinity, and NaN for what is no number.
+
+    A float32 would otherwise have its few digits in all that is computed with it.
+    """
+    try:
+        return float(value) if hasattr(value, '__float__') else nan
+    except (TypeError, ValueError):
+        return nan
+    except OverflowError:
+        return inf if value > 0 else -inf
 
 
 class ParameterError(ValueError):

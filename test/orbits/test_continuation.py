@@ -18,7 +18,7 @@ from impact_damper_ros.orbits.continuation import (
 )
 from impact_damper_ros.orbits.recognition import repeated_impacts
 from impact_damper_ros.orbits.settling import settled_impacts
-from impact_damper_ros.rig import InitialConditions, RigParameters
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 #: A W^2/g of the vertical rig for a force of 1 N
 LOUDNESS = 100.0 * VERTICAL.response_amplitude / 0.8
@@ -160,15 +160,22 @@ def test_branch_of_twice_the_period(louder):
 
 
 def test_twice_the_period_with_reversals():
-    """The event map twice, where the motion is beyond the impact equations."""
+    """The events of two periods, where the motion is beyond the impact equations."""
     orbit = continue_orbit(
         stable_orbit(FRICTION.replace(gap=16.0), (1, 1, 2)),
         Continuation('gap', 12.9, 16.0),
         upwards=False,
     )
-    (sticking,) = of_kind(orbit, SpecialKind.GRAZING)
+    sticking, turning = of_kind(orbit, SpecialKind.GRAZING)
     assert sticking.value == pytest.approx(13.5309, abs=1e-4)
     assert sticking.reason == '1 more stick, 1 more release'
+    # The sticking phase ends as short as it began, now before a flight the other way.
+    assert turning.value == pytest.approx(13.4904169, abs=1e-6)
+    assert turning.reason == '1 more reversal, 1 less stick, 1 less release'
+    for gap, sticks in ((turning.value + 1e-3, True), (turning.value - 1e-3, False)):
+        found = find_orbits(FRICTION.replace(gap=gap), (1, 1, 2)).orbits
+        nearest = min(found, key=turning.orbit.begun_at(0).differs)
+        assert (EventKind.STICK in {event.kind for event in nearest.events}) is sticks
     (doubling,) = of_kind(orbit, SpecialKind.PERIOD_DOUBLING)
     assert doubling.converged
     assert doubling.value == pytest.approx(13.1245463, abs=1e-6)

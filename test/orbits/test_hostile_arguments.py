@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,14 +13,13 @@ from impact_damper_ros.orbits import (
     continue_orbit,
     find_orbits,
     optimal_gap,
+    orbit_near,
     plausible_stops,
-    section_on,
-    shoot,
     switch_branch,
     value_of,
 )
 from impact_damper_ros.orbits.settling import Settling, starting_points
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig import Event, EventKind, RigParameters
 
 LEVEL = RigParameters(gravity=0.0)
 NO_NUMBERS = [None, 'x', math.nan, math.inf, -1, 0, 2.5, True, [], [1.0], 10**30, 1j]
@@ -37,8 +35,9 @@ def orbit():
 def test_numbers_of_cycles_and_impacts(orbit, number):
     with pytest.raises(OrbitError, match=r'force cycles: give a period of at least 1 cycle'):
         find_orbits(LEVEL, (1, 2), number)
+    impact = Event(0.0, EventKind.IMPACT, 1, orbit.x[0], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     with pytest.raises(OrbitError, match=r'force cycles: give a period of at least 1 cycle'):
-        shoot(LEVEL, section_on(orbit), number)
+        orbit_near(LEVEL, impact, orbit.phases[0], number)
     with pytest.raises(OrbitError, match='impacts: give at least 1 in a period'):
         plausible_stops(LEVEL, number)
 
@@ -67,19 +66,6 @@ def test_any_kind_of_number(orbit, kind):
     found = find_orbits(LEVEL, [kind(1), kind(2)], kind(1)).orbits[0]
     assert found == orbit
     assert type(found.cycles) is int
-
-
-@pytest.mark.parametrize('number', [math.nan, math.inf])
-@pytest.mark.parametrize('place', range(4))
-def test_states_that_are_no_numbers(orbit, number, place):
-    """A run from NaN once had no end."""
-    section = section_on(orbit)
-    state = section.state.copy()
-    state[place] = number
-    with pytest.raises(OrbitError, match=r'the state of the section is .*: give 4 finite numbers'):
-        shoot(LEVEL, replace(section, state=state), 1)
-    with pytest.raises(OrbitError, match='give 4 finite numbers'):
-        shoot(LEVEL, replace(section, state=state[:2]), 1)
 
 
 @pytest.mark.parametrize('end', NO_RANGES)

@@ -1,4 +1,4 @@
-"""How deviations grow: against finite differences, the event map and pairs of motions."""
+"""How deviations grow: against finite differences, trajectories and pairs of motions."""
 
 import math
 
@@ -7,11 +7,11 @@ import pytest
 from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits.event_map import follow_trajectory
 from impact_damper_ros.orbits.flights import Flight, machine_of
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent, monodromy_of
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.orbits.settling import Settling
+from impact_damper_ros.orbits.trajectory import follow_trajectory
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from impact_damper_ros.rig.state import Wave
 from impact_damper_ros.sweep.steady_state import steady_state
@@ -115,7 +115,7 @@ def test_matrix_is_the_derivative_of_the_flow(name):
 
 
 @pytest.mark.parametrize('name', ['frictionless', 'inclined, with friction', 'air', 'sticking'])
-def test_product_is_that_of_the_event_map(name):
+def test_product_is_that_of_a_trajectory(name):
     rig = RIGS[name]
     cycle = math.tau / rig.force_frequencies[0]
     start, end = 30.0 * cycle, 33.0 * cycle

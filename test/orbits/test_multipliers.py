@@ -7,8 +7,10 @@ import pytest
 from rigs import FRICTION, HORIZONTAL, INCLINED, VERTICAL
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import ImpactEquations, find_orbits
-from impact_damper_ros.orbits.multipliers import monodromy, multipliers_of
+from impact_damper_ros.orbits import find_orbits
+from impact_damper_ros.orbits.multipliers import multipliers_of
+from impact_damper_ros.orbits.segments import Segments
+from impact_damper_ros.orbits.solved_orbits import guess_on
 from impact_damper_ros.rig import EventKind, InitialConditions
 
 CASES = {
@@ -26,8 +28,11 @@ CASES = {
 }
 
 
-def arrays(orbit):
-    return np.array(orbit.x), np.array(orbit.instants)
+def monodromy(orbit):
+    """Return the derivative of (X, X', Y, Y') a period after the first impact by the same."""
+    guess = guess_on(orbit)
+    segments = Segments(orbit.parameters, guess.nodes, orbit.cycles)
+    return segments.monodromy(segments.flights(*guess[1:]))
 
 
 def expected_determinant(parameters, stops, period):
@@ -38,22 +43,17 @@ def expected_determinant(parameters, stops, period):
     return product
 
 
-def section_monodromy(equations, x, instants):
+def section_monodromy(orbit):
     """Return the derivative of the map of (X, X', Z', t) just after the first impact."""
-    rig, at = equations.parameters, equations.velocities(x, instants)
-    velocity, damper_velocity = at.primary_after[0], at.damper_after[0]
-    force = rig.force_amplitudes[0] * math.sin(
-        rig.force_frequencies[0] * instants[0] + rig.force_phases[0]
-    )
-    acceleration = (
-        force - rig.damping * velocity - rig.stiffness * x[0]
-    ) / rig.primary_mass + equations.pushes[0]
-    rates = [velocity, acceleration, damper_velocity, equations.accelerations[0]]
+    guess = guess_on(orbit)
+    segments = Segments(orbit.parameters, guess.nodes, orbit.cycles)
+    rate = segments.flights(*guess[1:]).rate_start[0]
     # A section deviation, seen at the instant of the undisturbed impact
     into = np.zeros((4, 4))
-    into[0, 0] = into[1, 1] = into[2, 0] = into[3, 2] = 1.0
-    into[:, 3] = [-rate for rate in rates]
-    return np.linalg.solve(into, monodromy(equations, x, instants) @ into)
+    into[0, 0] = into[1, 1] = into[3, 2] = 1.0
+    into[3, 1] = -1.0
+    into[:, 3] = -rate
+    return np.linalg.solve(into, monodromy(orbit) @ into)
 
 
 def section_map(rig, orbit, state):
@@ -80,12 +80,8 @@ def section_map(rig, orbit, state):
 def test_determinant(case):
     rig, stops, cycles = CASES[case]
     for orbit in find_orbits(rig, stops, cycles).orbits:
-        equations = ImpactEquations(rig, stops, cycles)
         expected = expected_determinant(rig, stops, orbit.period)
-        for matrix in (
-            monodromy(equations, *arrays(orbit)),
-            section_monodromy(equations, *arrays(orbit)),
-        ):
+        for matrix in (monodromy(orbit), section_monodromy(orbit)):
             assert np.linalg.det(matrix) == pytest.approx(expected, rel=1e-8)
         assert np.prod(orbit.multipliers) == pytest.approx(expected, rel=1e-8)
 
@@ -94,8 +90,7 @@ def test_determinant(case):
 def test_section_and_fixed_instant_have_the_same_multipliers(case):
     rig, stops, cycles = CASES[case]
     orbit = find_orbits(rig, stops, cycles).orbits[0]
-    equations = ImpactEquations(rig, stops, cycles)
-    section = multipliers_of(section_monodromy(equations, *arrays(orbit)))
+    section = multipliers_of(section_monodromy(orbit))
     assert section == pytest.approx(orbit.multipliers, abs=1e-9)
 
 
@@ -126,7 +121,7 @@ def test_finite_differences_of_the_simulator(case):
         behind = section_map(rig, orbit, state - move)
         columns.append((ahead - behind) / (2.0 * steps[j]))
     by_differences = np.array(columns).T
-    exact = section_monodromy(ImpactEquations(rig, stops, cycles), *arrays(orbit))
+    exact = section_monodromy(orbit)
     assert exact == pytest.approx(by_differences, abs=2e-7 * np.abs(exact).max())
     # The eigenvalues themselves, to the 1e-8 that the differences allow
     assert multipliers_of(by_differences) == pytest.approx(orbit.multipliers, abs=1e-6)

@@ -8,8 +8,10 @@ import pytest
 from rigs import INCLINED
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import ImpactEquations, find_orbits
-from impact_damper_ros.orbits.viability import assumed_flights, extremes
+from impact_damper_ros.orbits import find_orbits
+from impact_damper_ros.orbits.segments import Segments, impact_nodes
+from impact_damper_ros.orbits.solved_orbits import guess_on
+from impact_damper_ros.orbits.viability import extremes
 from impact_damper_ros.rig import EventKind, InitialConditions
 
 
@@ -62,6 +64,16 @@ def test_simulator_follows_exactly_the_viable_ones(changes, stops, cycles):
         assert orbit.viable == (orbit.reason == '')
 
 
+def flights_of(orbit):
+    """Return the flights after the impacts of a motion without other events."""
+    guess = guess_on(orbit)
+    segments = Segments(orbit.parameters, guess.nodes, orbit.cycles)
+    return [
+        segments.flight(i, state, instant)
+        for i, (state, instant) in enumerate(zip(guess.states, guess.instants, strict=True))
+    ]
+
+
 def reasons(changes, stops, cycles=1):
     orbits = find_orbits(INCLINED.replace(**changes), stops, cycles).orbits
     return [orbit.reason for orbit in orbits if not orbit.viable]
@@ -81,11 +93,8 @@ def test_reason_another_impact_with_the_true_depth():
             r'pass stop (\d) by ([\d.e-]+) m between the impacts on stop (\d)', orbit.reason
         ):
             stop, depth = depth, stop
-            equations = ImpactEquations(rig, (1, 2), 1)
-            x, instants = np.array(orbit.x), np.array(orbit.instants)
-            at = equations.velocities(x, instants)
             i = orbit.stops.index(int(start))
-            flight = assumed_flights(equations, x, instants, at)[i]
+            flight = flights_of(orbit)[i]
             grid = np.linspace(0.0, orbit.durations[i], 20001)
             travel = np.array([flight.motion(tau).travel for tau in grid])
             y = travel + (1.5 if start == '1' else -1.5)
@@ -124,10 +133,9 @@ def test_turning_points_against_a_dense_look():
     rng = np.random.default_rng(3)
     for _ in range(12):
         rig = INCLINED.replace(force_frequencies=(float(rng.uniform(0.2, 6.0)),))
-        equations = ImpactEquations(rig, (1, 2), 1)
-        x = rng.normal(size=2) * 5.0
-        instants = np.sort(rng.uniform(0.0, equations.period, 2))
-        flight = assumed_flights(equations, x, instants, equations.velocities(x, instants))[0]
+        state = np.append(rng.normal(size=2) * 5.0, [0.0, rng.normal() * 5.0])
+        segments = Segments(rig, impact_nodes(rig, (1, 2)), 1)
+        flight = segments.flight(0, state, float(rng.uniform(0.0, segments.period)))
         duration = float(rng.uniform(1.0, 20.0))
         motions = [flight.motion(tau) for tau in np.linspace(0.0, duration, 5001)]
         swing = extremes(flight, duration, relative=False)

@@ -3,7 +3,7 @@ The curves of a figure: periodic motions against one parameter, and simulated mo
 
 Motions with two alternating impacts are enumerated: every solution is found at each value. Motions
 with more impacts, and those in which friction reverses within a flight, are followed along the
-parameter by shooting. They start from all solutions of the impact equations at each value, and
+parameter. They start from all solutions of the impact equations at each value, and
 with friction, which the equations do not cover there, from those of frictionless rigs, carried
 over. They do not start from simulations: what a run settles into may depend on its last digit.
 """
@@ -24,7 +24,7 @@ from impact_damper_ros.orbits import PeriodicOrbit, find_orbits, orbit_near, pla
 from impact_damper_ros.orbits.recognition import repeated_impacts
 from impact_damper_ros.orbits.search import carried_over, counted_as
 from impact_damper_ros.orbits.settling import run_by_cycles
-from impact_damper_ros.orbits.shooting import Section, section_on, shoot
+from impact_damper_ros.orbits.solved_orbits import orbit_at
 from impact_damper_ros.rig import Event, InitialConditions, RigParameters
 from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.snapshot import Snapshot
@@ -323,19 +323,17 @@ def enumerated_curves(plan: SeriesPlan) -> list[Curve]:
 
 @dataclass(frozen=True)
 class _Step:
-    """A motion that is followed, and the state to shoot from."""
+    """A motion that is followed."""
 
     value: float
     orbit: PeriodicOrbit
-    section: Section
 
     def to(self, plan: SeriesPlan, value: float) -> _Step | None:
         """Return the motion at another value, if it is still of the same kind."""
-        shot = shoot(plan.at(value), self.section, self.orbit.cycles)
-        turned = None if shot is None else next(shot[0].turned_to(self.orbit.stops), None)
-        if shot is None or turned is None or self.orbit.differs(turned) > _LARGEST_STEP:
+        there = orbit_at(self.orbit, plan.at(value))
+        if there is None or self.orbit.differs(there) > _LARGEST_STEP:
             return None
-        return _Step(value, turned, section_on(turned) or shot[1])
+        return _Step(value, there)
 
     @property
     def point(self) -> CurvePoint:
@@ -378,7 +376,7 @@ def _sharpened(plan: SeriesPlan, near: _Step, far: _Step) -> list[CurvePoint]:
 
 def _follow(
     plan: SeriesPlan,
-    start: tuple[float, PeriodicOrbit, Section],
+    start: Start,
     targets: Sequence[float],
     known: Mapping[float, Sequence[CurvePoint]],
 ) -> list[CurvePoint]:
@@ -452,11 +450,11 @@ def followed_curves(plan: SeriesPlan, starts: Iterable[Start], impacts: int) -> 
         # Two impacts without reversal, sticking or rest are enumerated
         if orbit.impacts != impacts or (impacts == 2 and not orbit.events):
             continue
-        point, section = _point(value, orbit), section_on(orbit)
+        point = _point(value, orbit)
         others = known.setdefault(orbit.stops, {})
-        if section is None or any(alike(point, other) for other in others.get(value, ())):
+        if any(alike(point, other) for other in others.get(value, ())):
             continue
-        start = (value, orbit, section)
+        start = (value, orbit)
         below = _follow(plan, start, [v for v in plan.values[::-1] if v < value], others)
         above = _follow(plan, start, [v for v in plan.values if v > value], others)
         points = [*below[::-1], point, *above]

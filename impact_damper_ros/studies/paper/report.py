@@ -26,14 +26,14 @@ _CAPTIONS: dict[str, dict[str, str]] = {
             'against the gap, for two (a, b), three (c, d) and four (e, f) impacts in one cycle. '
             'K = 1 N/m, M = 1 kg, F = 1 N, m = 0.042 kg, C = 0.01 N s/m, R₁ = R₂ = 0.75, '
             'Ω = 1.02 rad/s. Two impacts: all viable solutions of the impact equations. Three '
-            'and four: motions that are stable somewhere, followed over the gap by shooting, up '
+            'and four: motions that are stable somewhere, followed over the gap, up '
             'to a fold at most. They start from all viable solutions of the impact equations at '
             'every second gap; with friction, from the motions of the rigs without it, with '
             'angle, friction and gravity changed step by step. In (e, f) the family that ends '
             'near 9 m hits each stop twice in a row, the one that ends near 13 m hits one stop '
             'three times. With friction, m reverses within the flights that return to the same '
             'stop, and so does the friction force, which the equations of the paper do not allow '
-            'for; motions of two impacts with such reversals are followed by shooting, too.'
+            'for; motions of two impacts with such reversals are followed, too.'
         )
         for g, where in ((1, "as in the paper's caption"), (2, "as in the paper's text"))
     },

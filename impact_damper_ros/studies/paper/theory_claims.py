@@ -152,8 +152,8 @@ def simulation_claim(results: Mapping[str, Series]) -> Claim:
         + (f' ({", ".join(off)})' if off else '')
         + f'. Of {stable} stable motions of the theory at the marks, the simulator settles into '
         f'{reached}. Of {len(longer)} settled motions with longer periods or more impacts, '
-        f'{len(agree)} are also found by shooting, to {max(agree, default=0.0):.0e}. {other} runs '
-        'do not repeat within four cycles',
+        f'{len(agree)} are also found by the solver, to {max(agree, default=0.0):.0e}. {other} '
+        'runs do not repeat within four cycles',
         judged(
             max(late) < 1e-6 and max(far) < 1e-4 and not off and reached == stable,
             Judgement.IN_PART,

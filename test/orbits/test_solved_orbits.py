@@ -1,4 +1,4 @@
-"""The shooting solver: against the impact equations, the simulator, and finite differences."""
+"""Motions from their events: against the impact equations, the simulator, and differences."""
 
 import math
 
@@ -7,12 +7,13 @@ import pytest
 from rigs import FRICTION, INCLINED, VERTICAL
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import OrbitError, find_orbits
+from impact_damper_ros.orbits import OrbitError, find_orbits, orbit_near
 from impact_damper_ros.orbits.recognition import repeated_impacts
-from impact_damper_ros.orbits.search import carried_over, settled_sections
+from impact_damper_ros.orbits.search import carried_over, settled_orbits
+from impact_damper_ros.orbits.segments import Segments
 from impact_damper_ros.orbits.settling import settled_impacts
-from impact_damper_ros.orbits.shooting import section_on, shoot
-from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters
+from impact_damper_ros.orbits.solved_orbits import guess_on
+from impact_damper_ros.rig import Event, EventKind, InitialConditions, Mode, RigParameters
 
 PLASTIC = RigParameters(
     one_sided=True,
@@ -28,12 +29,8 @@ LOSSY = FRICTION.replace(friction=1.0, gap=10.0, restitution_1=0.3, restitution_
 
 
 def settled_orbit(rig, cycles=1):
-    """Return the motion that simulation leads to, and where its period begins."""
-    for section in settled_sections(rig, cycles):
-        shot = shoot(rig, section, cycles)
-        if shot is not None and shot[0].stable:
-            return shot
-    raise AssertionError('no stable motion')
+    """Return the motion that simulation leads to."""
+    return next(o for o in settled_orbits(rig, cycles) if o is not None and o.stable)
 
 
 @pytest.mark.parametrize(
@@ -53,21 +50,22 @@ def test_agrees_with_the_impact_equations(rig, stops, cycles):
     viable = [o for o in find_orbits(rig, stops, cycles, simulate=False).orbits if o.viable]
     assert viable
     for orbit in viable:
-        section = section_on(orbit)
-        assert section is not None
-        assert section.dimension == 4
-        away = section.state + 1e-4 * np.array([1.0, -1.0, 0.5, 1.0]) / abs(orbit.multipliers[0])
-        section = type(section)(section.instant, section.resting, section.last_stop, away)
-        shot = shoot(rig, section, cycles)
-        assert shot is not None
-        again = shot[0].begun_at(
-            next(
-                i
-                for i in range(len(stops))
-                if shot[0].stops[i:] + shot[0].stops[:i] == stops
-                and abs(shot[0].x[i] - orbit.x[0]) < 1e-6
-            )
+        off = 1e-4 / abs(orbit.multipliers[0])
+        impact = Event(
+            0.0,
+            EventKind.IMPACT,
+            orbit.stops[0],
+            orbit.x[0] + off,
+            0.0,
+            0.0,
+            orbit.primary_velocity_after[0] - off,
+            0.0,
+            orbit.damper_velocity_after[0] + off,
+            0.0,
         )
+        near = orbit_near(rig, impact, orbit.phases[0] + 0.1 * off, cycles)
+        assert near is not None
+        again = min(near.turned_to(stops), key=orbit.differs)
         assert again.phases == pytest.approx(orbit.phases, abs=1e-10)
         for name in (
             'x',
@@ -136,40 +134,52 @@ def begun_on(orbit):
 
 
 @pytest.mark.parametrize(
-    ('rig', 'mode', 'zeros', 'kinds'),
+    ('rig', 'modes', 'zeros', 'kinds'),
     [
-        (FRICTION.replace(gap=16.0), Mode.SLIDE_UP, 0, {EventKind.REVERSAL}),
+        (FRICTION.replace(gap=16.0), set(Mode), 0, {EventKind.REVERSAL}),
         (
             PLASTIC,
-            Mode.REST_1,
+            {Mode.REST_1},
             2,
             {EventKind.REST, EventKind.RELEASE, EventKind.REVERSAL},
         ),
         (
             LOSSY,
-            Mode.STICK,
+            {Mode.STICK},
             1,
             {EventKind.STICK, EventKind.RELEASE, EventKind.REVERSAL},
         ),
         (
             LOSSY.replace(gap=5.0),
-            Mode.REST_1,
+            {Mode.REST_1, Mode.REST_2},
             2,
             {EventKind.REST, EventKind.RELEASE, EventKind.REVERSAL},
         ),
     ],
     ids=['reversal', 'plastic', 'sticking', 'chatter'],
 )
-def test_multipliers_are_those_of_the_simulators_map(rig, mode, zeros, kinds):
-    orbit, section = settled_orbit(rig)
+def test_multipliers_are_those_of_the_simulators_map(rig, modes, zeros, kinds):
+    orbit = settled_orbit(rig)
     assert {node.kind for node in orbit.events} == kinds
-    assert section.dimension == 4 - zeros
-    assert orbit.multipliers[section.dimension :] == (0j,) * zeros
+    guess = guess_on(orbit)
+    segments = Segments(rig, guess.nodes, orbit.cycles)
+    j = segments.begins_with()
+    # From within the flight that has the fewest coordinates
+    late = 0.4 * segments.durations(guess.instants)[j]
+    instant = guess.instants[j] + late
+    flight = segments.flight(j, guess.states[j], guess.instants[j]).after(late)
+    free = 4 - zeros
+    begun = np.array(
+        [flight.run.x, flight.run.velocity, -flight.run.clearance_1, flight.run.relative_velocity]
+    )[:free]
+    mode, home = Mode(flight.run.mode), -flight.run.clearance_1
+    assert mode in modes
+    assert orbit.multipliers[free:] == (0j,) * zeros
 
     def after_a_period(state):
-        x, velocity, beyond, relative = (*state, *(0.0, 0.0)[len(state) - 2 :])
+        x, velocity, beyond, relative = (*state, *(home, 0.0)[len(state) - 2 :])
         run = Rig(
-            rig.replace(force_phases=(rig.force_frequencies[0] * section.instant,)),
+            rig.replace(force_phases=(rig.force_frequencies[0] * instant,)),
             InitialConditions(
                 initial_primary_position=x,
                 initial_primary_velocity=velocity,
@@ -177,10 +187,10 @@ def test_multipliers_are_those_of_the_simulators_map(rig, mode, zeros, kinds):
                 initial_damper_velocity=velocity + relative,
             ),
         )
-        if section.dimension < 4:
+        if free < 4:
             assert run.mode is mode
         run.advance(orbit.period)
-        if section.dimension < 4:
+        if free < 4:
             assert run.mode is mode
         end = run.sample()
         full = (
@@ -189,23 +199,23 @@ def test_multipliers_are_those_of_the_simulators_map(rig, mode, zeros, kinds):
             end.z - end.x - 0.5 * rig.gap,
             end.damper_velocity - end.primary_velocity,
         )
-        return np.array(full[: section.dimension])
+        return np.array(full[:free])
 
-    assert after_a_period(section.state) == pytest.approx(section.state, rel=1e-10)
+    assert after_a_period(begun) == pytest.approx(begun, rel=1e-10)
     columns = []
-    for j in range(section.dimension):
-        move = np.zeros(section.dimension)
+    for j in range(free):
+        move = np.zeros(free)
         move[j] = 1e-6
-        ahead, behind = after_a_period(section.state + move), after_a_period(section.state - move)
+        ahead, behind = after_a_period(begun + move), after_a_period(begun - move)
         columns.append((ahead - behind) / 2e-6)
     values = np.linalg.eigvals(np.array(columns).T)
-    expected = sorted(abs(m) for m in orbit.multipliers[: section.dimension])
+    expected = sorted(abs(m) for m in orbit.multipliers[:free])
     assert sorted(np.abs(values)) == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize('rig', [PLASTIC, LOSSY, LOSSY.replace(gap=5.0)])
 def test_sticking_and_resting_motions_are_what_simulation_settles_into(rig):
-    orbit, _ = settled_orbit(rig)
+    orbit = settled_orbit(rig)
     start = InitialConditions(initial_primary_position=1.0)
     impacts = settled_impacts(rig, start, 600 if rig.gap == 5.0 else 700, 6)
     motion = repeated_impacts(impacts, orbit.cycle, 1, 1e-10)
@@ -241,7 +251,7 @@ def test_a_chatter_that_ends_in_rest_is_found_without_friction():
 
 
 def test_newton_converges_quadratically():
-    orbit, _ = settled_orbit(FRICTION.replace(gap=16.0))
+    orbit = settled_orbit(FRICTION.replace(gap=16.0))
     history = [value for value in orbit.residual_history if value > 1e-13]
     assert len(history) <= 8
     assert history[-1] < 1e3 * history[-2] ** 2 + 1e-13
@@ -271,7 +281,7 @@ def test_one_sided_motion_with_friction():
     """One impact in a cycle, on the only stop: each flight goes up against friction and back."""
     rig = PLASTIC.replace(restitution_1=0.75, force_amplitudes=(1.0,))
     found = find_orbits(rig, (1,))
-    assert found.report.method == 'shooting'
+    assert found.report.method == 'events'
     stable = [orbit for orbit in found.orbits if orbit.stable]
     assert len(stable) == 1
     assert [node.kind for node in stable[0].events] == [EventKind.REVERSAL]
@@ -308,7 +318,7 @@ def test_several_harmonics_with_a_common_period(friction):
     assert motion is not None
     period, cycles = motion
     found = find_orbits(rig, [event.stop for event in period], cycles)
-    assert found.report.method == 'shooting'
+    assert found.report.method == 'events'
     stable = [orbit for orbit in found.orbits if orbit.stable]
     assert stable
     size = max(abs(event.x) for event in period)

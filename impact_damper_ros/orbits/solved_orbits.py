@@ -1,0 +1,347 @@
+"""
+From guesses to periodic motions: the nodes are read from a run of the simulator, then solved.
+
+Newton's method keeps the nodes. A solution that the rig cannot perform, since other events come
+between them, is followed with the simulator instead, and its events are the next nodes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from impact_damper_ros.rig import Event, EventKind, RigParameters
+from impact_damper_ros.rig.flight import (
+    CHATTER_END,
+    CONTACT_1,
+    CONTACT_2,
+    RELEASE_DOWN,
+    RELEASE_UP,
+    REVERSAL,
+)
+from impact_damper_ros.rig.parameter_spec import number_between
+from impact_damper_ros.rig.snapshot import LATEST
+from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
+
+from .equations import Array, ImpactEquations, check_cycles, check_forcing, single_harmonic
+from .flights import Flight, flight_at, machine_of
+from .orbit import OrbitEvent, PeriodicOrbit
+from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
+from .trajectory import FlightPart, Trajectory, follow_trajectory
+from .viability import largest_displacement, why_not_viable
+
+#: How often the nodes are read anew where a solution turns out to have others.
+_MOST_LOOKS = 3
+
+
+class Guess(NamedTuple):
+    """Nodes of a motion, and the states and instants there as `Segments` has them."""
+
+    nodes: tuple[Node, ...]
+    states: Array
+    instants: Array
+
+
+class _Row(NamedTuple):
+    """A node, and the simulator's flight after it."""
+
+    node: Node
+    flight: Flight
+    instant: float
+
+
+def _guess_of(rows: Sequence[_Row]) -> Guess:
+    nodes = tuple(row.node for row in rows)
+    states = []
+    for (_, flight, _), stop in zip(rows, last_stops(nodes), strict=True):
+        run = flight.run
+        way = -run.clearance_1 if stop == 1 else run.clearance_2
+        states.append((run.x, run.velocity, way, run.relative_velocity))
+    return Guess(nodes, np.array(states), np.array([row.instant for row in rows]))
+
+
+def _node_after(part: FlightPart, then: Flight) -> Node | None:
+    """Return the node at the end of a flight; None if the event has no condition of its own."""
+    mode, ending = then.run.mode, part.ending
+    if ending in (CONTACT_1, CONTACT_2):
+        return Node(EventKind.IMPACT, 1 if ending == CONTACT_1 else 2, mode)
+    if ending == REVERSAL and mode <= STICK:
+        return Node(EventKind.STICK if mode == STICK else EventKind.REVERSAL, 0, mode)
+    if ending in (RELEASE_UP, RELEASE_DOWN):
+        return Node(EventKind.RELEASE, {REST_1: 1, REST_2: 2}.get(part.mode, 0), mode)
+    return None
+
+
+def _read(trajectory: Trajectory, instant: float) -> list[_Row] | None:
+    """Read the nodes of a trajectory that starts at an instant, s; None if there are others."""
+    rows = []
+    for part, then in pairwise(trajectory.flights):
+        node = _node_after(part, then.flight)
+        if node is not None:
+            rows.append(_Row(node, then.flight, instant + then.start))
+        elif part.ending != CHATTER_END or then.mode not in (REST_1, REST_2):
+            return None
+    return rows
+
+
+def _resting(flight: Flight) -> int:
+    return flight.run.mode if flight.run.mode in (STICK, REST_1, REST_2) else 0
+
+
+def _promise(part: FlightPart) -> tuple[int, float]:
+    """Rate a flight as a place to begin a period: resting first, then long and fast."""
+    if _resting(part.flight):
+        return 1, part.duration
+    if part.flight.run.joint:
+        return 0, 0.0
+    return 0, part.duration * abs(part.flight.run.relative_velocity)
+
+
+def guess_along(flight: Flight, instant: float, period: float) -> Guess | None:
+    """
+    Return a guess of the periodic motion near a motion that starts at an instant, s.
+
+    The period begins within a flight, or within sticking or rest if there is one, which forgets
+    more of how far the motion still is from the periodic one.
+    """
+    trajectory = follow_trajectory(flight, period)
+    if trajectory is None:
+        return None
+    best = max(trajectory.flights, key=_promise)
+    # In flight closer to its beginning, away from a reversal that may be half-way
+    tau = best.duration * (0.5 if _resting(best.flight) else 0.25)
+    begun = best.flight.after(tau)
+    trajectory = follow_trajectory(begun, period)
+    rows = None if trajectory is None else _read(trajectory, instant + best.start + tau)
+    if rows is None or not any(row.node.kind is EventKind.IMPACT for row in rows):
+        return None
+    guess, last = _guess_of(rows), rows[-1].node
+    alike = last.resting == _resting(begun) and (last.resting or last.mode == begun.run.mode)
+    return guess if alike and np.diff(guess.instants).min(initial=1.0) > 0.0 else None
+
+
+def _first_flight(orbit: PeriodicOrbit, parameters: RigParameters, instant: float) -> Flight:
+    """Return what a rig does after the first impact of a motion, at an instant of its force, s."""
+    machine, stop = machine_of(parameters), orbit.stops[0]
+    velocity = orbit.primary_velocity_before[0]
+    relative = orbit.damper_velocity_before[0] - velocity
+    beyond = 0.0 if stop == 1 else -2.0 * machine.constants.half_gap
+    there = flight_at(machine, instant, orbit.x[0], velocity, beyond, relative, 0, stop)
+    return there.struck(velocity, relative)
+
+
+def _first_instant(orbit: PeriodicOrbit) -> float:
+    """
+    Return the instant of the first impact on the clock of the force, s.
+
+    The phases leave out whole cycles of its first harmonic, which matter if there are others.
+    """
+    first = orbit.instants[0]
+    if orbit.cycles == 1 or single_harmonic(orbit.parameters):
+        return first
+
+    def missed(instant: float) -> float:
+        flight = _first_flight(orbit, orbit.parameters, instant)
+        trajectory = follow_trajectory(flight, orbit.period)
+        return math.inf if trajectory is None else abs(trajectory.end.run.x - orbit.x[0])
+
+    return min((first + k * orbit.cycle for k in range(orbit.cycles)), key=missed)
+
+
+def _guess_performed(orbit: PeriodicOrbit, parameters: RigParameters) -> Guess | None:
+    """Return a guess from what a rig does after the first impact of a motion."""
+    instant = _first_instant(orbit)
+    return guess_along(_first_flight(orbit, parameters, instant), instant, orbit.period)
+
+
+def guess_on(orbit: PeriodicOrbit) -> Guess | None:
+    """
+    Return the nodes of a known motion, its first impact first.
+
+    Those of a motion with other events than impacts are read from the simulator; None if that
+    has too many.
+    """
+    if not orbit.events:
+        return _guess_of_impacts(orbit)
+    guess = _guess_performed(orbit, orbit.parameters)
+    if guess is None:
+        return None
+    instant = _first_instant(orbit)
+    whole = np.round((guess.instants - instant) / orbit.period) * orbit.period
+    late = np.abs(guess.instants - whole - instant)
+    late[[node.kind is not EventKind.IMPACT for node in guess.nodes]] = np.inf
+    first = int(np.argmin(late))
+    return Guess(
+        guess.nodes[first:] + guess.nodes[:first],
+        np.roll(guess.states, -first, axis=0),
+        np.append(guess.instants[first:], guess.instants[:first] + orbit.period) - whole[first],
+    )
+
+
+def _guess_of_impacts(orbit: PeriodicOrbit) -> Guess:
+    velocity = np.array(orbit.primary_velocity_after)
+    relative = np.array(orbit.damper_velocity_after) - velocity
+    states = np.stack([np.array(orbit.x), velocity, 0.0 * velocity, relative], axis=-1)
+    instants = np.array(orbit.instants) + (_first_instant(orbit) - orbit.instants[0])
+    return Guess(impact_nodes(orbit.parameters, orbit.stops), states, instants)
+
+
+def orbit_of(solution: Solution) -> PeriodicOrbit:
+    """Return the periodic motion that belongs to a solution of the boundary-value problem."""
+    segments, states = solution.segments, solution.states
+    rig, cycle, cycles = segments.machine.constants, segments.cycle, segments.cycles
+    impacts = [j for j, node in enumerate(segments.nodes) if node.kind is EventKind.IMPACT]
+    # The whole periods before the first impact do not matter, and would cost digits; nor do the
+    # whole cycles before it in the phases.
+    late = float(solution.instants[impacts[0]])
+    instants = solution.instants - segments.period * math.floor(late / segments.period)
+    whole = math.floor(float(instants[impacts[0]]) / cycle)
+    before = np.roll(solution.flights.end, 1, axis=0)
+    flights = [
+        segments.flight(j, state, float(instant))
+        for j, (state, instant) in enumerate(zip(states, instants, strict=True))
+    ]
+    durations = [float(last) for last in segments.durations(instants)]
+    reason = why_not_viable(segments, flights, durations, before)
+    columns: dict[str, list[float]] = {name: [] for name in _AT_IMPACTS}
+    events: list[OrbitEvent] = []
+    for j, node in enumerate(segments.nodes):
+        phase = (float(instants[j]) / cycle - whole) % cycles
+        if node.kind is not EventKind.IMPACT:
+            events.append(OrbitEvent(node.kind, node.stop, phase))
+            continue
+        _, velocity, _, relative = (float(value) for value in before[j])
+        restitution = rig.restitution_1 if node.stop == 1 else rig.restitution_2
+        after = velocity + rig.share * (1.0 + restitution) * relative
+        row = (
+            *(phase, float(states[j, 0]), velocity, after),
+            *(velocity + relative, after - restitution * relative),
+        )
+        for name, value in zip(_AT_IMPACTS, row, strict=True):
+            columns[name].append(value)
+        if node.resting:
+            left = 0.0
+            if node.mode >= CHATTER_1:
+                left = flights[j].struck(velocity, relative).run.chatter_left
+            rest = ((float(instants[j]) + left) / cycle - whole) % cycles
+            events.append(OrbitEvent(EventKind.REST, node.stop, rest))
+    return PeriodicOrbit(
+        parameters=segments.parameters,
+        stops=segments.stops,
+        cycles=cycles,
+        **{name: tuple(values) for name, values in columns.items()},
+        x_max=largest_displacement(flights, durations),
+        multipliers=segments.multipliers(solution.flights),
+        viable=not reason,
+        reason=reason,
+        residual=solution.residual,
+        residual_history=solution.history,
+        events=tuple(events),
+    )
+
+
+_AT_IMPACTS = (
+    'phases',
+    'x',
+    'primary_velocity_before',
+    'primary_velocity_after',
+    'damper_velocity_before',
+    'damper_velocity_after',
+)
+
+
+def solved(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbit | None:
+    """Return the motion that Newton's method leads to from a guess, if the rig can perform it."""
+    for _ in range(_MOST_LOOKS):
+        solution = solve(Segments(parameters, guess.nodes, cycles), *guess[1:])
+        if solution is None:
+            return None
+        try:
+            orbit = orbit_of(solution)
+        except ArithmeticError:
+            return None
+        if orbit.viable:
+            return orbit
+        again = _guess_performed(orbit, parameters)
+        if again is None or again.nodes == guess.nodes:
+            return None
+        guess = again
+    return None
+
+
+def _counted_as(orbit: PeriodicOrbit, found: PeriodicOrbit | None) -> PeriodicOrbit | None:
+    """Return a motion from the impact on that makes it most like another, if it has the same."""
+    turns = () if found is None else found.turned_to(orbit.stops)
+    return min(turns, key=orbit.differs, default=None)
+
+
+def performed(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
+    """Return the motion with the same impacts that a rig performs near a solution, if any."""
+    guess = _guess_performed(orbit, parameters)
+    return None if guess is None else _counted_as(orbit, solved(parameters, guess, orbit.cycles))
+
+
+def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
+    """
+    Return the motion of another rig that Newton's method leads to from a motion.
+
+    It has the same stops in the same order; other events may have come or gone. None if there is
+    none nearby that the rig can perform.
+    """
+    guess = guess_on(orbit)
+    found = None if guess is None else solved(parameters, guess, orbit.cycles)
+    return _counted_as(orbit, found) or performed(orbit, parameters)
+
+
+def impact_orbit_near(
+    parameters: RigParameters, stops: tuple[int, ...], cycles: int, x: Array, instants: Array
+) -> PeriodicOrbit | None:
+    """Return the motion of impacts only near X (m) at some instants (s), viable or not."""
+    equations = ImpactEquations(parameters, stops, cycles)
+    problem = Segments(parameters, impact_nodes(parameters, stops), cycles)
+    solution = solve(problem, equations.states(x, instants), instants)
+    return None if solution is None else orbit_of(solution)
+
+
+def orbit_near(
+    parameters: RigParameters, impact: Event, phase: float, cycles: int
+) -> PeriodicOrbit | None:
+    """
+    Find a periodic motion from an impact of a motion near it.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig.
+    impact : Event
+        The impact.
+    phase : float
+        Its instant in cycles of the force since its zero angle.
+    cycles : int
+        Period in cycles of the force.
+
+    Returns
+    -------
+    PeriodicOrbit or None
+        The motion to which Newton's method converges; None if it does not.
+    """
+    phase = number_between('phase', phase, -LATEST, LATEST)
+    cycles = check_cycles(cycles)
+    check_forcing(parameters, cycles)
+    cycle = math.tau / parameters.force_frequencies[0]
+    instant = cycle * (phase % cycles)
+    machine = machine_of(parameters)
+    velocity = impact.primary_velocity_after
+    relative = impact.damper_velocity_after - velocity
+    beyond = 0.0 if impact.stop == 1 else -2.0 * machine.constants.half_gap
+    # After a plastic impact m rests or leaves, as the forces say
+    resting = STICK if relative == 0.0 else 0
+    flight = flight_at(
+        machine, instant, impact.x, velocity, beyond, relative, resting, impact.stop
+    )
+    guess = guess_along(flight, instant, cycles * cycle)
+    return None if guess is None else solved(parameters, guess, cycles)
