@@ -17,7 +17,9 @@ from impact_damper_ros.rig.event import (
     STOP_ARRIVED,
     STOP_TOUCHED,
     EventRow,
+    View,
     sample_at,
+    view_at,
     write_passage,
 )
 from impact_damper_ros.rig.first_event import pass_zero
@@ -25,7 +27,6 @@ from impact_damper_ros.rig.flight import (
     Lines,
     Motion,
     Waves,
-    motion_after,
     motion_at,
     places_after,
 )
@@ -43,7 +44,7 @@ from impact_damper_ros.rig.run import (
     find_passage,
     next_event,
 )
-from impact_damper_ros.rig.state import RigConstants, Run, offset_of
+from impact_damper_ros.rig.state import RigConstants, Run
 from impact_damper_ros.rig.transition import move_stops
 
 from .actuator import commands_full, next_command, start_command, stop_stopped
@@ -73,14 +74,17 @@ def measure(
     rig: RigConstants, lines: Lines, run: Run, waves: Waves, control: Control, index: int
 ) -> Measurement:
     """Return the sample of an index that the sensors take at the present time."""
-    tau = max(0.0, (run.now - run.time) - run.time_low)
-    # Without the derivatives, which no sensor shows
-    motion: Motion = motion_after(rig, lines, run, waves, tau)
-    clearance_1, clearance_2, stop_1, stop_2 = places_after(run, tau, motion.travel)
-    speed = 0.0 if run.joint else motion.relative_velocity
-    offset = offset_of(clearance_1, clearance_2, stop_1, stop_2)
+    view: View = view_at(rig, lines, run, waves, run.now)
     return measured(
-        control, index, run.now, motion.x, motion.velocity, offset, speed, stop_1, stop_2
+        control,
+        index,
+        run.now,
+        view.x,
+        view.velocity,
+        view.y,
+        view.y_rate,
+        view.stop_1,
+        view.stop_2,
     )
 
 

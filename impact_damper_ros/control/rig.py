@@ -28,18 +28,16 @@ from impact_damper_ros.rig.event import (
     EventKind,
     EventRow,
     Sample,
+    View,
     events_of,
     sample_at,
+    view_at,
 )
 from impact_damper_ros.rig.event_budget import RunawayError
 from impact_damper_ros.rig.first_event import set_side
 from impact_damper_ros.rig.flight import (
-    Motion,
     begin_flight,
-    motion_at,
     move_to,
-    places_after,
-    stop_rates,
 )
 from impact_damper_ros.rig.forcing import SWEEP_FIELDS, SteppedSine, frequency_at
 from impact_damper_ros.rig.oscillator import Line
@@ -422,22 +420,20 @@ class Rig:
         """Present circular frequency of the first harmonic, rad/s; a sweep changes it."""
         return self._lines[0].frequency
 
-    def _motion(self) -> tuple[float, Motion]:
-        run = self._run
-        tau = max(0.0, (run.now - run.time) - run.time_low)
-        return tau, motion_at(self._rig, self._lines, run, self._waves, tau)
+    def _view(self) -> View:
+        return view_at(self._rig, self._lines, self._run, self._waves, self._run.now)
 
     @property
     def stops(self) -> tuple[float, float]:
         """Present positions Y of stop 1 and stop 2, m."""
-        tau, motion = self._motion()
-        return places_after(self._run, tau, motion.travel)[2:]
+        view = self._view()
+        return view.stop_1, view.stop_2
 
     @property
     def stop_velocities(self) -> tuple[float, float]:
         """Present velocities of stop 1 and stop 2 relative to M, m/s."""
-        _, motion = self._motion()
-        return stop_rates(self._run, motion.relative_velocity)
+        view = self._view()
+        return view.stop_rate_1, view.stop_rate_2
 
     @property
     def amplitude(self) -> float:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .compiled import dtype_of, kernel
-from .flight import Lines, Motion, Waves, motion_at, places_after, stop_rates
+from .flight import Lines, Motion, Waves, motion_after, places_after, stop_rates
 from .state import RigConstants, Run, offset_of, place
 
 
@@ -178,6 +178,31 @@ def write_quiet(run: Run, log: Sequence[EventRow], kind: int, stop: int) -> None
     write_event(run, log, kind, stop, velocity, velocity, damper, damper, 0.0)
 
 
+class View(NamedTuple):
+    """Where M, m and the stops are at an instant, and how fast: X, then Y relative to M."""
+
+    x: float
+    velocity: float
+    y: float
+    y_rate: float
+    stop_1: float
+    stop_2: float
+    stop_rate_1: float
+    stop_rate_2: float
+
+
+@kernel(inline=True)
+def view_at(rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float) -> View:
+    """Return what is seen at an instant of the flight."""
+    tau = max(0.0, (time - run.time) - run.time_low)
+    motion: Motion = motion_after(rig, lines, run, waves, tau)
+    clearance_1, clearance_2, stop_1, stop_2 = places_after(run, tau, motion.travel)
+    y = offset_of(clearance_1, clearance_2, stop_1, stop_2)
+    speed = 0.0 if run.joint else motion.relative_velocity
+    rate_1, rate_2 = stop_rates(run, speed)
+    return View(motion.x, motion.velocity, y, speed, stop_1, stop_2, rate_1, rate_2)
+
+
 @kernel
 def write_passage(
     rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Sequence[EventRow]
@@ -185,19 +210,16 @@ def write_passage(
     """Write that X passes through zero at the present time."""
     if run.room == 0:
         return
-    tau = max(0.0, (run.now - run.time) - run.time_low)
-    motion: Motion = motion_at(rig, lines, run, waves, tau)
-    clearance_1, clearance_2, stop_1, stop_2 = places_after(run, tau, motion.travel)
-    damper = motion.velocity + (0.0 if run.joint else motion.relative_velocity)
+    view: View = view_at(rig, lines, run, waves, run.now)
     row = log[run.written]
     run.written += 1
     row.time = run.now
-    row.x = motion.x
-    row.y = offset_of(clearance_1, clearance_2, stop_1, stop_2)
-    row.primary_velocity_before = motion.velocity
-    row.primary_velocity_after = motion.velocity
-    row.damper_velocity_before = damper
-    row.damper_velocity_after = damper
+    row.x = view.x
+    row.y = view.y
+    row.primary_velocity_before = view.velocity
+    row.primary_velocity_after = view.velocity
+    row.damper_velocity_before = view.velocity + view.y_rate
+    row.damper_velocity_after = view.velocity + view.y_rate
     row.impulse = 0.0
     row.kind = CROSSING
     row.stop = 0
@@ -209,19 +231,15 @@ def sample_at(
     rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
     """Return the motion at an instant of the flight, in the order of `Sample`."""
-    tau = max(0.0, (time - run.time) - run.time_low)
-    motion: Motion = motion_at(rig, lines, run, waves, tau)
-    clearance_1, clearance_2, stop_1, stop_2 = places_after(run, tau, motion.travel)
-    speed = 0.0 if run.joint else motion.relative_velocity
-    rate_1, rate_2 = stop_rates(run, speed)
+    view: View = view_at(rig, lines, run, waves, time)
     return (
         time,
-        motion.x,
-        motion.velocity,
-        motion.x + offset_of(clearance_1, clearance_2, stop_1, stop_2),
-        motion.velocity + speed,
-        motion.x + stop_1,
-        motion.x + stop_2,
-        motion.velocity + rate_1,
-        motion.velocity + rate_2,
+        view.x,
+        view.velocity,
+        view.x + view.y,
+        view.velocity + view.y_rate,
+        view.x + view.stop_1,
+        view.x + view.stop_2,
+        view.velocity + view.stop_rate_1,
+        view.velocity + view.stop_rate_2,
     )

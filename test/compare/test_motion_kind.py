@@ -80,7 +80,7 @@ def test_the_third_stage_of_the_demonstration():
         ('vertical, force 1.6', 100, CHAOTIC),
         ('heavy at 1.1, gap 8.757', 30, QUASI),
         ('heavy at 1.1, gap 8.757', 300, QUASI),
-        ('heavy, gap 10.062', 100, QUASI),
+        ('heavy, gap 10.062', 300, QUASI),
         # A torus about to break up
         ('heavy at 1.1, gap 9.0', 30, UNDECIDED),
         # Locked to a period of 13 cycles, after hundreds of others

@@ -1,6 +1,7 @@
 """The rig to the last bit: cut up, interrupted, restored, taken back, previewed, compiled."""
 
 import math
+import os
 import random
 
 import pytest
@@ -21,6 +22,7 @@ from impact_damper_ros.rig import EventKind, Mode
 KINDS = ('free', 'stops', 'swept', 'multisine', 'off', 'amplitude', 'timed', 'predictive', 'own')
 #: Modes and kinds of events that were seen, by the way the rig went.
 SEEN = {}
+RAN = set()
 
 
 def lively(kind, seed):
@@ -76,6 +78,7 @@ def act(kind, rng, rigs):
 
 
 def note(way, rig, events):
+    RAN.add(os.environ['PYTEST_CURRENT_TEST'])
     SEEN.setdefault(way, set()).update([rig.mode, *(e.kind for e in events)])
 
 
@@ -155,5 +158,7 @@ def test_as_a_whole_run(kind, seed, compiled):
 
 
 def test_much_was_seen():
+    if len(RAN) < 3 * 10 * len(KINDS):
+        pytest.skip('not all of the rigs ran in this process')
     for seen in SEEN.values():
         assert seen >= set(EventKind) | set(Mode) - {Mode.CHATTER_1, Mode.CHATTER_2}

@@ -124,8 +124,8 @@ def test_chaos_never_repeats_and_feels_its_start():
     state = one.snapshot()
     other = Rig.restore(state)
     other.change(preset.rig.replace(gap=preset.rig.gap * (1 + 1e-9)))
-    one.advance(60.0)
-    other.advance(60.0)
+    one.advance(80.0)
+    other.advance(80.0)
     assert abs(one.sample().x - other.sample().x) > 1e-4
     impacts, _ = run(preset, 100, 100)
     phases = [event.time * 31.416 / math.tau % 1.0 for event in impacts if event.stop == 1]
