@@ -72,10 +72,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _port(text: str) -> int:
-    number = int(text)
-    if not 0 <= number <= 65535:
+    if not (text.isdecimal() and int(text) <= 65535):
         raise argparse.ArgumentTypeError(f'{text!r}: give a whole number from 0 to 65535')
-    return number
+    return int(text)
 
 
 def _without_ros_arguments(arguments: Sequence[str]) -> list[str]:
@@ -172,6 +171,11 @@ def _missing(arguments: argparse.Namespace) -> str:
         return 'rclpy is missing: source ROS 2, or play a recording with --bag'
     if arguments.bag is not None and not arguments.bag.exists():
         return f'{arguments.bag}: there is no such bag or directory'
+    if arguments.bag is not None and arguments.bag.is_file():
+        from impact_damper_ros.page.recordings import Recordings
+
+        if not Recordings(arguments.bag).single:
+            return f'{arguments.bag} is no bag: give a file .mcap or .db3, or a directory of bags'
     return ''
 
 

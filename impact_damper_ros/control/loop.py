@@ -238,9 +238,7 @@ def sample_on(
             return
         run.now = sample
         run.steps -= 1
-        index = control.controller.sample_index
-        take_sample(control, measure(rig, lines, run, waves, control, index))
-        end_sample(control, sample, 0.0, 0.0)
+        perform_sample(rig, lines, run, waves, control)
 
 
 @kernel

@@ -94,7 +94,7 @@ class Outcome(IntEnum):
 
     #: The requested time was reached.
     COMPLETE = DONE
-    #: The rig had as many events as allowed; it may go on.
+    #: The most events were reached; the rig may go on.
     TOO_MANY_EVENTS = SPENT
     #: The rig has events without end at one instant, and cannot go on.
     RUNAWAY = RUNAWAY
@@ -484,7 +484,7 @@ class Rig:
         Parameters
         ----------
         time : float
-            Time to reach, s; not before the present one.
+            Time to reach, s, from the present one on.
         most_events : float, optional
             After so many events (rounded up; under control, about so many) the rig stops, at an
             event, if more are due before that time; it may go on from there.
@@ -630,7 +630,7 @@ class Rig:
         Parameters
         ----------
         time : float
-            Time to reach, s; not before the present one.
+            Time to reach, s, from the present one on.
         instants : array_like of float, optional
             Instants at which to sample, s: ascending, from the present time to the one to reach.
         record : bool, optional

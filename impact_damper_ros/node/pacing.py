@@ -106,7 +106,7 @@ class StampClock:
         return self.offset_ns != before
 
     def step_ns(self) -> int:
-        """Return by how much the system clock has left the stamps; 0 if by little."""
+        """Return how far the system clock is from the stamps, or 0 for a small difference."""
         step_ns = 0 if self._simulated else _system_zero_ns() - self._zero_ns
         return step_ns if abs(step_ns) > CATCH_UP_NS else 0
 
