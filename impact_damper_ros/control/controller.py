@@ -159,7 +159,7 @@ class Controller:
 
 @kernel
 def clear_controller(controller: Controller) -> None:
-    """Put the state back to that at the start."""
+    """Reset the state to that at the start."""
     controller.sample_index = 0
     controller.trigger_index = 0
     controller.roused = False

@@ -75,7 +75,7 @@ class ControlRecord(NamedTuple):
 
     @classmethod
     def of(cls, rows: Sequence[ActRow]) -> list[Self]:
-        """Return rows that the loop has written."""
+        """Return the rows that the loop has written as records."""
         return [
             cls(row.time, Action(row.action), *(getattr(row, n) for n in cls._fields[2:]))
             for row in rows

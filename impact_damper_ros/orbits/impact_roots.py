@@ -23,7 +23,7 @@ from .settling import settled_impacts, starting_points
 
 
 def impact_problem(equations: ImpactEquations) -> Segments:
-    """Return the boundary-value problem that the equations give the starts of."""
+    """Return the boundary-value problem for which these equations provide the starts."""
     nodes = impact_nodes(equations.parameters, equations.stops)
     return Segments(equations.parameters, nodes, equations.cycles)
 

@@ -612,7 +612,7 @@ def motion_at(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: floa
 
 @kernel(inline=True)
 def turn_waves(lines: Lines, waves: Waves, tau: float) -> None:
-    """Turn the angles of the harmonics for a time, mod 2 pi."""
+    """Advance the angles of the harmonics by a duration, mod 2 pi."""
     for j in range(len(waves)):
         total = waves[j].angle + lines[j].frequency * tau
         turns = floor(total * 0.15915494309189535)

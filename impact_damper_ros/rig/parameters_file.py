@@ -254,7 +254,7 @@ def _parameter_blocks(tree: Block, node: str) -> Block:
 
 
 def _values(path: Path, node: str) -> Block:
-    """Return the values that a file gives a node, by names that there are."""
+    """Return the values of known parameters that a file sets for a node."""
     tree = guarded_yaml(path)
     if not isinstance(tree, Block) or not tree:
         raise ParametersFileError(

@@ -52,7 +52,7 @@ def check_number(name: str, value: object, low: float = -_LARGEST, high: float =
 
 
 def check_numbers(name: str, values: Iterable[object]) -> None:
-    """Check that all values are numbers, none too large."""
+    """Check that every value is a number of allowed size."""
     for value in values:
         check_number(f'an entry of {name}', value)
 

@@ -63,7 +63,7 @@ def test_lines_fill_the_band_evenly():
 
 @pytest.mark.parametrize('lines', [1, 2, 64, 512])
 def test_the_level_is_the_effective_value(lines):
-    """Over a period of the sum, by its samples."""
+    """Compared with the mean square of samples over a period of the sum."""
     amplitudes, frequencies, phases = map(np.array, multisine(0.7, 1.0, 3.0, lines, 5))
     spacing = 2.0 / max(1, lines - 1)
     # All lines are whole multiples of the spacing from the first one.

@@ -73,7 +73,7 @@ def test_range(table, spec):
 
 
 def test_tables():
-    """No name stands for two parameters; each is described, with a default within its range."""
+    """Names are unique; each parameter has a description, and a default within its range."""
     assert len(ALL_SPECS) == sum(map(len, TABLES.values()))
     for table, specs in TABLES.items():
         assert list(table().as_dict()) == list(specs)
