@@ -16,7 +16,7 @@ import numpy as np
 
 from impact_damper_ros.control import Outcome, Rig
 from impact_damper_ros.control.rig import Events
-from impact_damper_ros.orbits.flights import Flight, Machine, flight_at, machine_of
+from impact_damper_ros.orbits.flights import Flight, Machine, flight_at_impact, machine_of
 from impact_damper_ros.orbits.irregularity import (
     IRREGULAR_SPREAD,
     REGULAR_SPREAD,
@@ -42,7 +42,6 @@ from impact_damper_ros.rig import EVENT_TYPE, EventKind, RigParameters
 from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.snapshot import LATEST, Snapshot
-from impact_damper_ros.rig.state import REST_1, REST_2
 
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates, largest_size
 from .result import Array
@@ -228,17 +227,13 @@ def _after_impact(
     machine: Machine, clock: ForceClock, impacts: RecordedImpacts, row: int
 ) -> Flight:
     """Return the flight from just after an impact."""
-    velocity, stop = float(impacts.velocity_after[row]), int(impacts.stop[row])
-    relative = float(impacts.damper_velocity_after[row]) - velocity
-    return flight_at(
+    return flight_at_impact(
         machine,
         float(impacts.time[row] - clock.zero),
+        int(impacts.stop[row]),
         float(impacts.x[row]),
-        velocity,
-        0.0 if stop == 1 else -2.0 * machine.constants.half_gap,
-        relative,
-        0 if relative else (REST_1 if stop == 1 else REST_2),
-        stop,
+        float(impacts.velocity_after[row]),
+        float(impacts.damper_velocity_after[row]),
     )
 
 

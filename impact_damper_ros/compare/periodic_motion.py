@@ -24,7 +24,8 @@ from impact_damper_ros.orbits import (
     find_orbits,
     orbit_near,
 )
-from impact_damper_ros.orbits.flights import flight_after_impact, machine_of
+from impact_damper_ros.orbits.flights import flight_at_impact, machine_of
+from impact_damper_ros.orbits.orbit import AT_IMPACTS
 from impact_damper_ros.orbits.recognition import (
     SETTLED,
     ImpactTable,
@@ -60,16 +61,6 @@ from .result import (
 #: Nearer than this, the motion that Newton's method leads to is taken without a further search.
 _NEAR = 0.05
 _MOST_SEARCHED_IMPACTS = 4
-#: What an orbit has one of for each impact.
-_BY_IMPACT = (
-    'stops',
-    'phases',
-    'x',
-    'primary_velocity_before',
-    'primary_velocity_after',
-    'damper_velocity_before',
-    'damper_velocity_after',
-)
 
 
 @dataclass(frozen=True)
@@ -95,7 +86,8 @@ def _without_weak_impacts(orbit: PeriodicOrbit) -> PeriodicOrbit:
     if len(kept) == orbit.impacts:
         return orbit
     columns: dict[str, Any] = {
-        name: tuple(getattr(orbit, name)[i] for i in kept) for name in _BY_IMPACT
+        name: tuple(getattr(orbit, name)[i] for i in kept)
+        for name in ('stops', 'phases', *AT_IMPACTS)
     }
     return replace(orbit, **columns)
 
@@ -435,7 +427,7 @@ def predicted_curve(
     first = period.phases[0] if period is not None else float(clock.phase(np.array(time)) % 1.0)
     late = round(orbit.phases[0] - first) if period is not None else 0
     zero = time - (first + late) * clock.cycle
-    flight = flight_after_impact(
+    flight = flight_at_impact(
         machine_of(clock.counted_from_zero()),
         zero + orbit.phases[0] * clock.cycle - clock.zero,
         orbit.stops[0],

@@ -18,7 +18,15 @@ from impact_damper_ros.rig.flight import Lines, Waves
 from impact_damper_ros.rig.oscillator import oscillators
 from impact_damper_ros.rig.parameter_spec import ParameterError
 from impact_damper_ros.rig.run import ALL_STEPS, count_modes
-from impact_damper_ros.rig.state import Mode, RigConstants, Run, Wave, incline, rig_fields
+from impact_damper_ros.rig.state import (
+    Mode,
+    RigConstants,
+    Run,
+    Wave,
+    incline,
+    rig_fields,
+    starting_fields,
+)
 from impact_damper_ros.rig.transition import begin_from
 
 from .loop import run_through
@@ -217,14 +225,8 @@ def run_ensemble(
 
     rigs, lines = _constants(parameters, p, count)
     runs = np.full(count, packed(Run(room=0, steps=ALL_STEPS, most=most)))
-    half = rigs['half_gap']
-    runs['x'] = start.initial_primary_position
-    runs['velocity'] = start.initial_primary_velocity
-    runs['relative_velocity'] = start.initial_damper_velocity - start.initial_primary_velocity
-    runs['clearance_1'] = half - start.initial_damper_offset
-    runs['clearance_2'] = np.inf if p.one_sided else half + start.initial_damper_offset
-    for stop, side in ((1, 1.0), (2, -1.0)):
-        runs[f'stop_{stop}'] = runs[f'target_{stop}'] = side * half
+    for name, column in starting_fields(start, rigs['half_gap'], p.one_sided).items():
+        runs[name] = column
     waves = np.full((count, lines.shape[1] // 2), packed(Wave()))
     in_mode = np.zeros((count, len(Mode)))
     outcomes = np.zeros(count, np.int64)

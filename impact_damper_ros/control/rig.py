@@ -58,7 +58,7 @@ from impact_damper_ros.rig.run import (
     find_event,
 )
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot, check_whole
-from impact_damper_ros.rig.state import Mode, Run, Wave, constants_of
+from impact_damper_ros.rig.state import Mode, Run, Wave, constants_of, starting_fields
 from impact_damper_ros.rig.transition import begin_from, move_stops, place_stops_at_gap
 
 from .actuator import settle_stops
@@ -157,7 +157,7 @@ class RunResult(NamedTuple):
 
 
 def most_of(most_events: float) -> int:
-    """Return a number of events, rounded up; or raise a ValueError."""
+    """Round a number of events up; raise a ValueError if it is negative or NaN."""
     number = as_float(most_events)
     if not number >= 0.0:
         raise ValueError(
@@ -167,7 +167,7 @@ def most_of(most_events: float) -> int:
 
 
 def later_time(time: float, now: float) -> float:
-    """Return a time to which a rig can run, s; or raise a ValueError."""
+    """Return a time (s) as a float; raise a ValueError if a rig cannot run to it."""
     end = as_float(time)
     if not now <= end < inf:
         raise ValueError(
@@ -179,7 +179,7 @@ def later_time(time: float, now: float) -> float:
 
 
 def times_between(since: float, end: float, instants: Any) -> npt.NDArray[np.float64]:
-    """Return instants in order as an array; or raise a ValueError."""
+    """Return instants as an array; raise a ValueError if they are not in order or range."""
     try:
         when = np.array(instants, dtype=float).reshape(-1)
     except (OverflowError, TypeError, ValueError) as error:
@@ -343,20 +343,8 @@ class Rig:
         initial.check_within(parameters)
         self._sweep = SteppedSine.begun(parameters, time)
         self._tune()
-        half, offset = self._rig.half_gap, initial.initial_damper_offset
-        self._run = Run(
-            time=time,
-            x=initial.initial_primary_position,
-            velocity=initial.initial_primary_velocity,
-            relative_velocity=initial.initial_damper_velocity - initial.initial_primary_velocity,
-            clearance_1=half - offset,
-            clearance_2=inf if parameters.one_sided else half + offset,
-            stop_1=half,
-            stop_2=-half,
-            target_1=half,
-            target_2=-half,
-            now=time,
-        )
+        fields = starting_fields(initial, self._rig.half_gap, parameters.one_sided)
+        self._run = Run(time=time, now=time, **fields)
         self._waves = [Wave() for _ in range(self._rig.harmonics)]
         self._records: list[ControlRecord] = []
         # An impact at the very start, of m that moves into the stop it is on
@@ -380,7 +368,7 @@ class Rig:
 
     def _begin(self) -> list[Event]:
         """Begin from a state of unknown mode; return what happens there."""
-        rows = [EventRow() for _ in range(8)]
+        rows = [EventRow() for _ in range(ROWS_AT_ONCE)]
         self._run.room, self._run.written = len(rows), 0
         begin_from(self._rig, self._lines, self._run, self._waves, rows)
         return events_of(rows, self._run.written)
@@ -407,12 +395,12 @@ class Rig:
 
     @property
     def own_law(self) -> OwnLaw | None:
-        """The law of the user's own, if there is one."""
+        """The control law of the user, or None."""
         return self._law
 
     @property
     def mode(self) -> Mode:
-        """Present mode, after any event at the present time."""
+        """Mode of the motion at the present time, after any event at that time."""
         return Mode(self._run.mode)
 
     @property
@@ -874,7 +862,7 @@ class Rig:
         for stop, target in ((1, stop_1), (2, stop_2)):
             if target is not None:
                 _check_target(self._rig.one_sided, stop, target, speed)
-        rows = [EventRow() for _ in range(8)]
+        rows = [EventRow() for _ in range(ROWS_AT_ONCE)]
         self._run.room, self._run.written = len(rows), 0
         move_stops(
             self._rig,

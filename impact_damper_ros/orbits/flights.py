@@ -24,6 +24,7 @@ from impact_damper_ros.rig.run import ALL_STEPS, find_event
 from impact_damper_ros.rig.state import (
     REST_1,
     REST_2,
+    STICK,
     RigConstants,
     Run,
     Wave,
@@ -145,7 +146,7 @@ def flight_at(
     return Flight(machine, run, waves).begun()
 
 
-def flight_after_impact(
+def flight_at_impact(
     machine: Machine,
     instant: float,
     stop: int,
@@ -153,6 +154,13 @@ def flight_after_impact(
     velocity: float,
     damper_velocity: float,
 ) -> Flight:
-    """Return the flight from just after an impact, at an instant of the force's clock, s."""
+    """
+    Return the flight from a stop, at an instant of the force's clock, s.
+
+    Without relative velocity, as after a plastic impact, m rests there or leaves, as the forces
+    say.
+    """
+    relative = damper_velocity - velocity
     beyond = 0.0 if stop == 1 else -2.0 * machine.constants.half_gap
-    return flight_at(machine, instant, x, velocity, beyond, damper_velocity - velocity, 0, stop)
+    resting = STICK if relative == 0.0 else 0
+    return flight_at(machine, instant, x, velocity, beyond, relative, resting, stop)

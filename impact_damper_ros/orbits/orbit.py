@@ -15,8 +15,8 @@ from impact_damper_ros.rig import EventKind, RigParameters
 NEUTRAL = 1e-6
 
 #: Values at the impacts, in the order of the stops.
-_AT_IMPACTS = (
-    'stops',
+#: What a motion has one of for each impact, beside the stop and the phase.
+AT_IMPACTS = (
     'x',
     'primary_velocity_before',
     'primary_velocity_after',
@@ -159,7 +159,7 @@ class PeriodicOrbit:
             values = getattr(self, name)
             return tuple(values[impact:] + values[:impact])
 
-        changed: dict[str, Any] = {name: turned(name) for name in _AT_IMPACTS}
+        changed: dict[str, Any] = {name: turned(name) for name in ('stops', *AT_IMPACTS)}
         changed['phases'] = tuple((p - whole) % self.cycles for p in turned('phases'))
         changed['events'] = tuple(
             event._replace(phase=(event.phase - whole) % self.cycles) for event in self.events

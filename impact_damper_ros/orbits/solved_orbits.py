@@ -28,8 +28,8 @@ from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
 
 from .equations import Array, ImpactEquations, check_cycles, check_forcing, single_harmonic
-from .flights import Flight, flight_at, machine_of
-from .orbit import OrbitEvent, PeriodicOrbit
+from .flights import Flight, flight_at_impact, machine_of
+from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
 from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
 from .trajectory import FlightPart, Trajectory, follow_trajectory
 from .viability import largest_displacement, why_not_viable
@@ -126,12 +126,12 @@ def guess_along(flight: Flight, instant: float, period: float) -> Guess | None:
 
 def _first_flight(orbit: PeriodicOrbit, parameters: RigParameters, instant: float) -> Flight:
     """Return what a rig does after the first impact of a motion, at an instant of its force, s."""
-    machine, stop = machine_of(parameters), orbit.stops[0]
     velocity = orbit.primary_velocity_before[0]
-    relative = orbit.damper_velocity_before[0] - velocity
-    beyond = 0.0 if stop == 1 else -2.0 * machine.constants.half_gap
-    there = flight_at(machine, instant, orbit.x[0], velocity, beyond, relative, 0, stop)
-    return there.struck(velocity, relative)
+    damper_velocity = orbit.damper_velocity_before[0]
+    there = flight_at_impact(
+        machine_of(parameters), instant, orbit.stops[0], orbit.x[0], velocity, damper_velocity
+    )
+    return there.struck(velocity, damper_velocity - velocity)
 
 
 def _first_instant(orbit: PeriodicOrbit) -> float:
@@ -207,7 +207,7 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
     ]
     durations = [float(last) for last in segments.durations(instants)]
     reason = why_not_viable(segments, flights, durations, before)
-    columns: dict[str, list[float]] = {name: [] for name in _AT_IMPACTS}
+    columns: dict[str, list[float]] = {name: [] for name in ('phases', *AT_IMPACTS)}
     events: list[OrbitEvent] = []
     for j, node in enumerate(segments.nodes):
         phase = (float(instants[j]) / cycle - whole) % cycles
@@ -221,8 +221,8 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
             *(phase, float(states[j, 0]), velocity, after),
             *(velocity + relative, after - restitution * relative),
         )
-        for name, value in zip(_AT_IMPACTS, row, strict=True):
-            columns[name].append(value)
+        for column, value in zip(columns.values(), row, strict=True):
+            column.append(value)
         if node.resting:
             left = 0.0
             if node.mode >= CHATTER_1:
@@ -242,16 +242,6 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
         residual_history=solution.history,
         events=tuple(events),
     )
-
-
-_AT_IMPACTS = (
-    'phases',
-    'x',
-    'primary_velocity_before',
-    'primary_velocity_after',
-    'damper_velocity_before',
-    'damper_velocity_after',
-)
 
 
 def solved(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbit | None:
@@ -274,13 +264,13 @@ def solved(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbi
 
 
 def _counted_as(orbit: PeriodicOrbit, found: PeriodicOrbit | None) -> PeriodicOrbit | None:
-    """Return a motion from the impact on that makes it most like another, if it has the same."""
+    """Return a motion, begun at the impact that makes it most like another; None without one."""
     turns = () if found is None else found.turned_to(orbit.stops)
     return min(turns, key=orbit.differs, default=None)
 
 
 def performed(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
-    """Return the motion with the same impacts that a rig performs near a solution, if any."""
+    """Return the motion near a solution, with the same stops, that a rig performs, or None."""
     guess = _guess_performed(orbit, parameters)
     return None if guess is None else _counted_as(orbit, solved(parameters, guess, orbit.cycles))
 
@@ -334,14 +324,13 @@ def orbit_near(
     check_forcing(parameters, cycles)
     cycle = math.tau / parameters.force_frequencies[0]
     instant = cycle * (phase % cycles)
-    machine = machine_of(parameters)
-    velocity = impact.primary_velocity_after
-    relative = impact.damper_velocity_after - velocity
-    beyond = 0.0 if impact.stop == 1 else -2.0 * machine.constants.half_gap
-    # After a plastic impact m rests or leaves, as the forces say
-    resting = STICK if relative == 0.0 else 0
-    flight = flight_at(
-        machine, instant, impact.x, velocity, beyond, relative, resting, impact.stop
+    flight = flight_at_impact(
+        machine_of(parameters),
+        instant,
+        impact.stop,
+        impact.x,
+        impact.primary_velocity_after,
+        impact.damper_velocity_after,
     )
     guess = guess_along(flight, instant, cycles * cycle)
     return None if guess is None else solved(parameters, guess, cycles)

@@ -88,6 +88,12 @@ def keeps_sign(f_a: float, d_a: float, f_b: float, d_b: float, step: float, boun
 
 
 @kernel(inline=True)
+def falls(d_a: float, d_b: float, step: float, bound: float) -> bool:
+    """Return whether a function is certain to fall between two instants, by its rates there."""
+    return max(d_a, d_b) + 0.125 * step * step * bound < 0.0
+
+
+@kernel(inline=True)
 def falling_root(f_a: float, d_a: float, f_b: float, d_b: float, step: float) -> float:
     """Return a guess of where a falling function is zero between two instants."""
     change = f_b - f_a
@@ -256,9 +262,8 @@ def first_root(
         span = t_b - t_a
         motion = motion_at(rig, lines, run, waves, t_b)
         f_b, d_b, _, size = watched(rig, run, kind, t_b, motion)
-        sag = 0.125 * span * span * bound_3
         error = ERROR * size + _NO_LENGTH + 2.0 * max(0.0, -f_a)
-        if max(d_a, d_b) + sag < 0.0:
+        if falls(d_a, d_b, span, bound_3):
             if f_b <= 0.0:
                 return root_between(rig, lines, run, waves, kind, t_a, f_a, d_a, t_b, f_b, d_b)
         elif not keeps_sign(f_a + error, d_a, f_b + error, d_b, span, bound_4):
@@ -389,7 +394,7 @@ def look_for(
     error = ERROR * size
     if keeps_sign(f_a - error, d_a, f_b - error, d_b, span, bound_4):
         return
-    if f_a > error and max(d_a, d_b) + 0.125 * span * span * bound_3 < 0.0:
+    if f_a > error and falls(d_a, d_b, span, bound_3):
         if f_b <= 0.0 and end <= run.tau:
             root_between(rig, lines, run, waves, kind, start, f_a, d_a, end, f_b, d_b)
             return
@@ -984,7 +989,7 @@ def passage_by_series(
     if not (
         side * x_a > ERROR * abs(x_b)
         and side * x_b <= 0.0
-        and max(side * velocity_a, side * velocity_b) + 0.125 * step * step * bound_3 < 0.0
+        and falls(side * velocity_a, side * velocity_b, step, bound_3)
     ):
         return nan
     guess = falling_root(side * x_a, side * velocity_a, side * x_b, side * velocity_b, step)
@@ -1064,7 +1069,7 @@ def search_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> N
 
 @kernel
 def pass_zero(run: Run) -> None:
-    """Go on to look for the passage after one."""
+    """Continue the search after a passage of X through zero."""
     run.crossing_side = -run.crossing_side
     run.crossing = inf
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from .compiled import kernel
 from .oscillator import Line, Oscillator, oscillators
-from .parameters import RigParameters
+from .parameters import InitialConditions, RigParameters
 
 FREE = 0
 SLIDE_DOWN = 1
@@ -313,6 +313,23 @@ class Run:
     steps: int = 0
 
 
+def starting_fields(initial: InitialConditions, half_gap: Any, one_sided: bool) -> dict[str, Any]:
+    """Return the fields of `Run` in which a start differs from the default, of one rig or many."""
+    offset = initial.initial_damper_offset
+    velocity = initial.initial_primary_velocity
+    return {
+        'x': initial.initial_primary_position,
+        'velocity': velocity,
+        'relative_velocity': initial.initial_damper_velocity - velocity,
+        'clearance_1': half_gap - offset,
+        'clearance_2': inf if one_sided else half_gap + offset,
+        'stop_1': half_gap,
+        'stop_2': -half_gap,
+        'target_1': half_gap,
+        'target_2': -half_gap,
+    }
+
+
 #: Fields of `Run` that a snapshot keeps: the state at the origin, and how far it is searched.
 STORED = (
     *[field.name for field in fields(Run)][:18],
@@ -324,7 +341,7 @@ STORED_TYPES: dict[str, Any] = {n: t for n, t in get_type_hints(Run).items() if 
 
 @kernel
 def copy_state(run: Run, waves: Sequence[Wave], other: Run, others: Sequence[Wave]) -> None:
-    """Set the state at the origin of another run to that of a run."""
+    """Copy the state at the origin of a run to another run."""
     other.time = run.time
     other.time_low = run.time_low
     other.mode = run.mode
@@ -371,13 +388,13 @@ def place(run: Run) -> float:
 
 @kernel(inline=True)
 def on_stop_1(run: Run) -> bool:
-    """Return whether m is on stop 1 while that stands."""
+    """Return whether m touches stop 1 and that stop does not move."""
     return run.clearance_1 == 0.0 and run.stop_velocity_1 == 0.0
 
 
 @kernel(inline=True)
 def on_stop_2(run: Run) -> bool:
-    """Return whether m is on stop 2 while that stands."""
+    """Return whether m touches stop 2 and that stop does not move."""
     return run.clearance_2 == 0.0 and run.stop_velocity_2 == 0.0
 
 
