@@ -2,7 +2,7 @@
 The actuators of the stops: a delay, a speed, and what they spend.
 
 A command waits for the delay and then moves its stop, in place of the command before. The rig
-decides what happens where a stop meets m.
+decides what happens where a stop meets m: it stands there, and goes on as soon as m lets it.
 
 The energy is that of the stop itself, of mass `actuator_mass`: each start and each reversal spends
 its kinetic energy at full speed, none of which is recovered by braking. Friction of the guides,
@@ -177,29 +177,15 @@ def start_command(control: Control, place_1: float, place_2: float) -> tuple[flo
     return stop_1, stop_2
 
 
-@kernel
-def is_commanded(control: Control, stop: int) -> bool:
-    """Return whether a command to a stop waits."""
-    rows = control.commands
-    for k in range(control.actuators.waiting):
-        row = rows[(control.actuators.first + k) % len(rows)]
-        target = row.stop_1 if stop == 1 else row.stop_2
-        if target == target:
-            return True
-    return False
-
-
-@kernel
-def stop_stopped(control: Control, stop: int, place: float) -> None:
-    """Note that a stop stands at a place, Y in m; at its target if that is NaN."""
+@kernel(inline=True)
+def note_velocity(control: Control, stop: int, velocity: float) -> None:
+    """Note that a stop stands where it arrived or met m, or goes on behind m, at a velocity."""
     actuators: Actuators = control.actuators
-    # The next command starts from here.
-    free = not is_commanded(control, stop)
+    if velocity != 0.0:
+        energy = control.settings.start_energy
+        actuators.energy_1 += energy if stop == 1 else 0.0
+        actuators.energy_2 += energy if stop == 2 else 0.0
     if stop == 1:
-        actuators.velocity_1 = 0.0
-        if free:
-            actuators.commanded_1 = place if place == place else actuators.target_1
+        actuators.velocity_1 = velocity
     else:
-        actuators.velocity_2 = 0.0
-        if free:
-            actuators.commanded_2 = place if place == place else actuators.target_2
+        actuators.velocity_2 = velocity

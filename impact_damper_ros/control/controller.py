@@ -483,11 +483,9 @@ def take_sample(control: Control, seen: Measurement) -> None:
 
 
 @kernel(inline=True)
-def end_sample(control: Control, time: float, stop_1: float, stop_2: float) -> None:
-    """Go on to the next sample of the grid; `send_back` stops that are not at the gap yet."""
+def end_sample(control: Control) -> None:
+    """Go on to the next sample of the grid."""
     controller: Controller = control.controller
-    if controller.returning:
-        send_back(control, time, stop_1, stop_2)
     controller.sample_index += 1
     if control.settings.law == 0 and not controller.returning:
         forget_all(control)
@@ -543,17 +541,12 @@ def rest_stops(control: Control, time: float) -> None:
 
 
 @kernel
-def send_back(control: Control, time: float, stop_1: float, stop_2: float) -> None:
-    """Send stops that met m on their way back to the gap again, at a sampling instant."""
+def note_return(control: Control, stop_1: float, stop_2: float) -> None:
+    """Note whether the stops are back at the gap, by their places."""
     actuators: Actuators = control.actuators
-    if actuators.waiting > 0 or actuators.velocity_1 != 0.0 or actuators.velocity_2 != 0.0:
-        return
     half_gap = control.settings.half_gap
-    left_1 = half_gap if stop_1 != half_gap else nan
-    left_2 = -half_gap if stop_2 != -half_gap else nan
-    control.controller.returning = left_1 == left_1 or left_2 == left_2
-    if control.controller.returning:
-        order_stops(control, time, left_1, left_2)
+    away = stop_1 != half_gap or stop_2 != -half_gap
+    control.controller.returning = actuators.waiting > 0 or away
 
 
 @kernel

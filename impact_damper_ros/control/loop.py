@@ -15,6 +15,7 @@ from impact_damper_ros.rig.compiled import kernel
 from impact_damper_ros.rig.event import (
     ROWS_AT_ONCE,
     STOP_ARRIVED,
+    STOP_STARTED,
     STOP_TOUCHED,
     EventRow,
     View,
@@ -47,13 +48,14 @@ from impact_damper_ros.rig.run import (
 from impact_damper_ros.rig.state import RigConstants, Run
 from impact_damper_ros.rig.transition import move_stops
 
-from .actuator import commands_full, next_command, start_command, stop_stopped
+from .actuator import commands_full, next_command, note_velocity, start_command
 from .controller import (
     Control,
     end_sample,
     holds_off,
     measured,
     next_sample,
+    note_return,
     take_crossing,
     take_sample,
     trigger_number,
@@ -66,7 +68,7 @@ _COMMAND_ACTION = int(Action.COMMAND)
 _ARRIVED_ACTION = int(Action.ARRIVED)
 _TOUCHED_ACTION = int(Action.TOUCHED)
 _CROSSING_ACTION = int(Action.CROSSING)
-_NAN = float('nan')
+_STARTED_ACTION = int(Action.STARTED)
 
 
 @kernel
@@ -142,16 +144,19 @@ def write_act(control: Control, acts: Sequence[ActRow], action: int, time: float
 def note_stops(
     run: Run, log: Sequence[EventRow], control: Control, acts: Sequence[ActRow], first: int
 ) -> None:
-    """Note the stops that have arrived or met m, by the events from a row on."""
+    """Note the stops that arrived, met m or went on, by the events from a row on."""
     for k in range(first, run.written):
         row = log[k]
         if row.kind == STOP_ARRIVED:
-            # Not the Y of an arrival, which is that of m: the encoder shows the target.
-            stop_stopped(control, row.stop, _NAN)
+            note_velocity(control, row.stop, 0.0)
             write_act(control, acts, _ARRIVED_ACTION, row.time)
         elif row.kind == STOP_TOUCHED:
-            stop_stopped(control, row.stop, row.y)
+            note_velocity(control, row.stop, 0.0)
             write_act(control, acts, _TOUCHED_ACTION, row.time)
+        elif row.kind == STOP_STARTED:
+            velocity = run.stop_velocity_1 if row.stop == 1 else run.stop_velocity_2
+            note_velocity(control, row.stop, velocity)
+            write_act(control, acts, _STARTED_ACTION, row.time)
 
 
 @kernel
@@ -203,11 +208,10 @@ def perform_sample(
     if control.settings.law != 0:
         index = control.controller.sample_index
         take_sample(control, measure(rig, lines, run, waves, control, index))
-    place_1 = 0.0
-    place_2 = 0.0
     if control.controller.returning:
         place_1, place_2 = stops_now(rig, lines, run, waves)
-    end_sample(control, run.now, place_1, place_2)
+        note_return(control, place_1, place_2)
+    end_sample(control)
 
 
 @kernel(inline=True)

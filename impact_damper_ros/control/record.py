@@ -18,10 +18,12 @@ class Action(IntEnum):
     COMMAND = 1
     #: A stop reached its target.
     ARRIVED = 2
-    #: A stop and m met; the stop stays there.
+    #: A stop and m met, which holds it up.
     TOUCHED = 3
     #: X passed through zero.
     CROSSING = 4
+    #: A stop that m held up moves on by itself.
+    STARTED = 5
 
 
 @dataclass(slots=True)

@@ -770,11 +770,10 @@ class Rig:
         stepped sine starts it anew, any other change leaves it alone. The position of M in the
         laboratory is continuous where its static deflection changes.
 
-        Another `gap` or `one_sided` places both stops at half the gap from the middle, at once,
-        and ends their movements. A stop that would pass m is placed at m instead; m hits it if m
-        moves outwards, and the stop follows if m moves inwards. An active law moves the stops
-        from there. Switching the control off sends them back to the gap by the actuators. Another
-        law begins anew, with the present amplitude.
+        Another `gap` or `one_sided` sends both stops to half the gap from the middle, at once, as
+        `move_stops` does, and ends their movements. An active law moves the stops from there.
+        Switching the control off sends them back to the gap by the actuators. Another law begins
+        anew, with the present amplitude.
         """
         self._records = []
         before, old, own = self._parameters, self._gap_control, self._law is not None
@@ -841,8 +840,8 @@ class Rig:
         Returns
         -------
         list of Event
-            Events at the present time. Each movement ends with one event, now or later, unless
-            another command comes before: `STOP_ARRIVED` at its target, or `STOP_TOUCHED` at m.
+            Events at the present time. A movement ends with `STOP_ARRIVED`, now or later, unless
+            another command comes before.
 
         Raises
         ------
@@ -851,12 +850,14 @@ class Rig:
 
         Notes
         -----
-        A moving stop never does work. Where it meets m it stays until its next command
-        (`STOP_TOUCHED`); if m moves outwards, m then hits the standing stop (`IMPACT`). A stop
-        whose target is beyond m and that moves at once is placed at m. A stop that moves away
-        from m at rest on it leaves m without support: friction holds m, or m leaves (`RELEASE`)
-        and may catch up with the stop. Between two stops that both touch it, m cannot move in M,
-        and the impact that ends its motion there is plastic.
+        A stop goes to its target as far as m lets it, and never does work. Where it meets m, m
+        holds it up (`STOP_TOUCHED`): if m moves outwards, m hits the standing stop (`IMPACT`); if
+        inwards, the stop follows m, touching it, and goes on by itself once m is faster
+        (`STOP_STARTED`). A stop that moves at once is placed at m, where m is in its way, and then
+        follows m however fast. A stop that moves away from m at rest on it leaves m without
+        support: friction holds m, or m leaves (`RELEASE`) and may catch up with the stop. Between
+        two stops that both touch it, m cannot move in M, and the impact that ends its motion there
+        is plastic.
         """
         speed = as_float(speed)
         for stop, target in ((1, stop_1), (2, stop_2)):

@@ -32,10 +32,12 @@ class EventKind(IntEnum):
     STOP_ARRIVED = 6
     #: X passed through zero; reported under control only.
     CROSSING = 7
-    #: A moving stop and m met: the stop stays there until its next command.
+    #: A stop on its way to its target met m, which holds it up: it follows m from there.
     STOP_TOUCHED = 8
     #: A stepped sine went on to its next frequency.
     FREQUENCY_STEP = 9
+    #: A stop that m held up moves on by itself.
+    STOP_STARTED = 10
 
 
 IMPACT = int(EventKind.IMPACT)
@@ -46,6 +48,7 @@ REVERSAL_EVENT = int(EventKind.REVERSAL)
 STOP_ARRIVED = int(EventKind.STOP_ARRIVED)
 CROSSING = int(EventKind.CROSSING)
 STOP_TOUCHED = int(EventKind.STOP_TOUCHED)
+STOP_STARTED = int(EventKind.STOP_STARTED)
 
 
 class Event(NamedTuple):

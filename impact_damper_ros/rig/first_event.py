@@ -27,6 +27,7 @@ from .flight import (
     CONTACT_1,
     CONTACT_2,
     NO_EVENT,
+    OUTRUN,
     PASSAGE,
     RELEASE_DOWN,
     RELEASE_UP,
@@ -162,14 +163,19 @@ def watched(
             -side * motion.relative_2,
             terms,
         )
-    if kind == REVERSAL:
+    if kind in (REVERSAL, OUTRUN):
         side = 1.0 * run.direction
+        left = 0.0
         rate = abs(run.relative_acceleration) * tau
         terms = abs(motion.relative_velocity) + abs(run.relative_velocity) + rate
         if tau > oscillator.taylor_limit:
             terms += abs(motion.velocity) + abs(run.velocity) + abs(run.acceleration) * tau
+        if kind == OUTRUN:
+            left = run.speed_1 if run.direction < 0 else run.speed_2
+            terms += left
+            side = -side
         return (
-            side * motion.relative_velocity,
+            left + side * motion.relative_velocity,
             side * motion.relative_2,
             -side * motion.x_3,
             terms,
@@ -286,7 +292,7 @@ def bounds_of(oscillator: Oscillator, kind: int, motion: Motion) -> tuple[float,
     if kind in (RELEASE_UP, RELEASE_DOWN):
         free = free_bound(oscillator, motion.x_5, motion.x_6)
         return free + oscillator.bound_5, omega * free + oscillator.rate_5
-    if kind == REVERSAL:
+    if kind in (REVERSAL, OUTRUN):
         free = free_bound(oscillator, motion.x_4, motion.x_5)
         return free + oscillator.bound_4, omega * free + oscillator.rate_4
     free = free_bound(oscillator, motion.x_3, motion.x_4)
@@ -433,6 +439,8 @@ def first_of(
     if run.direction != 0:
         if run.arrival < inf:
             look_for(rig, lines, run, waves, ARRIVAL, start, motion_a, end, motion_b)
+            if (run.speed_1 if run.direction < 0 else run.speed_2) < inf:
+                look_for(rig, lines, run, waves, OUTRUN, after, motion_c, end, motion_b)
         look_for(rig, lines, run, waves, REVERSAL, after, motion_c, end, motion_b)
     # The stop that m leaves is watched only if it moves after m.
     if run.direction >= 0 or run.stop_velocity_1 < 0.0:

@@ -60,6 +60,8 @@ STOP_ARRIVED_2 = 8
 CHATTER_END = 9
 #: X passes through zero, which ends no flight.
 PASSAGE = 10
+#: m becomes faster than the stop that follows it.
+OUTRUN = 11
 
 
 class Motion(NamedTuple):
@@ -278,7 +280,7 @@ def begin_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> Non
         # `rest` found m to leave the other way: the forces balance to round-off.
         relative = 0.0
     run.relative_acceleration = relative
-    # A stop held back by m follows it inwards until it is at its target.
+    # A stop held up by m follows it inwards until it is at its target.
     inwards = run.relative_velocity
     if inwards == 0.0:
         inwards = relative

@@ -14,7 +14,7 @@ from .parameters import RigParameters
 from .quoting import shown
 from .state import STORED, STORED_TYPES, Mode, Run
 
-FORMAT = 3
+FORMAT = 4
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.
 #: 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter however
 #: high its bounces were, 4 polished the passages of X through zero by bisection and took the
@@ -40,10 +40,13 @@ _RANGES: dict[str, tuple[float, float]] = {
     'crossing_side': (-1, 1),
     'released': (0, 1),
     'searched': (0.0, float_info.max),
-    **dict.fromkeys(('clearance_1', 'clearance_2', 'chatter_left', 'watched'), (0.0, _LARGEST)),
+    **dict.fromkeys(
+        ('clearance_1', 'clearance_2', 'chatter_left', 'speed_1', 'speed_2', 'watched'),
+        (0.0, _LARGEST),
+    ),
 }
 #: Infinite where there is none; JSON has no number for that.
-_MAY_BE_INFINITE = ('clearance_2', 'crossing')
+_MAY_BE_INFINITE = ('clearance_2', 'crossing', 'speed_1', 'speed_2')
 
 
 def check_number(name: str, value: object, low: float = -_LARGEST, high: float = _LARGEST) -> None:

@@ -196,8 +196,7 @@ class Run:
     clearance_1, clearance_2 : float
         Distance of m from each stop, m; infinite for a stop that is not there.
     stop_1, stop_2 : float
-        Position Y of each stop, m; beyond its target where m holds back a stop that is to
-        close.
+        Position Y of each stop, m.
     last_stop : int
         Stop hit last, 0 before the first impact; the air force points away from it.
     released : bool
@@ -205,10 +204,12 @@ class Run:
     chatter_left : float
         Time until a chatter accumulates, s; 0 in other modes.
     target_1, target_2 : float
-        Position Y at which each stop is to be, m.
+        Position Y to which each stop moves, as far as m lets it, m.
+    speed_1, speed_2 : float
+        Speed at which it does so, m/s; infinite for a stop that moves at once.
     stop_velocity_1, stop_velocity_2 : float
-        Velocity relative to M of each stop that moves to its target, m/s. A stop at rest away
-        from its target follows m inwards.
+        Velocity of each stop that moves by itself, m/s. A stop at rest away from its target
+        touches m, and follows it inwards.
     side : int
         Sign of X just after the origin, +1 or -1, where X is zero to round-off; else 0.
     now : float
@@ -275,6 +276,8 @@ class Run:
     chatter_left: float = 0.0
     target_1: float = 0.0
     target_2: float = 0.0
+    speed_1: float = inf
+    speed_2: float = inf
     stop_velocity_1: float = 0.0
     stop_velocity_2: float = 0.0
     side: int = 0
@@ -332,7 +335,7 @@ def starting_fields(initial: InitialConditions, half_gap: Any, one_sided: bool) 
 
 #: Fields of `Run` that a snapshot keeps: the state at the origin, and how far it is searched.
 STORED = (
-    *[field.name for field in fields(Run)][:18],
+    *[field.name for field in fields(Run)][:20],
     *('searched', 'crossing_side', 'watched', 'crossing'),
 )
 #: Their types.
@@ -357,6 +360,8 @@ def copy_state(run: Run, waves: Sequence[Wave], other: Run, others: Sequence[Wav
     other.chatter_left = run.chatter_left
     other.target_1 = run.target_1
     other.target_2 = run.target_2
+    other.speed_1 = run.speed_1
+    other.speed_2 = run.speed_2
     other.stop_velocity_1 = run.stop_velocity_1
     other.stop_velocity_2 = run.stop_velocity_2
     other.side = run.side

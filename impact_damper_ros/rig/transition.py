@@ -4,14 +4,16 @@ Transitions: impacts and all other events, from the state before to the state af
 Bapat (1995), equations (10)-(11); for complete chatter Budd and Dux (1994), Phil. Trans. R. Soc.
 Lond. A 347, and Nordmark and Piiroinen (2009), Nonlinear Dynamics 58.
 
-A moving stop never does work: where it meets m it stops, at rest relative to M, before m may hit
-it. Its velocity therefore enters no impact.
+A stop away from its target moves there at its speed, as far as m lets it, and never does work:
+where it meets m it stands, at rest relative to M, before m may hit it. Its velocity therefore
+enters no impact. It follows an m that moves inwards more slowly than itself, touching it, and goes
+on by itself once m is faster, or is out of the way.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, sqrt
+from math import copysign, inf, sqrt
 
 from .compiled import kernel
 from .event import (
@@ -21,6 +23,7 @@ from .event import (
     REVERSAL_EVENT,
     STICK_EVENT,
     STOP_ARRIVED,
+    STOP_STARTED,
     STOP_TOUCHED,
     EventRow,
     write_event,
@@ -32,6 +35,7 @@ from .flight import (
     CHATTER_END,
     CONTACT_1,
     CONTACT_2,
+    OUTRUN,
     RELEASE_UP,
     REVERSAL,
     STOP_ARRIVED_1,
@@ -186,6 +190,26 @@ def end_bounces(
     run.chatter_left = left
 
 
+@kernel
+def starts_again(run: Run, stop: int) -> bool:
+    """Let a stop that m touches go on to its target, unless m holds it up; return if it does."""
+    if stop == 1:
+        ahead = run.target_1 - run.stop_1
+        inwards = -run.relative_velocity
+        speed = run.speed_1
+    else:
+        ahead = run.stop_2 - run.target_2
+        inwards = run.relative_velocity
+        speed = run.speed_2
+    if ahead < 0.0 and inwards <= speed:
+        return False
+    if stop == 1:
+        run.stop_velocity_1 = copysign(speed, ahead)
+    else:
+        run.stop_velocity_2 = -copysign(speed, ahead)
+    return True
+
+
 @kernel(inline=True)
 def strike(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, stop: int) -> None:
     """Resolve and report an impact."""
@@ -195,11 +219,11 @@ def strike(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, st
     if stop == 1:
         relative_before = max(relative_before, 0.0)
         restitution = rig.restitution_1
-        held = run.stop_1 > run.target_1
+        away = run.stop_1 != run.target_1
     else:
         relative_before = min(relative_before, 0.0)
         restitution = rig.restitution_2
-        held = run.stop_2 < run.target_2
+        away = run.stop_2 != run.target_2
     if run.clearance_1 == 0.0 and run.clearance_2 == 0.0:
         # With no room between the stops, impacts on both follow without end until m is at rest.
         restitution = 0.0
@@ -213,11 +237,13 @@ def strike(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, st
         restitution = 0.0
         # -0.0 would be taken for a direction.
         relative_after = 0.0
+    run.relative_velocity = relative_after
+    starts = away and starts_again(run, stop)
+    if relative_after == 0.0:
         rest(rig, lines, run, waves)
     else:
-        run.relative_velocity = relative_after
         run.mode = moving_mode(rig, relative_after)
-        if not held and may_chatter(rig, run):
+        if not away and may_chatter(rig, run):
             end_bounces(rig, lines, run, waves, stop, restitution)
     impulse = rig.damper_mass * (1.0 + restitution) / (1.0 + rig.mass_ratio) * abs(relative_before)
     damper_after = after + relative_after
@@ -226,6 +252,8 @@ def strike(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, st
     )
     if run.mode == REST_1 or run.mode == REST_2:
         write_event(run, log, REST_EVENT, stop, after, after, after, damper_after, 0.0)
+    if starts:
+        write_quiet(run, log, STOP_STARTED, stop)
 
 
 @kernel(inline=True)
@@ -237,18 +265,16 @@ def put_on_stop(rig: RigConstants, run: Run, stop: int) -> None:
 
 
 @kernel
-def lock_stop(rig: RigConstants, run: Run, stop: int) -> None:
-    """Let a moving stop that has met m stay there."""
+def hold_stop(rig: RigConstants, run: Run, stop: int) -> None:
+    """Let a stop stand where it has met m."""
     if stop == 1:
         # The stops never cross; with m on both there is no room between them.
         if run.clearance_2 == 0.0 or (not rig.one_sided and run.stop_1 < run.stop_2):
             run.stop_1 = run.stop_2
-        run.target_1 = run.stop_1
         run.stop_velocity_1 = 0.0
     else:
         if run.clearance_1 == 0.0 or run.stop_2 > run.stop_1:
             run.stop_2 = run.stop_1
-        run.target_2 = run.stop_2
         run.stop_velocity_2 = 0.0
     run.released = False
     put_on_stop(rig, run, stop)
@@ -267,14 +293,14 @@ def report_support(run: Run, log: Log, mode_before: int) -> None:
 def resolve_contact(
     rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, stop: int
 ) -> None:
-    """Resolve the contact of m with a stop, which stays there if it moves."""
+    """Resolve the contact of m with a stop, which stands there if it moves."""
     if (run.stop_velocity_1 if stop == 1 else run.stop_velocity_2) == 0.0:
         put_on_stop(rig, run, stop)
         strike(rig, lines, run, waves, log, stop)
         return
     mode_before = run.mode
     relative = run.relative_velocity
-    lock_stop(rig, run, stop)
+    hold_stop(rig, run, stop)
     write_quiet(run, log, STOP_TOUCHED, stop)
     if relative > 0.0 if stop == 1 else relative < 0.0:
         strike(rig, lines, run, waves, log, stop)
@@ -353,6 +379,13 @@ def resolve(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log) -
             run.stop_2 = run.target_2
         put_on_stop(rig, run, stop)
         write_quiet(run, log, STOP_ARRIVED, stop)
+    elif kind == OUTRUN:
+        # Exactly as fast as m, so that they come apart from here
+        if direction < 0:
+            run.stop_velocity_1 = run.relative_velocity = -run.speed_1
+        else:
+            run.stop_velocity_2 = run.relative_velocity = run.speed_2
+        write_quiet(run, log, STOP_STARTED, 1 if direction < 0 else 2)
     elif kind == STOP_ARRIVED_1:
         run.stop_1 = run.target_1
         run.stop_velocity_1 = 0.0
@@ -390,7 +423,7 @@ def begin_from(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log
     begin_flight(rig, lines, run, waves)
 
 
-#: A stop just after a command: it moves, is at its target, or touches m and cannot move further.
+#: A stop just after a command: it moves, is at its target, or is held up by m.
 MOVING = 0
 ARRIVED = 1
 TOUCHED = 2
@@ -409,14 +442,16 @@ def send_stop(rig: RigConstants, run: Run, stop: int, target: float, speed: floa
     offset = place(run)
     if stop == 1:
         run.target_1 = target
+        run.speed_1 = speed
         run.stop_velocity_1 = velocity
     else:
         run.target_2 = target
+        run.speed_2 = speed
         run.stop_velocity_2 = velocity
     if velocity != 0.0:
         closing = outwards * (run.relative_velocity - velocity)
         if clearance == 0.0 and outwards * velocity < 0.0 and closing >= 0.0:
-            lock_stop(rig, run, stop)
+            hold_stop(rig, run, stop)
             return TOUCHED
         return MOVING
     if way == 0.0:
@@ -433,7 +468,7 @@ def send_stop(rig: RigConstants, run: Run, stop: int, target: float, speed: floa
         run.stop_2 = target
         run.clearance_2 = clearance
     if touches:
-        lock_stop(rig, run, stop)
+        hold_stop(rig, run, stop)
         return TOUCHED
     return ARRIVED
 
@@ -478,30 +513,18 @@ def move_stops(
 
 @kernel
 def place_stops_at_gap(rig: RigConstants, run: Run) -> None:
-    """
-    Move both stops to half the gap of the rig, at once.
-
-    A stop that would pass m is placed at m and follows it inwards from then on.
-    """
-    offset = place(run)
+    """Send both stops to half the gap of the rig, at once."""
     half = rig.half_gap
-    stop_1 = max(half, offset)
-    stop_2 = -half if rig.one_sided else min(-half, offset)
-    # Clearances change by what the stops move, so that small ones keep their digits.
-    run.clearance_1 = max(0.0, run.clearance_1 + (stop_1 - run.stop_1))
-    if stop_1 == offset and stop_1 > half:
-        run.clearance_1 = 0.0
     if rig.one_sided:
         run.clearance_2 = inf
+        run.stop_2 = -half
+        run.target_2 = -half
+        run.stop_velocity_2 = 0.0
     elif run.clearance_2 == inf:
-        run.clearance_2 = max(0.0, offset - stop_2)
-    else:
-        run.clearance_2 = max(0.0, run.clearance_2 - (stop_2 - run.stop_2))
-    if stop_2 == offset and stop_2 < -half and not rig.one_sided:
-        run.clearance_2 = 0.0
-    run.stop_1 = stop_1
-    run.stop_2 = stop_2
-    run.target_1 = half
-    run.target_2 = -half
-    run.stop_velocity_1 = 0.0
-    run.stop_velocity_2 = 0.0
+        # Stop 2 comes to the rig.
+        offset = place(run)
+        run.stop_2 = min(-half, offset)
+        run.clearance_2 = max(0.0, offset - run.stop_2)
+    send_stop(rig, run, 1, half, inf)
+    if not rig.one_sided:
+        send_stop(rig, run, 2, -half, inf)

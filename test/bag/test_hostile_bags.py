@@ -98,7 +98,7 @@ def put(path, value):
         (put('state.origin.time', -1e9), 'the flight from origin.time ends at -999999'),
         (put('state.gap_control.state.observer.last', [1.0]), 'observer.last has 1 entries'),
         (put('state.gap_control.state.roused', 'x'), "roused is 'x': it must be true or false"),
-        (put('state.format', [2]), 'is of format [2]; this version reads format 3'),
+        (put('state.format', [2]), 'is of format [2]; this version reads format 4'),
         (put('stamp_offset_ns', '5'), "stamp_offset_ns is '5'"),
     ],
     ids=range(23),

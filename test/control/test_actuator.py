@@ -11,9 +11,9 @@ from impact_damper_ros.control import Action, Rig
 from impact_damper_ros.control.actuator import (
     commands_full,
     next_command,
+    note_velocity,
     order_stops,
     start_command,
-    stop_stopped,
 )
 from impact_damper_ros.control.controller import Control
 from impact_damper_ros.rig import EventKind
@@ -109,8 +109,12 @@ def test_commands_wait_for_the_delay_in_order():
     spent = actuators.energy_1, actuators.energy_2
     assert spent == pytest.approx([2 * 0.5 * 0.1 * 4.0, 0.5 * 0.1 * 4.0])
     assert next_command(there) == math.inf
-    stop_stopped(there, 1, 0.9)
-    assert (actuators.commanded_1, actuators.commanded_2) == (0.9, -0.7)
+    # Stop 1 meets m, goes on, and meets it again; a start behind m is paid for, too.
+    for velocity in (0.0, 2.0, 0.0):
+        note_velocity(there, 1, velocity)
+    spent = spent[0] + 0.2, spent[1]
+    assert (actuators.energy_1, actuators.energy_2) == pytest.approx(spent)
+    assert (actuators.commanded_1, actuators.commanded_2) == (1.0, -0.7)
     assert (actuators.velocity_1, actuators.velocity_2) == (0.0, 2.0)
     # Of two commands in the same direction the first is paid for, by either stop.
     order_stops(there, 2.0, 1.5, -1.5)

@@ -85,7 +85,8 @@ def test_live_switching_while_recording_is_replayed_bit_for_bit(node, tmp_path, 
     until(lambda: told <= {_told(message) for message in list(acts)}, 'acts are missing')
     # A crossing, and what the stops do, with names, units and frames as documented
     heard = list(acts)
-    assert {m.header.frame_id for m in heard} == {'command', 'arrived', 'touched', 'crossing'}
+    stopped = {'arrived', 'touched', 'started'}
+    assert {m.header.frame_id for m in heard} == {'command', 'crossing', *stopped}
     assert all(list(m.name) == ['stop_1', 'stop_2', 'primary'] for m in heard)
     assert {len(v) for m in heard for v in (m.position, m.velocity, m.effort)} == {3}
     assert process.running(), process.output

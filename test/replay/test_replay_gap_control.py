@@ -138,8 +138,8 @@ def test_another_noise_is_another_run(tmp_path, messages):
 def test_a_bag_may_end_anywhere(tmp_path):
     rig = RecordedRig(control=CONTROL).start().run(200)
     messages = rig.run(40, ('change', {'gap_control': 'amplitude'})).messages
-    assert {topic for topic, *_ in messages[-24:]} >= {'/joint_states', '/impacts', '/gap_control'}
-    for end in range(len(messages) - 24, len(messages)):
+    assert {topic for topic, *_ in messages[-40:]} >= {'/joint_states', '/impacts', '/gap_control'}
+    for end in range(len(messages) - 40, len(messages)):
         findings = replayed(save(tmp_path / f'bag_{end}', messages[:end]))
         assert findings.difference_count == 0, end
 
