@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters, RigParameters
-from impact_damper_ros.rig.compiled import kernel, packed, packed_rows, unpack
+from impact_damper_ros.rig.compiled import kernel, packed_rows, unpack
 from impact_damper_ros.rig.event import EventRow
 from impact_damper_ros.rig.flight import Lines, Waves
 from impact_damper_ros.rig.state import RigConstants, Run, Wave
@@ -99,33 +99,38 @@ class ControlSettings(NamedTuple):
         cls, p: GapControlParameters, rig: RigParameters, *, own: bool = False
     ) -> ControlSettings:
         """Return the settings of a control of a rig; a law of the user's `own` is in place."""
-        damper = damper_of(rig)
+        law = _OWN if own and p.active else LAW_NUMBERS[p.gap_control]
+        speed, seed = p.actuator_speed or inf, mixed_seed(p.gap_control_seed)
         return cls(
-            law=_OWN if own and p.active else LAW_NUMBERS[p.gap_control],
-            independent=p.independent,
-            gain=p.gap_control_gain,
-            park=p.gap_control_park,
-            lead=p.gap_control_lead,
-            timing_gain=p.gap_control_timing_gain,
-            horizon=p.gap_control_horizon,
-            smoothing=p.gap_control_smoothing,
-            threshold=p.gap_control_threshold,
-            gap_min=p.gap_min,
-            gap_max=p.gap_max,
-            rate=p.gap_control_rate,
-            noise_position=p.gap_control_noise_position,
-            noise_velocity=p.gap_control_noise_velocity,
-            seed=mixed_seed(p.gap_control_seed),
-            delay=p.actuator_delay,
-            speed=p.actuator_speed or inf,
-            start_energy=0.5 * p.actuator_mass * p.actuator_speed**2,
-            half_gap=0.5 * rig.gap,
-            one_sided=rig.one_sided,
-            mass_ratio=damper.mass_ratio,
-            restitution=damper.restitution,
-            rebound=damper.rebound,
-            push=damper.push,
+            law=law, independent=p.independent, speed=speed, seed=seed, **settings_fields(p, rig)
         )
+
+
+def settings_fields(p: Any, rig: Any) -> dict[str, Any]:
+    """Return the other fields of `ControlSettings`, of one control and rig, or many as arrays."""
+    damper = damper_of(rig)
+    return {
+        'gain': p.gap_control_gain,
+        'park': p.gap_control_park,
+        'lead': p.gap_control_lead,
+        'timing_gain': p.gap_control_timing_gain,
+        'horizon': p.gap_control_horizon,
+        'smoothing': p.gap_control_smoothing,
+        'threshold': p.gap_control_threshold,
+        'gap_min': p.gap_min,
+        'gap_max': p.gap_max,
+        'rate': p.gap_control_rate,
+        'noise_position': p.gap_control_noise_position,
+        'noise_velocity': p.gap_control_noise_velocity,
+        'delay': p.actuator_delay,
+        'start_energy': 0.5 * p.actuator_mass * p.actuator_speed**2,
+        'half_gap': 0.5 * rig.gap,
+        'one_sided': rig.one_sided,
+        'mass_ratio': damper.mass_ratio,
+        'restitution': damper.restitution,
+        'rebound': damper.rebound,
+        'push': damper.push,
+    }
 
 
 @dataclass(slots=True)
@@ -260,25 +265,29 @@ class Control(NamedTuple):
         )
 
     def packed(self) -> Control:
-        """Return a copy for compiled kernels."""
+        """Return a copy for compiled kernels: arrays with one row each, that of this control."""
+
+        def one(part: Any) -> Any:
+            return packed_rows([part], type(part))
+
         return self._replace(
-            settings=packed(self.settings),
-            commands=packed_rows(self.commands, Command),
-            memory=np.array(self.memory, float),
+            settings=one(self.settings),
+            commands=packed_rows(self.commands, Command)[np.newaxis],
+            memory=np.array([self.memory], float),
             law=compiled_law(self.law),
-            start=packed(self.start),
-            start_waves=packed_rows(self.start_waves, Wave),
-            trial=packed(self.trial),
-            trial_waves=packed_rows(self.trial_waves, Wave),
-            **{name: packed(part) for name, part in self.states().items()},
+            start=one(self.start),
+            start_waves=packed_rows(self.start_waves, Wave)[np.newaxis],
+            trial=one(self.trial),
+            trial_waves=packed_rows(self.trial_waves, Wave)[np.newaxis],
+            **{name: one(part) for name, part in self.states().items()},
         )
 
-    def unpacked(self, records: Control) -> Control:
+    def unpacked(self, rows: Any) -> Control:
         """Return this control in the state of one that was `packed`."""
         for name, part in self.states().items():
-            unpack(getattr(records, name), part)
-        rows = [Command(*row) for row in records.commands.tolist()]
-        return self._replace(commands=rows, memory=records.memory.tolist())
+            unpack(getattr(rows, name)[0], part)
+        commands = [Command(*row) for row in rows.commands[0].tolist()]
+        return self._replace(commands=commands, memory=rows.memory[0].tolist())
 
     def states(self) -> dict[str, Any]:
         """Return the states that kernels change."""

@@ -1,4 +1,4 @@
-"""Many rigs without control at once: constants by numpy, one compiled loop over all of them."""
+"""Many rigs at once: constants by numpy, one compiled loop over all of them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from impact_damper_ros.rig import PARAMETER_SPECS, InitialConditions, RigParameters
-from impact_damper_ros.rig.compiled import compiled, dtype_of, kernel, packed, rows_of
+from impact_damper_ros.rig import (
+    GAP_CONTROL_SPECS,
+    PARAMETER_SPECS,
+    GapControlParameters,
+    InitialConditions,
+    RigParameters,
+)
+from impact_damper_ros.rig.compiled import dtype_of, packed, rows_of
 from impact_damper_ros.rig.event import SAMPLE_TYPE, EventRow, Sample
-from impact_damper_ros.rig.flight import Lines, Waves
 from impact_damper_ros.rig.oscillator import oscillators
 from impact_damper_ros.rig.parameter_spec import ParameterError
-from impact_damper_ros.rig.run import ALL_STEPS, count_modes
+from impact_damper_ros.rig.run import ALL_STEPS, COMMANDS_FULL, LAW_FAILED
 from impact_damper_ros.rig.state import (
     Mode,
     RigConstants,
@@ -27,16 +32,22 @@ from impact_damper_ros.rig.state import (
     rig_fields,
     starting_fields,
 )
-from impact_damper_ros.rig.transition import begin_from
 
-from .loop import run_through
-from .rig import later_time, most_of, times_between
+from .actuator import Actuators
+from .controller import Control, ControlSettings, settings_fields
+from .loop import run_compiled
+from .own_law import Law, LawError, OwnLaw, Refusal
+from .rig import later_time, most_of, own_law_of, times_between
+from .sensors import mixed_seed
 
 #: Rigs between two moments at which a run can be interrupted.
 _BLOCK = 64
 #: Parameters that are arrays, or that change the form of the force.
 _SHARED = ('force_', 'multisine_', 'sweep_')
-_NO_ROWS: Any = np.empty(0, dtype_of(EventRow))
+#: Rows in which the control finds what the stops do.
+_LOG_ROWS = 64
+#: How many times more commands may wait, where there was no room for all.
+_MORE = 8
 
 
 class EnsembleResult(NamedTuple):
@@ -55,6 +66,8 @@ class EnsembleResult(NamedTuple):
         Number of transitions.
     time_in_mode : ndarray of float, shape (n, 8)
         Time spent in each `Mode`, s.
+    actuator_energies : ndarray of float, shape (n, 2)
+        Energy spent by the actuator of each stop, J.
     """
 
     outcomes: npt.NDArray[np.int64]
@@ -62,40 +75,7 @@ class EnsembleResult(NamedTuple):
     samples: npt.NDArray[np.void]
     event_counts: npt.NDArray[np.int64]
     time_in_mode: npt.NDArray[np.float64]
-
-
-@kernel
-def run_each(
-    rigs: Sequence[RigConstants],
-    lines: Sequence[Lines],
-    runs: Sequence[Run],
-    waves: Sequence[Waves],
-    log: Sequence[EventRow],
-    in_mode: Any,
-    outcomes: Any,
-    end: float,
-    instants: Any,
-    samples: Any,
-) -> int:
-    """Let each rig run from its start to a time, without a table of events."""
-    for k in range(len(rigs)):
-        begin_from(rigs[k], lines[k], runs[k], waves[k], log)
-        outcomes[k], _ = run_through(
-            rigs[k],
-            lines[k],
-            runs[k],
-            waves[k],
-            log,
-            in_mode[k],
-            None,
-            None,
-            end,
-            instants,
-            0,
-            samples[k],
-        )
-        count_modes(runs[k], in_mode[k])
-    return len(rigs)
+    actuator_energies: npt.NDArray[np.float64]
 
 
 #: Parameters that are numbers of each rig.
@@ -104,6 +84,11 @@ _NUMBERS = [
     for name, spec in PARAMETER_SPECS.items()
     if isinstance(spec.default, float) and not name.startswith(_SHARED)
 ]
+#: Those of its control.
+_CONTROL_NUMBERS = [
+    name for name, spec in GAP_CONTROL_SPECS.items() if isinstance(spec.default, int | float)
+]
+_SPECS = {**PARAMETER_SPECS, **GAP_CONTROL_SPECS}
 
 
 def _constants(parameters: RigParameters, p: Any, count: int) -> tuple[Any, Any]:
@@ -129,8 +114,32 @@ def _constants(parameters: RigParameters, p: Any, count: int) -> tuple[Any, Any]
     return rigs, np.concatenate([lines[:count], lines[count:]], axis=1)
 
 
-def _columns(values: Mapping[str, npt.ArrayLike]) -> dict[str, npt.NDArray[np.float64]]:
-    """Return the values as arrays of one length, checked."""
+def _controls(control: Control, p: Any, count: int) -> Control:
+    """Return the control of each rig, like a given one but for its parameters."""
+    one: Any = control.packed()
+    parts = {name: part for name, part in one._asdict().items() if name != 'law'}
+    arrays: dict[str, Any] = {name: np.repeat(part, count, axis=0) for name, part in parts.items()}
+    for name, column in settings_fields(p, p).items():
+        arrays['settings'][name] = column
+    arrays['settings']['speed'] = np.where(p.actuator_speed == 0.0, np.inf, p.actuator_speed)
+    arrays['settings']['seed'] = [mixed_seed(int(seed)) for seed in p.gap_control_seed]
+    places = arrays['settings']['half_gap'][:, np.newaxis] * [1.0, -1.0]
+    for name in ('target', 'commanded'):
+        for stop in (1, 2):
+            arrays['actuators'][f'{name}_{stop}'] = places[:, stop - 1]
+    return Control(**arrays, law=one.law)
+
+
+def _some(controls: Any, rows: Any) -> Control:
+    """Return some of the controls."""
+    parts: list[Any] = [part if part is controls.law else part[rows] for part in controls]
+    return Control(*parts)
+
+
+def _columns(
+    values: Mapping[str, npt.ArrayLike], names: Sequence[str]
+) -> dict[str, npt.NDArray[np.float64]]:
+    """Return the values of some of the parameters as arrays of one length, checked."""
     columns = {name: np.array(value, dtype=float) for name, value in values.items()}
     if not columns:
         raise ValueError('values is empty: give the values of at least one parameter')
@@ -139,12 +148,12 @@ def _columns(values: Mapping[str, npt.ArrayLike]) -> dict[str, npt.NDArray[np.fl
         shapes = ', '.join(f'{name} {column.shape}' for name, column in columns.items())
         raise ValueError(f'the shapes of the values are {shapes}: give lists of one length')
     for name, column in columns.items():
-        if name not in _NUMBERS:
+        if name not in names:
             raise ParameterError(
-                name, f'{name} does not vary in an ensemble: give some of {", ".join(_NUMBERS)}'
+                name, f'{name} does not vary in this ensemble: give some of {", ".join(names)}'
             )
         for extreme in (column.min(), column.max()):
-            PARAMETER_SPECS[name].checked(float(extreme))
+            _SPECS[name].checked(float(extreme))
     return columns
 
 
@@ -155,6 +164,8 @@ def run_ensemble(
     instants: npt.ArrayLike = (),
     *,
     initial: InitialConditions | None = None,
+    control: GapControlParameters | None = None,
+    law: Law | None = None,
     most_events: float = float('inf'),
     threads: int | None = None,
 ) -> EnsembleResult:
@@ -169,12 +180,17 @@ def run_ensemble(
         What the rigs have in common; without a stepped sine.
     values : mapping of str to array_like of float, shape (n,)
         Parameters in which they differ, in the units of `RigParameters`; not those of the force.
+        Under control also numbers of `GapControlParameters`.
     time : float
         Time to which all run from 0, s.
     instants : array_like of float, shape (k,), optional
         Times of samples, in order, s.
     initial : InitialConditions, optional
         Where they start; at rest with m in the middle of the gap, if not given.
+    control : GapControlParameters, optional
+        What their control has in common; off, if not given.
+    law : callable, optional
+        A law of one's own that moves the stops, as in `Rig`, compiled by ``numba.njit``.
     most_events : float, optional
         Most events of a rig.
     threads : int, optional
@@ -191,6 +207,8 @@ def run_ensemble(
         If a value is out of range, or varies something that all share.
     ValueError
         If values have different lengths, or a time is out of range or order.
+    LawError
+        If a law of the user's own fails, or numba cannot compile it.
     ImportError
         Without numba (extra ``compiled``).
 
@@ -206,45 +224,110 @@ def run_ensemble(
             'sweep_mode',
             f'sweep_mode is {parameters.sweep_mode!r}: an ensemble has no stepped sine, give off',
         )
-    columns = _columns(values)
+    own = own_law_of(law)
+    settings = control or GapControlParameters(gap_control='off' if own is None else 'timed')
+    controlled = settings.active
+    columns = _columns(values, _NUMBERS + _CONTROL_NUMBERS if controlled else _NUMBERS)
     end, most = later_time(time, 0.0), most_of(most_events)
     when = times_between(0.0, end, instants)
     count = len(next(iter(columns.values())))
     p = SimpleNamespace(
         **{name: np.full(count, getattr(parameters, name)) for name in _NUMBERS},
+        **{name: np.full(count, getattr(settings, name)) for name in _CONTROL_NUMBERS},
         one_sided=parameters.one_sided,
     )
     vars(p).update(columns)
-    # What holds between parameters: the rig next to critical damping, and the narrowest gap
+    # What holds between parameters: the rig next to critical damping, the narrowest gap, and the
+    # gaps of the control that are next to each other
     closest = int(np.argmax(p.damping / np.sqrt(p.stiffness * p.primary_mass)))
-    narrowest = int(np.argmin(p.gap))
     start = initial or InitialConditions()
-    for k in (closest, narrowest):
-        one = parameters.replace(**{name: float(column[k]) for name, column in columns.items()})
-        start.check_within(one)
+    for k in (closest, int(np.argmin(p.gap)), int(np.argmin(p.gap_max - p.gap_min))):
+        here = {name: float(column[k]) for name, column in columns.items()}
+        start.check_within(parameters.replace(**{n: here[n] for n in here if n in _NUMBERS}))
+        settings.replace(**{n: here[n] for n in here if n in _CONTROL_NUMBERS})
 
     rigs, lines = _constants(parameters, p, count)
-    runs = np.full(count, packed(Run(room=0, steps=ALL_STEPS, most=most)))
+    runs = np.full(count, packed(Run()))
     for name, column in starting_fields(start, rigs['half_gap'], p.one_sided).items():
         runs[name] = column
     waves = np.full((count, lines.shape[1] // 2), packed(Wave()))
-    in_mode = np.zeros((count, len(Mode)))
-    outcomes = np.zeros(count, np.int64)
-    samples = np.full((count, len(when), len(Sample._fields)), np.nan)
+    runs['room'], runs['steps'], runs['most'] = _LOG_ROWS if controlled else 0, ALL_STEPS, most
+    controls = None
+    if controlled:
+        one = Control.of(settings, parameters, own).for_harmonics(waves.shape[1])
+        one.begin(0.0)
+        controls = _controls(one, p, count)
+    result = EnsembleResult(
+        np.full(count, COMMANDS_FULL),
+        np.zeros(count),
+        np.full((count, len(when)), np.nan, SAMPLE_TYPE),
+        np.zeros(count, np.int64),
+        np.zeros((count, len(Mode))),
+        np.zeros((count, 2)),
+    )
+    while len(rest := np.flatnonzero(result.outcomes == COMMANDS_FULL)):
+        given = rigs[rest], lines[rest], runs[rest], waves[rest]
+        acting = None if controls is None else _some(controls, rest)
+        found = _run_all(given, acting, end, when, threads)
+        if acting is not None and (found.outcomes == LAW_FAILED).any():
+            assert own is not None
+            k = int(np.argmax(found.outcomes == LAW_FAILED))
+            raise LawError(f'rig {rest[k]} of the ensemble: {_refused(own, acting, k)}')
+        for whole, part in zip(result, found, strict=True):
+            whole[rest] = part
+        if controls is not None:
+            more = np.repeat(controls.commands, _MORE, axis=1)
+            controls = controls._replace(commands=more)
+    return result
+
+
+def _refused(law: OwnLaw, controls: Any, k: int) -> LawError:
+    """Return the error of a law that failed with one of the controls."""
+    control = controls._replace(
+        actuators=Actuators(*controls.actuators[k].item()),
+        refusal=Refusal(*controls.refusal[k].item()),
+        settings=ControlSettings(*controls.settings[k].item()),
+    )
+    return law.refused(control)
+
+
+def _run_all(
+    given: tuple[Any, Any, Any, Any],
+    controls: Control | None,
+    end: float,
+    when: npt.NDArray[np.float64],
+    threads: int | None,
+) -> EnsembleResult:
+    """Let all rigs run, block by block, on some threads."""
+    rigs, lines, runs, waves = given
+    samples = np.full((len(runs), len(when), len(Sample._fields)), np.nan)
+    outcomes, in_mode = np.zeros(len(runs), np.int64), np.zeros((len(runs), len(Mode)))
 
     def run_block(first: int) -> None:
         rows = slice(first, first + _BLOCK)
-        own = rigs[rows], lines[rows], runs[rows], waves[rows]
-        arguments = (*own, _NO_ROWS, in_mode[rows], outcomes[rows], end, when, samples[rows])
-        compiled(run_each.__name__, '', arguments)(*arguments)
+        run_compiled(
+            rigs[rows],
+            lines[rows],
+            runs[rows],
+            waves[rows],
+            np.empty(0 if controls is None else _LOG_ROWS, dtype_of(EventRow)),
+            in_mode[rows],
+            None if controls is None else _some(controls, rows),
+            end,
+            when,
+            outcomes[rows],
+            np.zeros_like(outcomes[rows]),
+            samples[rows],
+            anew=True,
+        )
 
-    blocks = range(0, count, _BLOCK)
+    blocks = range(0, len(runs), _BLOCK)
     run_block(0)
     workers = min(threads or len(os.sched_getaffinity(0)), len(blocks))
     if workers == 1:
         for first in blocks[1:]:
             run_block(first)
-    elif workers:
+    else:
         with ThreadPoolExecutor(workers) as pool:
             try:
                 for done in [pool.submit(run_block, first) for first in blocks[1:]]:
@@ -252,10 +335,16 @@ def run_ensemble(
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise
+    energies = np.zeros((len(runs), 2))
+    if controls is not None:
+        actuators: Any = controls.actuators
+        for stop in (1, 2):
+            energies[:, stop - 1] = actuators[f'energy_{stop}']
     return EnsembleResult(
         outcomes,
         runs['now'].copy(),
-        samples.view(SAMPLE_TYPE).reshape(count, len(when)),
+        samples.view(SAMPLE_TYPE).reshape(len(runs), len(when)),
         runs['happened'].copy(),
         in_mode,
+        energies,
     )

@@ -66,7 +66,8 @@ class Damper(NamedTuple):
 
 def damper_of(rig: RigParameters) -> Damper:
     """Return the damper of a rig."""
-    return Damper(rig.mass_ratio, 0.5 * (rig.restitution_1 + rig.restitution_2))
+    mean = 0.5 * (rig.restitution_1 + rig.restitution_2)
+    return Damper(rig.damper_mass / rig.primary_mass, mean)
 
 
 #: Half cycles without an impact on a stop before it is moved in.

@@ -11,7 +11,9 @@ from collections.abc import MutableSequence, Sequence
 from math import inf
 from typing import Any
 
-from impact_damper_ros.rig.compiled import kernel
+import numpy as np
+
+from impact_damper_ros.rig.compiled import compiled, dtype_of, kernel
 from impact_damper_ros.rig.event import (
     ROWS_AT_ONCE,
     STOP_ARRIVED,
@@ -46,7 +48,7 @@ from impact_damper_ros.rig.run import (
     next_event,
 )
 from impact_damper_ros.rig.state import RigConstants, Run
-from impact_damper_ros.rig.transition import move_stops
+from impact_damper_ros.rig.transition import begin_from, move_stops
 
 from .actuator import commands_full, next_command, note_velocity, start_command
 from .controller import (
@@ -351,3 +353,140 @@ def run_through(
     if status == DONE:
         status = run_to(rig, lines, run, waves, log, in_mode, control, acts, end)
     return status, sampled
+
+
+@kernel
+def run_each(
+    rigs: Sequence[RigConstants],
+    lines: Sequence[Lines],
+    runs: Sequence[Run],
+    waves: Sequence[Waves],
+    log: Sequence[EventRow],
+    in_mode: Any,
+    controls: Any,
+    acts: Any,
+    end: float,
+    instants: Any,
+    outcomes: Any,
+    sampled: Any,
+    samples: Any,
+    anew: bool,
+) -> int:
+    """
+    Let each rig run to a time, from its start if `anew`; why it stopped is in `outcomes`.
+
+    `controls` and `acts` are None for rigs without control. The events of rigs that run `anew` are
+    not kept; `log` is where their control finds what the stops do.
+    """
+    for k in range(len(rigs)):
+        run = runs[k]
+        if anew:
+            begin_from(rigs[k], lines[k], run, waves[k], log)
+        status = FULL
+        count = sampled[k]
+        while status == FULL:
+            run.written = 0
+            if controls is None:
+                status, count = run_through(
+                    rigs[k],
+                    lines[k],
+                    run,
+                    waves[k],
+                    log,
+                    in_mode[k],
+                    None,
+                    None,
+                    end,
+                    instants,
+                    count,
+                    samples[k],
+                )
+            else:
+                # Here, as no compiled function can return it
+                control = Control(
+                    controls.controller[k],
+                    controls.observer[k],
+                    controls.search[k],
+                    controls.actuators[k],
+                    controls.commands[k],
+                    controls.settings[k],
+                    controls.timing[k],
+                    controls.timed[k],
+                    controls.refusal[k],
+                    controls.memory[k],
+                    controls.law,
+                    controls.start[k],
+                    controls.start_waves[k],
+                    controls.trial[k],
+                    controls.trial_waves[k],
+                )
+                status, count = run_through(
+                    rigs[k],
+                    lines[k],
+                    run,
+                    waves[k],
+                    log,
+                    in_mode[k],
+                    control,
+                    acts,
+                    end,
+                    instants,
+                    count,
+                    samples[k],
+                )
+            if not anew:
+                break
+        if anew:
+            count_modes(run, in_mode[k])
+        outcomes[k] = status
+        sampled[k] = count
+    return len(rigs)
+
+
+#: Compiled runs do not report the acts of the control.
+_NO_ACTS: Any = np.empty(0, dtype_of(ActRow))
+
+
+def run_compiled(
+    rigs: Any,
+    lines: Any,
+    runs: Any,
+    waves: Any,
+    log: Any,
+    in_mode: Any,
+    controls: Control | None,
+    end: float,
+    instants: Any,
+    outcomes: Any,
+    sampled: Any,
+    samples: Any,
+    *,
+    anew: bool = False,
+) -> None:
+    """Run arrays of rigs as `run_each` does, compiled."""
+    acts, form = None, 'without control'
+    if controls is not None:
+        acts, form = _NO_ACTS, 'with control'
+    arguments = (
+        rigs,
+        lines,
+        runs,
+        waves,
+        log,
+        in_mode,
+        controls,
+        acts,
+        end,
+        instants,
+        outcomes,
+        sampled,
+        samples,
+        anew,
+    )
+    try:
+        compiled(run_each.__name__, form, arguments)(*arguments)
+    except SystemError as error:
+        # What a signal raises just as compiled code returns
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            raise error.__cause__ from None
+        raise

@@ -13,10 +13,8 @@ import numpy.typing as npt
 
 from impact_damper_ros.rig import GapControlParameters, InitialConditions, RigParameters
 from impact_damper_ros.rig.compiled import (
-    compiled,
     dtype_of,
     has_numba,
-    packed,
     packed_rows,
     unpack,
 )
@@ -58,12 +56,19 @@ from impact_damper_ros.rig.run import (
     find_event,
 )
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot, check_whole
-from impact_damper_ros.rig.state import Mode, Run, Wave, constants_of, starting_fields
+from impact_damper_ros.rig.state import (
+    Mode,
+    RigConstants,
+    Run,
+    Wave,
+    constants_of,
+    starting_fields,
+)
 from impact_damper_ros.rig.transition import begin_from, move_stops, place_stops_at_gap
 
 from .actuator import settle_stops
 from .controller import Control, ControlSettings, forget_all, next_sample, relearn_laws
-from .loop import run_through, write_act
+from .loop import run_compiled, run_through, write_act
 from .own_law import Law, LawError, OwnLaw
 from .record import Action, ActRow, ControlRecord
 
@@ -85,8 +90,6 @@ Events = npt.NDArray[np.void]
 _run_fields = attrgetter(*Run.__dataclass_fields__)
 _wave_fields = attrgetter(*Wave.__dataclass_fields__)
 _row_fields = attrgetter(*EventRow.__dataclass_fields__)
-#: Compiled runs do not report the acts of the control.
-_NO_ACTS: Any = np.empty(0, dtype_of(ActRow))
 
 
 class Outcome(IntEnum):
@@ -708,42 +711,38 @@ class Rig:
         """Run as `_go_plain` does, compiled; the rig changes at the end only."""
         run, control, controlled = self._run, self._control, self.acts
         if self._packed is None:
-            self._packed = packed(self._rig), packed_rows(self._lines, Line)
+            harmonics = packed_rows(self._lines, Line)
+            self._packed = packed_rows([self._rig], RigConstants), harmonics[np.newaxis]
+        rigs, lines = self._packed
         rows = table.room()
         if controlled and not len(rows):
             # What the stops do is read from the events.
             rows = np.empty(_ROWS, dtype_of(EventRow))
-        run.room, run.written = len(rows), 0
+        run.room = len(rows)
         control.controller.recorded = control.controller.room = 0
-        state, waves = packed(run), packed_rows(self._waves, Wave)
+        state, waves = packed_rows([run], Run), packed_rows(self._waves, Wave)
         acting = control.packed() if controlled else None
-        arguments = (
-            *self._packed,
+        outcomes, counts = np.zeros(1, np.int64), np.array([sampled])
+        run_compiled(
+            rigs,
+            lines,
             state,
-            waves,
+            waves[np.newaxis],
             rows,
-            in_mode,
+            in_mode[np.newaxis],
             acting,
-            _NO_ACTS,
             end,
             when,
-            sampled,
-            samples,
+            outcomes,
+            counts,
+            samples[np.newaxis],
         )
-        form = 'with control' if controlled else 'without control'
-        try:
-            found: tuple[int, int] = compiled(run_through.__name__, form, arguments)(*arguments)
-        except SystemError as error:
-            # What a signal raises just as compiled code returns
-            if isinstance(error.__cause__, KeyboardInterrupt):
-                raise error.__cause__ from None
-            raise
-        unpack(state, run)
+        unpack(state[0], run)
         self._waves = [Wave(*row) for row in waves.tolist()]
         if acting is not None:
             self._control = control.unpacked(acting)
         table.wrote(run.written)
-        return found
+        return int(outcomes[0]), int(counts[0])
 
     def change(
         self, parameters: RigParameters, control: GapControlParameters | None = None

@@ -5,10 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from impact_damper_ros.control import Outcome, Rig, run_ensemble
-from impact_damper_ros.rig import InitialConditions, Mode, ParameterError, RigParameters
+from impact_damper_ros.control import LawError, Outcome, Rig, run_ensemble
+from impact_damper_ros.rig import (
+    GapControlParameters,
+    InitialConditions,
+    Mode,
+    ParameterError,
+    RigParameters,
+)
 
-pytest.importorskip('numba')
+numba = pytest.importorskip('numba')
 
 RNG = np.random.default_rng(5)
 COUNT = 70
@@ -58,6 +64,72 @@ def test_each_rig_runs_as_it_does_alone(rig, values, initial):
     assert found.time_in_mode.shape == (len(found.outcomes), len(Mode))
 
 
+@numba.njit
+def held(seen, memory):
+    """Hold the stops about m, by a count of the samples."""
+    memory[0] += 1.0
+    return 4.0 + 0.01 * memory[0] % 1.0, min(-4.0, seen.y)
+
+
+@numba.njit
+def astray(seen, memory):
+    """Leave no gap once X is large."""
+    memory[0] = seen.x
+    return (4.0, -4.0) if seen.x < 2.0 else (-4.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    ('control', 'values', 'law'),
+    [
+        ({'gap_control': 'amplitude', 'gap_control_stops': 'symmetric'}, {}, None),
+        (
+            {'gap_control': 'timed', 'actuator_speed': 16.0, 'gap_control_rate': 5.0},
+            {'gap_control_park': RNG.uniform(1.1, 2.0, COUNT), 'actuator_mass': np.ones(COUNT)},
+            None,
+        ),
+        (
+            {'gap_control': 'amplitude', 'gap_control_noise_position': 0.02},
+            {'gap_control_seed': np.arange(COUNT), 'actuator_speed': RNG.integers(0, 9, COUNT)},
+            None,
+        ),
+        # So many commands wait that there is no room at first.
+        (
+            {'gap_control': 'timed'},
+            {'actuator_delay': np.where(np.arange(COUNT) % 2, 40.0, 0.0)},
+            None,
+        ),
+        ({'gap_control': 'predictive', 'gap_control_stops': 'symmetric'}, {}, None),
+        ({'gap_control': 'timed', 'gap_control_rate': 3.0}, {}, held),
+    ],
+    ids=['symmetric', 'timed', 'noise', 'delay', 'predictive', 'own law'],
+)
+def test_each_rig_under_control_runs_as_it_does_alone(control, values, law):
+    parameters, start = RigParameters(gravity=1.0, angle=0.4), InitialConditions()
+    given = GapControlParameters(**control)
+    values = {'gap': RNG.uniform(5.0, 40.0, COUNT), **values}
+    end, when = 90.0, [0.0, 50.0, 90.0]
+    found = run_ensemble(parameters, values, end, when, control=given, law=law, threads=2)
+    assert (found.outcomes == Outcome.COMPLETE).all()
+    for k in range(0, COUNT, 9):
+        here = {name: float(column[k]) for name, column in values.items()}
+        rig = Rig(
+            parameters.replace(gap=here.pop('gap')), start, control=given.replace(**here), law=law
+        )
+        alone = rig.run(end, when)
+        assert found.samples[k].tolist() == alone.samples.tolist()
+        assert found.event_counts[k] == alone.event_count
+        assert found.time_in_mode[k].tolist() == alone.time_in_mode.tolist()
+        assert tuple(found.actuator_energies[k]) == rig.energies
+    assert found.event_counts.min() > 10
+    assert found.actuator_energies.any() == ('actuator_speed' in {*control, *values})
+
+
+def test_a_law_that_fails_names_its_rig():
+    values = {'gap': [6.0, 8.0], 'damper_mass': [0.05, 0.04]}
+    with pytest.raises(LawError, match=r'rig 0 of the ensemble: the law .*astray returned \(-4'):
+        run_ensemble(RigParameters(gravity=0.0), values, 90.0, law=astray)
+
+
 def test_a_rig_with_too_many_events_stops_alone():
     values = {'gap': [1.0, 1000.0]}
     found = run_ensemble(RigParameters(gravity=0.0), values, 200.0, [200.0], most_events=10)
@@ -73,16 +145,27 @@ def test_a_rig_with_too_many_events_stops_alone():
         ({}, {'gap': [1.0, -2.0]}, ParameterError, 'gap is -2.0'),
         ({}, {'gap': [1.0, math.nan]}, ParameterError, 'gap is nan'),
         ({}, {'damping': [0.1, 1.9], 'stiffness': [1.0, 0.5]}, ParameterError, 'underdamped'),
-        ({}, {'force_amplitudes': [1.0, 2.0]}, ParameterError, 'does not vary in an ensemble'),
+        ({}, {'force_amplitudes': [1.0, 2.0]}, ParameterError, 'does not vary in this ensemble'),
         ({}, {'gap': [1.0, 2.0], 'angle': [0.1]}, ValueError, 'lists of one length'),
         ({}, {'gap': 1.0}, ValueError, 'lists of one length'),
         ({}, {}, ValueError, 'at least one parameter'),
         ({'sweep_mode': 'up'}, {'gap': [1.0]}, ParameterError, 'no stepped sine'),
+        ({}, {'gap_min': [1.0, 2.0]}, ParameterError, 'gap_min does not vary in this ensemble'),
     ],
 )
 def test_what_no_ensemble_can_be_is_refused(rig, values, error, message):
     with pytest.raises(error, match=message):
         run_ensemble(RigParameters(**rig), values, 10.0)
+
+
+def test_parameters_of_the_control_are_checked():
+    control = GapControlParameters(gap_control='timed', gap_max=3.0)
+    for values, message in (
+        ({'gap_min': [1.0, 3.0]}, 'gap_m'),
+        ({'gap_control_rate': [10.0, -1.0]}, 'gap_control_rate is -1'),
+    ):
+        with pytest.raises(ParameterError, match=message):
+            run_ensemble(RigParameters(), values, 10.0, control=control)
 
 
 def test_m_must_start_within_every_gap():

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+import impact_damper_ros.control.loop as loop_module
 import impact_damper_ros.control.rig as rig_module
 from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import RigParameters, compiled
@@ -137,7 +138,7 @@ def test_ctrl_c_as_compiled_code_returns(monkeypatch):
 
     run = Rig(LEVEL, compiled=True)
     before = run.snapshot()
-    monkeypatch.setattr(rig_module, 'compiled', lambda *_: interrupted)
+    monkeypatch.setattr(loop_module, 'compiled', lambda *_: interrupted)
     with pytest.raises(KeyboardInterrupt):
         run.run(10.0)
     assert run.snapshot() == before
