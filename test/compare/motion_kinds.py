@@ -1,7 +1,7 @@
 """
 How often `compare_run` is right about the kind of a motion, undecided, or wrong.
 
-    python benchmarks/motion_kinds.py [--rigs N] [--workers N] [--list]
+    PYTHONPATH=.:test python -m compare.motion_kinds [--rigs N] [--workers N] [--list]
 
 Rigs of the paper, of the bench and random ones run for 20,000 cycles of the force in compiled
 code. That gives the answers: the period and the cycle from which on the motion keeps it; else
