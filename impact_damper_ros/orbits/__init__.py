@@ -22,28 +22,37 @@ if TYPE_CHECKING:
     )
     from .equations import ImpactEquations, OrbitError, plausible_stops
     from .optimum import OptimalGap, optimal_gap
-    from .orbit import OrbitEvent, PeriodicOrbit
+    from .orbit import OrbitEvent, PeriodicOrbit, Rhythm
+    from .recurrence import MotionKind, Period, Section, find_period
     from .search import OrbitSearch, StartReport, find_orbits
+    from .settled_motion import SettledMotion, settle
     from .solved_orbits import orbit_near
 
 __all__ = [
     'Branch',
     'Continuation',
     'ImpactEquations',
+    'MotionKind',
     'OptimalGap',
     'OrbitError',
     'OrbitEvent',
     'OrbitSearch',
+    'Period',
     'PeriodicOrbit',
+    'Rhythm',
+    'Section',
+    'SettledMotion',
     'SpecialKind',
     'SpecialPoint',
     'StartReport',
     'continue_orbit',
     'find_orbits',
+    'find_period',
     'grow_branch',
     'optimal_gap',
     'orbit_near',
     'plausible_stops',
+    'settle',
     'switch_branch',
     'value_of',
 ]
@@ -57,8 +66,10 @@ __getattr__ = lazy_names(
         ),
         'equations': ('ImpactEquations', 'OrbitError', 'plausible_stops'),
         'optimum': ('OptimalGap', 'optimal_gap'),
-        'orbit': ('OrbitEvent', 'PeriodicOrbit'),
+        'orbit': ('OrbitEvent', 'PeriodicOrbit', 'Rhythm'),
+        'recurrence': ('MotionKind', 'Period', 'Section', 'find_period'),
         'search': ('OrbitSearch', 'StartReport', 'find_orbits'),
+        'settled_motion': ('SettledMotion', 'settle'),
         'solved_orbits': ('orbit_near',),
     },
 )

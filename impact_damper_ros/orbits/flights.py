@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import NamedTuple
@@ -109,6 +110,7 @@ def flight_at(
     relative_velocity: float,
     resting: int,
     last_stop: int,
+    angles: Sequence[float] = (),
 ) -> Flight:
     """
     Return the flight from a state on the force's clock (s).
@@ -116,7 +118,7 @@ def flight_at(
     `beyond` is Y - d/2, the way m has gone beyond stop 1: not positive, and exact near the
     stop of a one-sided rig, whose gap is meaningless. It and Y' do not count where `resting`
     is `STICK`, `REST_1` or `REST_2`; 0 says that m moves. `last_stop` is 0 if none was hit
-    yet.
+    yet. `angles` are those of the harmonics at instant 0, if these are not their phases.
     """
     rig, lines = machine
     half = rig.half_gap
@@ -137,7 +139,7 @@ def flight_at(
         target_2=-half,
         last_stop=last_stop,
     )
-    waves = [Wave() for _ in range(rig.harmonics)]
+    waves = [Wave(angle) for angle in angles] or [Wave() for _ in range(rig.harmonics)]
     turn_waves(lines, waves, instant)
     if resting:
         rest(rig, lines, run, waves)

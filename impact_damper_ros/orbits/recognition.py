@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -22,11 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_damper_ros.rig import Event
 
+from .recurrence import LONGEST_PERIOD, MotionKind
+
 Array = NDArray[np.float64]
 
-#: Longest period that is recognised in a recording or a run that settles, and in a running rig,
-#: in cycles of the force.
-LONGEST_PERIOD = 16
+__all__ = ['LONGEST_PERIOD', 'MotionKind']
+
+#: Longest period that is recognised in a running rig, in cycles of the force.
 LONGEST_RHYTHM = 8
 #: A recorded motion nearer to its limit than this, relative to its size, is called settled.
 SETTLED = 1e-3
@@ -51,24 +52,6 @@ _APPROACHING = 0.3
 _NEAR = 0.1
 _FEW, _MANY = 6, 18
 _SHRINKS = 0.7
-
-
-class MotionKind(Enum):
-    """The kind of a motion, as measured."""
-
-    AT_REST = 'at rest'
-    #: M moves, m hits no stop.
-    NO_IMPACTS = 'without impacts'
-    #: On its way to a periodic motion, or to one without impacts.
-    TRANSIENT = 'transient'
-    PERIODIC = 'periodic'
-    #: These two by the thresholds of `irregularity`.
-    QUASI_PERIODIC = 'quasi-periodic'
-    CHAOTIC = 'chaotic'
-    #: The evidence does not determine the kind.
-    UNDECIDED = 'undecided'
-    #: Under a force, or a control, that never repeats.
-    NOT_PERIODICALLY_DRIVEN = 'not periodically driven'
 
 
 @dataclass(frozen=True)

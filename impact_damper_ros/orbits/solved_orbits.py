@@ -28,11 +28,12 @@ from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
 
 from .equations import Array, ImpactEquations, check_cycles, check_forcing, single_harmonic
+from .extremes import largest_displacement
 from .flights import Flight, flight_at_impact, machine_of
 from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
 from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
 from .trajectory import FlightPart, Trajectory, follow_trajectory
-from .viability import largest_displacement, why_not_viable
+from .viability import why_not_viable
 
 #: How often the nodes are read anew where a solution turns out to have others.
 _MOST_LOOKS = 3
