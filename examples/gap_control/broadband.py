@@ -130,7 +130,7 @@ def main() -> None:
             look |= {'markerfacecolor': color if label == 'rms' else 'white'}
             places = [k + shift] * len(ratios)
             right.plot(places, ratios, linestyle='none', label=label if k == 0 else None, **look)
-    left.set_ylim(bottom=0.0)
+    left.set_ylim(0.0, 5.0)
     finish_panel(left, 'a', 'fixed gap [m]', 'rms of X [m]')
     right.axhline(1.0, color='0.5', linewidth=0.8)
     right.axhline(0.85, color='black', linewidth=0.8, linestyle=(0, (5, 3)))

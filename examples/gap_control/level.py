@@ -59,6 +59,7 @@ def draw(axes: Any, levels: list[float], ratios: dict[str, list[float]], letter:
         style = STYLES.get(name, {'color': 'black', 'linewidth': 1.0})
         axes.plot(levels, row, label=LABELS.get(name, name), **{'linewidth': 1.4} | MARKS | style)
     axes.set(xscale='log', yscale='log')
+    axes.set_ylim(0.024, 0.6)
     finish_panel(axes, letter, 'amplitude of the force at resonance [N]', 'X / X without impacts')
     set_ticks(axes.xaxis, (0.25, 0.5, 1, 2, 4))
     set_ticks(axes.yaxis, (0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1))
