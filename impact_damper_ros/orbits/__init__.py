@@ -11,11 +11,14 @@ from impact_damper_ros.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .continuation import (
+        BestPoint,
         Branch,
+        BranchPoint,
         Continuation,
         SpecialKind,
         SpecialPoint,
         continue_orbit,
+        follow,
         grow_branch,
         switch_branch,
         value_of,
@@ -29,7 +32,9 @@ if TYPE_CHECKING:
     from .solved_orbits import orbit_near
 
 __all__ = [
+    'BestPoint',
     'Branch',
+    'BranchPoint',
     'Continuation',
     'ImpactEquations',
     'MotionKind',
@@ -48,6 +53,7 @@ __all__ = [
     'continue_orbit',
     'find_orbits',
     'find_period',
+    'follow',
     'grow_branch',
     'optimal_gap',
     'orbit_near',
@@ -61,8 +67,8 @@ __getattr__ = lazy_names(
     __name__,
     {
         'continuation': (
-            *('Branch', 'Continuation', 'SpecialKind', 'SpecialPoint'),
-            *('continue_orbit', 'grow_branch', 'switch_branch', 'value_of'),
+            *('BestPoint', 'Branch', 'BranchPoint', 'Continuation', 'SpecialKind', 'SpecialPoint'),
+            *('continue_orbit', 'follow', 'grow_branch', 'switch_branch', 'value_of'),
         ),
         'equations': ('ImpactEquations', 'OrbitError', 'plausible_stops'),
         'optimum': ('OptimalGap', 'optimal_gap'),

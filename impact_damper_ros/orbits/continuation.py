@@ -24,8 +24,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import NamedTuple
 
@@ -89,6 +89,9 @@ def _limits_of(name: str) -> tuple[float, float]:
 _FARTHEST = 1e15
 _MOST_POINTS = 1_000_000
 
+#: A parameter by its name, or the rig as a function of a number.
+Path = str | Callable[[float], RigParameters]
+
 
 @dataclass(frozen=True)
 class Continuation:
@@ -97,15 +100,18 @@ class Continuation:
 
     Parameters
     ----------
-    name : str
+    path : str or callable
         The parameter that varies: a number of `RigParameters`, the first entry of an array, or
-        'restitution' for both coefficients.
+        'restitution' for both coefficients; or a function that returns the rig at a number.
     low, high : float
         Range of the parameter. The branch may turn within it.
     largest_step : float, optional
         Longest step, relative to the displacements, phases and the parameter.
     most_points : int, optional
         Largest number of points on the branch.
+    start : float, optional
+        Where a function returns the rig that the branch begins with; `low` or `high`, if not
+        given.
 
     Raises
     ------
@@ -113,15 +119,47 @@ class Continuation:
         If the parameter cannot be varied, or a number is out of range.
     """
 
-    name: str
+    path: Path
     low: float
     high: float
     largest_step: float = 0.05
     most_points: int = 400
+    start: float | None = None
+
+    @property
+    def name(self) -> str:
+        """The name of the parameter; that of a function."""
+        name = self.path if isinstance(self.path, str) else getattr(self.path, '__name__', '')
+        return name if name.isidentifier() else 'the parameter'
+
+    def rig(self, parameters: RigParameters, value: float) -> RigParameters:
+        """Return a rig at another value."""
+        path = self.path
+        return with_value(parameters, path, value) if isinstance(path, str) else path(value)
+
+    def value(self, parameters: RigParameters) -> float:
+        """Return the value at which the branch begins with a rig."""
+        if isinstance(self.path, str):
+            return value_of(parameters, self.path)
+        tried = (self.low, self.high) if self.start is None else (self.start,)
+        found = (value for value in tried if self.path(value) == parameters)
+        value = next(found, None)
+        if value is None:
+            raise OrbitError(
+                f'the motion is of another rig than {self.name} returns at '
+                f'{" and ".join(f"{v:.9g}" for v in tried)}: give start, where it returns that'
+            )
+        return value
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The least and largest admissible value."""
+        return _limits_of(self.path) if isinstance(self.path, str) else (-math.inf, math.inf)
 
     def __post_init__(self) -> None:
         """Check the options."""
-        _check_name(self.name)
+        if not callable(self.path):
+            _check_name(self.path)
         low = checked_number(f'the low end of {self.name}', self.low, -_FARTHEST, _FARTHEST)
         high = checked_number(f'the high end of {self.name}', self.high, -_FARTHEST, _FARTHEST)
         if not low < high:
@@ -133,7 +171,7 @@ class Continuation:
 
     def check_start(self, parameters: RigParameters) -> None:
         """Raise OrbitError if the rig is outside the range."""
-        value = value_of(parameters, self.name)
+        value = self.value(parameters)
         if not self.low <= value <= self.high:
             raise OrbitError(
                 f'{self.name} is {value:.9g} where the branch begins: give a range around that, '
@@ -149,16 +187,17 @@ class _Family:
     """
     Motions with the nodes of a given one, or of some periods of it.
 
-    They solve n equations in n unknowns and one parameter, `name`.
+    They solve n equations in n unknowns and one parameter.
     """
 
-    def __init__(self, orbit: PeriodicOrbit, name: str, times: int = 1) -> None:
-        value = value_of(orbit.parameters, name)
+    def __init__(
+        self, orbit: PeriodicOrbit, along: Continuation, value: float, times: int = 1
+    ) -> None:
         guess = guess_on(orbit)
         if guess is None:
             raise OrbitError('the motion has too many events to be followed')
         self.parameters = orbit.parameters
-        self.name = name
+        self.along = along
         self._nodes = guess.nodes * times
         self._cycles = orbit.cycles * times
         #: Whether motions that the rig cannot perform are left for those that it can: the theory
@@ -183,7 +222,7 @@ class _Family:
     def segments(self, value: float) -> Segments:
         """Return the boundary-value problem at a value of the parameter."""
         if self._last[0] != value:
-            rig = with_value(self.parameters, self.name, value)
+            rig = self.along.rig(self.parameters, value)
             segments = Segments(rig, self._nodes, self._cycles)
             self._set_units(segments)
             self._last = value, segments
@@ -233,19 +272,19 @@ class _Curve:
         self.scale = scale
 
     def value(self, place: Array) -> float:
-        """Return the parameter, clipped to its range against round-off."""
+        """Return the parameter, that of a bound where only round-off is between."""
         value = float(place[-1]) * self.scale
-        low, high = _limits_of(self.family.name)
-        slack = _ROUND_OFF * self.scale
-        if low - slack <= value < low:
-            return low
-        return high if high < value <= high + slack else value
+        along, slack = self.family.along, _ROUND_OFF * self.scale
+        for bound in (along.low, along.high, *along.limits):
+            if abs(value - bound) <= slack:
+                return bound
+        return value
 
     def system(self, place: Array) -> tuple[Array, Array]:
         """Return the residual and its derivative by unknowns and parameter."""
         value = self.value(place)
         residual, by_unknowns = self.family.residual(place[:-1], value)
-        if self.family.name == 'gap':
+        if self.family.along.path == 'gap':
             by_gap = self.family.segments(value).by_gap()
             return residual, np.column_stack([by_unknowns, by_gap * self.scale])
         step = 1e-6 * max(abs(float(place[-1])), 1e-3)
@@ -301,6 +340,22 @@ class SpecialKind(Enum):
     NEIMARK_SACKER = 'Neimark-Sacker'
     BRANCH_POINT = 'branch point'
     GRAZING = 'grazing'
+
+
+class BranchPoint(NamedTuple):
+    """
+    A point of a branch.
+
+    Attributes
+    ----------
+    value : float
+        The parameter.
+    orbit : PeriodicOrbit
+        The motion there.
+    """
+
+    value: float
+    orbit: PeriodicOrbit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -412,7 +467,15 @@ class _Between(NamedTuple):
     change: str = ''
 
 
-def _locate(between: _Between, kind: SpecialKind, test: _Test) -> SpecialPoint | None:
+class _Located(NamedTuple):
+    """A special point, and the place on the curve where it is."""
+
+    step: float
+    point: _Point
+    special: SpecialPoint
+
+
+def _locate(between: _Between, kind: SpecialKind, test: _Test) -> _Located | None:
     """Find where a test function changes sign between two points of a branch."""
     from scipy.optimize import brentq
 
@@ -439,29 +502,32 @@ def _locate(between: _Between, kind: SpecialKind, test: _Test) -> SpecialPoint |
         complete = True
     except ArithmeticError:
         complete = False
-    best, other = near[1], far[1]
-    if abs(test(best)) > abs(test(other)):
+    best, other = near, far
+    if abs(test(best[1])) > abs(test(other[1])):
         best, other = other, best
     reason = ''
     if kind is SpecialKind.GRAZING:
-        best, other = (near[1], far[1]) if near[1].orbit.viable else (far[1], near[1])
-        beyond = performed(other.orbit, other.orbit.parameters) if curve.family.performed else None
-        reason = _difference(best.orbit, beyond or other.orbit) or change
-    if not _genuine(kind, best.orbit, _NEAR if complete else _GUESSED):
+        best, other = (near, far) if near[1].orbit.viable else (far, near)
+        there = other[1].orbit
+        beyond = performed(there, there.parameters) if curve.family.performed else None
+        reason = _difference(best[1].orbit, beyond or there) or change
+    orbit = best[1].orbit
+    if not _genuine(kind, orbit, _NEAR if complete else _GUESSED):
         return None
-    return SpecialPoint(
+    special = SpecialPoint(
         kind=kind,
-        value=curve.value(best.place),
-        orbit=best.orbit,
+        value=curve.value(best[1].place),
+        orbit=orbit,
         bracket=(curve.value(near[1].place), curve.value(far[1].place)),
         converged=complete,
         reason=reason,
     )
+    return _Located(*best, special)
 
 
-def _special_points(between: _Between) -> list[SpecialPoint]:
-    """Locate the special points between two neighbouring points of a branch."""
-    curve, start, end, _, change = between
+def _special_points(between: _Between) -> list[_Located]:
+    """Locate the special points between two neighbouring points of a branch, in order."""
+    _, start, end, _, change = between
     turns = _fold(start) * _fold(end) < 0.0
     tests: tuple[tuple[SpecialKind, _Test], ...] = (
         (SpecialKind.FOLD, _fold),
@@ -474,11 +540,10 @@ def _special_points(between: _Between) -> list[SpecialPoint]:
     for kind, test in tests:
         if test(start) * test(end) >= 0.0 or (kind is SpecialKind.BRANCH_POINT and turns):
             continue
-        special = _locate(between, kind, test)
-        if special is not None and (special.orbit.viable or not change):
-            found.append(special)
-    first = curve.value(start.place)
-    return sorted(found, key=lambda special: abs(special.value - first))
+        located = _locate(between, kind, test)
+        if located is not None and (located.special.orbit.viable or not change):
+            found.append(located)
+    return sorted(found, key=lambda located: located.step)
 
 
 _SHARPEST_TURN = 0.95
@@ -486,6 +551,91 @@ _GROWTH = 1.4
 #: The first step, as a share of the largest one.
 _FIRST_STEP = 0.1
 _LEAST_STEP = 1e-7
+
+
+class Limit(Enum):
+    """What limits the best point of a branch."""
+
+    MINIMUM = 'interior minimum'
+    STABILITY = 'edge of stability'
+    VIABILITY = 'edge of viability'
+    FOLD = 'fold: the motion ends'
+    RANGE = 'end of the searched range'
+
+
+class BestPoint(NamedTuple):
+    """
+    The best point of a branch.
+
+    Attributes
+    ----------
+    value : float
+        The parameter.
+    orbit : PeriodicOrbit
+        The motion there; at an edge the one on it.
+    limit : Limit
+        Whether it is a minimum, or what ends the motion just beyond.
+    beyond : str
+        The change just beyond it; empty at a minimum.
+    """
+
+    value: float
+    orbit: PeriodicOrbit
+    limit: Limit
+    beyond: str
+
+
+#: Error of the place of a minimum, as a share of two steps of the branch.
+_NARROW = 1e-6
+_LIMITS = {SpecialKind.FOLD: Limit.FOLD, SpecialKind.GRAZING: Limit.VIABILITY}
+
+
+class _Piece(NamedTuple):
+    """A part of a curve between two points that the branch has."""
+
+    curve: _Curve
+    start: _Point
+    end: _Point
+
+    def at(self, share: float) -> _Point | None:
+        """Return the point where the chord between both has a normal plane."""
+        chord = self.end.place - self.start.place
+        length = float(np.linalg.norm(chord))
+        if not 0.0 < share < 1.0 or length == 0.0:
+            return self.end if share >= 1.0 else self.start
+        return self.curve.correct(self.start.place + share * chord, chord / length)
+
+    def at_value(self, value: float) -> _Point | None:
+        """Return the point at a value of the parameter between those of both points."""
+        from scipy.optimize import brentq
+
+        begin, end = self.start.place[-1], self.end.place[-1]
+        there = value / self.curve.scale
+        share = (there - begin) / (end - begin)
+
+        def missed(share: float) -> float:
+            point = self.at(share)
+            if point is None:
+                raise ArithmeticError('the corrector fails')
+            return float(point.place[-1]) - there
+
+        # Towards a fold the curve leaves its chord: nearer then first
+        for _ in range(2):
+            near = self.at(share)
+            if near is None:
+                return None
+            guess, normal = near.place.copy(), np.zeros_like(near.place)
+            guess[-1], normal[-1] = there, math.copysign(1.0, end - begin)
+            point = self.curve.correct(guess, normal)
+            if point is not None and np.linalg.norm(point.place - near.place) <= np.linalg.norm(
+                self.end.place - self.start.place
+            ):
+                return point
+            try:
+                share = brentq(missed, 0.0, 1.0, xtol=_LOCATED)
+            except ArithmeticError:
+                return None
+        return None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -497,21 +647,131 @@ class Branch:
     ----------
     name : str
         The parameter varied.
-    values : tuple of float
-        Its values along the branch.
-    orbits : tuple of PeriodicOrbit
-        The motions there.
+    points : tuple of BranchPoint
+        Its motions in order along the branch; the parameter may turn.
     special : tuple of SpecialPoint
-        Special points, in order along the branch.
-    ended : str
-        Why the branch was not followed further.
+        Special points, in the same order. Those that `follow` has located are among the points.
+    began, ended : str
+        Why the branch was not followed further at its first and last point; empty if it was not
+        followed there.
     """
 
     name: str
-    values: tuple[float, ...]
-    orbits: tuple[PeriodicOrbit, ...]
+    points: tuple[BranchPoint, ...]
     special: tuple[SpecialPoint, ...]
     ended: str
+    began: str = ''
+    _pieces: tuple[_Piece, ...] = field(default=(), repr=False, compare=False)
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The parameter at the points."""
+        return tuple(point.value for point in self.points)
+
+    @property
+    def orbits(self) -> tuple[PeriodicOrbit, ...]:
+        """The motions at the points."""
+        return tuple(point.orbit for point in self.points)
+
+    def at(self, values: Sequence[float]) -> list[tuple[PeriodicOrbit, ...]]:
+        """
+        Return the motions of the branch at some values of the parameter.
+
+        Parameters
+        ----------
+        values : sequence of float
+            The values.
+
+        Returns
+        -------
+        list of tuple of PeriodicOrbit
+            For each value the motions there, in order along the branch: none where it does not
+            reach, several where it turns.
+        """
+        found: list[tuple[PeriodicOrbit, ...]] = []
+        for value in values:
+            here: list[PeriodicOrbit] = []
+            for piece in self._pieces:
+                ends = (piece.curve.value(piece.start.place), piece.curve.value(piece.end.place))
+                if not min(ends) <= value <= max(ends) or ends[0] == ends[1]:
+                    continue
+                point = piece.at_value(value)
+                if point is not None and point.orbit not in here:
+                    here.append(point.orbit)
+            found.append(tuple(here))
+        return found
+
+    def best(self, measure: str | Callable[[PeriodicOrbit], float] = 'x_max') -> BestPoint | None:
+        """
+        Return the stable, viable motion with the least of some measure.
+
+        Parameters
+        ----------
+        measure : str or callable, optional
+            A number that a `PeriodicOrbit` has, or a function of it; 'x_max' if not given.
+
+        Returns
+        -------
+        BestPoint or None
+            The motion and what limits it; None if no motion of the branch is stable and viable.
+        """
+
+        def size(orbit: PeriodicOrbit) -> float:
+            return float(getattr(orbit, measure) if isinstance(measure, str) else measure(orbit))
+
+        fit = [point.orbit.viable and not point.orbit.unstable for point in self.points]
+        sizes = [
+            size(point.orbit) if good else math.inf
+            for point, good in zip(self.points, fit, strict=True)
+        ]
+        found: list[BestPoint] = []
+        for i, point in enumerate(self.points):
+            around = sizes[max(i - 1, 0) : i + 2]
+            # The least of them need not be in the deepest valley
+            if math.isinf(sizes[i]) or sizes[i] > min(around):
+                continue
+            if 0 < i < len(sizes) - 1 and not any(map(math.isinf, around)):
+                found.append(self._valley(i, size))
+            else:
+                found.append(self._edge(i, point))
+        return min(found, key=lambda best: size(best.orbit), default=None)
+
+    def _valley(self, i: int, size: Callable[[PeriodicOrbit], float]) -> BestPoint:
+        """Return the least motion next to a point that is lower than both its neighbours."""
+        from scipy.optimize import minimize_scalar
+
+        best = self.points[i]
+        before = next((p for p in self._pieces if p.end.orbit == best.orbit), None)
+        after = next((p for p in self._pieces if p.start.orbit == best.orbit), None)
+        if before is None or after is None:
+            return BestPoint(*best, Limit.MINIMUM, '')
+
+        def size_at(share: float) -> float:
+            nonlocal best
+            piece = before if share < 1.0 else after
+            point = piece.at(share % 1.0)
+            if point is None or not point.orbit.viable or point.orbit.unstable:
+                return math.inf
+            if size(point.orbit) < size(best.orbit):
+                best = BranchPoint(piece.curve.value(point.place), point.orbit)
+            return size(point.orbit)
+
+        minimize_scalar(size_at, bounds=(0.0, 2.0), method='bounded', options={'xatol': _NARROW})
+        return BestPoint(*best, Limit.MINIMUM, '')
+
+    def _edge(self, i: int, point: BranchPoint) -> BestPoint:
+        """Return the motion at a point beyond which it ends, or changes."""
+        special = next((s for s in self.special if s.orbit == point.orbit), None)
+        if special is not None:
+            limit = _LIMITS.get(special.kind, Limit.STABILITY)
+            return BestPoint(*point, limit, special.reason or special.kind.value)
+        ended = self.ended if i else self.began
+        limit = Limit.RANGE if ended.endswith(_END) else Limit.FOLD
+        return BestPoint(*point, limit, ended)
+
+
+#: What the end of a branch at the end of its range is called.
+_END = 'the end of the range'
 
 
 def _performed_beyond(
@@ -525,7 +785,8 @@ def _performed_beyond(
     found = performed(point.orbit, point.orbit.parameters)
     if found is None or found.differs(point.orbit) > 4.0 * along.largest_step:
         return None
-    fresh = _Curve(_Family(found, curve.family.name), curve.scale)
+    value = curve.value(point.place)
+    fresh = _Curve(_Family(found, curve.family.along, value), curve.scale)
     place = np.append(fresh.family.start, point.place[-1])
     normal = np.zeros_like(place)
     normal[-1] = math.copysign(1.0, point.tangent[-1])
@@ -553,17 +814,14 @@ def _edge(curve: _Curve, here: _Point, step: float, along: Continuation) -> _Poi
 def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branch]:
     """Step along a branch until it leaves the bounds, ends or closes; see `grow_branch`."""
     name, largest_step, most_points = along.name, along.largest_step, along.most_points
-    points = [point]
+    points, curves = [point], [curve]
     between: list[_Between] = []
 
-    def branch(ended: str = '', special: tuple[SpecialPoint, ...] = ()) -> Branch:
-        return Branch(
-            name=name,
-            values=tuple(value_of(p.orbit.parameters, name) for p in points),
-            orbits=tuple(p.orbit for p in points),
-            special=special,
-            ended=ended,
+    def branch(ended: str = '') -> Branch:
+        found = (
+            BranchPoint(c.value(p.place), p.orbit) for c, p in zip(curves, points, strict=True)
         )
+        return Branch(name=name, points=tuple(found), special=(), ended=ended)
 
     yield branch()
     step = first_step = _FIRST_STEP * largest_step
@@ -598,10 +856,11 @@ def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branc
             curve, there = fresh
             step, moved = first_step, True
         points.append(there)
+        curves.append(curve)
         if edge is not None:
-            value = value_of(there.orbit.parameters, name)
+            value = curve.value(there.place)
             bound = min(along.low, along.high, key=lambda b: abs(b - value))
-            ended = f'{name} = {bound:g}, the end of the range'
+            ended = f'{name} = {bound:g}, {_END}'
             break
         if (
             not moved
@@ -614,13 +873,106 @@ def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branc
         step = min(largest_step, _GROWTH * step)
     # The special points take as long as all the rest.
     yield branch(ended)
-    special = [found for pair in between for found in _special_points(pair)]
-    yield branch(ended, tuple(special))
+    yield _with_special_points(branch(ended), between)
+
+
+def _with_special_points(branch: Branch, between: Sequence[_Between]) -> Branch:
+    """Return a branch with its special points, also among its points."""
+    special: list[SpecialPoint] = []
+    points, pieces = [*branch.points[:1]], []
+    for pair, after in zip(between, branch.points[1:], strict=True):
+        start = pair.start
+        for located in _special_points(pair):
+            special.append(located.special)
+            if located.point.orbit not in (pair.start.orbit, pair.end.orbit):
+                points.append(BranchPoint(located.special.value, located.point.orbit))
+                pieces.append(_Piece(pair.curve, start, located.point))
+                start = located.point
+        points.append(after)
+        pieces.append(_Piece(pair.curve, start, pair.end))
+    return replace(branch, points=tuple(points), special=tuple(special), _pieces=tuple(pieces))
+
+
+def _joined(down: Branch, up: Branch) -> Branch:
+    """Return both directions from a motion as one branch."""
+    if not down.points or down.ended == 'the branch closes':
+        return down if down.points else up
+    back = (_Piece(piece.curve, piece.end, piece.start) for piece in down._pieces[::-1])
+    return Branch(
+        name=down.name,
+        points=(*down.points[::-1], *up.points[1:]),
+        special=(*down.special[::-1], *up.special),
+        began=down.ended,
+        ended=up.ended,
+        _pieces=(*back, *up._pieces),
+    )
+
+
+def follow(
+    orbit: PeriodicOrbit,
+    path: Path,
+    low: float,
+    high: float,
+    *,
+    start: float | None = None,
+    largest_step: float = 0.05,
+    most_points: int = 400,
+) -> Branch:
+    """
+    Follow a periodic motion in both directions while the rig varies.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        The motion to begin with.
+    path : str or callable
+        The parameter that varies: a number of `RigParameters`, the first entry of an array, or
+        'restitution' for both coefficients; or a function that returns the rig at a number.
+    low, high : float
+        Range of the parameter. The branch may turn within it.
+    start : float, optional
+        Where a function returns the rig of the motion; `low` or `high`, if not given.
+    largest_step : float, optional
+        Longest step, relative to the displacements, phases and the parameter.
+    most_points : int, optional
+        Largest number of points in each direction.
+
+    Returns
+    -------
+    Branch
+        The motions, first those below the first one, and the special points among them.
+
+    Raises
+    ------
+    OrbitError
+        If the motion is outside the range, or the parameter cannot be varied.
+
+    Examples
+    --------
+    >>> from impact_damper_ros.orbits import find_orbits
+    >>> from impact_damper_ros.rig import RigParameters
+    >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2)).orbits[0]
+    >>> branch = follow(orbit, 'gap', 20.0, 60.0)
+    >>> [point.kind.value for point in branch.special]
+    ['branch point', 'Neimark-Sacker']
+    >>> round(branch.best('x_max').value, 3)
+    58.128
+    """
+    along = Continuation(path, low, high, largest_step, most_points, start)
+    return _joined(*(continue_orbit(orbit, along, upwards=up) for up in (False, True)))
 
 
 def continue_orbit(orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True) -> Branch:
+    """Follow a periodic motion in one direction; see `follow`."""
+    *_, branch = grow_branch(orbit, along, upwards=upwards)
+    return branch
+
+
+def grow_branch(
+    orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True
+) -> Iterator[Branch]:
     """
-    Follow a periodic motion while a parameter of the rig varies.
+    Follow a periodic motion in one direction, point by point.
 
     Parameters
     ----------
@@ -630,40 +982,6 @@ def continue_orbit(orbit: PeriodicOrbit, along: Continuation, *, upwards: bool =
         The parameter, its range and the steps.
     upwards : bool, optional
         Whether the parameter rises at first.
-
-    Returns
-    -------
-    Branch
-        The motions and the special points between them.
-
-    Raises
-    ------
-    OrbitError
-        If the motion is outside the range.
-
-    Examples
-    --------
-    >>> from impact_damper_ros.orbits import find_orbits
-    >>> from impact_damper_ros.rig import RigParameters
-    >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2)).orbits[0]
-    >>> branch = continue_orbit(orbit, Continuation('gap', 20.0, 40.0))
-    >>> branch.ended
-    'gap = 40, the end of the range'
-    """
-    *_, branch = grow_branch(orbit, along, upwards=upwards)
-    return branch
-
-
-def grow_branch(
-    orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True
-) -> Iterator[Branch]:
-    """
-    Follow a periodic motion as `continue_orbit` does, point by point.
-
-    Parameters
-    ----------
-    orbit, along, upwards
-        As in `continue_orbit`.
 
     Yields
     ------
@@ -677,16 +995,15 @@ def grow_branch(
         If the motion is outside the range.
     """
     along.check_start(orbit.parameters)
-    name = along.name
-    value = value_of(orbit.parameters, name)
-    family = _Family(orbit, name)
+    value = along.value(orbit.parameters)
+    family = _Family(orbit, along, value)
     curve = _Curve(family, abs(value) or max(abs(along.low), abs(along.high)) or 1.0)
     place = np.append(family.start, value / curve.scale)
     normal = np.zeros_like(place)
     normal[-1] = 1.0 if upwards else -1.0
     point = curve.correct(place, normal)
     if point is None:
-        yield Branch(name=name, values=(), orbits=(), special=(), ended='no motion to begin with')
+        yield Branch(name=along.name, points=(), special=(), ended='no motion to begin with')
         return
     yield from _follow(curve, point, along)
 
@@ -714,11 +1031,10 @@ def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool 
     ValueError
         If the point is of another kind.
     """
-    orbit = special.orbit
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')
     times = 2 if special.kind is SpecialKind.PERIOD_DOUBLING else 1
-    family = _Family(orbit, along.name, times)
+    family = _Family(special.orbit, along, special.value, times)
     unknowns = family.start
     curve = _Curve(family, abs(special.value) or 1.0)
     place = np.append(unknowns, special.value / curve.scale)
@@ -728,6 +1044,6 @@ def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool 
     step = _FIRST_STEP * along.largest_step
     point = curve.correct(place + step * direction, direction)
     if point is None:
-        return Branch(name=along.name, values=(), orbits=(), special=(), ended='no branch found')
+        return Branch(name=along.name, points=(), special=(), ended='no branch found')
     *_, branch = _follow(curve, point, along)
     return branch

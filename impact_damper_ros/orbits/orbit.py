@@ -211,6 +211,11 @@ class PeriodicOrbit(Rhythm):
         return abs(abs(self.multipliers[0]) - 1.0) <= NEUTRAL
 
     @property
+    def unstable(self) -> bool:
+        """Whether the largest is outside: small deviations grow."""
+        return abs(self.multipliers[0]) > 1.0 + NEUTRAL
+
+    @property
     def stability(self) -> str:
         """Stable, neutral or unstable, as a word."""
         return 'stable' if self.stable else 'neutral' if self.neutral else 'unstable'
