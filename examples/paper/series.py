@@ -8,10 +8,13 @@ through their folds. No branch with three or four impacts starts from a simulati
 from __future__ import annotations
 
 import math
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
+from multiprocessing import get_context
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -98,25 +101,58 @@ def branches_along(
     high: float,
     starts: Iterable[float],
     sequences: Sequence[tuple[int, ...]] = ((1, 2),),
+    *,
+    name: str = '',
     simulate: bool = False,
 ) -> Iterator[Branch]:
-    """Follow every viable motion found at some values, each branch once."""
+    """
+    Follow every viable motion found at some values, each branch once.
+
+    Along `name`, if the rigs differ in a parameter of this name only; `simulate` is that of
+    `find_orbits`, which then also has motions in which m reverses between two stops.
+    """
     known: list[Branch] = []
     for value in starts:
         for stops in sequences:
             for orbit in find_orbits(rig(value), stops, simulate=simulate).orbits:
                 others = (o for branch in known for o in branch.at([value])[0])
                 if orbit.viable and min(map(orbit.distance, others), default=1.0) > SAME:
-                    known.append(follow(orbit, rig, low, high, start=value))
+                    start = None if name else value
+                    known.append(follow(orbit, name or rig, low, high, start=start))
                     yield known[-1]
+
+
+def series_along(
+    rig: Callable[[float], RigParameters],
+    starts: Sequence[float],
+    marks: Sequence[float],
+    *,
+    name: str = '',
+    carried: bool = True,
+) -> Series:
+    """Return the motions with two impacts per cycle between the ends of some values."""
+    low, high = float(min(starts)), float(max(starts))
+    branches = list(branches_along(rig, low, high, map(float, starts), name=name))
+    runs = settled_runs(rig, [float(mark) for mark in marks], branches, carried)
+    return Series(rig, low, high, tuple(branches), tuple(runs))
+
+
+def computed(work: Mapping[str, Callable[[], Series]]) -> dict[str, Series]:
+    """Compute some series, each in a process."""
+    # The matrices are tiny: threads of a linear algebra library would only disturb
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    with ProcessPoolExecutor(mp_context=get_context('spawn')) as pool:
+        found = {name: pool.submit(one) for name, one in work.items()}
+        return {name: future.result() for name, future in found.items()}
 
 
 def near(orbit: PeriodicOrbit, share: float = 0.001) -> Rig:
     """
-    Return a rig that starts near a periodic motion, just before its first impact.
+    Return a rig that is near a periodic motion, in the flight after its first impact.
 
-    The velocity of M is off by a share of its amplitude. Just after the impact would be another
-    motion where air drives m: no air acts before the first impact of a run.
+    It started just before that impact, with the velocity of M off by a share of its amplitude.
+    Just after the impact would be another motion where air drives m: no air acts before the first
+    impact of a run. The phase of the force is that of the impact.
     """
     rig = orbit.parameters
     rate = rig.force_frequencies[0]
@@ -129,7 +165,9 @@ def near(orbit: PeriodicOrbit, share: float = 0.001) -> Rig:
         initial_damper_velocity=orbit.damper_velocity_before[0],
     )
     rig = rig.replace(force_phases=(math.remainder(phase, math.tau),))
-    return Rig(rig, initial, compiled=None)
+    run = Rig(rig, initial, compiled=None)
+    run.advance(0.5 * orbit.durations[0])
+    return run
 
 
 def settled(rig: Rig, cycles: int = CYCLES) -> SettledMotion:
@@ -145,10 +183,17 @@ def cycles_near(orbit: PeriodicOrbit) -> int:
 
 def same(one: SettledMotion, other: SettledMotion | PeriodicOrbit) -> bool:
     """Return whether a settled motion is another one; of irregular ones all count as the same."""
-    rhythm = other.rhythm if isinstance(other, SettledMotion) else other
-    if one.rhythm is None or rhythm is None:
-        return one.rhythm is rhythm
-    return one.rhythm.distance(rhythm) < REACHED
+    pair = [motion.rhythm if isinstance(motion, SettledMotion) else motion
+            for motion in (one, other)]  # fmt: skip
+    if None in pair:
+        return pair == [None, None]
+    # Phases count from the start of a run: here from where the force is zero
+    first, second = (
+        replace(rhythm, phases=tuple(phase + late for phase in rhythm.phases))
+        for rhythm, motion in zip(pair, (one, other), strict=True)
+        for late in [motion.parameters.force_phases[0] / math.tau]
+    )
+    return first.distance(second) < REACHED
 
 
 def settled_runs(
@@ -181,7 +226,8 @@ def settled_runs(
             for motion, run in list(found[here]):
                 if motion.rhythm is not None:
                     copy = Rig.resume(run.state(), compiled=None)
-                    copy.change(rig(there))
+                    phases = run.parameters.force_phases
+                    copy.change(rig(there).replace(force_phases=phases))
                     take(there, copy)
     return ((value, motion) for value, row in found.items() for motion, _ in row)
 

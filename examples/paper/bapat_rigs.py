@@ -45,3 +45,31 @@ def scaled_rig(rig: RigParameters, omega: float) -> RigParameters:
         force_amplitudes=tuple(force * ratio**2 for force in rig.force_amplitudes),
         force_frequencies=tuple(rate * ratio for rate in rig.force_frequencies),
     )
+
+
+# Rigs along the axes of the figures
+
+
+def at_gap(rig: RigParameters, gap: float) -> RigParameters:
+    """Return a rig with another gap, m."""
+    return rig.replace(gap=gap)
+
+
+def at_angle(rig: RigParameters, angle: float) -> RigParameters:
+    """Return a rig at another angle, degrees."""
+    return rig.replace(angle=math.radians(angle))
+
+
+def at_rate(rig: RigParameters, rate: float) -> RigParameters:
+    """Return a rig with another frequency of the force, rad/s."""
+    return rig.replace(force_frequencies=(rate,))
+
+
+def at_friction(rig: RigParameters, friction: float) -> RigParameters:
+    """Return a rig with another coefficient of friction."""
+    return rig.replace(friction=friction)
+
+
+def with_air(rig: RigParameters, share: float) -> RigParameters:
+    """Return a rig with an air force that is a multiple of the friction force on the level."""
+    return rig.replace(air_force=share * rig.friction * rig.damper_mass * rig.gravity)
