@@ -34,7 +34,6 @@ from impact_damper_ros.rig.state import (
 )
 from impact_damper_ros.rig.transition import resolve, strike
 
-
 _run_fields = attrgetter(*Run.__dataclass_fields__)
 
 

@@ -21,7 +21,6 @@ from .equations import Array, ImpactEquations
 from .segments import Segments, Solution, impact_nodes, solve
 from .settling import settled_impacts, starting_points
 
-
 #: Residual of a start that has converged; Newton's method does the rest.
 _REACHED = 1e-10
 

@@ -184,26 +184,17 @@ class SettledMotion:
 
     @cached_property
     def rhythm(self) -> Rhythm | None:
-        """
-        The impacts of a period; None without impacts, or if the motion does not repeat.
-
-        It begins on stop 1 after stop 2, if there is such a place.
-        """
+        """The impacts of a period; None without impacts, or if the motion does not repeat."""
         hits = self.impacts
         if self.period is None or not hits:
             return None
-        cycles = self.period.cycles
-        phases = [self.phase(event.time) for event in hits]
-        whole = math.floor(phases[0])
-        rhythm = Rhythm(
-            tuple(event.stop for event in hits),
-            cycles,
-            tuple((phase - whole) % cycles for phase in phases),
-            tuple(event.x for event in hits),
+        return Rhythm.of_impacts(
+            self.period.cycles,
+            [event.stop for event in hits],
+            [self.phase(event.time) for event in hits],
+            [event.x for event in hits],
             self.x_max,
         )
-        turns = (i for i, stop in enumerate(rhythm.stops) if stop == 1 < rhythm.stops[i - 1])
-        return rhythm.begun_at(next(turns, 0))
 
     @cached_property
     def x_max(self) -> float:
