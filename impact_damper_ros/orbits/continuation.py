@@ -766,12 +766,12 @@ class Branch:
             limit = _LIMITS.get(special.kind, Limit.STABILITY)
             return BestPoint(*point, limit, special.reason or special.kind.value)
         ended = self.ended if i else self.began
-        limit = Limit.RANGE if ended.endswith(_END) else Limit.FOLD
+        limit = Limit.FOLD if ended == _NONE_NEARBY else Limit.RANGE
         return BestPoint(*point, limit, ended)
 
 
-#: What the end of a branch at the end of its range is called.
-_END = 'the end of the range'
+#: Why a branch ends: at the end of its range, and elsewhere.
+_END, _NONE_NEARBY = 'the end of the range', 'no motion nearby: the corrector fails'
 
 
 def _performed_beyond(
@@ -844,7 +844,7 @@ def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branc
             step *= 0.5
             if step >= _LEAST_STEP * largest_step:
                 continue
-            ended = 'no motion nearby: the corrector fails'
+            ended = _NONE_NEARBY
             break
         if edge is not None:
             step = float((edge.place - here.place) @ here.tangent)

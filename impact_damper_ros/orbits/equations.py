@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import islice
 from typing import Any
 
@@ -102,6 +103,16 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
                 f'of the first one, {first:g} rad/s: a periodic motion needs a whole number, '
                 'give frequencies in ratios of whole numbers and as many cycles as these ask for'
             )
+
+
+def period_of_force(parameters: RigParameters, longest: int) -> int:
+    """Return the period of the force in cycles of its first harmonic; or raise `OrbitError`."""
+    for cycles in range(1, longest):
+        with suppress(OrbitError):
+            check_forcing(parameters, cycles)
+            return cycles
+    check_forcing(parameters, longest)
+    return longest
 
 
 def checked_number(name: str, value: Any, low: float, high: float) -> float:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
+from operator import attrgetter
 from typing import NamedTuple
 
 from impact_damper_ros.rig import RigParameters
@@ -32,6 +33,8 @@ from impact_damper_ros.rig.state import (
     constants_of,
 )
 from impact_damper_ros.rig.transition import resolve, strike
+
+_run_fields = attrgetter(*Run.__dataclass_fields__)
 
 
 class Machine(NamedTuple):
@@ -71,7 +74,7 @@ class Flight:
     def copy(self) -> Flight:
         """Return another flight in the same state."""
         waves = [Wave(w.angle, w.sine_0, w.cosine_0, w.sine, w.cosine) for w in self.waves]
-        return Flight(self.machine, replace(self.run), waves)
+        return Flight(self.machine, Run(*_run_fields(self.run)), waves)
 
     def after(self, tau: float) -> Flight:
         """Return the flight that goes on from a time since the origin, s."""

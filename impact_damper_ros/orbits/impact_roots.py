@@ -18,8 +18,11 @@ import numpy as np
 from impact_damper_ros.rig import Event
 
 from .equations import Array, ImpactEquations
-from .segments import RESIDUAL_TOLERANCE, Segments, Solution, impact_nodes, solve
+from .segments import Segments, Solution, impact_nodes, solve
 from .settling import settled_impacts, starting_points
+
+#: Residual of a start that has converged; Newton's method does the rest.
+_REACHED = 1e-10
 
 
 def impact_problem(equations: ImpactEquations) -> Segments:
@@ -45,8 +48,8 @@ def approach_roots(
     damping = np.full(len(unknowns), 1e-3)
     identity = np.eye(unknowns.shape[1])
     for _ in range(steps):
-        # A start that has diverged, to two impacts at once, is dropped.
-        active = (cost > 1e-24) & (cost < 1e12) & (damping < 1e12)
+        # A start that has diverged, to two impacts at once, or is stuck is dropped.
+        active = (cost > _REACHED**2) & (cost < 1e12) & (damping < 1e5)
         if not active.any():
             break
         k = np.flatnonzero(active)
@@ -80,7 +83,7 @@ def _solved(equations: ImpactEquations, starts: Iterable[tuple[Array, Array]]) -
 
 _POINTS_PER_CYCLE = 400
 _MOST_POINTS = 100_000
-_BISECTIONS = 24
+_BISECTIONS = 12
 _CLOSER_LOOKS = 5
 _LOOKS = 33
 
@@ -344,6 +347,6 @@ def many_impact_roots(
         place = np.concatenate([phases[s], states[s, :, 0] / equations.length])
         keys.setdefault(tuple(np.round(place * 1e5).astype(int)), int(s))
     solved = (solve(problem, states[s], instants[s]) for s in keys.values())
-    converged = residuals < RESIDUAL_TOLERANCE
+    converged = residuals <= _REACHED
     counts = int(converged[:starts].sum()), len(x) - starts, int(converged[starts:].sum())
     return [solution for solution in solved if solution is not None], counts

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, Self
 
@@ -75,6 +75,26 @@ class Rhythm:
     phases: tuple[float, ...]
     x: tuple[float, ...]
     x_max: float
+
+    @classmethod
+    def of_impacts(
+        cls,
+        cycles: int,
+        stops: Sequence[int],
+        phases: Sequence[float],
+        x: Sequence[float],
+        x_max: float,
+    ) -> Self:
+        """
+        Return the rhythm of the impacts in a period, their phases from any whole cycle on.
+
+        It begins on stop 1 after stop 2, if there is such a place.
+        """
+        whole = math.floor(phases[0])
+        inside = tuple((phase - whole) % cycles for phase in phases)
+        rhythm = cls(tuple(stops), cycles, inside, tuple(x), x_max)
+        turns = (i for i, stop in enumerate(stops) if stop == 1 < stops[i - 1])
+        return rhythm.begun_at(next(turns, 0))
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> Self:

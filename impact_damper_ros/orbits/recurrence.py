@@ -31,8 +31,8 @@ NEAR = 1e-3
 _BETTER, _NEARLY, _NEARLY_AT_MOST = 1e-2, 1e3, 1e-5
 # Farther apart, two periods are not compared; nor are levels of shorter periods so large.
 _SAME, _RECOGNISED = 0.3, 1e-2
-# What round-off leaves, in floors.
-_FLOORS = 10.0
+# What round-off leaves, in floors; and where it hides a decay.
+_FLOORS, _DECAY_ROUND_OFF = 10.0, 1e-9
 # Periods that a motion approaches: by how much the distance shrinks from one third of them to the
 # next, and how many of them with which distance.
 _SHRINKS, _FEW, _MANY, _APPROACHING, _CLOSE = 0.7, 6, 18, 0.3, 0.1
@@ -206,6 +206,12 @@ class Period:
             return np.nan, np.nan, np.nan
         first, second, third = (float(part.max()) for part in np.array_split(self.distance, 3))
         return first, second, third
+
+    @property
+    def decay(self) -> float:
+        """Distance of the last two periods over that of the two before; NaN in round-off."""
+        before = float(self.distance[-2]) if len(self.distance) > 1 else 0.0
+        return self.level / before if before > _DECAY_ROUND_OFF else np.nan
 
     @property
     def factor(self) -> float:

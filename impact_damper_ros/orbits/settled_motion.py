@@ -28,8 +28,9 @@ from .lyapunov import (
     period_exponent,
 )
 from .multipliers import multipliers_of
-from .orbit import Rhythm
+from .orbit import PeriodicOrbit, Rhythm
 from .recurrence import LONGEST_PERIOD, Array, MotionKind, Period, Section, find_period
+from .solved_orbits import orbit_near
 
 #: For how many cycles at least the states must come back.
 _LEAST_REPEATS = 10
@@ -39,6 +40,9 @@ _ROUND_OFF = 1e-13
 _GROWS = 1.001
 #: Fewest cycles of which an exponent is measured.
 _FEWEST = 21
+#: Angle by which harmonics are shifted, rad; impacts from which the motion of the theory is
+#: sought, and its largest distance.
+_SHIFTED, _STARTS, _REACHED = 1e-9, 3, 1e-2
 
 
 def _active_rates(parameters: RigParameters) -> list[float]:
@@ -180,26 +184,17 @@ class SettledMotion:
 
     @cached_property
     def rhythm(self) -> Rhythm | None:
-        """
-        The impacts of a period; None without impacts, or if the motion does not repeat.
-
-        It begins on stop 1 after stop 2, if there is such a place.
-        """
+        """The impacts of a period; None without impacts, or if the motion does not repeat."""
         hits = self.impacts
         if self.period is None or not hits:
             return None
-        cycles = self.period.cycles
-        phases = [self.phase(event.time) for event in hits]
-        whole = math.floor(phases[0])
-        rhythm = Rhythm(
-            tuple(event.stop for event in hits),
-            cycles,
-            tuple((phase - whole) % cycles for phase in phases),
-            tuple(event.x for event in hits),
+        return Rhythm.of_impacts(
+            self.period.cycles,
+            [event.stop for event in hits],
+            [self.phase(event.time) for event in hits],
+            [event.x for event in hits],
             self.x_max,
         )
-        turns = (i for i, stop in enumerate(rhythm.stops) if stop == 1 < rhythm.stops[i - 1])
-        return rhythm.begun_at(next(turns, 0))
 
     @cached_property
     def x_max(self) -> float:
@@ -209,6 +204,33 @@ class SettledMotion:
         start = max(self.watched_from, self.end - span)
         machine = machine_of(self.parameters)
         return largest_between(machine, self._angles, rows, start, self.end)
+
+    @cached_property
+    def orbit(self) -> PeriodicOrbit | None:
+        """
+        The motion of the theory that was reached, begun at the same impact as `rhythm`.
+
+        None if there is none within the rest of the transient, or stops move.
+        """
+        rhythm = self.rhythm
+        if rhythm is None or self.period is None:
+            return None
+        rig, first = self.parameters, self._angles[0]
+        ratios = [rate / rig.force_frequencies[0] for rate in rig.force_frequencies]
+        own = zip(rig.force_phases, self._angles, ratios, strict=False)
+        # Where changes have shifted the harmonics against each other
+        late = [phase + angle - ratio * first for phase, angle, ratio in own]
+        phases = tuple(math.remainder(phase, math.tau) for phase in late)
+        if max(abs(a - b) for a, b in zip(late, rig.force_phases, strict=True)) > _SHIFTED:
+            rig = rig.replace(force_phases=phases)
+        # From the strongest impact on, which round-off least decides
+        hits = sorted(self.impacts, key=lambda event: -abs(event.impulse))
+        for impact in hits[:_STARTS]:
+            orbit = orbit_near(rig, impact, self.phase(impact.time), rhythm.cycles)
+            turned = None if orbit is None else orbit.nearest_turn(rhythm)
+            if turned is not None and max(turned[1]) < _REACHED:
+                return turned[0]
+        return None
 
     def deviations(self, start: float, end: float) -> Deviations:
         """
