@@ -19,12 +19,10 @@ COMMANDS = [
     'compare_run',
     'recover_run',
     'replay_run',
-    'reproduce_paper',
     'rig_page',
     'sim_node',
     'simulate_rig',
     'solve_periodic',
-    'study_gap_control',
     'sweep_rig',
 ]
 NOT_SOURCES = ('.git', '.venv', '.*_cache', '__pycache__', 'build', 'install', 'log', 'demo_run')
