@@ -41,10 +41,11 @@ def gap_series(rig: RigParameters, quick: bool = False) -> Series:
     """Return all motions of a rig over the gap; with three and more impacts those stable once."""
     at = partial(at_gap, rig)
     two = (20.0, 23.0, 40.0) if quick else np.arange(5.0, HIGH)
-    many = (12.7, 19.0) if quick else np.arange(5.0, MANY_UP_TO)
+    many = (19.0,) if quick else np.arange(5.0, MANY_UP_TO)
+    sequences = MANY[:2] if quick else MANY
     branches = [
         *branches_along(at, LOW, HIGH, two, name='gap'),
-        *filter(performed, branches_along(at, LOW, HIGH, many, MANY, name='gap')),
+        *filter(performed, branches_along(at, LOW, HIGH, many, sequences, name='gap')),
     ]
     if rig.friction:
         # m may also reverse between two stops: found from simulated starts
