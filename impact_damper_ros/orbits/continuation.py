@@ -34,8 +34,9 @@ import numpy as np
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
 from impact_damper_ros.rig.quoting import shown
 
-from .equations import Array, OrbitError, checked_number, checked_whole, single_harmonic
+from .arguments import OrbitError, checked_number, checked_whole, single_harmonic
 from .orbit import PeriodicOrbit
+from .response import Array
 from .search import within_theory
 from .segments import Root, Segments, Solution, newton
 from .solved_orbits import guess_on, orbit_of, performed
