@@ -453,6 +453,8 @@ def _systematic_starts(equations: ImpactEquations, count: int) -> tuple[Array, A
 @np.errstate(divide='ignore', invalid='ignore', over='ignore')
 def many_impact_roots(equations: ImpactEquations, starts: int) -> tuple[list[Solution], int]:
     """Find motions of one stop sequence from systematic starts; and how many have converged."""
+    if not starts:
+        return [], 0
     x, instants = _systematic_starts(equations, starts)
     problem = impact_problem(equations)
     unknowns = problem.unknowns(equations.states(x, instants), instants)
