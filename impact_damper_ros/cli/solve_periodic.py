@@ -28,7 +28,7 @@ from impact_damper_ros.orbits import (
     settle,
     switch_branch,
 )
-from impact_damper_ros.orbits.equations import period_of_force
+from impact_damper_ros.orbits.arguments import period_of_force
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD
 from impact_damper_ros.outputs import check_file, write_text
 from impact_damper_ros.rig import RigParameters

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 
 if TYPE_CHECKING:
+    from .arguments import OrbitError, plausible_stops
     from .continuation import (
         BestPoint,
         Branch,
@@ -23,13 +24,13 @@ if TYPE_CHECKING:
         switch_branch,
         value_of,
     )
-    from .equations import ImpactEquations, OrbitError, plausible_stops
     from .optimum import OptimalGap, optimal_gap
     from .orbit import OrbitEvent, PeriodicOrbit, Rhythm
     from .recurrence import MotionKind, Period, Section, find_period
     from .search import OrbitSearch, StartReport, find_orbits
     from .settled_motion import SettledMotion, settle
     from .solved_orbits import orbit_near
+    from .starts import ImpactEquations
 
 __all__ = [
     'BestPoint',
@@ -70,7 +71,8 @@ __getattr__ = lazy_names(
             *('BestPoint', 'Branch', 'BranchPoint', 'Continuation', 'SpecialKind', 'SpecialPoint'),
             *('continue_orbit', 'follow', 'grow_branch', 'switch_branch', 'value_of'),
         ),
-        'equations': ('ImpactEquations', 'OrbitError', 'plausible_stops'),
+        'arguments': ('OrbitError', 'plausible_stops'),
+        'starts': ('ImpactEquations',),
         'optimum': ('OptimalGap', 'optimal_gap'),
         'orbit': ('OrbitEvent', 'PeriodicOrbit', 'Rhythm'),
         'recurrence': ('MotionKind', 'Period', 'Section', 'find_period'),

@@ -34,8 +34,9 @@ import numpy as np
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
 from impact_damper_ros.rig.quoting import shown
 
-from .equations import Array, OrbitError, checked_number, checked_whole, single_harmonic
+from .arguments import OrbitError, checked_number, checked_whole, single_harmonic
 from .orbit import PeriodicOrbit
+from .response import Array
 from .search import within_theory
 from .segments import Root, Segments, Solution, newton
 from .solved_orbits import guess_on, orbit_of, performed
@@ -736,6 +737,30 @@ class Branch:
                 found.append(self._edge(i, point))
         return min(found, key=lambda best: size(best.orbit), default=None)
 
+    def joined(self, other: Branch) -> Branch:
+        """Return a branch that was followed downwards, and one upwards, from a motion, as one."""
+        if not self.points or self.ended == _CLOSES:
+            return self if self.points else other
+        back = (_Piece(piece.curve, piece.end, piece.start) for piece in self._pieces[::-1])
+        turned = replace(
+            self,
+            points=self.points[::-1],
+            special=self.special[::-1],
+            began=self.ended,
+            _pieces=tuple(back),
+        )
+        return turned.extended(other)
+
+    def extended(self, further: Branch) -> Branch:
+        """Return the branch with one that goes on from its last point."""
+        return replace(
+            self,
+            points=(*self.points, *further.points[1:]),
+            special=(*self.special, *further.special),
+            ended=further.ended,
+            _pieces=(*self._pieces, *further._pieces),
+        )
+
     def _valley(self, i: int, size: Callable[[PeriodicOrbit], float]) -> BestPoint:
         """Return the least motion next to a point that is lower than both its neighbours."""
         from scipy.optimize import minimize_scalar
@@ -772,6 +797,7 @@ class Branch:
 
 #: Why a branch ends: at the end of its range, and elsewhere.
 _END, _NONE_NEARBY = 'the end of the range', 'no motion nearby: the corrector fails'
+_CLOSES = 'the branch closes'
 
 
 def _performed_beyond(
@@ -867,7 +893,7 @@ def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branc
             and len(points) > 4
             and np.linalg.norm(there.place - point.place) < 0.5 * step
         ):
-            ended = 'the branch closes'
+            ended = _CLOSES
             break
         yield branch()
         step = min(largest_step, _GROWTH * step)
@@ -891,21 +917,6 @@ def _with_special_points(branch: Branch, between: Sequence[_Between]) -> Branch:
         points.append(after)
         pieces.append(_Piece(pair.curve, start, pair.end))
     return replace(branch, points=tuple(points), special=tuple(special), _pieces=tuple(pieces))
-
-
-def _joined(down: Branch, up: Branch) -> Branch:
-    """Return both directions from a motion as one branch."""
-    if not down.points or down.ended == 'the branch closes':
-        return down if down.points else up
-    back = (_Piece(piece.curve, piece.end, piece.start) for piece in down._pieces[::-1])
-    return Branch(
-        name=down.name,
-        points=(*down.points[::-1], *up.points[1:]),
-        special=(*down.special[::-1], *up.special),
-        began=down.ended,
-        ended=up.ended,
-        _pieces=(*back, *up._pieces),
-    )
 
 
 def follow(
@@ -959,7 +970,8 @@ def follow(
     58.128
     """
     along = Continuation(path, low, high, largest_step, most_points, start)
-    return _joined(*(continue_orbit(orbit, along, upwards=up) for up in (False, True)))
+    down, up = (continue_orbit(orbit, along, upwards=upwards) for upwards in (False, True))
+    return down.joined(up)
 
 
 def continue_orbit(orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True) -> Branch:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from operator import attrgetter
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.event import ROWS_AT_ONCE, EventRow
@@ -33,6 +33,9 @@ from impact_damper_ros.rig.state import (
     constants_of,
 )
 from impact_damper_ros.rig.transition import resolve, strike
+
+if TYPE_CHECKING:
+    from impact_damper_ros.control import Rig
 
 _run_fields = attrgetter(*Run.__dataclass_fields__)
 
@@ -149,6 +152,14 @@ def flight_at(
     else:
         run.mode = moving_mode(rig, relative_velocity)
     return Flight(machine, run, waves).begun()
+
+
+def flight_of(rig: Rig) -> Flight:
+    """Return the flight with which a rig goes on from its present time, its stops at rest."""
+    state = rig.state()
+    since = rig.time - state.run.time
+    waves = [Wave(angle) for angle in state.angles]
+    return Flight(machine_of(state.parameters), state.run, waves).begun().after(since)
 
 
 def flight_at_impact(

@@ -50,9 +50,9 @@ from impact_damper_ros.rig.state import (
     STICK,
 )
 
-from .equations import Array, forced_response
 from .flights import Flight, flight_at, machine_of
 from .multipliers import multipliers_of
+from .response import Array, forced_response
 
 #: Largest relative residual of a solution; just beyond a fold the least residual is not zero.
 RESIDUAL_TOLERANCE = 1e-12
@@ -297,7 +297,7 @@ class Segments:
     def unknowns(self, states: Array, instants: Array) -> Array:
         """Return the unknowns of a guess."""
         full = np.concatenate([states, instants[..., None]], axis=-1) / self._units
-        shape = (*instants.shape[:-1], -1)
+        shape = (*instants.shape[:-1], 5 * len(self.nodes))
         values: Array = full.reshape(shape)[..., self.layout.columns]
         return values
 

@@ -27,11 +27,13 @@ from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
 
-from .equations import Array, ImpactEquations, check_cycles, check_forcing, single_harmonic
+from .arguments import check_cycles, check_forcing, single_harmonic
 from .extremes import largest_displacement
 from .flights import Flight, flight_at_impact, machine_of
 from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
+from .response import Array
 from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
+from .starts import ImpactEquations
 from .trajectory import FlightPart, Trajectory, follow_trajectory
 from .viability import why_not_viable
 

@@ -22,9 +22,9 @@ from impact_damper_ros.rig.flight import (
 )
 from impact_damper_ros.rig.state import STICK
 
-from .equations import Array
 from .extremes import extremes
 from .flights import Flight
+from .response import Array
 from .segments import Node, Segments
 
 #: How much earlier than assumed, as a share of the period, an impact counts as another one.

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from rigs import FRICTION, OFF_RESONANCE, VERTICAL
 
-from impact_damper_ros.orbits import OrbitError, find_orbits
+from impact_damper_ros.control import Rig
+from impact_damper_ros.orbits import OrbitError, find_orbits, settle
 from impact_damper_ros.orbits.continuation import (
     Continuation,
     SpecialKind,
@@ -16,8 +17,6 @@ from impact_damper_ros.orbits.continuation import (
     value_of,
     with_value,
 )
-from impact_damper_ros.orbits.recognition import repeated_impacts
-from impact_damper_ros.orbits.settling import settled_impacts
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 #: A W^2/g of the vertical rig for a force of 1 N
@@ -153,12 +152,9 @@ def test_branch_of_twice_the_period(louder):
         initial_damper_velocity=orbit.damper_velocity_after[0],
     )
     rig = orbit.parameters.replace(force_phases=(math.tau * orbit.phases[0],))
-    impacts = settled_impacts(rig, start, 900, 20)
-    motion = repeated_impacts(impacts, orbit.cycle, 4, 1e-9)
-    assert motion is not None
-    assert motion[1] == 2
-    seen = sorted(event.x for event in motion[0])
-    assert seen == pytest.approx(sorted(orbit.x), rel=1e-8)
+    reached = settle(Rig(rig, start), tolerance=1e-11)
+    assert (reached.rhythm.stops, reached.rhythm.cycles) == ((1, 1), 2)
+    assert sorted(reached.rhythm.x) == pytest.approx(sorted(orbit.x), rel=1e-8)
 
 
 def test_twice_the_period_with_reversals():

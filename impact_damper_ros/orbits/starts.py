@@ -1,25 +1,191 @@
 """
-Solutions of the impact equations: all of one and two impacts, many starts for more.
+Starts of the boundary-value problem, from the equations of N impacts in k cycles of the force.
 
-The linear part of the equations leaves, for fixed instants, vectors (X_1, .., X_N, C, S, W) that
-satisfy it up to a factor; the force then asks for C^2 + S^2 = W^2. For N = 1 these vectors span a
-plane and the condition is a quadratic. For N = 2 they are one vector for each alpha_2, and the
-condition is one equation for alpha_2: the paper's (16), in a form without poles. Where the
-equations lose rank, as in the symmetric motion of a symmetric rig, it is a quadratic again.
+Bapat (1995), equations (3)-(15), derived again. Between impacts the damper mass has constant
+acceleration, so that the displacements X_i and instants t_i of the impacts give its velocities;
+momentum and restitution then give those of the primary mass before and after each impact; and
+its closed-form flight must lead from each impact to the next. These are 2N equations. For fixed
+instants they are linear in X_1 .. X_N and in the cosine and sine of the force's phase at the
+first impact: an N-impact motion has only N-1 non-linear unknowns.
+
+The linear part leaves, for fixed instants, vectors (X_1, .., X_N, C, S, W) that satisfy it up to a
+factor; the force then asks for C^2 + S^2 = W^2. For N = 1 these vectors span a plane and the
+condition is a quadratic. For N = 2 they are one vector for each alpha_2, and the condition is one
+equation for alpha_2: the paper's (16), in a form without poles. Where the equations lose rank, as
+in the symmetric motion of a symmetric rig, it is a quadratic again. These are all starts that
+there are; for more impacts there are many systematic ones.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from impact_damper_ros.rig import Event
+from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.state import constants_of
 
-from .equations import Array, ImpactEquations
+from .arguments import OrbitError, check_forcing, check_stops
+from .response import Array, forced_response, free_response
 from .segments import Segments, Solution, impact_nodes, solve
-from .settling import settled_impacts, starting_points
+
+
+class ImpactEquations:
+    """
+    The 2N equations of one stop sequence.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig, driven by one harmonic.
+    stops : tuple of int
+        Stops hit in one period, in order.
+    cycles : int
+        Period k in cycles of the force.
+
+    Attributes
+    ----------
+    impacts : int
+        Number of impacts N.
+    period : float
+        Period of the motion, s.
+    length, rate : float
+        Scales of displacement (m) and frequency (rad/s), by which residuals are divided.
+    air, accelerations : ndarray, shape (N,)
+        Acceleration of m in the flight after each impact: by the air, and in all.
+    pushes : ndarray, shape (N,)
+        Constant acceleration of M by friction and air in that flight.
+
+    Raises
+    ------
+    OrbitError
+        If the rig or the sequence is outside the theory; with friction also if a flight returns
+        to the stop it came from, since friction reverses within it.
+    """
+
+    def __init__(self, parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:
+        check_forcing(parameters)
+        check_stops(parameters, stops, cycles)
+        machine, lines = constants_of(parameters)
+        self.parameters = parameters
+        self.stops = stops
+        self.cycles = cycles
+        self.impacts = len(stops)
+        self.frequency = parameters.force_frequencies[0]
+        self.phase = parameters.force_phases[0]
+        self.cycle = math.tau / self.frequency
+        self.period = cycles * self.cycle
+        # The paper's lambda of the flight after each impact; 0 if it returns to the same stop
+        self.directions = tuple(a - b for a, b in zip(stops, stops[1:] + stops[:1], strict=True))
+        if machine.grip > 0.0 and 0 in self.directions:
+            raise OrbitError(
+                f'stop sequence {",".join(map(str, stops))} with friction '
+                f'{parameters.friction:g}: a flight that returns to the same stop reverses, and '
+                'friction with it; use find_orbits'
+            )
+        mass_ratio = machine.mass_ratio
+        first = np.array(stops) == 1
+        restitution = np.where(first, machine.restitution_1, machine.restitution_2)
+        # M's velocities at an impact from those of m just after and just before it
+        self._before_from_after = (1.0 + mass_ratio) / (1.0 + restitution)
+        self._before_from_before = (restitution - mass_ratio) / (1.0 + restitution)
+        self._after_from_after = (1.0 - mass_ratio * restitution) / (1.0 + restitution)
+        self._after_from_before = (1.0 + mass_ratio) * restitution / (1.0 + restitution)
+        direction = np.array(self.directions)
+        self.air: Array = np.where(first, -machine.air, machine.air)
+        self.accelerations: Array = machine.slope - direction * machine.grip + self.air
+        self.pushes: Array = mass_ratio * (direction * machine.grip - self.air)
+        self._next = np.roll(np.arange(self.impacts), -1)
+        self._last = np.roll(np.arange(self.impacts), 1)
+        offsets = np.where(first, machine.half_gap, -machine.half_gap)
+        self._travel: Array = offsets[self._next] - offsets
+        self._oscillator = machine.free
+        self._stiffness = machine.free.omega_squared
+        self._force = lines[0].force
+        self.rate = math.sqrt(self._stiffness)
+        swing = abs(self._force) / self._stiffness
+        fall = float(np.max(np.abs(self.accelerations))) / self.frequency**2
+        self.length = max(swing, fall, float(np.max(np.abs(self._travel))))
+
+    def durations(self, instants: Array) -> Array:
+        """Return the durations of the flights between instants that rise within one period, s."""
+        lasts: Array = instants[..., self._next] - instants
+        lasts[..., -1] += self.period
+        return lasts
+
+    def _mean_velocity(self, lasts: Array) -> Array:
+        """Return m's mean velocity in each flight by X_1..X_N, without its constant part."""
+        n = self.impacts
+        inverse = 1.0 / lasts
+        mean = np.zeros((*lasts.shape, n))
+        for i in range(n):
+            mean[..., i, (i + 1) % n] += inverse[..., i]
+            mean[..., i, i] -= inverse[..., i]
+        return mean
+
+    def linear_system(self, instants: Array) -> Array:
+        """
+        Return the equations for fixed instants after the first impact, (..., N), s.
+
+        Each of the 2N rows times (X_1, .., X_N, cos, sin, 1) is zero, where cos and sin are of
+        the force's phase at the first impact; displacements first, then velocities over the
+        natural frequency.
+        """
+        n = self.impacts
+        lasts = self.durations(instants)
+        unit, impulse, slope = free_response(self._oscillator, lasts)
+        free = self._oscillator
+        x_forced, v_forced = forced_response(free.decay, free.frequency, self.frequency, lasts)
+        turn = self._force * np.exp(1j * self.frequency * instants)
+        constant = self._travel * (1.0 / lasts)
+        half = 0.5 * self.accelerations * lasts
+        after_0 = self._after_from_after * (constant - half)
+        after_0 += self._after_from_before * (constant + half)[..., self._last]
+        before_0 = self._before_from_after * (constant - half)
+        before_0 += self._before_from_before * (constant + half)[..., self._last]
+        rows = np.zeros((*lasts.shape[:-1], 2 * n, n + 3))
+        rows[..., :n] = self._by_x(lasts, unit, impulse, slope)
+        place = rows[..., :n, :]
+        speed = rows[..., n:, :]
+        place[..., n] = -(turn * x_forced).imag
+        place[..., n + 1] = -(turn * x_forced).real
+        speed[..., n] = -(turn * v_forced).imag
+        speed[..., n + 1] = -(turn * v_forced).real
+        place[..., n + 2] = -impulse * after_0 - self.pushes / self._stiffness * (1.0 - unit)
+        speed[..., n + 2] = before_0[..., self._next] - slope * after_0 - self.pushes * impulse
+        speed[..., n:] /= self.rate
+        return rows
+
+    def _by_x(self, lasts: Array, unit: Array, impulse: Array, slope: Array) -> Array:
+        """Return the columns of `linear_system` for X_1 .. X_N, given the free response."""
+        n = self.impacts
+        mean = self._mean_velocity(lasts)
+        after = mean * self._after_from_after[:, None]
+        after += mean[..., self._last, :] * self._after_from_before[:, None]
+        before = mean * self._before_from_after[:, None]
+        before += mean[..., self._last, :] * self._before_from_before[:, None]
+        rows = np.empty((*lasts.shape[:-1], 2 * n, n))
+        place, speed = rows[..., :n, :], rows[..., n:, :]
+        place[...] = -impulse[..., None] * after
+        speed[...] = before[..., self._next, :] - slope[..., None] * after
+        for i in range(n):
+            place[..., i, (i + 1) % n] += 1.0
+            place[..., i, i] -= unit[..., i]
+            speed[..., i, i] += self._stiffness * impulse[..., i]
+        speed /= self.rate
+        return rows
+
+    def states(self, x: Array, instants: Array) -> Array:
+        """Return the states just after the impacts as `Segments` has them, (..., N, 4)."""
+        lasts = self.durations(instants)
+        mean = (x[..., self._next] - x + self._travel) / lasts
+        half = 0.5 * self.accelerations * lasts
+        damper = mean - half
+        velocity = self._after_from_after * damper
+        velocity += self._after_from_before * (mean + half)[..., self._last]
+        return np.stack([x, velocity, np.zeros_like(x), damper - velocity], axis=-1)
+
 
 #: Residual of a start that has converged; Newton's method does the rest.
 _REACHED = 1e-10
@@ -249,9 +415,6 @@ def two_impact_roots(equations: ImpactEquations) -> list[Solution]:
 
 
 _CLOSE = 1e-6
-_SETTLING_CYCLES = 120
-_WATCHED_CYCLES = 12
-_MOST_WINDOWS = 16
 
 
 def _systematic_starts(equations: ImpactEquations, count: int) -> tuple[Array, Array]:
@@ -286,53 +449,13 @@ def _systematic_starts(equations: ImpactEquations, count: int) -> tuple[Array, A
     return x, offsets + first
 
 
-def _windows(
-    impacts: Sequence[Event], stops: tuple[int, ...], period: float
-) -> Iterator[tuple[list[float], list[float]]]:
-    """Yield X and instants wherever a run hits the stops in a given order in one period."""
-    n = len(stops)
-    for i in range(len(impacts) - n + 1):
-        chosen = impacts[i : i + n]
-        if tuple(event.stop for event in chosen) != stops:
-            continue
-        if chosen[-1].time - chosen[0].time < period:
-            yield [event.x for event in chosen], [event.time for event in chosen]
-
-
-def _simulated_starts(equations: ImpactEquations) -> tuple[Array, Array]:
-    """Return starts from motion simulated from several initial conditions."""
-    parameters = equations.parameters
-    n = equations.impacts
-    xs: list[list[float]] = []
-    instants: list[list[float]] = []
-    # Impacts, as many reversals, and room for another motion on the way
-    most_events = (4 * n + 8) / equations.cycles
-    for initial in starting_points(parameters):
-        impacts = settled_impacts(
-            parameters, initial, _SETTLING_CYCLES, _WATCHED_CYCLES, most_events
-        )
-        found = list(_windows(impacts, equations.stops, equations.period))[-_MOST_WINDOWS:]
-        xs += [x for x, _ in found]
-        instants += [t for _, t in found]
-    return np.array(xs).reshape(-1, n), np.array(instants).reshape(-1, n)
-
-
 # A start may have two impacts at once, as at the end of a chatter: it is dropped.
 @np.errstate(divide='ignore', invalid='ignore', over='ignore')
-def many_impact_roots(
-    equations: ImpactEquations, starts: int, simulate: bool
-) -> tuple[list[Solution], tuple[int, int, int]]:
-    """
-    Find motions of one stop sequence from systematic starts and from simulation.
-
-    The counts are of systematic starts that converged, of simulated starts, and of those of
-    them that converged.
-    """
+def many_impact_roots(equations: ImpactEquations, starts: int) -> tuple[list[Solution], int]:
+    """Find motions of one stop sequence from systematic starts; and how many have converged."""
+    if not starts:
+        return [], 0
     x, instants = _systematic_starts(equations, starts)
-    if simulate:
-        x_seen, instants_seen = _simulated_starts(equations)
-        x = np.concatenate([x, x_seen])
-        instants = np.concatenate([instants, instants_seen])
     problem = impact_problem(equations)
     unknowns = problem.unknowns(equations.states(x, instants), instants)
     unknowns, residuals = approach_roots(equations, problem, unknowns)
@@ -347,6 +470,5 @@ def many_impact_roots(
         place = np.concatenate([phases[s], states[s, :, 0] / equations.length])
         keys.setdefault(tuple(np.round(place * 1e5).astype(int)), int(s))
     solved = (solve(problem, states[s], instants[s]) for s in keys.values())
-    converged = residuals <= _REACHED
-    counts = int(converged[:starts].sum()), len(x) - starts, int(converged[starts:].sum())
-    return [solution for solution in solved if solution is not None], counts
+    found = [solution for solution in solved if solution is not None]
+    return found, int((residuals <= _REACHED).sum())
