@@ -469,8 +469,8 @@ def frequency_claims(found: Found) -> Iterator[Claim]:
         holds[f'{angle}°, detrimental'] = np.nanmin(values) >= 0.0
         holds[f'{angle}°, small'] = bool(np.all(values < SMALL))
     for name in rigs:
-        largest = max(np.nanmax(rows[name]) for rows in changes.values())
-        numbers[f'{name}, most'] = float(largest)
+        values = [value for rows in changes.values() for value in rows.get(name, ())]
+        numbers[f'{name}, most'] = max(value for value in values if math.isfinite(value))
     yield Claim('3c', 'the effect is similar for other parameters with r > 1', numbers, holds)
 
 

@@ -44,7 +44,7 @@ CYCLES, MOST_CYCLES = 600, 30_000
 #: Colours and marks of the series of a figure.
 LOOKS = ((BLUE, 'o'), (ORANGE, 's'), (GREEN, '^'), (PURPLE, 'D'))
 STABLE: dict[str, Any] = {'linestyle': '-', 'linewidth': 1.7}
-UNSTABLE: dict[str, Any] = {'linestyle': (0, (4, 2.2)), 'linewidth': 0.8, 'alpha': 0.8}
+UNSTABLE: dict[str, Any] = {'linestyle': (0, (4, 2.2)), 'linewidth': 0.9}
 
 Ordinate = Callable[[PeriodicOrbit | SettledMotion], Sequence[float]]
 
