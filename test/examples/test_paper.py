@@ -23,7 +23,7 @@ from impact_damper_ros.orbits import find_orbits  # noqa: E402
 IN_PART, OTHER = 'reproduced in part', 'reproduced with a different number'
 #: Verdicts on the claims, in order.
 VERDICTS = (
-    'reproduced', 'reproduced', IN_PART, IN_PART, IN_PART, 'reproduced',
+    'reproduced', IN_PART, IN_PART, IN_PART, IN_PART, 'reproduced',
     IN_PART, 'reproduced', IN_PART, IN_PART, 'reproduced', 'reproduced',
     'not reproduced', IN_PART, 'reproduced', 'reproduced', 'reproduced',
     IN_PART, 'reproduced', IN_PART, OTHER, 'reproduced', 'reproduced',
