@@ -809,7 +809,7 @@ def _performed_beyond(
     It has the same impacts; along the branch a reversal, sticking or rest has come or gone.
     """
     found = performed(point.orbit, point.orbit.parameters)
-    if found is None or found.differs(point.orbit) > 4.0 * along.largest_step:
+    if found is None or found.distance(point.orbit) > 4.0 * along.largest_step:
         return None
     value = curve.value(point.place)
     fresh = _Curve(_Family(found, curve.family.along, value), curve.scale)

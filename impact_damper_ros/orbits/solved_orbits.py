@@ -268,8 +268,8 @@ def solved(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbi
 
 def _counted_as(orbit: PeriodicOrbit, found: PeriodicOrbit | None) -> PeriodicOrbit | None:
     """Return a motion, begun at the impact that makes it most like another; None without one."""
-    turns = () if found is None else found.turned_to(orbit.stops)
-    return min(turns, key=orbit.differs, default=None)
+    turned = None if found is None else found.nearest_turn(orbit)
+    return None if turned is None else turned[0]
 
 
 def performed(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
