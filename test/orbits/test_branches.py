@@ -7,7 +7,7 @@ import pytest
 from rigs import FRICTION, HORIZONTAL, VERTICAL
 
 from impact_damper_ros.orbits import OrbitError, SpecialKind, find_orbits, follow
-from impact_damper_ros.orbits.continuation import Limit
+from impact_damper_ros.orbits.branch import Limit
 
 
 def stable_orbit(rig, stops=(1, 2)):

@@ -7,16 +7,18 @@ import pytest
 from rigs import FRICTION, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import OrbitError, find_orbits, settle
-from impact_damper_ros.orbits.continuation import (
+from impact_damper_ros.orbits import (
     Continuation,
+    OrbitError,
     SpecialKind,
     continue_orbit,
+    find_orbits,
     grow_branch,
+    settle,
     switch_branch,
     value_of,
-    with_value,
 )
+from impact_damper_ros.orbits.solution_curve import with_value
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 #: A W^2/g of the vertical rig for a force of 1 N

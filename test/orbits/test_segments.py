@@ -7,7 +7,7 @@ import pytest
 from rigs import FRICTION, VERTICAL
 
 from impact_damper_ros.orbits import Continuation, ImpactEquations, continue_orbit, find_orbits
-from impact_damper_ros.orbits.continuation import SpecialKind
+from impact_damper_ros.orbits.branch import SpecialKind
 from impact_damper_ros.orbits.segments import Node, Segments, impact_nodes, solve
 from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.state import (
