@@ -238,6 +238,21 @@ RESIDUAL_TOLERANCE, _ENOUGH = 1e-11, 1e-15
 _ROUND_OFF = 1e-12
 
 
+#: Most equations of which the tangent is a singular vector, as it is for dependent ones.
+_FEW = 16
+
+
+def _tangent(matrix: Array) -> Array:
+    """Return the unit tangent of a curve, along its normal in the last row of a derivative."""
+    if len(matrix) <= _FEW:
+        tangent: Array = np.linalg.svd(matrix[:-1])[2][-1]
+        return tangent if tangent @ matrix[-1] >= 0.0 else -tangent
+    along = np.zeros(len(matrix))
+    along[-1] = 1.0
+    tangent = np.asarray(np.linalg.solve(matrix, along), np.float64)
+    return tangent / float(np.linalg.norm(tangent))
+
+
 @dataclass(frozen=True)
 class CurvePoint:
     """A point of a branch: unknowns and scaled parameter, unit tangent, and the motion."""
@@ -297,8 +312,7 @@ class SolutionCurve:
             root = newton(in_plane, guess, longest_part, _ENOUGH)
             if not root.residual < RESIDUAL_TOLERANCE:
                 return None
-            tangent = np.linalg.svd(root.jacobian[:-1])[2][-1]
-            tangent = tangent if tangent @ normal >= 0.0 else -tangent
+            tangent = _tangent(root.jacobian)
             orbit = self.family.orbit(root, self.value(root.unknowns))
         except (ArithmeticError, np.linalg.LinAlgError, ParameterError):
             return None

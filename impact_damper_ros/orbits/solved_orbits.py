@@ -190,7 +190,7 @@ def _guess_of_impacts(orbit: PeriodicOrbit) -> Guess:
     relative = np.array(orbit.damper_velocity_after) - velocity
     states = np.stack([np.array(orbit.x), velocity, 0.0 * velocity, relative], axis=-1)
     instants = np.array(orbit.instants) + (_first_instant(orbit) - orbit.instants[0])
-    return Guess(impact_nodes(orbit.parameters, orbit.stops), states, instants)
+    return Guess(impact_nodes(orbit.stops), states, instants)
 
 
 def orbit_of(solution: Solution) -> PeriodicOrbit:
@@ -295,7 +295,7 @@ def impact_orbit_near(
 ) -> PeriodicOrbit | None:
     """Return the motion of impacts only near X (m) at some instants (s), viable or not."""
     equations = ImpactEquations(parameters, stops, cycles)
-    problem = Segments(parameters, impact_nodes(parameters, stops), cycles)
+    problem = Segments(parameters, impact_nodes(stops), cycles)
     solution = solve(problem, equations.states(x, instants), instants)
     return None if solution is None else orbit_of(solution)
 
