@@ -276,7 +276,7 @@ def _settled_text(found: SettledMotion) -> str:
 def _settled_orbit(given: GivenRig) -> tuple[SettledMotion, PeriodicOrbit]:
     """Return the motion that a rig settles into, and that of the theory; or raise CommandError."""
     period_of_force(given.parameters, LONGEST_PERIOD)
-    found = settle(Rig(given.parameters, given.initial, compiled=None))
+    found = settle(Rig(given.parameters, given.initial))
     if found.reason:
         raise CommandError(f'the rig has too many events to settle: {found.reason}', EXIT_NONE)
     if found.kind is not MotionKind.PERIODIC:

@@ -11,24 +11,14 @@ from impact_damper_ros.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .arguments import OrbitError, plausible_stops
-    from .continuation import (
-        BestPoint,
-        Branch,
-        BranchPoint,
-        Continuation,
-        SpecialKind,
-        SpecialPoint,
-        continue_orbit,
-        follow,
-        grow_branch,
-        switch_branch,
-        value_of,
-    )
+    from .branch import BestPoint, Branch, BranchPoint, Limit, SpecialKind, SpecialPoint
+    from .continuation import continue_orbit, follow, grow_branch, switch_branch
     from .optimum import OptimalGap, optimal_gap
     from .orbit import OrbitEvent, PeriodicOrbit, Rhythm
     from .recurrence import MotionKind, Period, Section, find_period
     from .search import OrbitSearch, StartReport, find_orbits
     from .settled_motion import SettledMotion, settle
+    from .solution_curve import Continuation, value_of
     from .solved_orbits import orbit_near
     from .starts import ImpactEquations
 
@@ -38,6 +28,7 @@ __all__ = [
     'BranchPoint',
     'Continuation',
     'ImpactEquations',
+    'Limit',
     'MotionKind',
     'OptimalGap',
     'OrbitError',
@@ -67,17 +58,16 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
-        'continuation': (
-            *('BestPoint', 'Branch', 'BranchPoint', 'Continuation', 'SpecialKind', 'SpecialPoint'),
-            *('continue_orbit', 'follow', 'grow_branch', 'switch_branch', 'value_of'),
-        ),
         'arguments': ('OrbitError', 'plausible_stops'),
-        'starts': ('ImpactEquations',),
+        'branch': ('BestPoint', 'Branch', 'BranchPoint', 'Limit', 'SpecialKind', 'SpecialPoint'),
+        'continuation': ('continue_orbit', 'follow', 'grow_branch', 'switch_branch'),
         'optimum': ('OptimalGap', 'optimal_gap'),
         'orbit': ('OrbitEvent', 'PeriodicOrbit', 'Rhythm'),
         'recurrence': ('MotionKind', 'Period', 'Section', 'find_period'),
         'search': ('OrbitSearch', 'StartReport', 'find_orbits'),
         'settled_motion': ('SettledMotion', 'settle'),
+        'solution_curve': ('Continuation', 'value_of'),
         'solved_orbits': ('orbit_near',),
+        'starts': ('ImpactEquations',),
     },
 )

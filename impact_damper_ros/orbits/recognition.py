@@ -40,8 +40,6 @@ SETTLED_DRIFT = 1e-4
 # doubling, k cycles repeat badly on the way to a motion that repeats after k.
 _BETTER = 1e-2
 _DRIFT_ROUND_OFF = 1e-9
-# Periods compared for convergence: most, least of one half, and their largest distance.
-_LOOKED_BACK, _FEW_PERIODS, _ALIKE = 18, 6, 0.1
 # A stamp is rounded to the nanosecond; so are both of a difference.
 _STAMP_S = 1.5e-9
 _FLOORS = 10.0
@@ -431,32 +429,6 @@ def rhythm_of(
         decay,
         first,
     )
-
-
-def period_distances(
-    instants: Sequence[float], stops: Sequence[int], x: Sequence[float], rhythm: Rhythm
-) -> list[float]:
-    """
-    Return the distance of each of the last periods from the one before it.
-
-    At most `_LOOKED_BACK` numbers, as `Rhythm.drift`; they end where a period is not alike.
-    """
-    count, table = rhythm.impacts, ImpactTable.of_x(instants, stops, x, rhythm.x_max or 1.0)
-    far = table.distances(count, rhythm.cycles)
-    found: list[float] = []
-    while len(far) >= count and len(found) < _LOOKED_BACK:
-        found.append(float(far[-count:].max()))
-        if found[-1] > _ALIKE:
-            found.pop()
-            break
-        far = far[:-count]
-    return found[::-1]
-
-
-def approaches(distances: Sequence[float]) -> bool:
-    """Return whether distances shrink over twelve or more periods: the motion settles."""
-    half = len(distances) // 2
-    return half >= _FEW_PERIODS and max(distances[half:]) < max(distances[:half])
 
 
 def repeated_impacts(

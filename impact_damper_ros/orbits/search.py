@@ -143,10 +143,9 @@ def _distinct(orbits: Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
     """Return each motion once, without those that repeat within the period."""
     kept: list[PeriodicOrbit] = []
     for orbit in sorted(orbits, key=lambda orbit: orbit.residual):
-        turns = list(orbit.turned_to(orbit.stops))
         if orbit.repeats(SAME):
             continue
-        if not any(turn.differs(other) < SAME for turn in turns for other in kept):
+        if not any(orbit.distance(other) < SAME for other in kept):
             kept.append(orbit)
     kept.sort(key=lambda orbit: (not orbit.viable, not orbit.stable, orbit.x_max))
     return kept

@@ -375,6 +375,8 @@ class _SettlingRig:
         """Return the motion that does not repeat, with the evidence for and against chaos."""
         found = self.result(MotionKind.UNDECIDED)
         watched = len(found.section)
+        if self.parameters.sweep_mode != 'off':
+            return replace(found, kind=MotionKind.NOT_PERIODICALLY_DRIVEN)
         if watched < _FEWEST:
             return found
         exponent = Exponent(math.nan, math.nan)

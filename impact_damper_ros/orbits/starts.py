@@ -193,7 +193,7 @@ _REACHED = 1e-10
 
 def impact_problem(equations: ImpactEquations) -> Segments:
     """Return the boundary-value problem for which these equations provide the starts."""
-    nodes = impact_nodes(equations.parameters, equations.stops)
+    nodes = impact_nodes(equations.stops)
     return Segments(equations.parameters, nodes, equations.cycles)
 
 

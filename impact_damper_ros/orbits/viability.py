@@ -20,7 +20,7 @@ from impact_damper_ros.rig.flight import (
     REVERSAL,
     rest,
 )
-from impact_damper_ros.rig.state import STICK
+from impact_damper_ros.rig.state import FREE, STICK
 
 from .extremes import extremes
 from .flights import Flight
@@ -35,7 +35,7 @@ def _after_impact(node: Node, flight: Flight, before: Array) -> str:
     """Return why m does not leave a stop as assumed; empty if it does."""
     _, velocity, _, incoming = (float(value) for value in before)
     mode = flight.struck(velocity, incoming).run.mode
-    if mode == node.mode:
+    if mode == node.mode or mode == FREE:
         return ''
     if node.mode >= STICK:
         return f'does not stay on stop {node.stop} after the impact'

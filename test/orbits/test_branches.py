@@ -7,7 +7,7 @@ import pytest
 from rigs import FRICTION, HORIZONTAL, VERTICAL
 
 from impact_damper_ros.orbits import OrbitError, SpecialKind, find_orbits, follow
-from impact_damper_ros.orbits.continuation import Limit
+from impact_damper_ros.orbits.branch import Limit
 
 
 def stable_orbit(rig, stops=(1, 2)):
@@ -141,3 +141,13 @@ def test_the_fold_of_a_vanishing_damper_mass(restitution, ratio):
     branch = follow(orbit, 'gap', start.gap, 1.1 * expected * amplitude)
     (fold,) = (s for s in branch.special if s.kind is SpecialKind.FOLD)
     assert fold.value / amplitude == pytest.approx(expected, abs=1e-6)
+
+
+def test_friction_comes_and_goes_along_a_branch():
+    """Without friction the nodes are those with it, so that a branch may begin there."""
+    branch = follow(stable_orbit(FRICTION.replace(friction=0.0)), 'friction', 0.0, 0.5)
+    assert branch.special == ()
+    assert all(orbit.viable for orbit in branch.orbits)
+    for value, (orbit,) in zip((0.2, 0.5), branch.at([0.2, 0.5]), strict=True):
+        others = find_orbits(FRICTION.replace(friction=value), (1, 2), simulate=False).orbits
+        assert min(orbit.distance(other) for other in others) < 1e-9

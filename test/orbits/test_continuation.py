@@ -7,16 +7,18 @@ import pytest
 from rigs import FRICTION, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import OrbitError, find_orbits, settle
-from impact_damper_ros.orbits.continuation import (
+from impact_damper_ros.orbits import (
     Continuation,
+    OrbitError,
     SpecialKind,
     continue_orbit,
+    find_orbits,
     grow_branch,
+    settle,
     switch_branch,
     value_of,
-    with_value,
 )
+from impact_damper_ros.orbits.solution_curve import with_value
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 #: A W^2/g of the vertical rig for a force of 1 N
@@ -85,7 +87,7 @@ def test_every_point_is_a_motion_of_its_rig(name, low, high, upwards):
         assert orbit.residual < 1e-11
         assert orbit.parameters == with_value(FRICTION, name, branch.values[i])
         found = find_orbits(orbit.parameters, (1, 2), simulate=False).orbits
-        assert min(orbit.differs(other) for other in found) < 1e-8
+        assert min(orbit.distance(other) for other in found) < 1e-8
 
 
 def test_a_branch_grows_point_by_point(narrowing):
@@ -172,7 +174,7 @@ def test_twice_the_period_with_reversals():
     assert turning.reason == '1 more reversal, 1 less stick, 1 less release'
     for gap, sticks in ((turning.value + 1e-3, True), (turning.value - 1e-3, False)):
         found = find_orbits(FRICTION.replace(gap=gap), (1, 1, 2)).orbits
-        nearest = min(found, key=turning.orbit.begun_at(0).differs)
+        nearest = min(found, key=turning.orbit.distance)
         assert (EventKind.STICK in {event.kind for event in nearest.events}) is sticks
     (doubling,) = of_kind(orbit, SpecialKind.PERIOD_DOUBLING)
     assert doubling.converged
@@ -234,8 +236,8 @@ def test_loss_of_viability():
     assert point.value == pytest.approx(23.3097876, abs=1e-6)
     for gap, viable in ((point.value + 1e-4, True), (point.value - 1e-4, False)):
         orbits = find_orbits(FRICTION.replace(gap=gap), (1, 2), simulate=False).orbits
-        nearest = min(orbits, key=point.orbit.differs)
-        assert nearest.differs(point.orbit) < 1e-3
+        nearest = min(orbits, key=point.orbit.distance)
+        assert nearest.distance(point.orbit) < 1e-3
         assert nearest.viable == viable
 
 
@@ -251,7 +253,7 @@ def test_motions_with_reversals_are_followed():
     assert point.value == pytest.approx(20.3677203, abs=1e-6)
     for gap, stable in ((point.value - 1e-3, True), (point.value + 1e-3, False)):
         found = find_orbits(rig.replace(gap=gap), (1, 1, 2)).orbits
-        nearest = min(found, key=point.orbit.begun_at(0).differs)
+        nearest = min(found, key=point.orbit.distance)
         assert nearest.stable == stable
 
 
@@ -283,7 +285,7 @@ def test_motions_under_several_harmonics_are_followed():
     branch = continue_orbit(orbit, Continuation('gap', 35.0, 40.0))
     assert branch.ended == 'gap = 40, the end of the range'
     again = find_orbits(rig.replace(gap=40.0), (1, 2), simulate=False).orbits[0]
-    assert branch.orbits[-1].differs(again) < 1e-9
+    assert branch.orbits[-1].distance(again) < 1e-9
 
 
 def test_what_cannot_be_varied():

@@ -99,6 +99,8 @@ def test_a_force_that_repeats_after_two_cycles():
     assert (found.kind, found.period.cycles, found.rhythm.impacts) == (MotionKind.PERIODIC, 2, 4)
     never = settle(Rig(rig.replace(force_frequencies=(1.0, 1.618))), cycles=350, watch=300)
     assert never.kind is MotionKind.NOT_PERIODICALLY_DRIVEN
+    swept = settle(Rig(HORIZONTAL.replace(sweep_mode='up')), cycles=50, watch=30)
+    assert (swept.kind, swept.indications) == (MotionKind.NOT_PERIODICALLY_DRIVEN, None)
 
 
 def test_chaos_and_its_evidence():
