@@ -6,6 +6,7 @@ from setuptools import find_packages, setup
 
 NAME = 'impact_damper_ros'
 SHARE = f'share/{NAME}'
+EXAMPLES = ('examples', 'examples/paper', 'examples/gap_control')
 
 setup(
     name=NAME,
@@ -42,6 +43,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),
         (f'{SHARE}/config', sorted(glob('config/*'))),
+        *((f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.py'))) for folder in EXAMPLES),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
         (f'{SHARE}/rviz', sorted(glob('rviz/*.rviz'))),
         (f'{SHARE}/urdf', sorted(glob('urdf/*'))),
@@ -99,12 +101,10 @@ setup(
             'compare_run = impact_damper_ros.entry_points:compare_run',
             'recover_run = impact_damper_ros.entry_points:recover_run',
             'replay_run = impact_damper_ros.entry_points:replay_run',
-            'reproduce_paper = impact_damper_ros.entry_points:reproduce_paper',
             'rig_page = impact_damper_ros.entry_points:rig_page',
             'sim_node = impact_damper_ros.entry_points:sim_node',
             'simulate_rig = impact_damper_ros.entry_points:simulate_rig',
             'solve_periodic = impact_damper_ros.entry_points:solve_periodic',
-            'study_gap_control = impact_damper_ros.entry_points:study_gap_control',
             'sweep_rig = impact_damper_ros.entry_points:sweep_rig',
         ],
     },

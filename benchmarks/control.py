@@ -4,22 +4,20 @@ Gap control: forcing cycles per second, compiled and plain, and the loop without
     python benchmarks/control.py [--rounds 5] [--cycles 20000] [--json FILE]
 
 Each law runs the golden case at resonance at 32 samples per cycle, with both placements of the
-stops, and with noise, delay and finite speed of the actuators. CPU time of the thread, best of
-rounds in turns; compiling is not counted. Before it is timed, each compiled run is compared with
-the plain one: the states of rig and control must be the same, to the last bit.
+stops, and with noise, delay and finite speed of the actuators. CPU time of the thread; compiling
+is not counted. Before it is timed, each compiled run is compared with the plain one: the states of
+rig and control must be the same, to the last bit.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
-from math import inf, tau
-from pathlib import Path
-from time import thread_time
+from collections.abc import Callable
+from math import tau
 from typing import Any
 
-from simulator import CASES, say
+from golden_cases import CASES
+from timing import in_turns, options, say, seconds_of, table, write_results
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import GapControlParameters, RigParameters
@@ -35,92 +33,93 @@ REAL: dict[str, Any] = {
     'actuator_delay': 0.1,
     'actuator_speed': 100.0,
 }
+RIG = RigParameters(**CASES[0].changes)
+ALONE, TWICE, ONCE = 'without control', 'twice as many samples', 'amplitude, symmetric'
 
 
 def controls() -> dict[str, GapControlParameters]:
     """Return the controls by their names."""
-    rate = SAMPLES / tau
-    found = {}
-    for law in ('amplitude', 'timed', 'predictive'):
-        for stops in ('symmetric', 'independent'):
-            for real in ({}, REAL):
-                name = f'{law}, {stops}' + (', noise, delay and speed' if real else '')
-                found[name] = GapControlParameters(
-                    gap_control=law, gap_control_stops=stops, gap_control_rate=rate, **real
-                )
-    return found
+    return {
+        f'{law}, {stops}' + (', noise, delay and speed' if real else ''): GapControlParameters(
+            gap_control=law,
+            gap_control_stops=stops,
+            gap_control_rate=SAMPLES / tau,
+            **real,
+        )
+        for law in ('amplitude', 'timed', 'predictive')
+        for stops in ('symmetric', 'independent')
+        for real in ({}, REAL)
+    }
 
 
-def timed(rig: Rig, cycles: int) -> float:
-    """Return how many cycles per second a rig makes from its present time on."""
-    end = rig.time + cycles * tau
-    began = thread_time()
-    if rig.compiled:
-        rig.run(end, record=False, most_events=10**9)
-    else:
-        rig.advance(end)
-    return cycles / (thread_time() - began)
-
-
-def checked(parameters: RigParameters, control: GapControlParameters) -> Rig:
+def checked(control: GapControlParameters) -> Rig:
     """Return a compiled rig that has the state of a plain one after some cycles."""
     end = 20.0 * tau
-    plain = Rig(parameters, control=control)
+    plain = Rig(RIG, control=control)
     plain.advance(end)
-    rig = Rig(parameters, control=control, compiled=True)
+    rig = Rig(RIG, control=control, compiled=True)
     rig.run(end, record=False)
     if rig.snapshot() != plain.snapshot():
         raise SystemExit('compiled and plain control differ')
     return rig
 
 
-def main(argv: list[str] | None = None) -> int:
+def ahead(rig: Rig, cycles: int) -> Callable[[], object]:
+    """Return a call that runs a rig for some cycles more."""
+
+    def run() -> None:
+        end = rig.time + cycles * tau
+        if rig.compiled:
+            rig.run(end, record=False, most_events=10**9)
+        else:
+            rig.advance(end)
+
+    return run
+
+
+def main() -> int:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__.split('\n\n', maxsplit=1)[0].strip())
-    parser.add_argument('--rounds', type=int, default=5, help='rounds of all in turns')
+    parser = options(__doc__ or '', rounds=5)
     parser.add_argument('--cycles', type=int, default=20_000, help='cycles of each compiled run')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the results there too')
-    options = parser.parse_args(argv)
-    parameters = RigParameters(**CASES[0].changes)
+    arguments = parser.parse_args()
     cases = controls()
-    rigs: dict[str, Rig] = {}
+    cycles: dict[str, int] = {}
+    calls: dict[str, Callable[[], object]] = {}
+    plain: dict[str, float] = {}
     for name, control in cases.items():
         say(f'{name}: compiled and plain compared')
-        rigs[name] = checked(parameters, control)
-    free = Rig(parameters, compiled=True)
-    free.run(1.0)
-    first = next(iter(cases))
-    often = cases[first].replace(gap_control_rate=2 * SAMPLES / tau)
-    twice = Rig(parameters, control=often, compiled=True)
-    best_twice = 0.0
-    best = {name: {'compiled': 0.0, 'plain': 0.0} for name in cases}
-    alone = 0.0
-    least = inf
-    for number in range(options.rounds):
-        say(f'round {number + 1} of {options.rounds}')
-        alone = max(alone, timed(free, options.cycles))
-        best_twice = max(best_twice, timed(twice, options.cycles))
-        for name, control in cases.items():
-            predictive = control.gap_control == 'predictive'
-            cycles = min(options.cycles, SOME) if predictive else options.cycles
-            row = best[name]
-            row['compiled'] = max(row['compiled'], timed(rigs[name], cycles))
-            if number == 0:
-                plain = Rig.restore(rigs[name].snapshot())
-                row['plain'] = timed(plain, 2 if predictive else FEW)
-    print(f'cycles per second of {SAMPLES} samples; without control {alone:.3g}\n')
-    print('| control | compiled | plain | compiled / plain | without control / compiled |')
-    print('| --- | ---: | ---: | ---: | ---: |')
-    for name, row in best.items():
-        quick, slow = row['compiled'], row['plain']
-        if not name.startswith('predictive'):
-            least = min(least, quick)
-        print(f'| {name} | {quick:.3g} | {slow:.3g} | {quick / slow:.0f} | {alone / quick:.0f} |')
+        rig, predictive = checked(control), control.gap_control == 'predictive'
+        cycles[name] = min(arguments.cycles, SOME) if predictive else arguments.cycles
+        calls[name] = ahead(rig, cycles[name])
+        few = 2 if predictive else FEW
+        plain[name] = few / seconds_of(ahead(Rig.restore(rig.snapshot()), few))
+    often = cases[ONCE].replace(gap_control_rate=2 * SAMPLES / tau)
+    for name, rig in (
+        (ALONE, Rig(RIG, compiled=True)),
+        (TWICE, Rig(RIG, control=often, compiled=True)),
+    ):
+        rig.run(1.0, record=False)
+        cycles[name], calls[name] = arguments.cycles, ahead(rig, arguments.cycles)
+    times = in_turns(calls, arguments.rounds)
+    speed = {name: cycles[name] / min(times[name]) for name in calls}
+    print(f'cycles per second of {SAMPLES} samples; without control {speed[ALONE]:.3g}\n')
+    head = ('control', 'compiled', 'plain', 'compiled / plain', 'without control / compiled')
+    rows = (
+        (
+            name,
+            f'{speed[name]:.3g}',
+            f'{plain[name]:.3g}',
+            f'{speed[name] / plain[name]:.0f}',
+            f'{speed[ALONE] / speed[name]:.0f}',
+        )
+        for name in cases
+    )
+    print(table(head, rows))
+    least = min(speed[name] for name in cases if not name.startswith('predictive'))
     print(f'\nslowest without a model: {least:.3g} cycles per second')
-    sample = (1.0 / best_twice - 1.0 / best[first]['compiled']) / SAMPLES
-    print(f'one sample more in a cycle ({first}): {1e9 * sample:.0f} ns')
-    if options.json:
-        options.json.write_text(json.dumps({'alone': alone, 'controls': best}, indent=1) + '\n')
+    sample = (1.0 / speed[TWICE] - 1.0 / speed[ONCE]) / SAMPLES
+    print(f'one sample more in a cycle ({ONCE}): {1e9 * sample:.0f} ns')
+    write_results(arguments.json, {'compiled': speed, 'plain': plain})
     return 0
 
 

@@ -10,21 +10,20 @@ time. On a machine that does other work, read the CPU time.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
-from pathlib import Path
+from functools import partial
+from math import tau
 from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
-from simulator import CASES
+from golden_cases import CASES
+from timing import in_turns, options, table, write_results
 
 from impact_damper_ros.control import run_ensemble
 from impact_damper_ros.rig import RigParameters
 
 GAPS = 10.0, 60.0
-ROUNDS = 3
 #: The golden cases, and the first one with eight harmonics more.
 NINE = {
     'force_amplitudes': (1.0,) + (0.05,) * 8,
@@ -36,62 +35,54 @@ RIGS = {case.name: case.changes for case in CASES} | {
 }
 
 
-def run_all(changes: dict[str, Any], count: int, cycles: int, threads: int) -> dict[str, Any]:
-    """Run all gaps of a case; of the times the best of some rounds."""
-    rig = RigParameters(**changes)
-    end = cycles * 2.0 * np.pi / rig.force_frequencies[0]
-    gaps = {'gap': np.linspace(*GAPS, count)}
-    seconds, spent, set_up = [], [], []
-    for _ in range(ROUNDS):
-        began = perf_counter()
-        run_ensemble(rig, gaps, 0.0, [0.0], threads=threads)
-        set_up.append(perf_counter() - began)
-        began, cpu = perf_counter(), process_time()
-        result = run_ensemble(rig, gaps, end, [end], threads=threads)
-        seconds.append(perf_counter() - began)
-        spent.append(process_time() - cpu)
-    return {
-        'seconds': min(seconds),
-        'cpu_seconds': min(spent),
-        'set_up_seconds': min(set_up),
-        'failed': int(np.count_nonzero(result.outcomes)),
-        'events': int(result.event_counts.sum()),
-        'cycles_per_second': count * cycles / min(seconds),
-        'samples': result.samples.tobytes().hex(),
-    }
-
-
 def main() -> int:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n\n')[0].strip())
+    parser = options(__doc__ or '', rounds=3)
     parser.add_argument('--count', type=int, default=10_000, help='gaps')
     parser.add_argument('--cycles', type=int, default=500, help='forcing cycles of each')
     parser.add_argument('--threads', type=int, nargs='+', default=[1, 2])
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the results there too')
     arguments = parser.parse_args()
+    count = arguments.count
     results: dict[str, Any] = {}
+    failed = 0
     for name, changes in RIGS.items():
-        rows = {
-            threads: run_all(changes, arguments.count, arguments.cycles, threads)
-            for threads in arguments.threads
-        }
-        first = rows[arguments.threads[0]]
-        same = first['samples']
-        for threads, row in rows.items():
-            print(
-                f'{name}, {arguments.count} gaps x {arguments.cycles} cycles, {threads} '
-                f'thread{"s" * (threads > 1)}: {row["seconds"]:.2f} s, '
-                f'{row["cpu_seconds"]:.2f} s of CPU, '
-                f'{row["cycles_per_second"]:.3g} cycles/s, '
-                f'set-up {row["set_up_seconds"] / arguments.count * 1e6:.1f} us a rig, '
-                f'{row["set_up_seconds"] / row["seconds"]:.3f} of all, {row["failed"]} failed, '
-                f'{"same" if row.pop("samples") == same else "OTHER"} results, '
-                f'{first["seconds"] / row["seconds"]:.2f} times as fast as the first'
+        rig = RigParameters(**changes)
+        gaps = {'gap': np.linspace(*GAPS, count)}
+        end = arguments.cycles * tau / rig.force_frequencies[0]
+
+        def calls(end: float, rig: RigParameters = rig, gaps: Any = gaps) -> dict[str, Any]:
+            return {
+                f'{n} thread{"s" * (n > 1)}': partial(
+                    run_ensemble, rig, gaps, end, [end], threads=n
+                )
+                for n in arguments.threads
+            }
+
+        found = [run() for run in calls(end).values()]
+        if any(one.samples.tobytes() != found[0].samples.tobytes() for one in found):
+            raise SystemExit('the results depend on the number of threads')
+        failed += int(np.count_nonzero(found[0].outcomes))
+        idle = in_turns(calls(0.0), arguments.rounds, f'{name}, set-up', perf_counter)
+        wall = in_turns(calls(end), arguments.rounds, name, perf_counter)
+        cpu = in_turns(calls(end), 1, f'{name}, CPU', process_time)
+        least = {n: min(times) for n, times in wall.items()}
+        rows = [
+            (
+                n,
+                f'{least[n]:.2f}',
+                f'{min(cpu[n]):.2f}',
+                f'{count * arguments.cycles / least[n]:.3g}',
+                f'{1e6 * min(idle[n]) / count:.1f}',
+                f'{next(iter(least.values())) / least[n]:.2f}',
             )
-        results[name] = rows
-    if arguments.json:
-        arguments.json.write_text(json.dumps(results, indent=2) + '\n')
-    return int(any(row['failed'] for rows in results.values() for row in rows.values()))
+            for n in least
+        ]
+        print(f'\n{name}\n')
+        print(table(('', 'wall [s]', 'CPU [s]', 'cycles/s', 'set-up [us/rig]', 'gain'), rows))
+        results[name] = {'set_up': idle, 'wall': wall, 'cpu': cpu}
+    print(f'\n{count} gaps, {arguments.cycles} cycles each; {failed} rigs failed')
+    write_results(arguments.json, results)
+    return int(failed > 0)
 
 
 if __name__ == '__main__':

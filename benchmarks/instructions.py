@@ -19,7 +19,7 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-from simulator import CASES
+from golden_cases import CASES
 
 PROCESSOR = {'NUMBA_CPU_NAME': 'haswell', 'NUMBA_CPU_FEATURES': '+avx,+avx2,+fma,+sse4.2'}
 CYCLES = 100, 20_100

@@ -1,5 +1,5 @@
 """
-The periodic solver: solutions per second, and Figure 2 by theory against by simulation.
+The periodic solver: searches and branches per second, and settled motions against the theory.
 
     python benchmarks/orbits.py [--quick] [--json FILE]
 """
@@ -12,12 +12,13 @@ import math
 import statistics
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
+import numpy as np
+
 from impact_damper_ros import Rig, RigParameters
-from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.studies.paper.curves import enumerated_curves, followed_curves, settle
-from impact_damper_ros.studies.paper.series import plans_of
+from impact_damper_ros.orbits import find_orbits, follow, settle
 
 GOLDEN = {
     'horizontal, r=1': RigParameters(gravity=0.0),
@@ -47,43 +48,77 @@ def solutions_per_second(rig: RigParameters, stops: tuple[int, ...], rigs: int) 
     }
 
 
-def figure_2(every: int) -> list[dict]:
-    """Time the curves of Figure 2, and simulations to steady state at every n-th of its gaps."""
-    rows = []
-    for plan in plans_of('2'):
-        print(f'  {plan.name} ...', file=sys.stderr, flush=True)
-        gaps = plan.values[every // 2 :: every]
+def branch_of(rig: RigParameters, repeats: int) -> dict:
+    """Time the branch of a motion in the gap, with its special points; the fastest of a few."""
+    orbit = find_orbits(rig, (1, 2), simulate=False).orbits[0]
+    seconds = []
+    for _ in range(repeats):
         started = time.process_time()
-        settled = [settle(Rig(plan.at(gap)), gap) for gap in gaps]
-        simulated = (time.process_time() - started) / len(gaps)
-        started = time.process_time()
-        curves = enumerated_curves(plan)
-        two = (time.process_time() - started) / len(plan.values)
-        starts = [(m.value, m.orbit) for m in settled if m.orbit is not None and m.cycles == 1]
-        for impacts in (3, 4):
-            curves += followed_curves(plan, starts, impacts)
-        theory = (time.process_time() - started) / len(plan.values)
-        rows.append(
-            {
-                'sweep': plan.name,
-                'gaps': len(plan.values),
-                'simulated_gaps': len(gaps),
-                'settled': sum(motion.cycles == 1 for motion in settled),
-                'points': sum(len(curve.points) for curve in curves),
-                'two_ms_per_gap': 1e3 * two,
-                'theory_ms_per_gap': 1e3 * theory,
-                'simulation_ms_per_gap': 1e3 * simulated,
-                'ratio_two': simulated / two,
-                'ratio': simulated / theory,
-            }
-        )
-    return rows
+        branch = follow(orbit, 'gap', 20.0, 60.0)
+        seconds.append(time.process_time() - started)
+    return {
+        'points': len(branch.points),
+        'special': {special.kind.value: special.value for special in branch.special},
+        'milliseconds': 1e3 * min(seconds),
+    }
+
+
+def any_rig(seed: int) -> RigParameters:
+    """Return a rig of any kind, as `test/orbits/test_settled_rigs.py` draws it."""
+    draw = np.random.default_rng(seed)
+
+    def between(low: float, high: float) -> float:
+        return round(float(draw.uniform(low, high)), 2)
+
+    return RigParameters(
+        gravity=float(draw.choice([0.0, 1.0, 9.8])),
+        friction=float(draw.choice([0.0, 0.0, 0.1, 0.5])),
+        angle=between(-1, 1) * float(draw.integers(0, 2)),
+        gap=between(2, 60),
+        damper_mass=between(0.02, 0.4),
+        restitution_1=between(0, 0.9),
+        restitution_2=between(0, 0.9),
+        force_frequencies=between(0.6, 1.6),
+        damping=between(0.01, 0.2),
+    )
+
+
+def settled_motions(rigs: int) -> dict:
+    """Let rigs of any kind settle, and hold what they come to against the theory."""
+    kinds: Counter[str] = Counter()
+    sizes: Counter[tuple[int, int]] = Counter()
+    events: Counter[str] = Counter()
+    missed: list[int] = []
+    distances, multipliers = [0.0], [0.0]
+    for seed in range(rigs):
+        found = settle(Rig(any_rig(seed), compiled=None), cycles=1500)
+        kinds[found.kind.value] += 1
+        if found.rhythm is None:
+            continue
+        if found.orbit is None:
+            missed.append(seed)
+            continue
+        sizes[found.rhythm.impacts, found.rhythm.cycles] += 1
+        events.update({event.kind.name.lower() for event in found.orbit.events})
+        # What the tolerance leaves of the transient does not count
+        left = 1.0 - min(abs(found.orbit.multipliers[0]), 1.0 - 1e-9)
+        distances.append(found.orbit.distance(found.rhythm) * left)
+        multipliers.append(abs(abs(found.orbit.multipliers[0]) - found.multiplier) * left)
+    return {
+        'rigs': rigs,
+        'kinds': dict(kinds),
+        'impacts_and_cycles': {f'{n},{k}': count for (n, k), count in sorted(sizes.items())},
+        'with_events': dict(events),
+        'missed_seeds': missed,
+        'largest_distance': max(distances),
+        'largest_difference_of_a_multiplier': max(multipliers),
+    }
 
 
 def main() -> int:
-    """Run both and print the tables."""
+    """Run all and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0].strip())
-    parser.add_argument('--quick', action='store_true', help='a few rigs and gaps only')
+    parser.add_argument('--quick', action='store_true', help='a few rigs only')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the numbers')
     arguments = parser.parse_args()
     rigs = 10 if arguments.quick else 60
@@ -99,24 +134,28 @@ def main() -> int:
             f'{name:<44} {row["rigs"]:5d}  {row["solutions"]:9d}  '
             f'{row["milliseconds_per_rig"]:6.1f}  {row["solutions_per_second"]:11.0f}'
         )
-    rows = figure_2(24 if arguments.quick else 6)
-    print('\nFigure 2, CPU milliseconds per gap: theory against simulation to steady state')
-    print('sweep               gaps  points   N=2  N=2,3,4  simulation  ratio N=2  ratio all')
-    for row in rows:
-        print(
-            f'{row["sweep"]:<18} {row["gaps"]:5d}  {row["points"]:6d} '
-            f'{row["two_ms_per_gap"]:5.1f}  {row["theory_ms_per_gap"]:7.1f}  '
-            f'{row["simulation_ms_per_gap"]:10.1f}  {row["ratio_two"]:9.1f}  {row["ratio"]:9.1f}'
-        )
-    theory = sum(row['theory_ms_per_gap'] * row['gaps'] for row in rows)
-    simulated = sum(row['simulation_ms_per_gap'] * row['gaps'] for row in rows)
+    print('branches ...', file=sys.stderr, flush=True)
+    branches = {name: branch_of(rig, 3) for name, rig in GOLDEN.items()}
+    print('\nbranch in the gap from 20 to 60 m            points  special      ms')
+    for name, row in branches.items():
+        count = len(row['special'])
+        print(f'{name:<44} {row["points"]:6d}  {count:7d}  {row["milliseconds"]:6.0f}')
+    print('settled motions ...', file=sys.stderr, flush=True)
+    settled = settled_motions(60 if arguments.quick else 600)
+    found = sum(settled['impacts_and_cycles'].values())
     print(
-        f'whole figure: theory {theory / 1e3:.1f} s, simulation {simulated / 1e3:.1f} s '
-        f'(from every {24 if arguments.quick else 6}th gap), ratio {simulated / theory:.1f}; the '
-        'theory also has the unstable motions, the simulation one motion per gap'
+        f'\n{settled["rigs"]} rigs of any kind: '
+        + ', '.join(f'{count} {kind}' for kind, count in settled['kinds'].items())
+        + f'\ntheory has {found} of the {found + len(settled["missed_seeds"])} motions with '
+        f'impacts, to within {settled["largest_distance"]:.1e}, multipliers '
+        f'{settled["largest_difference_of_a_multiplier"]:.1e}; '
+        + ', '.join(f'{count} with {name}' for name, count in settled['with_events'].items())
+        + '\nN,k: '
+        + ', '.join(f'{size} ({count})' for size, count in settled['impacts_and_cycles'].items())
     )
     if arguments.json is not None:
-        arguments.json.write_text(json.dumps({'searches': searches, 'figure_2': rows}, indent=2))
+        numbers = {'searches': searches, 'branches': branches, 'settled_motions': settled}
+        arguments.json.write_text(json.dumps(numbers, indent=2))
     return 0
 
 

@@ -1,35 +1,32 @@
 """
 The simulator against other ways to simulate the rig, in one run: speed, and error of the impacts.
 
-    python benchmarks/peers.py [--rounds 7] [--json FILE] [--docs]
+    python benchmarks/peers.py [--rounds 7] [--json FILE] [--figure FILE]
 
 The peers come from PyPI (extra ``peers``); one that is not installed is left out and named. All
-run the golden cases from rest. Speed is forcing cycles per second of CPU time of the thread, the
-best of the rounds, which the contenders take in turns; compiling is not counted. The error is the
-largest relative one of the first 30 impact times against the multiprecision oracle of the tests.
-With ``--docs`` the table and the figure of docs/performance.md are made.
+run the golden cases from rest. Speed is forcing cycles per second of CPU time of the thread;
+compiling is not counted. The error is the largest relative one of the first 30 impact times
+against the multiprecision oracle of the tests. ``--figure`` draws both, as in docs/performance.md,
+which is written by hand around the tables and the figure of one run.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Callable
+from functools import partial
 from importlib.util import find_spec
-from math import inf, tau
+from math import cos, exp, inf, sin, tau
 from pathlib import Path
-from time import thread_time
 from typing import Any, NamedTuple
 
-from floor_chain import floor
+from golden_cases import CASES, Case, Impacts, impact_error, in_order, reference, run_plain
 from heyoka_rigs import HeyokaBatchRig, HeyokaRig, lanes
 from peer_rigs import MujocoRig, RungeKuttaRig, SolveIvpRig
-from simulator import CASES, Case, Impacts, impact_error, reference, run_plain, say
+from timing import in_turns, options, say, seconds_of, table, write_results
 
 from impact_damper_ros import Rig, RigParameters
 
-DOCS = Path(__file__).resolve().parents[1] / 'docs'
 OURS = 'Rig, compiled'
 PLAIN = 'Rig, plain Python'
 BEST_PEER = 'heyoka, fast_math'
@@ -120,18 +117,26 @@ CONTENDERS: dict[str, Contender] = {
 }
 
 
-def shown_error(impacts: Impacts, exact: Impacts) -> float:
-    """Return the error of the first impact times; infinite where their order is wrong."""
-    times, stops = ([v.item() if hasattr(v, 'item') else v for v in row] for row in impacts)
-    if len(times) < len(exact[0]):
-        return inf
-    return impact_error((times, stops), exact)
+def floor() -> float:
+    """
+    Return the CPU time of the arithmetic that an impact cannot do without, s.
 
+    Two evaluations of two sincos and one exp each, in a chain, since the instant of each impact
+    depends on the one before.
+    """
+    from numba import njit
 
-def in_order(impacts: Impacts, exact: Impacts) -> int:
-    """Return how many of the first impacts are at the right stops."""
-    right = [a == b for a, b in zip(impacts[1], exact[1], strict=False)]
-    return right.index(False) if False in right else len(right)
+    @njit(nogil=True)
+    def chain(count: int) -> float:
+        value = 0.3
+        for _ in range(2 * count):
+            first = sin(value) * cos(value)
+            second = sin(0.71 * value) * cos(0.71 * value)
+            value = 1.0 + 1e-3 * (first + second * exp(-0.01 * value))
+        return value
+
+    chain(1)
+    return min(seconds_of(partial(chain, 200_000)) for _ in range(9)) / 200_000
 
 
 def measure(case: Case, rounds: int) -> dict[str, Any]:
@@ -140,58 +145,43 @@ def measure(case: Case, rounds: int) -> dict[str, Any]:
     period = tau / parameters.force_frequencies[0]
     exact = reference(case)
     rows: dict[str, Any] = {}
-    runs: dict[str, Callable[[float], Impacts]] = {}
+    calls: dict[str, Callable[[], object]] = {}
     for name, contender in CONTENDERS.items():
         if CASES.index(case) not in contender.cases:
             continue
         if find_spec(contender.module) is None:
             say(f'{name}: left out, {contender.module} is not installed (extra "peers")')
             continue
-        runs[name] = contender.make(parameters)
-        impacts = runs[name](exact[0][-1] * 1.02)
+        run = contender.make(parameters)
+        impacts = run(exact[0][-1] * 1.02)
+        end = contender.cycles * period
         rows[name] = {
-            'impact_error': shown_error(impacts, exact),
+            'impact_error': impact_error(impacts, exact),
             'impacts_in_order': in_order(impacts, exact),
-            'cycles_per_second': 0.0,
+            'impacts_per_cycle': len(run(end)[0]) / contender.cycles,
         }
-    for turn in range(rounds):
-        say(f'{case.name}: round {turn + 1} of {rounds}')
-        for name, run in runs.items():
-            cycles = CONTENDERS[name].cycles
-            rigs = rigs_at_once() if CONTENDERS[name].ensemble else 1
-            # The first one of two pays for pages of memory that the contender before gave back.
-            run(cycles * period)
-            began = thread_time()
-            impacts = run(cycles * period)
-            speed = rigs * cycles / (thread_time() - began)
-            row = rows[name]
-            row['impacts_per_cycle'] = len(impacts[0]) / cycles
-            row['cycles_per_second'] = max(row['cycles_per_second'], speed)
+        calls[name] = partial(run, end)
+    for name, times in in_turns(calls, rounds, case.name).items():
+        rigs = rigs_at_once() if CONTENDERS[name].ensemble else 1
+        rows[name]['cycles_per_second'] = rigs * CONTENDERS[name].cycles / min(times)
     return rows
 
 
-def table(results: dict[str, Any]) -> list[str]:
-    """Return the results as lines of Markdown."""
-    lines = []
-    for label, rows in zip(LABELS, results['cases'].values(), strict=True):
-        lines += [
-            '',
-            f'**{label[0].upper()}{label[1:]}**',
-            '',
-            '| | cycles per second | Rig is faster | error of the first 30 impacts |',
-            '| --- | ---: | ---: | ---: |',
-        ]
-        for name, row in rows.items():
-            speed, error = row['cycles_per_second'], row['impact_error']
-            ours = OUR_ENSEMBLE if CONTENDERS[name].ensemble else OURS
-            ratio = '-'
-            if ours in rows and name != ours:
-                ratio = f'{rows[ours]["cycles_per_second"] / speed:.3g} times'
-            shown = f'{error:.0e}'
-            if error == inf:
-                shown = f'wrong stop after {row["impacts_in_order"]} impacts'
-            lines.append(f'| {name} | {speed:.3g} | {ratio} | {shown} |')
-    return lines
+def text_of(rows: dict[str, Any]) -> str:
+    """Return the results of a case as a table."""
+
+    def shown(name: str, row: dict[str, Any]) -> tuple[str, ...]:
+        ours = OUR_ENSEMBLE if CONTENDERS[name].ensemble else OURS
+        faster = '-'
+        if ours in rows and name != ours:
+            faster = f'{rows[ours]["cycles_per_second"] / row["cycles_per_second"]:.3g} times'
+        error = f'{row["impact_error"]:.0e}'
+        if row['impact_error'] == inf:
+            error = f'wrong stop after {row["impacts_in_order"]} impacts'
+        return name, f'{row["cycles_per_second"]:.3g}', faster, error
+
+    head = ('', 'cycles per second', 'Rig is faster', 'error of the first 30 impacts')
+    return table(head, (shown(name, row) for name, row in rows.items()))
 
 
 def draw(results: dict[str, Any], path: Path) -> None:
@@ -230,64 +220,27 @@ def draw(results: dict[str, Any], path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def write_docs(results: dict[str, Any]) -> None:
-    """Write the page with its figure."""
-    draw(results, DOCS / 'performance.png')
-    per_impact = [
-        1e9 / rows[OURS]['cycles_per_second'] / rows[OURS]['impacts_per_cycle']
-        for rows in results['cases'].values()
-    ]
-    floor_ns = 1e9 * results['floor_seconds']
-    text = [
-        '# Performance',
-        '',
-        'Made by `python benchmarks/peers.py --docs` (with the extras `peers`, `plot`, `test`).',
-        'Forcing cycles per second of CPU time on one core, best of rounds in turns, of the',
-        'golden cases from rest; compiling is not counted. The error is the largest relative one',
-        'of the first 30 impact times, against a simulation with 110 digits that shares no code',
-        'with the package. Ratios of one run mean more than the numbers, which depend on the',
-        'machine.',
-        '',
-        '![Speed against error](performance.png)',
-        *table(results),
-        '',
-        f'An impact took Rig {min(per_impact):.0f} to {max(per_impact):.0f} ns, written',
-        'into a table, as all others do. The floor, two evaluations of two sincos and one exp',
-        f'each in a chain, was {floor_ns:.0f} ns in the same run:',
-        f'{min(per_impact) / floor_ns:.1f} to {max(per_impact) / floor_ns:.1f} times as much.',
-        'Where the rest goes stands in [benchmarks/README.md](../benchmarks/README.md).',
-        '',
-        '- heyoka: Taylor integrator at its default tolerance (round-off) with terminal events,',
-        '  whose callbacks, in Python, do the impacts; friction and sticking as a parameter and a',
-        '  second integrator. `fast_math` is its option. Its batch mode (with `fast_math`) runs',
-        '  as many rigs at once as it recommends, here with neighbouring gaps, without friction;',
-        '  the cycles of all of them count, as those of the same rigs run by Rig in turn.',
-        '- RK4: the classical method with fixed steps, compiled by numba, with bisection.',
-        '- solve_ivp: DOP853 with rtol and atol 1e-10 and terminal events.',
-        '- MuJoCo: two slide joints with a limit that is 20 steps stiff and damped to the',
-        '  restitution, its RK4 integrator, stepped in C by `mujoco.rollout`; in the first case',
-        '  with fewer and with more steps, too. An impact is where m passes the limit.',
-        '',
-    ]
-    (DOCS / 'performance.md').write_text('\n'.join(text), encoding='utf-8')
-
-
 def main() -> int:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n\n')[0].strip())
-    parser.add_argument('--rounds', type=int, default=7, help='rounds of all in turns')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the results there too')
-    parser.add_argument('--docs', action='store_true', help='make docs/performance.md anew')
+    parser = options(__doc__ or '', rounds=7)
+    parser.add_argument('--figure', type=Path, metavar='FILE', help='draw speed against error')
     arguments = parser.parse_args()
-    results: dict[str, Any] = {'floor_seconds': floor()}
-    results['cases'] = {case.name: measure(case, arguments.rounds) for case in CASES}
-    print('\n'.join(table(results)))
-    results['floor_seconds'] = min(results['floor_seconds'], floor())
-    print(f'\nfloor: {1e9 * results["floor_seconds"]:.0f} ns per impact')
-    if arguments.json:
-        arguments.json.write_text(json.dumps(results, indent=2) + '\n')
-    if arguments.docs:
-        write_docs(results)
+    cases = {case.name: measure(case, arguments.rounds) for case in CASES}
+    results: dict[str, Any] = {'floor_seconds': floor(), 'cases': cases}
+    for label, rows in zip(LABELS, cases.values(), strict=True):
+        print(f'\n**{label[0].upper()}{label[1:]}**\n\n{text_of(rows)}')
+    per_impact = [
+        1e9 / rows[OURS]['cycles_per_second'] / rows[OURS]['impacts_per_cycle']
+        for rows in cases.values()
+        if OURS in rows
+    ]
+    print(
+        f'\nan impact takes Rig {min(per_impact):.0f} to {max(per_impact):.0f} ns, the floor is '
+        f'{1e9 * results["floor_seconds"]:.0f} ns'
+    )
+    write_results(arguments.json, results)
+    if arguments.figure:
+        draw(results, arguments.figure)
     return 0
 
 

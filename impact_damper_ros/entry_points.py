@@ -26,13 +26,11 @@ __all__ = [
     'compare_run',
     'recover_run',
     'replay_run',
-    'reproduce_paper',
     'rig_page',
     'run',
     'sim_node',
     'simulate_rig',
     'solve_periodic',
-    'study_gap_control',
     'sweep_rig',
 ]
 
@@ -202,10 +200,8 @@ def _command(name: str, package: str = 'cli') -> int:
 compare_run = partial(_command, 'compare_run')
 recover_run = partial(_command, 'recover_run')
 replay_run = partial(_command, 'replay_run')
-reproduce_paper = partial(_command, 'reproduce_paper')
 rig_page = partial(_command, 'rig_page')
 sim_node = partial(_command, _NODE, 'node')
 simulate_rig = partial(_command, 'simulate_rig')
 solve_periodic = partial(_command, 'solve_periodic')
-study_gap_control = partial(_command, 'study_gap_control')
 sweep_rig = partial(_command, 'sweep_rig')

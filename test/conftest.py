@@ -16,7 +16,8 @@ DOMAINS = 101
 # one of them at the end, when the others have nothing more to do. The first ones compile a form
 # of the run loop each, which another process that needs the same form would wait for.
 LONGEST = (
-    'studies/test_gap_study.py',
+    'examples/test_paper.py',
+    'examples/test_gap_control.py',
     'page/test_browser.py',
     'rig/test_compiled.py',
     'control/test_rig.py',
@@ -35,7 +36,6 @@ LONGEST = (
     'node/test_recorded_runs.py',
     'bag/test_ros2_bags.py',
     'orbits/test_enumeration.py',
-    'cli/test_reproduce_paper.py',
     'cli/test_replay_run.py',
     'page/test_live_page.py',
     'page/test_theory.py',

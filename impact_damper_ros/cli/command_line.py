@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from tqdm import tqdm
 
-    from impact_damper_ros.sweep.execution import ProcessPool
-
 
 #: An output could not be written, or the work failed; the input is invalid; Ctrl-C.
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
@@ -174,13 +172,6 @@ def add_quiet_option(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument('--quiet', action='store_true', help=f'no progress bar and no {what}')
 
 
-def add_jobs_option(parser: argparse.ArgumentParser) -> None:
-    """Let a command take ``--jobs``, see `process_pool`."""
-    parser.add_argument(
-        '--jobs', type=up_to(64), default=2, metavar='N', help='number of processes [2]'
-    )
-
-
 def add_most_events_option(parser: argparse.ArgumentParser, whose: str = '') -> None:
     """Let a command take ``--most-events``, see `EventBudget`."""
     parser.add_argument(
@@ -267,25 +258,6 @@ def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> 
     )
 
 
-def work_bar(what: str, total: float) -> tqdm[None]:
-    """Return a progress bar in shares of the work, whose parts may be of any size."""
-    from tqdm import tqdm
-
-    # The mean of all so far: what comes back at once says little of the rest
-    bar = '{l_bar}{bar}| [{elapsed}<{remaining}]'
-    return tqdm(total=total, desc=what, smoothing=0.0, bar_format=bar)
-
-
-def say_how_long(command: str, seconds: float, jobs: int) -> None:
-    """Say how long work in processes takes, from the time that one idle core takes for it, s."""
-    from impact_damper_ros.rig.quoting import counted
-
-    at_once = max(1, min(jobs, len(os.sched_getaffinity(0))))
-    minutes = seconds / at_once / 60.0
-    time = 'less than a minute' if minutes < 0.8 else f'about {counted(round(minutes), "minute")}'
-    say(command, f'this takes {time} on {counted(at_once, "idle core")}')
-
-
 #: Time after which work without a progress bar is reported to continue, s.
 PATIENCE = 5.0
 
@@ -301,19 +273,3 @@ def long_work(command: str, message: str, *, quiet: bool = False) -> Iterator[No
         yield
     finally:
         notice.cancel()
-
-
-@contextmanager
-def process_pool(jobs: int) -> Iterator[ProcessPool]:
-    """Run processes; one that dies is reported as an error."""
-    from concurrent.futures.process import BrokenProcessPool
-
-    from impact_damper_ros.sweep.execution import ProcessPool
-
-    with ProcessPool(jobs) as pool:
-        try:
-            yield pool
-        except BrokenProcessPool:
-            raise CommandError(
-                'a process died, perhaps for lack of memory: give fewer --jobs', EXIT_FAILED
-            ) from None

@@ -4,31 +4,41 @@ from __future__ import annotations
 
 import argparse
 import cmath
+import csv
+import io
 import math
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from typing import NamedTuple
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits import (
     Branch,
     Continuation,
+    MotionKind,
     OrbitSearch,
     PeriodicOrbit,
+    SettledMotion,
     SpecialKind,
-    continue_orbit,
     find_orbits,
+    follow,
     plausible_stops,
+    settle,
     switch_branch,
 )
-from impact_damper_ros.outputs import check_file
+from impact_damper_ros.orbits.arguments import period_of_force
+from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD
+from impact_damper_ros.outputs import check_file, write_text
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.quoting import counted
 
 from .command_line import (
     CommandError,
     add_json_option,
+    add_path_option,
+    check_figure,
     command_parser,
     discard_output,
     long_work,
@@ -37,21 +47,26 @@ from .command_line import (
     up_to,
     write_json,
 )
-from .rig_options import add_params_argument, add_set_option, given_rig, hint, rig_line
+from .rig_options import GivenRig, add_params_argument, add_set_option, given_rig, hint, rig_line
 
 EXIT_NONE, EXIT_NOT_VIABLE = 3, 4
 
 _DESCRIPTION = """\
 Find the periodic motions of an impact damper with N impacts in K cycles of the force, stable and
-unstable, for the same parameters file as sim_node and simulate_rig. All quantities are in SI
+unstable, or the one that it settles into (--settled), and follow it while a parameter varies
+(--follow). The parameters file is that of sim_node and simulate_rig. All quantities are in SI
 units; velocities are absolute, along the axis, positive downwards. A phase is the time of an
 impact from t = 0 in cycles of the force F sin(W t + force_phase).
 """
 _EPILOG = """\
-Exit code: 0 if a motion was found that the rig can perform; 3 if there is no solution; 4 if there
-are solutions but none is viable (the table gives the reasons); 2 if the input is invalid; 1 if the
-file cannot be written; 130 on Ctrl-C, 143 on SIGTERM.
-Example: solve_periodic config/paper.yaml --impacts 2 --cycles 1 --json orbits.json --set gap=30
+Exit code: 0 if a motion was found that the rig can perform; 3 if there is no solution, or the rig
+does not settle into a periodic motion; 4 if there are solutions but none is viable (the table
+gives the reasons); 2 if the input is invalid; 1 if a file cannot be written; 130 on Ctrl-C, 143 on
+SIGTERM.
+Examples:
+  solve_periodic config/paper.yaml --impacts 2 --cycles 1 --json orbits.json --set gap=30
+  solve_periodic bench_rig --settled
+  solve_periodic paper --impacts 2 --follow gap=20:60 --csv gap.csv --figure gap.png
 """
 
 
@@ -80,12 +95,18 @@ def _range(text: str) -> tuple[str, float, float]:
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser('solve_periodic', _DESCRIPTION, _EPILOG)
     add_params_argument(parser)
-    parser.add_argument(
+    sought = parser.add_mutually_exclusive_group(required=True)
+    sought.add_argument(
         '--impacts',
         type=up_to(64),
-        required=True,
         metavar='N',
         help='impacts in one period, those of a chatter up to the rest',
+    )
+    sought.add_argument(
+        '--settled',
+        action='store_true',
+        help='the motion that the rig settles into from its initial conditions: period and stops '
+        'are taken from it',
     )
     parser.add_argument(
         '--cycles',
@@ -101,11 +122,15 @@ def _parser() -> argparse.ArgumentParser:
         help='stops hit in one period, in order [every sequence of N impacts]',
     )
     parser.add_argument(
-        '--vary',
+        '--follow',
         type=_range,
         metavar='NAME=LOW:HIGH',
         help='follow the first motion of the list while a parameter varies, and the branches '
         'that leave it at period doublings and branch points',
+    )
+    add_path_option(parser, '--csv', 'with --follow, write the branches to a table (17 digits)')
+    add_path_option(
+        parser, '--figure', 'with --follow, draw the branches; a .png, .svg or .pdf file'
     )
     add_json_option(parser, 'the list of motions')
     add_set_option(parser)
@@ -168,7 +193,7 @@ def _orbit_text(number: int, orbit: PeriodicOrbit) -> str:
 
 
 def _branch_text(branch: Branch) -> str:
-    if not branch.orbits:
+    if not branch.points:
         return f'  {branch.ended}'
     swings = [orbit.x_max for orbit in branch.orbits]
     lines = [
@@ -181,22 +206,95 @@ def _branch_text(branch: Branch) -> str:
         f'{point.value:.9g}' + (f': {point.reason}' if point.reason else '')
         for point in branch.special
     )
-    return '\n'.join([*lines, f'  end: {branch.ended}'])
+    if (best := branch.best()) is not None:
+        limit = best.limit.value + (f', {best.beyond}' if best.beyond else '')
+        lines.append(
+            f'  least largest |X| of a stable motion: {best.orbit.x_max:.9g} m at {branch.name} = '
+            f'{best.value:.9g} ({limit})'
+        )
+    ends = [f'  end: {end}' for end in (branch.began, branch.ended) if end]
+    return '\n'.join([*lines, *ends])
 
 
-def _branch_texts(orbit: PeriodicOrbit, along: Continuation) -> Iterator[str]:
-    """Yield the branch of a motion in both directions, and those that leave it."""
-    name = along.name
-    for upwards in (True, False):
-        branch = continue_orbit(orbit, along, upwards=upwards)
-        yield f'\nmotion 1, {name} {"rising" if upwards else "falling"}:\n{_branch_text(branch)}'
-        for point in branch.special:
-            if point.kind in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
-                leaves = switch_branch(point, replace(along, most_points=100))
-                yield (
-                    f'\nbranch from the {point.kind.value} at {name} = {point.value:.9g}:\n'
-                    f'{_branch_text(leaves)}'
-                )
+class _Followed(NamedTuple):
+    """A branch, and what it is."""
+
+    title: str
+    branch: Branch
+
+
+def _branches(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Iterator[_Followed]:
+    """Yield the branch of a motion, and those that leave it."""
+    branch = follow(orbit, name, low, high)
+    yield _Followed('motion 1', branch)
+    along = Continuation(name, low, high, most_points=100)
+    for point in branch.special:
+        if point.kind in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
+            title = f'branch from the {point.kind.value} at {name} = {point.value:.9g}'
+            yield _Followed(title, switch_branch(point, along))
+
+
+_BRANCH_COLUMNS = (
+    *('branch', 'x_max', 'x_max_ratio', 'largest_multiplier', 'stable', 'viable', 'special'),
+    *('stops', 'phases', 'x'),
+)
+
+
+def _branch_table(followed: Sequence[_Followed]) -> str:
+    """Return the motions of branches as CSV; the lists within a column by spaces."""
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator='\n')
+    writer.writerow([followed[0].branch.name, *_BRANCH_COLUMNS])
+    for title, branch in followed:
+        special = {point.value: point.kind.value for point in branch.special}
+        for value, orbit in branch.points:
+            numbers = (orbit.x_max, orbit.amplitude_ratio, abs(orbit.multipliers[0]))
+            lists = (
+                ' '.join(format(v, '.17g') for v in column)
+                for column in (orbit.stops, orbit.phases, orbit.x)
+            )
+            writer.writerow(
+                [
+                    *(f'{value:.17g}', title, *(f'{number:.17g}' for number in numbers)),
+                    *(int(orbit.stable), int(orbit.viable), special.get(value, ''), *lists),
+                ]
+            )
+    return table.getvalue()
+
+
+def _settled_text(found: SettledMotion) -> str:
+    """Return what the rig settles into, in a line."""
+    assert found.rhythm is not None
+    assert found.period is not None
+    return (
+        f'after {found.cycles} cycles of the force the rig repeats to within '
+        f'{found.period.level:.1e}: {counted(found.rhythm.impacts, "impact")} in '
+        f'{counted(found.rhythm.cycles, "cycle")}'
+    )
+
+
+def _settled_orbit(given: GivenRig) -> tuple[SettledMotion, PeriodicOrbit]:
+    """Return the motion that a rig settles into, and that of the theory; or raise CommandError."""
+    period_of_force(given.parameters, LONGEST_PERIOD)
+    found = settle(Rig(given.parameters, given.initial))
+    if found.reason:
+        raise CommandError(f'the rig has too many events to settle: {found.reason}', EXIT_NONE)
+    if found.kind is not MotionKind.PERIODIC:
+        why = f'its motion is {found.kind.value} after {found.cycles} cycles of the force'
+        if found.indications is not None:
+            why += f' (Lyapunov exponent {found.indications.exponent:+.3g} per cycle)'
+        raise CommandError(
+            f'the rig does not settle into a periodic motion with impacts: {why}; try other '
+            'initial conditions, or --impacts and --cycles',
+            EXIT_NONE,
+        )
+    if found.orbit is None:
+        raise CommandError(
+            f'{_settled_text(found)}, but the solver finds no such motion: try --impacts, '
+            '--cycles and --stops',
+            EXIT_NONE,
+        )
+    return found, found.orbit
 
 
 def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[OrbitSearch]:
@@ -246,31 +344,70 @@ def _check_found(searches: list[OrbitSearch], arguments: argparse.Namespace) -> 
 
 def _solve(arguments: argparse.Namespace) -> int:
     given = given_rig(arguments.params, arguments.set, with_control=False)
-    if arguments.json is not None:
-        check_file(arguments.json)  # before the work, not after it
+    _check(arguments, given.parameters)
     if not arguments.quiet:
         hint('solve_periodic', given.parameters)
-    if arguments.vary is not None:
-        along = Continuation(*arguments.vary)
-        along.check_start(given.parameters)
+    searches: list[OrbitSearch] = []
     with long_work('solve_periodic', _slow_words(given.parameters), quiet=arguments.quiet):
-        searches = _searches(given.parameters, arguments)
-    orbits = [orbit for search in searches for orbit in search.orbits]
-    orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
+        if arguments.settled:
+            settled, orbit = _settled_orbit(given)
+            orbits, reports = [orbit], [_settled_text(settled)]
+        else:
+            searches = _searches(given.parameters, arguments)
+            orbits = [orbit for search in searches for orbit in search.orbits]
+            orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
+            reports = [search.report.text for search in searches]
     write_json(arguments.json, [orbit.as_dict() for orbit in orbits])
+    followed: list[_Followed] = []
+    if arguments.follow is not None and orbits:
+        words = 'still following the branch; Ctrl-C ends it'
+        with long_work('solve_periodic', words, quiet=arguments.quiet):
+            followed = list(_branches(orbits[0], *arguments.follow))
+        _write_branches(arguments, given.parameters, [f for f in followed if f.branch.points])
     if not arguments.quiet:
-        texts = [textwrap.fill(rig_line(given.parameters), 99, subsequent_indent='  ')]
-        texts += [search.report.text for search in searches]
+        texts = [textwrap.fill(rig_line(given.parameters), 99, subsequent_indent='  '), *reports]
         texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
-        if arguments.vary is not None and orbits:
-            with long_work('solve_periodic', 'still following the branch; Ctrl-C ends it'):
-                texts += _branch_texts(orbits[0], along)
+        for title, branch in followed:
+            texts.append(f'\n{title}, {branch.name} varied:\n{_branch_text(branch)}')
         try:
             print('\n'.join(texts), file=text_stream(arguments.json), flush=True)
         except BrokenPipeError:
             discard_output()
-    _check_found(searches, arguments)
+    if searches:
+        _check_found(searches, arguments)
     return 0
+
+
+def _check(arguments: argparse.Namespace, parameters: RigParameters) -> None:
+    """Raise an error before the work if a file could not be written, or a range is not one."""
+    for path in (arguments.json, arguments.csv):
+        if path is not None:
+            check_file(path)
+    if arguments.figure is not None:
+        check_figure(arguments.figure)
+    if arguments.follow is not None:
+        Continuation(*arguments.follow).check_start(parameters)
+    elif arguments.csv is not None or arguments.figure is not None:
+        raise ValueError('--csv and --figure are for --follow: give a parameter and its range')
+    if arguments.settled and (arguments.stops is not None or arguments.cycles != 1):
+        raise ValueError(
+            '--settled takes the period and the stops from the motion: leave out '
+            '--cycles and --stops'
+        )
+
+
+def _write_branches(
+    arguments: argparse.Namespace, parameters: RigParameters, followed: Sequence[_Followed]
+) -> None:
+    """Write the table and the figure of branches, if they are asked for."""
+    if arguments.csv is not None and followed:
+        write_text(arguments.csv, _branch_table(followed))
+    if arguments.figure is not None and followed:
+        from impact_damper_ros.report.branch_figure import branch_figure
+        from impact_damper_ros.report.drawing import save_figure
+
+        title = textwrap.fill(rig_line(parameters), 120)
+        save_figure(branch_figure([f.branch for f in followed], title), arguments.figure)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.bag.rig_topics import RigMessages
 from impact_damper_ros.control import Action, ControlRecord, Rig
-from impact_damper_ros.orbits.recognition import turned_cycles
 from impact_damper_ros.rig import Event, EventKind, RigParameters, RunawayError, Sample
 from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.forcing import frequency_at
@@ -69,9 +68,10 @@ class MotionTrace:
     @classmethod
     def at(cls, parameters: RigParameters, snapshot: Mapping[str, Any]) -> MotionTrace:
         """Begin at a snapshot of the rig."""
-        step = snapshot['sweep']['step']
-        turned = turned_cycles(snapshot, frequency_at(parameters, step))
-        return cls(parameters, snapshot['time'], turned, step)
+        step, origin = snapshot['sweep']['step'], snapshot['origin']
+        since = snapshot['time'] - origin['time']
+        angle = origin['angles'][0] + frequency_at(parameters, step) * since
+        return cls(parameters, snapshot['time'], angle / tau, step)
 
     def after(self, events: Sequence[Event]) -> MotionTrace:
         """Take all events since the last sample; return the trace from there on."""

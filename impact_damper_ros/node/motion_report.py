@@ -11,19 +11,11 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from impact_damper_ros.orbits.orbit import NEUTRAL
-from impact_damper_ros.orbits.recognition import (
-    LONGEST_RHYTHM,
-    SETTLED_DRIFT,
-    MotionKind,
-    Rhythm,
-    approaches,
-    period_distances,
-    rhythm_of,
-)
+from impact_damper_ros.orbits.orbit import NEUTRAL, Rhythm
+from impact_damper_ros.orbits.recurrence import MotionKind, Period, Section, find_period
 from impact_damper_ros.rig import Event, RigParameters
 from impact_damper_ros.rig.quoting import counted
 
@@ -33,6 +25,11 @@ from .prediction import Answer, PredictedMotion, Predictor, PredictorStatus
 #: The last cycles of the force that are measured where there is no rhythm; a motion with no impact
 #: in as many cycles is one without impacts.
 MEASURED_CYCLES = 20
+#: Longest rhythm that is recognised, in cycles of the force.
+LONGEST_RHYTHM = 8
+#: Periods that differ by less, in cycles of the force and relative to the largest |X|, are a
+#: rhythm, and those of a settled motion if they differ by less than the second.
+RECOGNISED, SETTLED_DRIFT = 1e-2, 1e-4
 #: Periods in a row that must differ little for a motion to have settled.
 SETTLED_PERIODS = 3
 #: Turning points of M are interpolated between samples; with fewer per cycle they are inaccurate.
@@ -57,6 +54,8 @@ class RecentMotion:
         `MEASURED_CYCLES` cycles.
     rhythm : Rhythm or None
         The repeated sequence of impacts, settled or not.
+    period : Period or None
+        How closely it repeats.
     impact : Event or None
         The last impact.
     phase : float
@@ -71,6 +70,7 @@ class RecentMotion:
     cycles: float = 0.0
     impacts_per_cycle: float | None = None
     rhythm: Rhythm | None = None
+    period: Period | None = None
     impact: Event | None = None
     phase: float = 0.0
     x_max: float | None = None
@@ -96,21 +96,22 @@ def measure(trace: MotionTrace, state_rate: float) -> RecentMotion:
     instants = [trace.cycles(event.time) for event in impacts]
     largest = trace.largest(now - LONGEST_RHYTHM * cycle)
     stops, x = [event.stop for event in impacts], [event.x for event in impacts]
-    rhythm = rhythm_of(instants, stops, x, largest)
-    turned = trace.cycles(now)
-    if rhythm is not None and instants[-1] < turned - 2 * rhythm.cycles:
+    section = Section.of_impacts(instants, stops, x, length=largest)
+    period = find_period(section, SETTLED_DRIFT, near=RECOGNISED, longest=LONGEST_RHYTHM)
+    turned, rhythm = trace.cycles(now), None
+    if period is not None and instants[-1] < turned - 2 * period.cycles:
         # The impacts have stopped.
-        rhythm = None
-    if rhythm is not None:
-        distances = period_distances(instants, stops, x, rhythm)
-        largest = trace.largest(now - rhythm.cycles * cycle)
-        rhythm = replace(rhythm, x_max=largest)
+        period = None
+    if period is not None:
+        largest = trace.largest(now - period.cycles * cycle)
+        last = slice(-period.rows, None)
+        rhythm = Rhythm.of_impacts(period.cycles, stops[last], instants[last], x[last], largest)
         kind = MotionKind.UNDECIDED
-        if max(distances[-SETTLED_PERIODS:], default=math.inf) < SETTLED_DRIFT:
+        if period.repeated >= SETTLED_PERIODS:
             kind = MotionKind.PERIODIC
-        elif approaches(distances):
+        elif period.approaches:
             kind = MotionKind.TRANSIENT
-        per_cycle = rhythm.impacts / rhythm.cycles
+        per_cycle = period.rows / period.cycles
     else:
         recent = min(cycles, MEASURED_CYCLES)
         if len(impacts) >= KEPT:
@@ -132,6 +133,7 @@ def measure(trace: MotionTrace, state_rate: float) -> RecentMotion:
         cycles,
         per_cycle,
         rhythm,
+        period,
         impacts[-1] if impacts else None,
         instants[-1] if impacts else 0.0,
         x_max,
@@ -198,7 +200,8 @@ def compare(measured: RecentMotion, answer: Answer) -> Agreement:
     motion, apart = near
     # The rest of a transient that fades by the multiplier in each period
     rest = 1.0 - motion.largest_multiplier
-    tolerance = TOLERANCE + (rhythm.drift / rest if rest > 0.0 else 0.0)
+    drift = 0.0 if measured.period is None else measured.period.level
+    tolerance = TOLERANCE + (drift / rest if rest > 0.0 else 0.0)
     largest = None
     if measured.x_max is not None:
         largest = abs(measured.x_max - motion.rhythm.x_max) / motion.rhythm.x_max
@@ -268,7 +271,7 @@ class MotionMonitor:
 
 def measured_report(measured: RecentMotion) -> MotionReport:
     """Report the measured motion."""
-    rhythm = measured.rhythm
+    rhythm, period = measured.rhythm, measured.period
     words = measured.kind.value
     if rhythm is not None:
         words = f'{_in_words(rhythm)}, {_HOW.get(measured.kind, words)}'
@@ -287,8 +290,8 @@ def measured_report(measured: RecentMotion) -> MotionReport:
             **_rhythm_values(rhythm),
             'Largest X [m]': _number(measured.x_max),
             'Largest X / A': _number(measured.amplitude_ratio),
-            'Change from period to period': _number(rhythm.drift if rhythm else None, 3),
-            'Factor of that change per period': _number(rhythm.decay if rhythm else None, 3),
+            'Change from period to period': _number(period.level if period else None, 3),
+            'Factor of that change per period': _number(period.decay if period else None, 3),
         },
     )
 
@@ -389,10 +392,7 @@ def _summary(motion: PredictedMotion) -> dict[str, object]:
 
 
 def _same(one: PredictedMotion, other: PredictedMotion | None) -> bool:
-    if other is None:
-        return False
-    turned = one.rhythm.turned_to(other.rhythm)
-    return turned is not None and max(turned[1]) < 1e-9
+    return other is not None and one.rhythm.distance(other.rhythm) < 1e-9
 
 
 def _number(value: float | None, digits: int = 9) -> str:

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import impact_damper_ros
-from impact_damper_ros.orbits.recognition import Apart, Rhythm
+from impact_damper_ros.orbits.orbit import Apart, Rhythm
 from impact_damper_ros.rig import Event
 
 
@@ -117,7 +117,7 @@ class Answer:
         """Return the nearest motion, beginning at the same impact, and its distance."""
         found = []
         for motion in self.motions:
-            turned = motion.rhythm.turned_to(measured)
+            turned = motion.rhythm.nearest_turn(measured)
             if turned is not None:
                 found.append((replace(motion, rhythm=turned[0]), turned[1]))
         return min(found, key=lambda pair: max(pair[1]), default=None)

@@ -10,40 +10,47 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from .continuation import (
-        Branch,
-        Continuation,
-        SpecialKind,
-        SpecialPoint,
-        continue_orbit,
-        grow_branch,
-        switch_branch,
-        value_of,
-    )
-    from .equations import ImpactEquations, OrbitError, plausible_stops
+    from .arguments import OrbitError, plausible_stops
+    from .branch import BestPoint, Branch, BranchPoint, Limit, SpecialKind, SpecialPoint
+    from .continuation import continue_orbit, follow, grow_branch, switch_branch
     from .optimum import OptimalGap, optimal_gap
-    from .orbit import OrbitEvent, PeriodicOrbit
+    from .orbit import OrbitEvent, PeriodicOrbit, Rhythm
+    from .recurrence import MotionKind, Period, Section, find_period
     from .search import OrbitSearch, StartReport, find_orbits
+    from .settled_motion import SettledMotion, settle
+    from .solution_curve import Continuation, value_of
     from .solved_orbits import orbit_near
+    from .starts import ImpactEquations
 
 __all__ = [
+    'BestPoint',
     'Branch',
+    'BranchPoint',
     'Continuation',
     'ImpactEquations',
+    'Limit',
+    'MotionKind',
     'OptimalGap',
     'OrbitError',
     'OrbitEvent',
     'OrbitSearch',
+    'Period',
     'PeriodicOrbit',
+    'Rhythm',
+    'Section',
+    'SettledMotion',
     'SpecialKind',
     'SpecialPoint',
     'StartReport',
     'continue_orbit',
     'find_orbits',
+    'find_period',
+    'follow',
     'grow_branch',
     'optimal_gap',
     'orbit_near',
     'plausible_stops',
+    'settle',
     'switch_branch',
     'value_of',
 ]
@@ -51,14 +58,16 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
-        'continuation': (
-            *('Branch', 'Continuation', 'SpecialKind', 'SpecialPoint'),
-            *('continue_orbit', 'grow_branch', 'switch_branch', 'value_of'),
-        ),
-        'equations': ('ImpactEquations', 'OrbitError', 'plausible_stops'),
+        'arguments': ('OrbitError', 'plausible_stops'),
+        'branch': ('BestPoint', 'Branch', 'BranchPoint', 'Limit', 'SpecialKind', 'SpecialPoint'),
+        'continuation': ('continue_orbit', 'follow', 'grow_branch', 'switch_branch'),
         'optimum': ('OptimalGap', 'optimal_gap'),
-        'orbit': ('OrbitEvent', 'PeriodicOrbit'),
+        'orbit': ('OrbitEvent', 'PeriodicOrbit', 'Rhythm'),
+        'recurrence': ('MotionKind', 'Period', 'Section', 'find_period'),
         'search': ('OrbitSearch', 'StartReport', 'find_orbits'),
+        'settled_motion': ('SettledMotion', 'settle'),
+        'solution_curve': ('Continuation', 'value_of'),
         'solved_orbits': ('orbit_near',),
+        'starts': ('ImpactEquations',),
     },
 )

@@ -24,315 +24,32 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from enum import Enum
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
-from impact_damper_ros.rig.quoting import shown
-
-from .equations import Array, OrbitError, checked_number, checked_whole, single_harmonic
+from .branch import (
+    CLOSES,
+    END,
+    LOCATED,
+    NONE_NEARBY,
+    Branch,
+    BranchPoint,
+    Piece,
+    SpecialKind,
+    SpecialPoint,
+)
 from .orbit import PeriodicOrbit
-from .search import within_theory
-from .segments import Root, Segments, Solution, newton
-from .solved_orbits import guess_on, orbit_of, performed
+from .solution_curve import Continuation, CurvePoint, Family, Path, SolutionCurve
+from .solved_orbits import performed
 
-#: A name for both coefficients of restitution at once.
-BOTH_RESTITUTIONS = 'restitution'
-# Multisine and sweep have no periodic motion.
-_VARIABLE = [
-    name
-    for name, spec in PARAMETER_SPECS.items()
-    if spec.kind in ('double', 'double_array') and not name.startswith(('multisine_', 'sweep_'))
-]
-
-
-def _check_name(name: str) -> None:
-    if not isinstance(name, str) or name not in (*_VARIABLE, BOTH_RESTITUTIONS):
-        raise OrbitError(
-            f'{shown(name)} cannot be varied: give one of {", ".join(_VARIABLE)}, or '
-            f'{BOTH_RESTITUTIONS}'
-        )
-
-
-def value_of(parameters: RigParameters, name: str) -> float:
-    """Return the value of a parameter that a continuation can vary."""
-    _check_name(name)
-    if name == BOTH_RESTITUTIONS:
-        return parameters.restitution_1
-    value = getattr(parameters, name)
-    return float(value[0] if isinstance(value, tuple) else value)
-
-
-def with_value(parameters: RigParameters, name: str, value: float) -> RigParameters:
-    """Return the rig with one parameter, as `value_of` names it, changed."""
-    if name == BOTH_RESTITUTIONS:
-        return parameters.replace(restitution_1=value, restitution_2=value)
-    if PARAMETER_SPECS[name].kind == 'double_array':
-        entries = getattr(parameters, name)
-        return parameters.replace(**{name: (value, *entries[1:])})
-    return parameters.replace(**{name: value})
-
-
-def _limits_of(name: str) -> tuple[float, float]:
-    """Return the least and largest value of a parameter, as `value_of` names it."""
-    spec = PARAMETER_SPECS['restitution_1' if name == BOTH_RESTITUTIONS else name]
-    assert spec.low is not None
-    assert spec.high is not None
-    return spec.low, spec.high
-
-
-#: Widest range of a parameter, and most points of a branch.
-_FARTHEST = 1e15
-_MOST_POINTS = 1_000_000
-
-
-@dataclass(frozen=True)
-class Continuation:
-    """
-    Options of a continuation.
-
-    Parameters
-    ----------
-    name : str
-        The parameter that varies: a number of `RigParameters`, the first entry of an array, or
-        'restitution' for both coefficients.
-    low, high : float
-        Range of the parameter. The branch may turn within it.
-    largest_step : float, optional
-        Longest step, relative to the displacements, phases and the parameter.
-    most_points : int, optional
-        Largest number of points on the branch.
-
-    Raises
-    ------
-    OrbitError
-        If the parameter cannot be varied, or a number is out of range.
-    """
-
-    name: str
-    low: float
-    high: float
-    largest_step: float = 0.05
-    most_points: int = 400
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        _check_name(self.name)
-        low = checked_number(f'the low end of {self.name}', self.low, -_FARTHEST, _FARTHEST)
-        high = checked_number(f'the high end of {self.name}', self.high, -_FARTHEST, _FARTHEST)
-        if not low < high:
-            raise OrbitError(
-                f'{self.name} from {low:.9g} to {high:.9g} is no range: give the low end first'
-            )
-        checked_number('largest_step', self.largest_step, 1e-9, 1.0)
-        checked_whole('most_points', self.most_points, 1, _MOST_POINTS)
-
-    def check_start(self, parameters: RigParameters) -> None:
-        """Raise OrbitError if the rig is outside the range."""
-        value = value_of(parameters, self.name)
-        if not self.low <= value <= self.high:
-            raise OrbitError(
-                f'{self.name} is {value:.9g} where the branch begins: give a range around that, '
-                f'not {self.low:.9g} to {self.high:.9g}'
-            )
-
-    def holds(self, value: float) -> bool:
-        """Return whether a value is within the range."""
-        return self.low <= value <= self.high
-
-
-class _Family:
-    """
-    Motions with the nodes of a given one, or of some periods of it.
-
-    They solve n equations in n unknowns and one parameter, `name`.
-    """
-
-    def __init__(self, orbit: PeriodicOrbit, name: str, times: int = 1) -> None:
-        value = value_of(orbit.parameters, name)
-        guess = guess_on(orbit)
-        if guess is None:
-            raise OrbitError('the motion has too many events to be followed')
-        self.parameters = orbit.parameters
-        self.name = name
-        self._nodes = guess.nodes * times
-        self._cycles = orbit.cycles * times
-        #: Whether motions that the rig cannot perform are left for those that it can: the theory
-        #: of impacts follows its solutions through.
-        self.performed = bool(orbit.events) or not (
-            single_harmonic(orbit.parameters) and within_theory(orbit.parameters, orbit.stops)
-        )
-        segments = Segments(self.parameters, self._nodes, self._cycles)
-        self._units = segments.length, segments.length * segments.rate
-        # Cache of the last value, which is needed up to three times in a row
-        self._last = value, segments
-        self._set_units(segments)
-        later = orbit.period * np.arange(times)[:, None]
-        self.start = segments.unknowns(
-            np.tile(guess.states, (times, 1)), (guess.instants + later).ravel()
-        )
-
-    def _set_units(self, segments: Segments) -> None:
-        # With angles of the force as unknowns, they do not depend on its frequency.
-        segments.set_units(*self._units, segments.parameters.force_frequencies[0])
-
-    def segments(self, value: float) -> Segments:
-        """Return the boundary-value problem at a value of the parameter."""
-        if self._last[0] != value:
-            rig = with_value(self.parameters, self.name, value)
-            segments = Segments(rig, self._nodes, self._cycles)
-            self._set_units(segments)
-            self._last = value, segments
-        return self._last[1]
-
-    def longest_part(self, unknowns: Array, step: Array, value: float) -> float:
-        """Return the largest part of a step that keeps impacts in order; other events may pass."""
-        if self.performed:
-            return 1.0
-        return float(self.segments(value).longest_part(unknowns, step))
-
-    def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
-        """Return the equations' residual, and its derivative by the unknowns."""
-        segments = self.segments(value)
-        lasts = segments.durations(segments.motion(unknowns)[1])
-        if not self.performed and float(lasts.min()) <= 0.0:
-            raise ArithmeticError('impacts out of order')
-        return segments.residual(unknowns)
-
-    def orbit(self, root: Root, value: float) -> PeriodicOrbit:
-        """Return the motion at a root, whose last unknown is the parameter."""
-        segments = self.segments(value)
-        states, instants = segments.motion(root.unknowns[:-1])
-        return orbit_of(Solution(segments, states, instants, root.residual, root.history))
-
-
-#: Largest residual of a point on a branch, and one that is small enough.
-RESIDUAL_TOLERANCE, _ENOUGH = 1e-11, 1e-15
-
-_ROUND_OFF = 1e-12
-
-
-@dataclass(frozen=True)
-class _Point:
-    """A point of a branch: unknowns and scaled parameter, unit tangent, and the motion."""
-
-    place: Array
-    tangent: Array
-    orbit: PeriodicOrbit
-
-
-class _Curve:
-    """The solutions of a family as a curve, with the scaled parameter as the last coordinate."""
-
-    def __init__(self, family: _Family, scale: float) -> None:
-        self.family = family
-        self.scale = scale
-
-    def value(self, place: Array) -> float:
-        """Return the parameter, clipped to its range against round-off."""
-        value = float(place[-1]) * self.scale
-        low, high = _limits_of(self.family.name)
-        slack = _ROUND_OFF * self.scale
-        if low - slack <= value < low:
-            return low
-        return high if high < value <= high + slack else value
-
-    def system(self, place: Array) -> tuple[Array, Array]:
-        """Return the residual and its derivative by unknowns and parameter."""
-        value = self.value(place)
-        residual, by_unknowns = self.family.residual(place[:-1], value)
-        if self.family.name == 'gap':
-            by_gap = self.family.segments(value).by_gap()
-            return residual, np.column_stack([by_unknowns, by_gap * self.scale])
-        step = 1e-6 * max(abs(float(place[-1])), 1e-3)
-        sides = []
-        for move in (step, -step):
-            try:
-                there = self.family.residual(place[:-1], (place[-1] + move) * self.scale)[0]
-                sides.append((move, there))
-            except ParameterError:
-                # At the edge of the admissible range, from within
-                sides.append((0.0, residual))
-        (ahead, value_ahead), (behind, value_behind) = sides
-        by_value = (value_ahead - value_behind) / (ahead - behind)
-        return residual, np.column_stack([by_unknowns, by_value])
-
-    def correct(self, guess: Array, normal: Array) -> _Point | None:
-        """Return the point of the curve in the plane through a guess, or None."""
-
-        def in_plane(place: Array) -> tuple[Array, Array]:
-            residual, matrix = self.system(place)
-            return np.append(residual, normal @ (place - guess)), np.vstack([matrix, normal])
-
-        def longest_part(place: Array, step: Array) -> float:
-            return self.family.longest_part(place[:-1], step[:-1], self.value(place))
-
-        try:
-            root = newton(in_plane, guess, longest_part, _ENOUGH)
-            if not root.residual < RESIDUAL_TOLERANCE:
-                return None
-            tangent = np.linalg.svd(root.jacobian[:-1])[2][-1]
-            tangent = tangent if tangent @ normal >= 0.0 else -tangent
-            orbit = self.family.orbit(root, self.value(root.unknowns))
-        except (ArithmeticError, np.linalg.LinAlgError, ParameterError):
-            return None
-        return _Point(root.unknowns, tangent, orbit)
-
-    def ahead(self, point: _Point, step: float) -> _Point | None:
-        """Return the point a step further along the curve, or None."""
-        return self.correct(point.place + step * point.tangent, point.tangent)
-
-
-_LOCATED = 1e-9
 #: How far a multiplier may be from where it should be at a special point, and at a guess of one.
 _NEAR = 1e-3
 _GUESSED = 0.2
 
-
-class SpecialKind(Enum):
-    """Kind of a special point."""
-
-    FOLD = 'fold'
-    PERIOD_DOUBLING = 'period doubling'
-    NEIMARK_SACKER = 'Neimark-Sacker'
-    BRANCH_POINT = 'branch point'
-    GRAZING = 'grazing'
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpecialPoint:
-    """
-    A special point of a branch.
-
-    Attributes
-    ----------
-    kind : SpecialKind
-        What happens there.
-    value : float
-        The parameter there.
-    orbit : PeriodicOrbit
-        The motion there; at a grazing, just on its viable side.
-    bracket : tuple of float
-        The parameter on either side of it; at a fold both are on the same side of its value.
-    converged : bool
-        Whether it is located to the tolerance; otherwise it is an estimate.
-    reason : str
-        At a grazing, the change just beyond it; else empty.
-    """
-
-    kind: SpecialKind
-    value: float
-    orbit: PeriodicOrbit
-    bracket: tuple[float, float]
-    converged: bool
-    reason: str = ''
-
-
-_Test = Callable[[_Point], float]
+_Test = Callable[[CurvePoint], float]
 
 
 def _real_product(factors: list[complex]) -> float:
@@ -342,19 +59,19 @@ def _real_product(factors: list[complex]) -> float:
     return product.real
 
 
-def _fold(point: _Point) -> float:
+def _fold(point: CurvePoint) -> float:
     return float(point.tangent[-1])
 
 
-def _doubling(point: _Point) -> float:
+def _doubling(point: CurvePoint) -> float:
     return _real_product([1.0 + m for m in point.orbit.multipliers])
 
 
-def _branching(point: _Point) -> float:
+def _branching(point: CurvePoint) -> float:
     return _real_product([1.0 - m for m in point.orbit.multipliers])
 
 
-def _torus(point: _Point) -> float:
+def _torus(point: CurvePoint) -> float:
     pairs = itertools.combinations(point.orbit.multipliers, 2)
     return _real_product([1.0 - a * b for a, b in pairs])
 
@@ -369,11 +86,11 @@ def _events(orbit: PeriodicOrbit) -> Counter[str]:
     return words
 
 
-def _likeness(start: _Point) -> _Test:
+def _likeness(start: CurvePoint) -> _Test:
     """Return a test that is positive where a motion is of the same kind as the first one."""
     kind = (start.orbit.viable, _events(start.orbit))
 
-    def alike(point: _Point) -> float:
+    def alike(point: CurvePoint) -> float:
         return 1.0 if (point.orbit.viable, _events(point.orbit)) == kind else -1.0
 
     return alike
@@ -404,15 +121,23 @@ def _genuine(kind: SpecialKind, orbit: PeriodicOrbit, near: float) -> bool:
 class _Between(NamedTuple):
     """Two neighbouring points of a branch, both on a curve, and the step from one to the other."""
 
-    curve: _Curve
-    start: _Point
-    end: _Point
+    curve: SolutionCurve
+    start: CurvePoint
+    end: CurvePoint
     step: float
     #: What changes where the rig leaves the curve before the second one, if it does.
     change: str = ''
 
 
-def _locate(between: _Between, kind: SpecialKind, test: _Test) -> SpecialPoint | None:
+class _Located(NamedTuple):
+    """A special point, and the place on the curve where it is."""
+
+    step: float
+    point: CurvePoint
+    special: SpecialPoint
+
+
+def _locate(between: _Between, kind: SpecialKind, test: _Test) -> _Located | None:
     """Find where a test function changes sign between two points of a branch."""
     from scipy.optimize import brentq
 
@@ -435,33 +160,36 @@ def _locate(between: _Between, kind: SpecialKind, test: _Test) -> SpecialPoint |
         return value
 
     try:
-        brentq(value_at, 0.0, step, xtol=_LOCATED * step)
+        brentq(value_at, 0.0, step, xtol=LOCATED * step)
         complete = True
     except ArithmeticError:
         complete = False
-    best, other = near[1], far[1]
-    if abs(test(best)) > abs(test(other)):
+    best, other = near, far
+    if abs(test(best[1])) > abs(test(other[1])):
         best, other = other, best
     reason = ''
     if kind is SpecialKind.GRAZING:
-        best, other = (near[1], far[1]) if near[1].orbit.viable else (far[1], near[1])
-        beyond = performed(other.orbit, other.orbit.parameters) if curve.family.performed else None
-        reason = _difference(best.orbit, beyond or other.orbit) or change
-    if not _genuine(kind, best.orbit, _NEAR if complete else _GUESSED):
+        best, other = (near, far) if near[1].orbit.viable else (far, near)
+        there = other[1].orbit
+        beyond = performed(there, there.parameters) if curve.family.performed else None
+        reason = _difference(best[1].orbit, beyond or there) or change
+    orbit = best[1].orbit
+    if not _genuine(kind, orbit, _NEAR if complete else _GUESSED):
         return None
-    return SpecialPoint(
+    special = SpecialPoint(
         kind=kind,
-        value=curve.value(best.place),
-        orbit=best.orbit,
+        value=curve.value(best[1].place),
+        orbit=orbit,
         bracket=(curve.value(near[1].place), curve.value(far[1].place)),
         converged=complete,
         reason=reason,
     )
+    return _Located(*best, special)
 
 
-def _special_points(between: _Between) -> list[SpecialPoint]:
-    """Locate the special points between two neighbouring points of a branch."""
-    curve, start, end, _, change = between
+def _special_points(between: _Between) -> list[_Located]:
+    """Locate the special points between two neighbouring points of a branch, in order."""
+    _, start, end, _, change = between
     turns = _fold(start) * _fold(end) < 0.0
     tests: tuple[tuple[SpecialKind, _Test], ...] = (
         (SpecialKind.FOLD, _fold),
@@ -474,11 +202,10 @@ def _special_points(between: _Between) -> list[SpecialPoint]:
     for kind, test in tests:
         if test(start) * test(end) >= 0.0 or (kind is SpecialKind.BRANCH_POINT and turns):
             continue
-        special = _locate(between, kind, test)
-        if special is not None and (special.orbit.viable or not change):
-            found.append(special)
-    first = curve.value(start.place)
-    return sorted(found, key=lambda special: abs(special.value - first))
+        located = _locate(between, kind, test)
+        if located is not None and (located.special.orbit.viable or not change):
+            found.append(located)
+    return sorted(found, key=lambda located: located.step)
 
 
 _SHARPEST_TURN = 0.95
@@ -488,44 +215,19 @@ _FIRST_STEP = 0.1
 _LEAST_STEP = 1e-7
 
 
-@dataclass(frozen=True, kw_only=True)
-class Branch:
-    """
-    A branch of periodic motions.
-
-    Attributes
-    ----------
-    name : str
-        The parameter varied.
-    values : tuple of float
-        Its values along the branch.
-    orbits : tuple of PeriodicOrbit
-        The motions there.
-    special : tuple of SpecialPoint
-        Special points, in order along the branch.
-    ended : str
-        Why the branch was not followed further.
-    """
-
-    name: str
-    values: tuple[float, ...]
-    orbits: tuple[PeriodicOrbit, ...]
-    special: tuple[SpecialPoint, ...]
-    ended: str
-
-
 def _performed_beyond(
-    curve: _Curve, point: _Point, along: Continuation
-) -> tuple[_Curve, _Point] | None:
+    curve: SolutionCurve, point: CurvePoint, along: Continuation
+) -> tuple[SolutionCurve, CurvePoint] | None:
     """
     Return the motion that the rig performs in place of a solution, and its curve.
 
     It has the same impacts; along the branch a reversal, sticking or rest has come or gone.
     """
     found = performed(point.orbit, point.orbit.parameters)
-    if found is None or found.differs(point.orbit) > 4.0 * along.largest_step:
+    if found is None or found.distance(point.orbit) > 4.0 * along.largest_step:
         return None
-    fresh = _Curve(_Family(found, curve.family.name), curve.scale)
+    value = curve.value(point.place)
+    fresh = SolutionCurve(Family(found, curve.family.along, value), curve.scale)
     place = np.append(fresh.family.start, point.place[-1])
     normal = np.zeros_like(place)
     normal[-1] = math.copysign(1.0, point.tangent[-1])
@@ -533,7 +235,9 @@ def _performed_beyond(
     return (fresh, again) if again is not None and again.orbit.viable else None
 
 
-def _edge(curve: _Curve, here: _Point, step: float, along: Continuation) -> _Point | None:
+def _edge(
+    curve: SolutionCurve, here: CurvePoint, step: float, along: Continuation
+) -> CurvePoint | None:
     """Return the point on the bound that the next step would cross, if any."""
     ahead = curve.value(here.place + step * here.tangent)
     if along.holds(ahead):
@@ -550,20 +254,17 @@ def _edge(curve: _Curve, here: _Point, step: float, along: Continuation) -> _Poi
     return last
 
 
-def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branch]:
+def _follow(curve: SolutionCurve, point: CurvePoint, along: Continuation) -> Iterator[Branch]:
     """Step along a branch until it leaves the bounds, ends or closes; see `grow_branch`."""
     name, largest_step, most_points = along.name, along.largest_step, along.most_points
-    points = [point]
+    points, curves = [point], [curve]
     between: list[_Between] = []
 
-    def branch(ended: str = '', special: tuple[SpecialPoint, ...] = ()) -> Branch:
-        return Branch(
-            name=name,
-            values=tuple(value_of(p.orbit.parameters, name) for p in points),
-            orbits=tuple(p.orbit for p in points),
-            special=special,
-            ended=ended,
+    def branch(ended: str = '') -> Branch:
+        found = (
+            BranchPoint(c.value(p.place), p.orbit) for c, p in zip(curves, points, strict=True)
         )
+        return Branch(name=name, points=tuple(found), special=(), ended=ended)
 
     yield branch()
     step = first_step = _FIRST_STEP * largest_step
@@ -586,7 +287,7 @@ def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branc
             step *= 0.5
             if step >= _LEAST_STEP * largest_step:
                 continue
-            ended = 'no motion nearby: the corrector fails'
+            ended = NONE_NEARBY
             break
         if edge is not None:
             step = float((edge.place - here.place) @ here.tangent)
@@ -598,29 +299,109 @@ def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branc
             curve, there = fresh
             step, moved = first_step, True
         points.append(there)
+        curves.append(curve)
         if edge is not None:
-            value = value_of(there.orbit.parameters, name)
+            value = curve.value(there.place)
             bound = min(along.low, along.high, key=lambda b: abs(b - value))
-            ended = f'{name} = {bound:g}, the end of the range'
+            ended = f'{name} = {bound:g}, {END}'
             break
         if (
             not moved
             and len(points) > 4
             and np.linalg.norm(there.place - point.place) < 0.5 * step
         ):
-            ended = 'the branch closes'
+            ended = CLOSES
             break
         yield branch()
         step = min(largest_step, _GROWTH * step)
     # The special points take as long as all the rest.
     yield branch(ended)
-    special = [found for pair in between for found in _special_points(pair)]
-    yield branch(ended, tuple(special))
+    yield _with_special_points(branch(ended), between)
+
+
+def _with_special_points(branch: Branch, between: Sequence[_Between]) -> Branch:
+    """Return a branch with its special points, also among its points."""
+    special: list[SpecialPoint] = []
+    points, pieces = [*branch.points[:1]], []
+    for pair, after in zip(between, branch.points[1:], strict=True):
+        start = pair.start
+        for located in _special_points(pair):
+            special.append(located.special)
+            if located.point.orbit not in (pair.start.orbit, pair.end.orbit):
+                points.append(BranchPoint(located.special.value, located.point.orbit))
+                pieces.append(Piece(pair.curve, start, located.point))
+                start = located.point
+        points.append(after)
+        pieces.append(Piece(pair.curve, start, pair.end))
+    return replace(branch, points=tuple(points), special=tuple(special), _pieces=tuple(pieces))
+
+
+def follow(
+    orbit: PeriodicOrbit,
+    path: Path,
+    low: float,
+    high: float,
+    *,
+    start: float | None = None,
+    largest_step: float = 0.05,
+    most_points: int = 400,
+) -> Branch:
+    """
+    Follow a periodic motion in both directions while the rig varies.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        The motion to begin with.
+    path : str or callable
+        The parameter that varies: a number of `RigParameters`, the first entry of an array, or
+        'restitution' for both coefficients; or a function that returns the rig at a number.
+    low, high : float
+        Range of the parameter. The branch may turn within it.
+    start : float, optional
+        Where a function returns the rig of the motion; `low` or `high`, if not given.
+    largest_step : float, optional
+        Longest step, relative to the displacements, phases and the parameter.
+    most_points : int, optional
+        Largest number of points in each direction.
+
+    Returns
+    -------
+    Branch
+        The motions, first those below the first one, and the special points among them.
+
+    Raises
+    ------
+    OrbitError
+        If the motion is outside the range, or the parameter cannot be varied.
+
+    Examples
+    --------
+    >>> from impact_damper_ros.orbits import find_orbits
+    >>> from impact_damper_ros.rig import RigParameters
+    >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2)).orbits[0]
+    >>> branch = follow(orbit, 'gap', 20.0, 60.0)
+    >>> [point.kind.value for point in branch.special]
+    ['branch point', 'Neimark-Sacker']
+    >>> round(branch.best('x_max').value, 3)
+    58.128
+    """
+    along = Continuation(path, low, high, largest_step, most_points, start)
+    down, up = (continue_orbit(orbit, along, upwards=upwards) for upwards in (False, True))
+    return down.joined(up)
 
 
 def continue_orbit(orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True) -> Branch:
+    """Follow a periodic motion in one direction; see `follow`."""
+    *_, branch = grow_branch(orbit, along, upwards=upwards)
+    return branch
+
+
+def grow_branch(
+    orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True
+) -> Iterator[Branch]:
     """
-    Follow a periodic motion while a parameter of the rig varies.
+    Follow a periodic motion in one direction, point by point.
 
     Parameters
     ----------
@@ -630,40 +411,6 @@ def continue_orbit(orbit: PeriodicOrbit, along: Continuation, *, upwards: bool =
         The parameter, its range and the steps.
     upwards : bool, optional
         Whether the parameter rises at first.
-
-    Returns
-    -------
-    Branch
-        The motions and the special points between them.
-
-    Raises
-    ------
-    OrbitError
-        If the motion is outside the range.
-
-    Examples
-    --------
-    >>> from impact_damper_ros.orbits import find_orbits
-    >>> from impact_damper_ros.rig import RigParameters
-    >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2)).orbits[0]
-    >>> branch = continue_orbit(orbit, Continuation('gap', 20.0, 40.0))
-    >>> branch.ended
-    'gap = 40, the end of the range'
-    """
-    *_, branch = grow_branch(orbit, along, upwards=upwards)
-    return branch
-
-
-def grow_branch(
-    orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True
-) -> Iterator[Branch]:
-    """
-    Follow a periodic motion as `continue_orbit` does, point by point.
-
-    Parameters
-    ----------
-    orbit, along, upwards
-        As in `continue_orbit`.
 
     Yields
     ------
@@ -677,16 +424,15 @@ def grow_branch(
         If the motion is outside the range.
     """
     along.check_start(orbit.parameters)
-    name = along.name
-    value = value_of(orbit.parameters, name)
-    family = _Family(orbit, name)
-    curve = _Curve(family, abs(value) or max(abs(along.low), abs(along.high)) or 1.0)
+    value = along.value(orbit.parameters)
+    family = Family(orbit, along, value)
+    curve = SolutionCurve(family, abs(value) or max(abs(along.low), abs(along.high)) or 1.0)
     place = np.append(family.start, value / curve.scale)
     normal = np.zeros_like(place)
     normal[-1] = 1.0 if upwards else -1.0
     point = curve.correct(place, normal)
     if point is None:
-        yield Branch(name=name, values=(), orbits=(), special=(), ended='no motion to begin with')
+        yield Branch(name=along.name, points=(), special=(), ended='no motion to begin with')
         return
     yield from _follow(curve, point, along)
 
@@ -714,13 +460,12 @@ def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool 
     ValueError
         If the point is of another kind.
     """
-    orbit = special.orbit
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')
     times = 2 if special.kind is SpecialKind.PERIOD_DOUBLING else 1
-    family = _Family(orbit, along.name, times)
+    family = Family(special.orbit, along, special.value, times)
     unknowns = family.start
-    curve = _Curve(family, abs(special.value) or 1.0)
+    curve = SolutionCurve(family, abs(special.value) or 1.0)
     place = np.append(unknowns, special.value / curve.scale)
     by_unknowns = family.residual(unknowns, special.value)[1]
     direction = np.append(np.linalg.svd(by_unknowns)[2][-1], 0.0)
@@ -728,6 +473,6 @@ def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool 
     step = _FIRST_STEP * along.largest_step
     point = curve.correct(place + step * direction, direction)
     if point is None:
-        return Branch(name=along.name, values=(), orbits=(), special=(), ended='no branch found')
+        return Branch(name=along.name, points=(), special=(), ended='no branch found')
     *_, branch = _follow(curve, point, along)
     return branch

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import inf
-from typing import NamedTuple
+from operator import attrgetter
+from typing import TYPE_CHECKING, NamedTuple
 
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.event import ROWS_AT_ONCE, EventRow
@@ -31,6 +33,11 @@ from impact_damper_ros.rig.state import (
     constants_of,
 )
 from impact_damper_ros.rig.transition import resolve, strike
+
+if TYPE_CHECKING:
+    from impact_damper_ros.control import Rig
+
+_run_fields = attrgetter(*Run.__dataclass_fields__)
 
 
 class Machine(NamedTuple):
@@ -70,7 +77,7 @@ class Flight:
     def copy(self) -> Flight:
         """Return another flight in the same state."""
         waves = [Wave(w.angle, w.sine_0, w.cosine_0, w.sine, w.cosine) for w in self.waves]
-        return Flight(self.machine, replace(self.run), waves)
+        return Flight(self.machine, Run(*_run_fields(self.run)), waves)
 
     def after(self, tau: float) -> Flight:
         """Return the flight that goes on from a time since the origin, s."""
@@ -109,6 +116,7 @@ def flight_at(
     relative_velocity: float,
     resting: int,
     last_stop: int,
+    angles: Sequence[float] = (),
 ) -> Flight:
     """
     Return the flight from a state on the force's clock (s).
@@ -116,7 +124,7 @@ def flight_at(
     `beyond` is Y - d/2, the way m has gone beyond stop 1: not positive, and exact near the
     stop of a one-sided rig, whose gap is meaningless. It and Y' do not count where `resting`
     is `STICK`, `REST_1` or `REST_2`; 0 says that m moves. `last_stop` is 0 if none was hit
-    yet.
+    yet. `angles` are those of the harmonics at instant 0, if these are not their phases.
     """
     rig, lines = machine
     half = rig.half_gap
@@ -137,13 +145,21 @@ def flight_at(
         target_2=-half,
         last_stop=last_stop,
     )
-    waves = [Wave() for _ in range(rig.harmonics)]
+    waves = [Wave(angle) for angle in angles] or [Wave() for _ in range(rig.harmonics)]
     turn_waves(lines, waves, instant)
     if resting:
         rest(rig, lines, run, waves)
     else:
         run.mode = moving_mode(rig, relative_velocity)
     return Flight(machine, run, waves).begun()
+
+
+def flight_of(rig: Rig) -> Flight:
+    """Return the flight with which a rig goes on from its present time, its stops at rest."""
+    state = rig.state()
+    since = rig.time - state.run.time
+    waves = [Wave(angle) for angle in state.angles]
+    return Flight(machine_of(state.parameters), state.run, waves).begun().after(since)
 
 
 def flight_at_impact(

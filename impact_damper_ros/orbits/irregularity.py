@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .equations import Array
-from .recognition import MotionKind
+from .recurrence import MotionKind
+from .response import Array
 
 #: Numbers that the 0-1 test needs at least, and takes at most.
 _LEAST_NUMBERS, _MOST_NUMBERS = 100, 1000

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from impact_damper_ros.rig.oscillator import Oscillator
 from impact_damper_ros.rig.state import STICK, RigConstants
 
-from .equations import Array, free_response
+from .response import Array, free_response
 
 Mask = NDArray[np.bool_]
 

@@ -21,7 +21,7 @@ from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.parameter_spec import as_float
 from impact_damper_ros.rig.quoting import shown
 
-from .equations import OrbitError, check_forcing, check_stops, checked_number
+from .arguments import OrbitError, check_forcing, check_stops, checked_number
 from .orbit import PeriodicOrbit
 from .search import find_orbits
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from impact_damper_ros.rig import EventKind, RigParameters
 
@@ -44,15 +43,20 @@ class OrbitEvent(NamedTuple):
     phase: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class PeriodicOrbit:
+class Apart(NamedTuple):
+    """Distance of two periodic motions with the same stops and period."""
+
+    phase: float  # largest difference of the instants of the impacts, in cycles of the force
+    x: float  # largest difference of X at the impacts, relative to the largest |X|
+
+
+@dataclass(frozen=True)
+class Rhythm:
     """
-    A periodic motion: N impacts in k cycles of the force.
+    A repeated sequence of impacts: what a measured periodic motion and a predicted one share.
 
     Attributes
     ----------
-    parameters : RigParameters
-        The rig.
     stops : tuple of int
         The stop hit at each impact, 1 (lower) or 2.
     cycles : int
@@ -62,12 +66,131 @@ class PeriodicOrbit:
         first is in [0, 1), all are in [0, k).
     x : tuple of float
         Displacement of M at each impact, m.
+    x_max : float
+        Largest |X| over the period, m: the scale of differences of X.
+    """
+
+    stops: tuple[int, ...]
+    cycles: int
+    phases: tuple[float, ...]
+    x: tuple[float, ...]
+    x_max: float
+
+    @classmethod
+    def of_impacts(
+        cls,
+        cycles: int,
+        stops: Sequence[int],
+        phases: Sequence[float],
+        x: Sequence[float],
+        x_max: float,
+    ) -> Self:
+        """
+        Return the rhythm of the impacts in a period, their phases from any whole cycle on.
+
+        It begins on stop 1 after stop 2, if there is such a place.
+        """
+        whole = math.floor(phases[0])
+        inside = tuple((phase - whole) % cycles for phase in phases)
+        rhythm = cls(tuple(stops), cycles, inside, tuple(x), x_max)
+        turns = (i for i, stop in enumerate(stops) if stop == 1 < stops[i - 1])
+        return rhythm.begun_at(next(turns, 0))
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> Self:
+        """Read what `as_dict` returns, or other entries of the same names."""
+        return cls(
+            tuple(stored['stops']),
+            stored['cycles'],
+            tuple(stored['phases']),
+            tuple(stored['x']),
+            stored['x_max'],
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the rhythm for JSON."""
+        return {
+            'stops': list(self.stops),
+            'cycles': self.cycles,
+            'phases': list(self.phases),
+            'x': list(self.x),
+            'x_max': self.x_max,
+        }
+
+    @property
+    def impacts(self) -> int:
+        """Number N of impacts in a period."""
+        return len(self.stops)
+
+    def begun_at(self, impact: int) -> Self:
+        """Return the same motion beginning at another of its impacts, given by index."""
+        whole = math.floor(self.phases[impact])
+        phases = self.phases[impact:] + self.phases[:impact]
+        return replace(
+            self,
+            stops=self.stops[impact:] + self.stops[:impact],
+            phases=tuple((phase - whole) % self.cycles for phase in phases),
+            x=self.x[impact:] + self.x[:impact],
+        )
+
+    def turned_to(self, stops: tuple[int, ...]) -> Iterator[Self]:
+        """Yield the same motion from each impact from which it has a sequence of stops."""
+        for shift in range(self.impacts):
+            if self.stops[shift:] + self.stops[:shift] == stops:
+                yield self.begun_at(shift)
+
+    def nearest_turn(self, other: Rhythm) -> tuple[Self, Apart] | None:
+        """
+        Return this motion beginning at the same impact as another one, and their distance.
+
+        Of several impacts that match the stops, the one with the least distance; None if stops or
+        period differ.
+        """
+        if self.cycles != other.cycles or self.impacts != other.impacts:
+            return None
+        found = [(turn, _apart(turn, other)) for turn in self.turned_to(other.stops)]
+        return min(found, key=lambda pair: max(pair[1]), default=None)
+
+    def distance(self, other: Rhythm) -> float:
+        """
+        Return how far apart two motions are, whatever impact each is counted from.
+
+        The largest difference of the instants of the impacts, in cycles of the force, and of X
+        there, relative to the largest |X|; infinite if stops or period differ. Whole cycles before
+        the first impact do not matter.
+        """
+        turned = self.nearest_turn(other)
+        return math.inf if turned is None else max(turned[1])
+
+
+def _apart(one: Rhythm, other: Rhythm) -> Apart:
+    """Return the distance of two motions with the same stops, impact by impact."""
+    size = max(one.x_max, other.x_max) or 1.0
+    # A motion that repeats after k cycles may begin in any of them
+    first = one.phases[0] - other.phases[0]
+    whole = round(first)
+    phases = [abs(first - whole)]
+    for a, b in zip(one.phases[1:], other.phases[1:], strict=True):
+        late = a - b - whole
+        phases.append(abs(late - one.cycles * round(late / one.cycles)))
+    return Apart(max(phases), max(abs(a - b) for a, b in zip(one.x, other.x, strict=True)) / size)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeriodicOrbit(Rhythm):
+    """
+    A periodic motion: N impacts in k cycles of the force.
+
+    Attributes
+    ----------
+    stops, cycles, phases, x, x_max
+        As of a `Rhythm`.
+    parameters : RigParameters
+        The rig.
     primary_velocity_before, primary_velocity_after : tuple of float
         Velocity of M just before and just after each impact, m/s.
     damper_velocity_before, damper_velocity_after : tuple of float
         Absolute velocity of m just before and just after each impact, m/s.
-    x_max : float
-        Largest |X| over the period, m.
     multipliers : tuple of complex
         Stability multipliers, largest modulus first. There are four; those that belong to a
         phase of sticking or rest are zero.
@@ -86,15 +209,10 @@ class PeriodicOrbit:
     """
 
     parameters: RigParameters
-    stops: tuple[int, ...]
-    cycles: int
-    phases: tuple[float, ...]
-    x: tuple[float, ...]
     primary_velocity_before: tuple[float, ...]
     primary_velocity_after: tuple[float, ...]
     damper_velocity_before: tuple[float, ...]
     damper_velocity_after: tuple[float, ...]
-    x_max: float
     multipliers: tuple[complex, ...]
     viable: bool
     reason: str
@@ -113,14 +231,14 @@ class PeriodicOrbit:
         return abs(abs(self.multipliers[0]) - 1.0) <= NEUTRAL
 
     @property
+    def unstable(self) -> bool:
+        """Whether the largest is outside: small deviations grow."""
+        return abs(self.multipliers[0]) > 1.0 + NEUTRAL
+
+    @property
     def stability(self) -> str:
         """Stable, neutral or unstable, as a word."""
         return 'stable' if self.stable else 'neutral' if self.neutral else 'unstable'
-
-    @property
-    def impacts(self) -> int:
-        """Number N of impacts in a period."""
-        return len(self.stops)
 
     @property
     def cycle(self) -> float:
@@ -151,7 +269,7 @@ class PeriodicOrbit:
         amplitude = self.parameters.response_amplitude
         return self.x_max / amplitude if amplitude > 0.0 else math.inf
 
-    def begun_at(self, impact: int) -> PeriodicOrbit:
+    def begun_at(self, impact: int) -> Self:
         """Return the same motion beginning at another of its impacts, given by index."""
         whole = math.floor(self.phases[impact])
 
@@ -166,16 +284,10 @@ class PeriodicOrbit:
         )
         return replace(self, **changed)
 
-    def turned_to(self, stops: tuple[int, ...]) -> Iterator[PeriodicOrbit]:
-        """Yield the same motion from each impact from which it has a sequence of stops."""
-        for shift in range(self.impacts):
-            if self.stops[shift:] + self.stops[:shift] == stops:
-                yield self.begun_at(shift)
-
     def repeats(self, tolerance: float) -> bool:
         """Return whether the motion repeats within its period, to a relative tolerance."""
-        turns = islice(self.turned_to(self.stops), 1, None)
-        return any(self.differs(turn, whole_period=True) < tolerance for turn in turns)
+        later = list(self.turned_to(self.stops))[1:]
+        return any(max(_apart(turn, self)) < tolerance for turn in later)
 
     def differs(self, other: PeriodicOrbit, *, whole_period: bool = False) -> float:
         """

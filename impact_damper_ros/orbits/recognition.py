@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -22,11 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_damper_ros.rig import Event
 
+from .recurrence import LONGEST_PERIOD, MotionKind
+
 Array = NDArray[np.float64]
 
-#: Longest period that is recognised in a recording or a run that settles, and in a running rig,
-#: in cycles of the force.
-LONGEST_PERIOD = 16
+__all__ = ['LONGEST_PERIOD', 'MotionKind']
+
+#: Longest period that is recognised in a running rig, in cycles of the force.
 LONGEST_RHYTHM = 8
 #: A recorded motion nearer to its limit than this, relative to its size, is called settled.
 SETTLED = 1e-3
@@ -39,8 +40,6 @@ SETTLED_DRIFT = 1e-4
 # doubling, k cycles repeat badly on the way to a motion that repeats after k.
 _BETTER = 1e-2
 _DRIFT_ROUND_OFF = 1e-9
-# Periods compared for convergence: most, least of one half, and their largest distance.
-_LOOKED_BACK, _FEW_PERIODS, _ALIKE = 18, 6, 0.1
 # A stamp is rounded to the nanosecond; so are both of a difference.
 _STAMP_S = 1.5e-9
 _FLOORS = 10.0
@@ -51,24 +50,6 @@ _APPROACHING = 0.3
 _NEAR = 0.1
 _FEW, _MANY = 6, 18
 _SHRINKS = 0.7
-
-
-class MotionKind(Enum):
-    """The kind of a motion, as measured."""
-
-    AT_REST = 'at rest'
-    #: M moves, m hits no stop.
-    NO_IMPACTS = 'without impacts'
-    #: On its way to a periodic motion, or to one without impacts.
-    TRANSIENT = 'transient'
-    PERIODIC = 'periodic'
-    #: These two by the thresholds of `irregularity`.
-    QUASI_PERIODIC = 'quasi-periodic'
-    CHAOTIC = 'chaotic'
-    #: The evidence does not determine the kind.
-    UNDECIDED = 'undecided'
-    #: Under a force, or a control, that never repeats.
-    NOT_PERIODICALLY_DRIVEN = 'not periodically driven'
 
 
 @dataclass(frozen=True)
@@ -448,32 +429,6 @@ def rhythm_of(
         decay,
         first,
     )
-
-
-def period_distances(
-    instants: Sequence[float], stops: Sequence[int], x: Sequence[float], rhythm: Rhythm
-) -> list[float]:
-    """
-    Return the distance of each of the last periods from the one before it.
-
-    At most `_LOOKED_BACK` numbers, as `Rhythm.drift`; they end where a period is not alike.
-    """
-    count, table = rhythm.impacts, ImpactTable.of_x(instants, stops, x, rhythm.x_max or 1.0)
-    far = table.distances(count, rhythm.cycles)
-    found: list[float] = []
-    while len(far) >= count and len(found) < _LOOKED_BACK:
-        found.append(float(far[-count:].max()))
-        if found[-1] > _ALIKE:
-            found.pop()
-            break
-        far = far[:-count]
-    return found[::-1]
-
-
-def approaches(distances: Sequence[float]) -> bool:
-    """Return whether distances shrink over twelve or more periods: the motion settles."""
-    half = len(distances) // 2
-    return half >= _FEW_PERIODS and max(distances[half:]) < max(distances[:half])
 
 
 def repeated_impacts(

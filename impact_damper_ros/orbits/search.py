@@ -9,10 +9,16 @@ from typing import Literal
 
 import numpy as np
 
-from impact_damper_ros.rig import PARAMETER_SPECS, RigParameters
+from impact_damper_ros.control import Outcome, Rig
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    InitialConditions,
+    ParameterError,
+    RigParameters,
+)
 
-from .equations import (
-    ImpactEquations,
+from .arguments import (
     OrbitError,
     check_forcing,
     check_stops,
@@ -20,13 +26,11 @@ from .equations import (
     pressed_to,
     single_harmonic,
 )
-from .flights import flight_at, machine_of
-from .impact_roots import many_impact_roots, one_impact_roots, two_impact_roots
+from .flights import flight_of, machine_of
 from .orbit import PeriodicOrbit
 from .segments import Solution
-from .settling import starting_points
 from .solved_orbits import guess_along, orbit_at, orbit_of, solved
-from .trajectory import follow_trajectory
+from .starts import ImpactEquations, many_impact_roots, one_impact_roots, two_impact_roots
 
 #: Motions closer than this, relative to their size, are the same.
 SAME = 1e-7
@@ -41,7 +45,7 @@ MOST_STARTS = 1_000_000
 
 _SETTLING_CYCLES = 120
 _STARTS_PER_RUN = 3
-_MOST_EVENTS = 200
+_MOST_EVENTS, _MOST_AT_ONCE = 200, 2000
 _BUSY_PERIODS = 8
 _FIRST_SHARE = 0.25
 _LEAST_SHARE = 1.0 / 64.0
@@ -139,10 +143,9 @@ def _distinct(orbits: Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
     """Return each motion once, without those that repeat within the period."""
     kept: list[PeriodicOrbit] = []
     for orbit in sorted(orbits, key=lambda orbit: orbit.residual):
-        turns = list(orbit.turned_to(orbit.stops))
         if orbit.repeats(SAME):
             continue
-        if not any(turn.differs(other) < SAME for turn in turns for other in kept):
+        if not any(orbit.distance(other) < SAME for other in kept):
             kept.append(orbit)
     kept.sort(key=lambda orbit: (not orbit.viable, not orbit.stable, orbit.x_max))
     return kept
@@ -166,9 +169,8 @@ def _theory(
     stops: tuple[int, ...],
     cycles: int,
     starts: int | None,
-    simulate: bool,
 ) -> tuple[list[PeriodicOrbit], StartReport]:
-    """Solve the impact equations."""
+    """Solve from all starts, or many, that the impact equations give."""
     equations = ImpactEquations(parameters, stops, cycles)
     report = StartReport(stops=stops, method='scan')
     if equations.impacts == 1:
@@ -178,53 +180,70 @@ def _theory(
     else:
         if starts is None:
             starts = STARTS_PER_INSTANT * (equations.impacts - 1)
-        roots, (converged, simulated, simulated_converged) = many_impact_roots(
-            equations, starts, simulate
-        )
-        report = StartReport(
-            stops=stops,
-            method='starts',
-            starts=starts,
-            converged=converged,
-            simulated=simulated,
-            simulated_converged=simulated_converged,
-        )
+        roots, converged = many_impact_roots(equations, starts)
+        report = StartReport(stops=stops, method='starts', starts=starts, converged=converged)
     found = (orbit_of(root) for root in roots if _hits(root))
     turned = (counted_as(orbit, stops) for orbit in found)
     orbits = _distinct([orbit for orbit in turned if orbit is not None])
     return orbits, replace(report, distinct=len(orbits))
 
 
+def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
+    """
+    Yield initial conditions from which a rig may settle into different motions.
+
+    At rest; displaced; moving fast; with m next to a stop. Scaled by the response without
+    impacts and the gap.
+    """
+    static = abs(parameters.force_amplitudes[0]) / parameters.stiffness
+    amplitude = min(parameters.response_amplitude, 5.0 * static)
+    speed = amplitude * parameters.force_frequencies[0]
+    half = 0.5 * parameters.gap
+    limit = INITIAL_SPECS['initial_primary_velocity'].high
+    assert limit is not None
+    for x, velocity, offset in (
+        (1.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0),
+        (-0.5, 1.0, 0.9),
+        (0.3, -2.0, -0.9),
+        (2.0, 1.0, 0.3),
+    ):
+        yield InitialConditions(
+            initial_primary_position=max(-limit, min(limit, x * amplitude)),
+            initial_primary_velocity=max(-limit, min(limit, velocity * speed)),
+            initial_damper_offset=(
+                half - min(half, abs(offset) * amplitude)
+                if parameters.one_sided
+                else offset * half
+            ),
+            initial_damper_velocity=0.0,
+        )
+
+
 def settled_orbits(
     parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
 ) -> Iterator[PeriodicOrbit | None]:
-    """Yield the motions near simulated motion that has had time to settle; None without one."""
-    machine = machine_of(parameters)
+    """
+    Yield the motions near simulated motion that has had time to settle; None without one.
+
+    `most_events` is for a period; a rig that has more for long is given up early.
+    """
     period = cycles * math.tau / parameters.force_frequencies[0]
+    periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
     for initial in starting_points(parameters):
-        flight = flight_at(
-            machine,
-            0.0,
-            initial.initial_primary_position,
-            initial.initial_primary_velocity,
-            initial.initial_damper_offset - machine.constants.half_gap,
-            initial.initial_damper_velocity - initial.initial_primary_velocity or 1e-9,
-            0,
-            0,
-        )
+        try:
+            rig = Rig(parameters, initial)
+        except ParameterError:
+            continue
         busy = 0
-        periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
         for i in range(periods):
             if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
-                guess = guess_along(flight, 0.0, period)
+                guess = guess_along(flight_of(rig), 0.0, period)
                 yield None if guess is None else solved(parameters, guess, cycles)
-            trajectory = follow_trajectory(flight, period)
-            if trajectory is None:
+            run = rig.run((i + 1) * period, most_events=_MOST_AT_ONCE)
+            busy = busy + 1 if run.event_count > most_events else 0
+            if busy > _BUSY_PERIODS or run.outcome is not Outcome.COMPLETE:
                 break
-            busy = busy + 1 if len(trajectory.events) > most_events else 0
-            if busy > _BUSY_PERIODS:
-                break
-            flight = trajectory.end
 
 
 def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
@@ -370,14 +389,14 @@ def _found(
     orbits: list[PeriodicOrbit] = []
     if single_harmonic(parameters) and within_theory(parameters, stops):
         rig = _with_first_harmonic(parameters)
-        orbits, report = _theory(rig, stops, cycles, starts, simulate)
+        orbits, report = _theory(rig, stops, cycles, starts)
         if not simulate or not may_rest_or_reverse(parameters, stops):
             return OrbitSearch(tuple(orbits), report)
         others, shot = _followed_orbits(rig, stops, cycles, [])
         report = replace(
             report,
-            simulated=report.simulated + shot.simulated,
-            simulated_converged=report.simulated_converged + shot.simulated_converged,
+            simulated=shot.simulated,
+            simulated_converged=shot.simulated_converged,
         )
     else:
         simple = _with_first_harmonic(parameters)
@@ -385,7 +404,7 @@ def _found(
             simple = simple.replace(friction=0.0)
         known = []
         if len(set(stops)) > 1 or pressed_to(simple, stops[0]):
-            solved, _ = _theory(simple, stops, cycles, starts, False)
+            solved, _ = _theory(simple, stops, cycles, starts)
             known = [orbit for orbit in solved if orbit.viable]
         others, report = _followed_orbits(parameters, stops, cycles, known, simulate=simulate)
     turned = [counted_as(orbit, stops) for orbit in others]

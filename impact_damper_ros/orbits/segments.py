@@ -50,9 +50,9 @@ from impact_damper_ros.rig.state import (
     STICK,
 )
 
-from .equations import Array, forced_response
 from .flights import Flight, flight_at, machine_of
 from .multipliers import multipliers_of
+from .response import Array, forced_response
 
 #: Largest relative residual of a solution; just beyond a fold the least residual is not zero.
 RESIDUAL_TOLERANCE = 1e-12
@@ -99,13 +99,16 @@ class Node(NamedTuple):
         return self.mode if self.mode < CHATTER_1 else self.mode - CHATTER_1 + REST_1
 
 
-def impact_nodes(parameters: RigParameters, stops: Sequence[int]) -> tuple[Node, ...]:
-    """Return the nodes of a motion of impacts only, in which friction keeps its sign."""
+def impact_nodes(stops: Sequence[int]) -> tuple[Node, ...]:
+    """
+    Return the nodes of a motion of impacts only, in which friction keeps its sign.
+
+    Without friction as well, so that they are the same when it comes.
+    """
     modes = {0: FREE, 1: SLIDE_DOWN, -1: SLIDE_UP}
-    grip = machine_of(parameters).constants.grip > 0.0
     later = [*stops[1:], stops[0]]
     return tuple(
-        Node(EventKind.IMPACT, stop, modes[stop - end if grip else 0])
+        Node(EventKind.IMPACT, stop, modes[stop - end])
         for stop, end in zip(stops, later, strict=True)
     )
 
@@ -297,7 +300,7 @@ class Segments:
     def unknowns(self, states: Array, instants: Array) -> Array:
         """Return the unknowns of a guess."""
         full = np.concatenate([states, instants[..., None]], axis=-1) / self._units
-        shape = (*instants.shape[:-1], -1)
+        shape = (*instants.shape[:-1], 5 * len(self.nodes))
         values: Array = full.reshape(shape)[..., self.layout.columns]
         return values
 
@@ -478,6 +481,8 @@ class Segments:
         )
         if last == 2:
             flight.run.clearance_2 = max(0.0, way)
+        if mode < STICK and self.machine.constants.grip == 0.0:
+            mode = FREE
         flight.run.mode = resting or mode
         flight.run.released = kind is EventKind.RELEASE
         return flight.begun()

@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 from impact_damper_ros.control import GapControlParameters, Outcome, Rig, RunResult
 from impact_damper_ros.control.nearby_rig import Scales
 from impact_damper_ros.rig import (
-    INITIAL_SPECS,
     Event,
     EventKind,
-    InitialConditions,
     RigParameters,
     RunawayError,
 )
@@ -25,9 +23,8 @@ from impact_damper_ros.rig.parameter_spec import number_between, whole_number
 
 from .flights import machine_of
 from .recognition import LONGEST_PERIOD, Array, section_distance
+from .search import starting_points as starting_points
 
-# Far more events than the motions sought have; a rig that always chatters is given up early.
-_EVENTS_PER_CYCLE = 60
 # More events than any motion has, and the cycles at the start in which more are tolerated.
 _ENDLESS_PER_CYCLE, _BUSY_CYCLES = 500, 20
 #: Cycles between two looks at whether the motion repeats.
@@ -36,38 +33,6 @@ CYCLES_BETWEEN_LOOKS = 50
 _LEAST_REPEATS = 10
 #: Distance of the states, in tolerances, up to which a period is still considered.
 _NEARLY = 1e3
-
-
-def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
-    """
-    Yield initial conditions from which a rig may settle into different motions.
-
-    At rest; displaced; moving fast; with m next to a stop. Scaled by the response without
-    impacts and the gap.
-    """
-    static = abs(parameters.force_amplitudes[0]) / parameters.stiffness
-    amplitude = min(parameters.response_amplitude, 5.0 * static)
-    speed = amplitude * parameters.force_frequencies[0]
-    half = 0.5 * parameters.gap
-    limit = INITIAL_SPECS['initial_primary_velocity'].high
-    assert limit is not None
-    for x, velocity, offset in (
-        (1.0, 0.0, 0.0),
-        (0.0, 0.0, 0.0),
-        (-0.5, 1.0, 0.9),
-        (0.3, -2.0, -0.9),
-        (2.0, 1.0, 0.3),
-    ):
-        yield InitialConditions(
-            initial_primary_position=max(-limit, min(limit, x * amplitude)),
-            initial_primary_velocity=max(-limit, min(limit, velocity * speed)),
-            initial_damper_offset=(
-                half - min(half, abs(offset) * amplitude)
-                if parameters.one_sided
-                else offset * half
-            ),
-            initial_damper_velocity=0.0,
-        )
 
 
 class Look(NamedTuple):
@@ -123,28 +88,6 @@ def run_by_cycles(
         if k % every == 0 or k == most_cycles:
             yield Look(k, events, largest)
             events, largest = [], 0.0
-
-
-def settled_impacts(
-    parameters: RigParameters,
-    initial: InitialConditions,
-    cycles: int,
-    watched: int,
-    most_events: float = _EVENTS_PER_CYCLE,
-) -> list[Event]:
-    """
-    Return the impacts in the last `watched` of some cycles of a run.
-
-    The list is empty if the rig has more events per cycle on average.
-    """
-    kept: list[Event] = []
-    rig = Rig(parameters, initial)
-    for look in run_by_cycles(rig, 1, cycles, events_per_cycle=most_events):
-        if look.endless:
-            return []
-        if look.cycles > cycles - watched:
-            kept += look.impacts
-    return kept
 
 
 @dataclass(frozen=True)

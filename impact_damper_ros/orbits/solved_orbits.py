@@ -27,12 +27,15 @@ from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
 
-from .equations import Array, ImpactEquations, check_cycles, check_forcing, single_harmonic
+from .arguments import check_cycles, check_forcing, single_harmonic
+from .extremes import largest_displacement
 from .flights import Flight, flight_at_impact, machine_of
 from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
+from .response import Array
 from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
+from .starts import ImpactEquations
 from .trajectory import FlightPart, Trajectory, follow_trajectory
-from .viability import largest_displacement, why_not_viable
+from .viability import why_not_viable
 
 #: How often the nodes are read anew where a solution turns out to have others.
 _MOST_LOOKS = 3
@@ -187,7 +190,7 @@ def _guess_of_impacts(orbit: PeriodicOrbit) -> Guess:
     relative = np.array(orbit.damper_velocity_after) - velocity
     states = np.stack([np.array(orbit.x), velocity, 0.0 * velocity, relative], axis=-1)
     instants = np.array(orbit.instants) + (_first_instant(orbit) - orbit.instants[0])
-    return Guess(impact_nodes(orbit.parameters, orbit.stops), states, instants)
+    return Guess(impact_nodes(orbit.stops), states, instants)
 
 
 def orbit_of(solution: Solution) -> PeriodicOrbit:
@@ -265,8 +268,8 @@ def solved(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbi
 
 def _counted_as(orbit: PeriodicOrbit, found: PeriodicOrbit | None) -> PeriodicOrbit | None:
     """Return a motion, begun at the impact that makes it most like another; None without one."""
-    turns = () if found is None else found.turned_to(orbit.stops)
-    return min(turns, key=orbit.differs, default=None)
+    turned = None if found is None else found.nearest_turn(orbit)
+    return None if turned is None else turned[0]
 
 
 def performed(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
@@ -292,7 +295,7 @@ def impact_orbit_near(
 ) -> PeriodicOrbit | None:
     """Return the motion of impacts only near X (m) at some instants (s), viable or not."""
     equations = ImpactEquations(parameters, stops, cycles)
-    problem = Segments(parameters, impact_nodes(parameters, stops), cycles)
+    problem = Segments(parameters, impact_nodes(stops), cycles)
     solution = solve(problem, equations.states(x, instants), instants)
     return None if solution is None else orbit_of(solution)
 

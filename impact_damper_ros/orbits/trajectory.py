@@ -27,9 +27,9 @@ from impact_damper_ros.rig.flight import (
 )
 from impact_damper_ros.rig.state import STICK
 
-from .equations import Array
 from .flights import Flight
 from .multipliers import event_matrices, flight_matrices
+from .response import Array
 
 #: Largest number of events that are followed in one trajectory.
 MOST_EVENTS = 2000

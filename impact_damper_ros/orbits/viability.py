@@ -8,11 +8,9 @@ by the first event of the simulator and, to quantify a violation, by the exact e
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 from impact_damper_ros.rig import EventKind
-from impact_damper_ros.rig.first_event import first_root
 from impact_damper_ros.rig.flight import (
     CONTACT_1,
     CONTACT_2,
@@ -20,86 +18,24 @@ from impact_damper_ros.rig.flight import (
     RELEASE_DOWN,
     RELEASE_UP,
     REVERSAL,
-    oscillator_of,
     rest,
 )
-from impact_damper_ros.rig.oscillator import POINTS
-from impact_damper_ros.rig.state import STICK
+from impact_damper_ros.rig.state import FREE, STICK
 
-from .equations import Array
+from .extremes import extremes
 from .flights import Flight
+from .response import Array
 from .segments import Node, Segments
-
-#: Where the search goes on after a turning point, in steps of the grid: displacements between two
-#: that are closer do not differ.
-_BEYOND = 1e-5
-
-
-class Extremes(NamedTuple):
-    """
-    Least and largest value of a displacement in a flight, and when.
-
-    Displacements in m, times since the flight's origin in s.
-    """
-
-    low: float
-    low_time: float
-    high: float
-    high_time: float
-
-
-def _turning_times(flight: Flight, duration: float, relative: bool) -> Iterator[float]:
-    """Yield the times at which X or, if `relative`, Y turns, in order, by the certified search."""
-    there = flight.copy()
-    run, waves, machine = there.run, there.waves, there.machine
-    if not relative:
-        # As seen from M, an m that hangs still moves by -X.
-        run.relative_velocity, run.relative_acceleration = -run.velocity, -run.acceleration
-    step = oscillator_of(machine.constants, run).step
-    tau, run.direction = 0.0, 0
-    while tau < duration:
-        motion = there.motion(tau)
-        if run.direction == 0:
-            rates = motion.relative_velocity, motion.relative_2, -motion.x_3
-            leading = next((rate for rate in rates if rate != 0.0), 0.0)
-            if leading == 0.0:
-                return
-            run.direction = 1 if leading > 0.0 else -1
-        end = min(tau + POINTS * step, duration)
-        root = first_root(*machine, run, waves, REVERSAL, tau, motion, end, step)
-        tau = end
-        if root < math.inf:
-            yield root
-            run.direction, tau = 0, root + _BEYOND * step
-
-
-def extremes(flight: Flight, duration: float, *, relative: bool) -> Extremes:
-    """Return the least and largest X of a flight or, if `relative`, of Y - Y(origin)."""
-    points = [0.0, duration, *_turning_times(flight, duration, relative)]
-    motions = [(flight.motion(tau), tau) for tau in points]
-    values = [(m.travel if relative else m.x, tau) for m, tau in motions]
-    (low, low_time), (high, high_time) = min(values), max(values)
-    return Extremes(low, low_time, high, high_time)
-
 
 #: How much earlier than assumed, as a share of the period, an impact counts as another one.
 TIME_TOLERANCE = 1e-7
-
-
-def largest_displacement(flights: Iterable[Flight], durations: Iterable[float]) -> float:
-    """Return the largest |X| over flights, from their turning points, m."""
-    largest = 0.0
-    for flight, duration in zip(flights, durations, strict=True):
-        swing = extremes(flight, max(0.0, duration), relative=False)
-        largest = max(largest, -swing.low, swing.high)
-    return largest
 
 
 def _after_impact(node: Node, flight: Flight, before: Array) -> str:
     """Return why m does not leave a stop as assumed; empty if it does."""
     _, velocity, _, incoming = (float(value) for value in before)
     mode = flight.struck(velocity, incoming).run.mode
-    if mode == node.mode:
+    if mode == node.mode or mode == FREE:
         return ''
     if node.mode >= STICK:
         return f'does not stay on stop {node.stop} after the impact'

@@ -8,8 +8,9 @@ the best results so far; the first ones come after some tens of milliseconds.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from time import monotonic
 from typing import Any
 
@@ -185,8 +186,7 @@ def _label(orbit: PeriodicOrbit) -> str:
 class _Part:
     """One direction of a branch, as far as it has been followed."""
 
-    orbits: tuple[PeriodicOrbit, ...]
-    special: tuple[SpecialPoint, ...] = ()
+    branch: Branch
     ended: bool = False
     #: Where the best gap is if M moves least at the end and the branch goes on: 'at least' there,
     #: or 'at most'.
@@ -195,34 +195,36 @@ class _Part:
 
 def _parts(start: PeriodicOrbit, *, upwards: bool) -> Iterator[_Part]:
     """Follow a motion as `grow_branch` does, and further while M moves least at the end."""
-    span, known, bound = _SPAN, [start], ''
+    span, bound = _SPAN, ''
     ways: list[Iterator[Branch]] = []
+    known: list[Branch] = []
     while not ways or (bound and len(ways) <= _MOST_FURTHER):
-        gap, before = known[-1].parameters.gap, known[:-1]
+        here = known[-1].orbits[-1] if known else start
+        gap = here.parameters.gap
         along = Continuation('gap', gap / span, gap * span, most_points=_MOST_POINTS)
-        ways.append(grow_branch(known[-1], along, upwards=upwards))
-        for branch in ways[-1]:
-            known = [*before, *branch.orbits]
-            if branch.ended or not known:
-                break
-            yield _Part(tuple(known))
-        if len(known) < 2:
+        ways.append(grow_branch(here, along, upwards=upwards))
+        known.append(next(ways[-1]))
+        while known[-1].points and not known[-1].ended:
+            yield _Part(reduce(Branch.extended, known))
+            known[-1] = next(ways[-1])
+        whole = reduce(Branch.extended, known)
+        if len(whole.points) < 2:
             break
-        last, end = (orbit.parameters.gap for orbit in known[-2:])
+        last, end = whole.values[-2:]
         ends = along.low, along.high
-        cut = len(branch.orbits) >= _MOST_POINTS or any(math.isclose(end, e) for e in ends)
+        cut = len(known[-1].points) >= _MOST_POINTS or any(math.isclose(end, e) for e in ends)
         span, upwards = _FURTHER, end > last
-        bound = ('at least' if upwards else 'at most') if cut and _is_least(known) else ''
-    yield _Part(tuple(known), (), True, bound)
+        best = whole.best(_ratio)
+        least = best is not None and best.orbit is whole.orbits[-1]
+        bound = ('at least' if upwards else 'at most') if cut and least else ''
+    yield _Part(whole, True, bound)
     # The special points of each range come last.
-    special = [special for way in ways for branch in way for special in branch.special]
-    yield _Part(tuple(known), tuple(special), True, bound)
+    located = [next(way, branch) for way, branch in zip(ways, known, strict=True)]
+    yield _Part(reduce(Branch.extended, located), True, bound)
 
 
-def _is_least(orbits: Sequence[PeriodicOrbit]) -> bool:
-    """Return whether M moves least in the last one of the stable, viable motions."""
-    fit = [orbit for orbit in orbits if orbit.stable and orbit.viable]
-    return bool(fit) and min(fit, key=lambda orbit: orbit.amplitude_ratio) is orbits[-1]
+def _ratio(orbit: PeriodicOrbit) -> float:
+    return orbit.amplitude_ratio
 
 
 class _GrowingBranch:
@@ -239,7 +241,7 @@ class _GrowingBranch:
         self.start = start
         self._ways = [_parts(start, upwards=up) for up in (False, True)]
         self._parts: list[_Part | None] = [None, None]
-        self.branch = _joined(start, None, None)
+        self.branch = Branch(name='gap', points=(), special=(), ended='')
         self._marked = False
 
     def _grow(self, way: int) -> bool:
@@ -249,39 +251,41 @@ class _GrowingBranch:
         except (StopIteration, OrbitError, ValueError, ArithmeticError):
             self._ways[way] = iter(())
             return False
+        parts = [part.branch for part in self._parts if part is not None]
+        self.branch = parts[0].joined(parts[1]) if len(parts) == 2 else parts[0]
         return True
 
     def _far(self, points: int) -> list[bool]:
         """Return which directions have reached a number of points, or their end."""
         most = points if points < _MOST_POINTS else math.inf
-        return [p is not None and (p.ended or len(p.orbits) >= most) for p in self._parts]
+        return [p is not None and (p.ended or len(p.branch.points) >= most) for p in self._parts]
 
     def grown(self, points: int) -> Iterator[None]:
         """Follow both directions to a number of points, or their ends; yield after each step."""
         ways = [way for way, far in enumerate(self._far(points)) if not far]
         while ways:
             ways = [way for way in ways if self._grow(way) and not self._far(points)[way]]
-            self.branch = _joined(self.start, *self._parts)
             yield
 
     def marked(self) -> bool:
         """Locate the special points once both ends are reached; return whether any are new."""
-        if self.open_ends:
+        if any(part is None or not part.ended for part in self._parts):
             return False
         for way in (0, 1):
             while self._grow(way):
                 pass
         fresh, self._marked = not self._marked, True
-        return fresh and any(True for _ in self.special)
+        return fresh and bool(self.special)
 
     def holds(self, orbit: PeriodicOrbit) -> bool:
         """Return whether a motion is on the part of the branch that has been computed."""
         if orbit is self.start:
             return True
-        if self.branch['label'] != _label(orbit):
+        if _label(self.start) != _label(orbit):
             return False
         gap, ratio = orbit.parameters.gap, orbit.amplitude_ratio
-        gaps, ratios = np.array(self.branch['gap']), np.array(self.branch['x_max_ratio'])
+        gaps = np.array(self.branch.values)
+        ratios = np.array([one.amplitude_ratio for one in self.branch.orbits])
         crossed = (gaps[:-1] - gap) * (gaps[1:] - gap) <= 0.0
         for i in np.flatnonzero(crossed):
             width = gaps[i + 1] - gaps[i]
@@ -292,33 +296,39 @@ class _GrowingBranch:
         return False
 
     @property
-    def open_ends(self) -> tuple[int, ...]:
-        """Indices of the end points from which the branch is still to be followed."""
-        over = [part is None or part.ended for part in self._parts]
-        return tuple(end for end, done in zip((0, -1), over, strict=True) if not done)
-
-    @property
     def best(self) -> tuple[float, float, str] | None:
         """
         Gap and Xmax/A of the lowest stable point, and its bound; None if there is none yet.
 
-        The bound is 'at least' or 'at most' where M moves least at the end of what is followed.
+        The bound is 'at least' or 'at most' where M moves least at the end of what is followed. At
+        an end from which the branch is still to be followed, a lower point may be beyond.
         """
-        found = _lowest(self.branch, self.open_ends)
-        if found is None:
+        best = self.branch.best(_ratio)
+        if best is None:
             return None
+        bound = ''
         for part in self._parts:
-            if part is not None and part.bound and part.orbits[-1].parameters.gap == found[0]:
-                return *found, part.bound
-        return *found, ''
+            if part is None or part.branch.orbits[-1:] == (best.orbit,):
+                if part is None or not part.ended:
+                    return None
+                bound = part.bound
+        return best.value, best.orbit.amplitude_ratio, bound
 
     @property
-    def special(self) -> Iterator[SpecialPoint]:
+    def special(self) -> list[SpecialPoint]:
         """The special points with viable motions."""
-        for part in self._parts:
-            for special in part.special if part is not None else ():
-                if special.orbit.viable:
-                    yield special
+        return [special for special in self.branch.special if special.orbit.viable]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the branch for the page."""
+        orbits = [o for o in self.branch.orbits if math.isfinite(o.amplitude_ratio)]
+        return {
+            'label': _label(self.start),
+            'gap': [o.parameters.gap for o in orbits],
+            'x_max_ratio': [o.amplitude_ratio for o in orbits],
+            'stable': [o.stable for o in orbits],
+            'viable': [o.viable for o in orbits],
+        }
 
 
 class GapContinuation:
@@ -367,19 +377,9 @@ class GapContinuation:
                 yield self.message()
 
     def _best(self) -> tuple[float, float, str] | None:
-        """
-        Return the gap with the least Xmax/A of a stable motion, that ratio and the gap's bound.
-
-        The open end of a branch that is still being followed does not count.
-        """
+        """Return the gap with the least Xmax/A of a stable motion, that ratio, the gap's bound."""
         lowest = (motion.best for motion in self._motions)
-        best = min(filter(None, lowest), key=lambda found: found[1], default=None)
-        for special in (special for motion in self._motions for special in motion.special):
-            # A motion that loses its stability is best just before.
-            ratio = special.orbit.amplitude_ratio
-            if best is not None and special.orbit.stable and ratio < best[1]:
-                best = special.value, ratio, ''
-        return best
+        return min(filter(None, lowest), key=lambda found: found[1], default=None)
 
     def message(self, *, done: bool = False) -> dict[str, Any]:
         """Return the message of the curve."""
@@ -389,7 +389,7 @@ class GapContinuation:
             'type': 'gap_curve',
             'gap': self._rig.gap,
             'x_max_ratio': self.here.amplitude_ratio if self.here is not None else None,
-            'branches': [motion.branch for motion in self._motions],
+            'branches': [motion.as_dict() for motion in self._motions],
             'special': [
                 {
                     'gap': special.value,
@@ -404,41 +404,3 @@ class GapContinuation:
             'done': done,
             'text': '',
         }
-
-
-def _lowest(branch: Mapping[str, Any], open_ends: Sequence[int]) -> tuple[float, float] | None:
-    """Return the lowest stable point of a branch; None if a lower one may be beyond an end."""
-    best, place = None, 0
-    gaps, ratios = branch['gap'], branch['x_max_ratio']
-    fit = [s and v for s, v in zip(branch['stable'], branch['viable'], strict=True)]
-    for i in (i for i, good in enumerate(fit) if good):
-        found = gaps[i], ratios[i]
-        if 0 < i < len(fit) - 1 and fit[i - 1] and fit[i + 1]:
-            found = _vertex(gaps[i - 1 : i + 2], ratios[i - 1 : i + 2])
-        if best is None or found[1] < best[1]:
-            best, place = found, i
-    return None if place in {end % len(fit) for end in open_ends if fit} else best
-
-
-def _vertex(gaps: Sequence[float], ratios: Sequence[float]) -> tuple[float, float]:
-    """Return the lowest point of the parabola through three, or the middle one."""
-    if not ratios[0] > ratios[1] < ratios[2] or len(set(gaps)) < 3:
-        return gaps[1], ratios[1]
-    a, b, c = np.polyfit(np.array(gaps) - gaps[1], ratios, 2)
-    if a <= 0.0:
-        return gaps[1], ratios[1]
-    return float(gaps[1] - 0.5 * b / a), float(c - 0.25 * b * b / a)
-
-
-def _joined(start: PeriodicOrbit, down: _Part | None, up: _Part | None) -> dict[str, Any]:
-    """Return both directions from a motion as one branch."""
-    lower = list(down.orbits[::-1]) if down is not None else []
-    upper = list(up.orbits[1 if lower else 0 :]) if up is not None else []
-    orbits = [o for o in [*lower, *upper] if math.isfinite(o.amplitude_ratio)]
-    return {
-        'label': _label(start),
-        'gap': [o.parameters.gap for o in orbits],
-        'x_max_ratio': [o.amplitude_ratio for o in orbits],
-        'stable': [o.stable for o in orbits],
-        'viable': [o.viable for o in orbits],
-    }

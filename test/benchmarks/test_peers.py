@@ -13,7 +13,7 @@ from impact_damper_ros.rig import RigParameters
 sys.path.append(str(Path(__file__).parents[2] / 'benchmarks'))
 peer_rigs = import_module('peer_rigs')
 heyoka_rigs = import_module('heyoka_rigs')
-cases = import_module('simulator').CASES
+cases = import_module('golden_cases').CASES
 
 #: Impacts compared.
 FIRST = 8

@@ -1,10 +1,8 @@
-"""What all commands share: exit codes, messages, the rig that is given, processes that die."""
+"""What all commands share: exit codes, messages, the rig that is given."""
 
 import logging
-import os
 import re
 import sys
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
@@ -12,12 +10,10 @@ from tqdm import tqdm
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli import command_line
-from impact_damper_ros.cli.command_line import CommandError, outcome, process_pool
+from impact_damper_ros.cli.command_line import CommandError, outcome
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
-from impact_damper_ros.cli.reproduce_paper import main as reproduce_paper
 from impact_damper_ros.cli.rig_options import given_rig
-from impact_damper_ros.cli.study_gap_control import main as study_gap_control
 from impact_damper_ros.cli.sweep_rig import main as sweep_rig
 from impact_damper_ros.rig.event_budget import RunawayError
 
@@ -52,19 +48,11 @@ def test_other_errors_are_not_hidden():
         outcome('compare_run', work)
 
 
-def test_a_process_that_dies():
-    with pytest.raises(CommandError, match='give fewer --jobs') as caught, process_pool(1):
-        raise BrokenProcessPool
-    assert caught.value.code == 1
-
-
 @pytest.mark.parametrize(
     ('main', 'words'),
     [
         (compare_run, ['no_bag', '--report', 'report']),
         (replay_run, ['no_bag', '--set', 'gap=0.02', '--figure', 'a.png']),
-        (reproduce_paper, []),
-        (study_gap_control, []),
         (sweep_rig, ['paper', '--vary', 'gap=5:9:2', '-o', 'a.csv', '--figure', 'a.png']),
     ],
 )
@@ -134,19 +122,3 @@ def test_messages_are_above_a_progress_bar(capsys):
         command_line.say('sweep_rig', 'compiling')
     # The bar is erased, and drawn again below
     assert re.search(r'rigs[^\n]*\r +\rsweep_rig: compiling\n\rrigs', capsys.readouterr().err)
-
-
-@pytest.mark.parametrize(
-    ('seconds', 'jobs', 'words'),
-    [
-        (20.0, 1, 'less than a minute on 1 idle core'),
-        (80.0, 1, 'about 1 minute on 1 idle core'),
-        (600.0, 1, 'about 10 minutes on 1 idle core'),
-        (3600.0, 2, 'about 30 minutes on 2 idle cores'),
-        (3600.0, 64, 'about 30 minutes on 2 idle cores'),
-    ],
-)
-def test_how_long_work_takes(seconds, jobs, words, capsys, monkeypatch):
-    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1})
-    command_line.say_how_long('reproduce_paper', seconds, jobs)
-    assert capsys.readouterr().err == f'reproduce_paper: this takes {words}\n'

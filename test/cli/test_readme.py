@@ -42,7 +42,6 @@ LESS = (
     ('--duration 3600', '--duration 20'),
     ('=0.4:1.2:33', '=0.4:1.2:2 --no-search'),
     ('--cycles 300 --watch 100', '--cycles 60 --watch 21'),
-    ('reproduce_paper', 'reproduce_paper --quick --only 4 --jobs 1'),
     ('horizon=1,1.25,1.5,1.75,2,2.1,2.25,2.5', 'horizon=2.1'),
     ('angle=0.75,0.768,0.785,0.803,0.82', 'angle=0.75'),
     ('multisine_seed=9:16:8', 'multisine_seed=9'),

@@ -1,5 +1,6 @@
 """The command, run as users run it: from a parameters file, with files and exit codes."""
 
+import csv
 import json
 import math
 import os
@@ -239,24 +240,94 @@ def test_motions_on_one_of_two_stops(tmp_path, angle, stop, cycles, force, impac
     assert orbits[0]['x_max'] == pytest.approx(expected[0]['x_max'], rel=1e-12)
 
 
-def test_first_motion_is_followed_through_its_special_points(capsys):
+def test_first_motion_is_followed_through_its_special_points(tmp_path, capsys):
     words = [word for setting in VERTICAL for word in ('--set', setting)]
-    code = main([str(PAPER), '--impacts', '1', '--vary', 'force_amplitudes=0.5:1.2', *words])
-    assert code == 0
+    table, figure = tmp_path / 'branch.csv', tmp_path / 'branch.png'
+    outputs = ('--csv', str(table), '--figure', str(figure))
+    asked = ('--impacts', '1', '--follow', 'force_amplitudes=0.3:1.2')
+    assert main([str(PAPER), *asked, *outputs, *words]) == 0
     text = capsys.readouterr().out
-    assert 'motion 1, force_amplitudes rising:' in text
-    assert 'motion 1, force_amplitudes falling:' in text
+    assert 'motion 1, force_amplitudes varied:' in text
     doubling = re.search(r'^  period doubling at force_amplitudes = (\S+)$', text, re.MULTILINE)
+    fold = re.search(r'^  fold at force_amplitudes = (\S+)$', text, re.MULTILINE)
     branch = text.split('branch from the period doubling at')[1]
-    assert branch.split()[2].rstrip(':') == doubling[1]
+    assert branch.split()[2].rstrip(',') == doubling[1]
     assert re.search(r'\d+ motions, largest \|X\| between', branch)
+    assert f'at force_amplitudes = {fold[1]} (fold: the motion ends, fold)' in text
+    # The table has every motion of both branches, and the special points among them
+    with table.open() as lines:
+        rows = list(csv.DictReader(lines))
+    special = [(row['special'], float(row['force_amplitudes'])) for row in rows if row['special']]
+    assert special[:2] == [
+        ('fold', pytest.approx(float(fold[1]), rel=1e-8)),
+        ('period doubling', pytest.approx(float(doubling[1]), rel=1e-8)),
+    ]
+    assert {row['stops'] for row in rows} == {'1', '1 1'}
+    for row in rows[:: len(rows) // 7]:
+        value = float(row['force_amplitudes'])
+        rig = load_parameters(PAPER)[0].replace(
+            damping=0.1, damper_mass=0.01, angle=0.5 * math.pi, gravity=1.0, one_sided=True,
+            force_amplitudes=value, force_frequencies=10.0,
+        )  # fmt: skip
+        stops = tuple(map(int, row['stops'].split()))
+        orbits = find_orbits(rig, stops, len(stops), simulate=False).orbits
+        nearest = min(orbits, key=lambda orbit: abs(orbit.x_max - float(row['x_max'])))
+        assert float(row['x_max']) == pytest.approx(nearest.x_max, rel=1e-6)
+        assert (row['stable'], row['viable']) == (str(int(nearest.stable)), '1')
+    assert figure.read_bytes().startswith(b'\x89PNG')
 
 
 @pytest.mark.parametrize('asked', ['gap', 'gap=60:20', 'gap=20:', 'gravy=1:2'])
 def test_range_that_cannot_be_followed(asked, capsys):
     with pytest.raises(SystemExit) if 'gravy' not in asked else nullcontext():
-        assert main([str(PAPER), '--impacts', '2', '--vary', asked]) == 2
+        assert main([str(PAPER), '--impacts', '2', '--follow', asked]) == 2
     assert 'gap' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (('--impacts', '2', '--csv', 'branch.csv'), 'are for --follow'),
+        (('--settled', '--cycles', '2'), 'leave out --cycles'),
+        (('--settled', '--set', 'force_amplitudes=[0]'), 'both different from 0'),
+        (('--impacts', '2', '--follow', 'gap=20:60', '--figure', 'a.bmp'), '.png, .svg or .pdf'),
+    ],
+)
+def test_options_that_do_not_go_together(arguments, words, capsys):
+    assert main([str(PAPER), *arguments]) in (1, 2)
+    assert words in capsys.readouterr().err
+
+
+def test_the_settled_motion_gives_period_and_stops(tmp_path, capsys):
+    """Eight impacts in two cycles, the last of them before a rest: too many to try all stops."""
+    settings = (
+        *('gravity=1', 'friction=0.1', 'angle=0.98', 'gap=31.31', 'damper_mass=0.1'),
+        *('restitution_1=0.16', 'restitution_2=0.33', 'force_frequencies=[0.89]', 'damping=0.09'),
+    )
+    code, orbits = run(tmp_path, '--settled', settings=settings)
+    assert code == 0
+    (orbit,) = orbits
+    assert (len(orbit['stops']), orbit['stable'], orbit['viable']) == (8, True, True)
+    assert re.search(
+        r'^after \d+ cycles of the force the rig repeats to within \S+e-\d+: '
+        r'8 impacts in 2 cycles$',
+        capsys.readouterr().out,
+        re.MULTILINE,
+    )
+    assert orbit['residual'] < 1e-12
+    # From rest the paper's rig settles into the motion that the search lists first
+    _, settled = run(tmp_path, '--settled', settings=('gravity=0',))
+    _, listed = run(tmp_path, '--impacts', '2', settings=('gravity=0',))
+    assert settled[0]['phases'] == pytest.approx(listed[0]['phases'], abs=1e-12)
+
+
+def test_a_rig_that_does_not_settle(tmp_path, capsys):
+    settings = ('gravity=0', 'gap=5', 'force_frequencies=[1.02]')
+    code, orbits = run(tmp_path, '--settled', settings=settings)
+    assert (code, orbits) == (3, None)
+    assert 'its motion is chaotic after 2000 cycles' in capsys.readouterr().err
+    assert run(tmp_path, '--settled', settings=('gravity=0', 'gap=900', 'damping=0.1'))[0] == 3
+    assert 'its motion is without impacts after' in capsys.readouterr().err
 
 
 def test_a_long_search_says_that_it_goes_on(monkeypatch, capsys):

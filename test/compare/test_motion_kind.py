@@ -1,18 +1,16 @@
 """
 What short recordings of rigs are found to be, whose motion after 20,000 cycles is known.
 
-The rigs are those of `benchmarks/motion_kinds.py`, which finds the answers by long runs and judges
+The rigs are those of `motion_kinds.py`, which finds the answers by long runs and judges
 all of them; here are a few, with the answers as it printed them.
 """
 
 import math
-import sys
 from functools import cache
-from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pytest
+from compare import motion_kinds
 from compare.recorded import impact_rows, recorded
 from rigs import BENCH, FRICTION, OFF_RESONANCE
 
@@ -28,9 +26,6 @@ from impact_damper_ros.orbits.irregularity import (
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.sweep.steady_state import steady_state
-
-sys.path.append(str(Path(__file__).parents[2] / 'benchmarks'))
-motion_kinds = import_module('motion_kinds')
 
 CHAOTIC, QUASI = MotionKind.CHAOTIC, MotionKind.QUASI_PERIODIC
 TRANSIENT, PERIODIC = MotionKind.TRANSIENT, MotionKind.PERIODIC
@@ -193,3 +188,13 @@ def test_the_exponent_against_two_neighbouring_runs():
     exponent = largest_exponent(clock, impacts[200:])
     assert 0.2 < exponent.exponent < 0.5
     assert exponent.error < 0.08
+
+
+@pytest.mark.parametrize('case', list(motion_kinds.cases(12))[-12:], ids=lambda case: case.name)
+def test_random_rigs(case):
+    """All rigs, and more random ones: `python -m compare.motion_kinds`."""
+    pytest.importorskip('numba')
+    judged = motion_kinds.judge(case, (100, 300))
+    assert judged is not None
+    outcomes = {cut: outcome for cut, (outcome, _) in judged.found.items()}
+    assert motion_kinds.WRONG not in outcomes.values(), judged

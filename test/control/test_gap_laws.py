@@ -9,9 +9,20 @@ import pytest
 from control.controlled_rigs import IDEAL, TRIAL, control
 from impact_damper_ros.control import Action, Rig, damper_of
 from impact_damper_ros.rig import InitialConditions, RigParameters
-from impact_damper_ros.studies.gap_control.runs import broadband_rig
 
 INCLINE = RigParameters(angle=math.radians(45.0), friction=0.5, gravity=1.0)
+
+
+def broadband_rig(seed):
+    """Return the rig of the trials under a random-phase multisine of 1 N rms."""
+    return TRIAL.replace(
+        force_amplitudes=[0.0],
+        multisine_level=1.0,
+        multisine_low=0.5,
+        multisine_high=2.0,
+        multisine_lines=48,
+        multisine_seed=seed,
+    )
 
 
 def rms(rig, law, settled=300.0, until=900.0):

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from impact_damper_ros.control import Rig
@@ -15,8 +16,7 @@ from impact_damper_ros.node.motion_report import (
     predicted_report,
 )
 from impact_damper_ros.node.prediction import Answer, PredictedMotion, Predictor, PredictorStatus
-from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.orbits.recognition import MotionKind, Rhythm
+from impact_damper_ros.orbits import MotionKind, Period, Rhythm, find_orbits
 from impact_damper_ros.rig import RigParameters, load_parameters
 
 INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_frequencies=1.02)
@@ -147,11 +147,11 @@ def test_the_trace_does_not_grow():
 
 
 PREDICTED = PredictedMotion(
-    Rhythm.of(ORBIT), ORBIT.amplitude_ratio, abs(ORBIT.multipliers[0]), True, True, ''
+    ORBIT, ORBIT.amplitude_ratio, abs(ORBIT.multipliers[0]), True, True, ''
 )
 OTHER = PredictedMotion(Rhythm((1, 2), 1, (0.6, 0.1), (1.0, -1.0), 2.0), 0.1, 1.2, False, True, '')
 ANSWER = Answer(1, (PREDICTED, OTHER), PREDICTED, 'run ahead', '', True, 0.25)
-MEASURED = RecentMotion(MotionKind.PERIODIC, 200.0, 2.0, Rhythm.of(ORBIT), x_max=ORBIT.x_max)
+MEASURED = RecentMotion(MotionKind.PERIODIC, 200.0, 2.0, ORBIT, x_max=ORBIT.x_max)
 
 
 def shifted(phase=0.0, x=0.0, drift=0.0):
@@ -162,9 +162,9 @@ def shifted(phase=0.0, x=0.0, drift=0.0):
         tuple(p + phase for p in reversed(ORBIT.phases)),
         tuple(v + x * ORBIT.x_max for v in reversed(ORBIT.x)),
         ORBIT.x_max,
-        drift,
     )
-    return RecentMotion(MotionKind.PERIODIC, 200.0, 2.0, rhythm, x_max=ORBIT.x_max)
+    period = Period(1, 2, np.array([drift]), 1e-4, 0.0)
+    return RecentMotion(MotionKind.PERIODIC, 200.0, 2.0, rhythm, period, x_max=ORBIT.x_max)
 
 
 @pytest.mark.parametrize(

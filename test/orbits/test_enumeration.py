@@ -5,8 +5,8 @@ import pytest
 from rigs import INCLINED
 
 from impact_damper_ros.orbits import ImpactEquations, find_orbits
-from impact_damper_ros.orbits.impact_roots import many_impact_roots
 from impact_damper_ros.orbits.solved_orbits import orbit_of
+from impact_damper_ros.orbits.starts import many_impact_roots
 from impact_damper_ros.rig import RigParameters
 
 
@@ -28,7 +28,7 @@ def random_rig(rng):
 
 def brute_force(equations, starts):
     """Return the motions that Newton's method finds from very many starts."""
-    roots, _ = many_impact_roots(equations, starts, False)
+    roots, _ = many_impact_roots(equations, starts)
     return [orbit_of(root) for root in roots]
 
 

@@ -157,5 +157,5 @@ def test_a_damping_that_is_hardly_a_float(damping, recwarn):
 
 
 def test_a_range_is_refused_before_the_search(capsys):
-    assert solve_periodic.main(['paper', '--impacts', '2', '--vary', 'gap=50:60']) == 2
+    assert solve_periodic.main(['paper', '--impacts', '2', '--follow', 'gap=50:60']) == 2
     assert 'gap is 37 where the branch begins' in capsys.readouterr().err

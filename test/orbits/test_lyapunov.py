@@ -7,14 +7,11 @@ import pytest
 from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits.flights import Flight, machine_of
+from impact_damper_ros.orbits import MotionKind, settle
+from impact_damper_ros.orbits.flights import flight_of, machine_of
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent, monodromy_of
-from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.orbits.trajectory import follow_trajectory
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
-from impact_damper_ros.rig.state import Wave
-from impact_damper_ros.sweep.steady_state import steady_state
 
 #: Frictionless and horizontal, with many impacts that never repeat.
 CHAOTIC = RigParameters(gravity=0.0, force_frequencies=1.02, gap=12.0)
@@ -80,9 +77,10 @@ def test_matrix_is_the_derivative_of_the_flow(name):
     start = np.array([1.3, -0.4, 1.3 + 0.3 * half, 9.0])
     if name == 'chattering':
         # In the flight of the settled motion: impact, chatter, rest, release and flight again
-        settled = steady_state(Rig(rig, ON_THE_STOP, compiled=None), Settling()).section[-1]
-        start = np.array([*settled[:2], *(settled[2:] + settled[:2])])
-        assert settled[2] < half - 1e-5
+        run = Rig(rig, ON_THE_STOP, compiled=None)
+        settle(run)
+        start = state_of(run)
+        assert start[2] - start[0] < half - 1e-5
     cycle = math.tau / rig.force_frequencies[0]
     end = (1.0 if name == 'chattering' else 1.7) * cycle
     run = run_from(rig, start)
@@ -122,10 +120,7 @@ def test_product_is_that_of_a_trajectory(name):
     run, stretch, along = along_run(rig, None, start, end)
     products = monodromy_of(along, np.linspace(start, end, 4)[1:])
     whole = products[2] @ products[1] @ products[0]
-    state = run.state()
-    since, waves = start - state.run.time, [Wave(angle) for angle in state.angles]
-    first = Flight(machine_of(rig), state.run, waves).begun()
-    course = follow_trajectory(first.after(since), end - start)
+    course = follow_trajectory(flight_of(run), end - start)
     assert len(course.events) == len(stretch.events) > 5
     assert whole == pytest.approx(course.matrix, rel=1e-7, abs=1e-7 * np.abs(whole).max())
 
@@ -141,11 +136,10 @@ def test_determinant_is_what_damping_and_impacts_leave():
 
 def test_exponent_of_a_chaotic_rig_against_pairs_of_motions():
     """Benettin's method: a second motion, 1e-7 off, brought near again after each cycle."""
-    found = steady_state(Rig(CHAOTIC, compiled=None), Settling(cycles=300, watch=1500))
+    run = Rig(CHAOTIC, compiled=None)
+    found = settle(run, cycles=1800, watch=1500)
     assert found.kind is MotionKind.CHAOTIC
-    cycle = found.cycle
-    x, velocity, offset, relative = found.section[-1]
-    here = np.array([x, velocity, x + offset, velocity + relative])
+    cycle, here = found.cycle, state_of(run)
     offset = 1e-7 * np.array([0.5, 0.5, -0.5, 0.5])
     growth = []
     for _ in range(500):

@@ -9,18 +9,14 @@ from control.controlled_rigs import TRIAL, control
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.control.nearby_rig import NearbyRig, Scales
-from impact_damper_ros.orbits import find_orbits
+from impact_damper_ros.orbits import MotionKind, find_orbits, settle
 from impact_damper_ros.orbits import lyapunov as neighbours
 from impact_damper_ros.orbits.lyapunov import parting_exponent
-from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
-from impact_damper_ros.sweep.steady_state import steady_state
 
 START = InitialConditions(initial_primary_position=1.0)
 LEVEL = RigParameters(gravity=0.0, force_frequencies=1.02)
 INCLINED = RigParameters(angle=0.6, gravity=1.0, friction=0.4)
-SETTLING = Settling(cycles=600, watch=25, section=10)
 #: Sixteen samples in each cycle of the force, whose frequency is 1 rad/s.
 IN_STEP = 16 / math.tau
 
@@ -40,10 +36,10 @@ def near(x, velocity, offset, relative):
     )
 
 
-def settled(rig, law, settling=SETTLING, start=START):
-    """Return the steady state of a rig, and the rig in it."""
+def settled(rig, law, start=START, cycles=600, watch=25):
+    """Return what a rig settles into, and the rig in it."""
     run = Rig(rig, start, control=law, compiled=None)
-    return steady_state(run, settling), run
+    return settle(run, cycles=cycles, watch=watch), run
 
 
 @pytest.mark.parametrize(
@@ -64,9 +60,14 @@ def settled(rig, law, settling=SETTLING, start=START):
 def test_a_control_that_is_held_has_the_multiplier_of_the_rig(rig, start, stops):
     """The law is on, samples, estimates, and lets the stops stand where they are."""
     state, _ = settled(rig, held(rig.gap), start=start)
-    plain = steady_state(Rig(rig, start, compiled=None), SETTLING)
-    assert ','.join(state.stops) == ','.join(plain.stops) == stops
-    assert state.period == plain.period
+    plain = settle(Rig(rig, start, compiled=None), cycles=600, watch=25)
+    assert state.period.cycles == plain.period.cycles
+    if stops:
+        assert state.rhythm.distance(plain.rhythm) < 1e-5
+        turned = (state.rhythm.begun_at(i) for i in range(state.rhythm.impacts))
+        assert stops in {','.join(map(str, one.stops)) for one in turned}
+    else:
+        assert state.rhythm is plain.rhythm is None
     # A free m has a double multiplier of one, which is known to half of the digits
     assert state.exponent.uncertainty < (1e-5 if stops else 1e-3)
     assert state.exponent.value == pytest.approx(
@@ -96,9 +97,8 @@ def test_stops_that_have_come_to_a_stand_have_the_multiplier_of_the_periodic_sol
 
 @pytest.mark.parametrize('rig', [LEVEL.replace(gap=12.0), TRIAL.replace(gap=8.0)])
 def test_a_chaotic_rig_whose_control_is_held(rig):
-    long = Settling(cycles=100, watch=400)
-    state, _ = settled(rig, held(rig.gap), long)
-    plain = steady_state(Rig(rig, START, compiled=None), long)
+    state, _ = settled(rig, held(rig.gap), cycles=500, watch=400)
+    plain = settle(Rig(rig, START, compiled=None), cycles=500, watch=400)
     assert plain.kind is MotionKind.CHAOTIC
     assert state.exponent.value > 4.0 * state.exponent.uncertainty
     assert state.exponent.value == pytest.approx(
@@ -128,7 +128,7 @@ def test_a_motion_with_stops_that_move_forgets_a_kick_by_its_multiplier(rig, law
     law = control('timed', gap_control_rate=IN_STEP, **law)
     state, run = settled(rig, law)
     assert state.kind is MotionKind.PERIODIC
-    assert (state.period, state.stops) == (1, ('1', '2'))
+    assert (state.rhythm.cycles, state.rhythm.stops) == (1, (1, 2))
     begun, cycle, first, last = run.time, state.cycle, 8, 38
     ends = begun + cycle * np.array([first, first + 1, last, last + 1])
     kicked, alone = (Rig.restore(run.snapshot(), compiled=None) for _ in range(2))
@@ -167,7 +167,7 @@ def test_the_middle_of_the_motion_of_m_is_nobodys_business():
 def test_noise_is_the_same_for_neighbours():
     law = control('timed', gap_control_noise_position=0.02, gap_control_noise_velocity=0.02)
     rig = TRIAL.replace(angle=0.4, gravity=1.0, friction=0.3)
-    state, _ = settled(rig, law, Settling(cycles=100, watch=100))
+    state, _ = settled(rig, law, cycles=200, watch=100)
     assert state.kind is MotionKind.NOT_PERIODICALLY_DRIVEN
     assert state.exponent.value < -2.0 * state.exponent.uncertainty
 
@@ -179,7 +179,7 @@ def test_where_neighbours_decide_differently_there_is_no_exponent(monkeypatch):
         control('timed', gap_control_rate=IN_STEP),
         control('timed', gap_control_noise_position=0.02),
     ):
-        state, _ = settled(TRIAL, law, Settling(cycles=100, watch=30))
+        state, _ = settled(TRIAL, law, cycles=130, watch=48)
         assert math.isnan(state.exponent.value)
         assert math.isnan(state.exponent.uncertainty)
         assert math.isnan(state.multiplier)

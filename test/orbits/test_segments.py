@@ -7,7 +7,7 @@ import pytest
 from rigs import FRICTION, VERTICAL
 
 from impact_damper_ros.orbits import Continuation, ImpactEquations, continue_orbit, find_orbits
-from impact_damper_ros.orbits.continuation import SpecialKind
+from impact_damper_ros.orbits.branch import SpecialKind
 from impact_damper_ros.orbits.segments import Node, Segments, impact_nodes, solve
 from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.state import (
@@ -156,7 +156,7 @@ def test_flights_lead_to_where_the_impact_equations_say():
     ):
         there = rig.replace(friction=friction)
         equations = ImpactEquations(there, stops, cycles)
-        segments = Segments(there, impact_nodes(there, stops), cycles)
+        segments = Segments(there, impact_nodes(stops), cycles)
         rng = np.random.default_rng(1)
         n = len(stops)
         x = 3.0 * rng.normal(size=n)
@@ -171,7 +171,7 @@ def test_flights_lead_to_where_the_impact_equations_say():
 def solution_of(rig, stops, cycles=1):
     """Return the solution that belongs to the first motion, from a guess beside it."""
     orbit = find_orbits(rig, stops, cycles, simulate=False).orbits[0]
-    segments = Segments(rig, impact_nodes(rig, stops), cycles)
+    segments = Segments(rig, impact_nodes(stops), cycles)
     velocity = np.array(orbit.primary_velocity_after)
     relative = np.array(orbit.damper_velocity_after) - velocity
     states = np.stack([np.array(orbit.x), velocity, 0.0 * velocity, relative], axis=-1)

@@ -7,11 +7,9 @@ import pytest
 from rigs import FRICTION, INCLINED, VERTICAL
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import OrbitError, find_orbits, orbit_near
-from impact_damper_ros.orbits.recognition import repeated_impacts
+from impact_damper_ros.orbits import OrbitError, find_orbits, orbit_near, settle
 from impact_damper_ros.orbits.search import carried_over, settled_orbits
 from impact_damper_ros.orbits.segments import Segments
-from impact_damper_ros.orbits.settling import settled_impacts
 from impact_damper_ros.orbits.solved_orbits import guess_on
 from impact_damper_ros.rig import Event, EventKind, InitialConditions, Mode, RigParameters
 
@@ -65,7 +63,7 @@ def test_agrees_with_the_impact_equations(rig, stops, cycles):
         )
         near = orbit_near(rig, impact, orbit.phases[0] + 0.1 * off, cycles)
         assert near is not None
-        again = min(near.turned_to(stops), key=orbit.differs)
+        again, _ = near.nearest_turn(orbit)
         assert again.phases == pytest.approx(orbit.phases, abs=1e-10)
         for name in (
             'x',
@@ -217,19 +215,10 @@ def test_multipliers_are_those_of_the_simulators_map(rig, modes, zeros, kinds):
 def test_sticking_and_resting_motions_are_what_simulation_settles_into(rig):
     orbit = settled_orbit(rig)
     start = InitialConditions(initial_primary_position=1.0)
-    impacts = settled_impacts(rig, start, 600 if rig.gap == 5.0 else 700, 6)
-    motion = repeated_impacts(impacts, orbit.cycle, 1, 1e-10)
-    assert motion is not None
-    period, cycles = motion
-    assert cycles == orbit.cycles
-    assert len(period) == orbit.impacts
+    found = settle(Rig(rig, start), tolerance=1e-11)
     # Impacts at the cut of a chatter are as sharp as the cut; the others to round-off
-    for event in period:
-        late = [(event.time / orbit.cycle - phase + 0.5) % 1.0 - 0.5 for phase in orbit.phases]
-        nearest = int(np.argmin(np.abs(late)))
-        assert abs(late[nearest]) < 1e-9
-        assert event.stop == orbit.stops[nearest]
-        assert event.x == pytest.approx(orbit.x[nearest], rel=1e-9)
+    assert orbit.distance(found.rhythm) < 1e-9
+    assert found.x_max == pytest.approx(orbit.x_max, rel=1e-9)
 
 
 @pytest.mark.filterwarnings('error')
@@ -313,22 +302,10 @@ SEVERAL = RigParameters(
 def test_several_harmonics_with_a_common_period(friction):
     rig = SEVERAL.replace(friction=friction)
     start = InitialConditions(initial_primary_position=1.0)
-    impacts = settled_impacts(rig, start, 400, 10)
-    motion = repeated_impacts(impacts, math.tau / 1.02, 2, 1e-10)
-    assert motion is not None
-    period, cycles = motion
-    found = find_orbits(rig, [event.stop for event in period], cycles)
+    rhythm = settle(Rig(rig, start), tolerance=1e-11).rhythm
+    found = find_orbits(rig, rhythm.stops, rhythm.cycles)
     assert found.report.method == 'events'
-    stable = [orbit for orbit in found.orbits if orbit.stable]
-    assert stable
-    size = max(abs(event.x) for event in period)
-    apart = [
-        max(abs(e.x - x) / size for e, x in zip(period, orbit.x, strict=True))
-        for orbit in stable
-        for orbit in (orbit.begun_at(i) for i in range(orbit.impacts))
-        if orbit.stops == tuple(event.stop for event in period)
-    ]
-    assert min(apart) < 1e-9
+    assert min(orbit.distance(rhythm) for orbit in found.orbits if orbit.stable) < 1e-9
 
 
 def test_harmonics_carried_over_from_the_first():
@@ -342,7 +319,7 @@ def test_harmonics_carried_over_from_the_first():
     assert viable
     found = find_orbits(rig, (1, 2), simulate=False)
     assert (found.report.starts, found.report.converged) == (len(viable), len(viable))
-    assert 0 < found.orbits[0].differs(viable[0]) < 0.1
+    assert 0 < found.orbits[0].distance(viable[0]) < 0.1
 
 
 @pytest.mark.parametrize(('frequencies', 'cycles'), [((1.0, 1.5), 1), ((1.0, math.sqrt(2)), 7)])

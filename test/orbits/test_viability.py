@@ -134,7 +134,7 @@ def test_turning_points_against_a_dense_look():
     for _ in range(12):
         rig = INCLINED.replace(force_frequencies=(float(rng.uniform(0.2, 6.0)),))
         state = np.append(rng.normal(size=2) * 5.0, [0.0, rng.normal() * 5.0])
-        segments = Segments(rig, impact_nodes(rig, (1, 2)), 1)
+        segments = Segments(rig, impact_nodes((1, 2)), 1)
         flight = segments.flight(0, state, float(rng.uniform(0.0, segments.period)))
         duration = float(rng.uniform(1.0, 20.0))
         motions = [flight.motion(tau) for tau in np.linspace(0.0, duration, 5001)]

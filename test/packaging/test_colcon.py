@@ -19,12 +19,10 @@ COMMANDS = [
     'compare_run',
     'recover_run',
     'replay_run',
-    'reproduce_paper',
     'rig_page',
     'sim_node',
     'simulate_rig',
     'solve_periodic',
-    'study_gap_control',
     'sweep_rig',
 ]
 NOT_SOURCES = ('.git', '.venv', '.*_cache', '__pycache__', 'build', 'install', 'log', 'demo_run')
@@ -98,6 +96,7 @@ def test_share_holds_what_users_start_from(prefix):
     wanted = ['package.xml', 'launch/rig.launch.py', 'rviz/rig.rviz', 'urdf/rig.urdf.xacro']
     wanted += ['config/paper.yaml', 'config/bench_rig.yaml']
     wanted += ['config/lichtblick.json', 'config/plotjuggler.xml']
+    wanted += ['examples/output.py', 'examples/paper/claims.py', 'examples/gap_control/study.py']
     for path in wanted:
         assert (share / path).read_bytes() == (ROOT / path).read_bytes()
 

@@ -23,7 +23,6 @@ LEVEL = {
     'compare': 4,
     'report': 5,
     'sweep': 6,
-    'studies': 7,
     'node': 7,
     'page': 7,
     'cli': 8,

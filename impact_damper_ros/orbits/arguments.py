@@ -1,0 +1,199 @@
+"""What can be asked of the periodic solvers: forces, stop sequences, and the error otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from itertools import islice
+from typing import Any
+
+from impact_damper_ros.rig import ParameterError, RigParameters
+from impact_damper_ros.rig.parameter_spec import number_between, whole_number
+from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.rig.state import constants_of
+
+#: Most impacts in a period for which all stop sequences are listed.
+MOST_LISTED_IMPACTS = 6
+#: Most impacts, and cycles of the force, in a period; the equations grow with both.
+MOST_IMPACTS = MOST_CYCLES = 1000
+
+_WHOLE = 1e-12
+#: Least frequency of the force, over the natural one.
+_SLOWEST = 1e-6
+
+
+class OrbitError(ValueError):
+    """A periodic motion that cannot be asked for; the text holds the remedy."""
+
+
+def single_harmonic(parameters: RigParameters) -> bool:
+    """Return whether the force has no other active harmonic than its first."""
+    return parameters.multisine_level == 0.0 and not any(parameters.force_amplitudes[1:])
+
+
+def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
+    """
+    Raise `OrbitError` if the force does not have the requested period.
+
+    It must repeat after so many cycles of its first harmonic, or be one harmonic if they are
+    not given, as the periodic theory assumes.
+    """
+    amplitude, first = parameters.force_amplitudes[0], parameters.force_frequencies[0]
+    if 0.0 < first < _SLOWEST * parameters.omega:
+        raise OrbitError(
+            f'the first harmonic of the force has a frequency of {first:g} rad/s, '
+            f'{parameters.frequency_ratio:.3g} of the natural one: motion so slow is no '
+            f'vibration, give at least {_SLOWEST * parameters.omega:.3g} rad/s'
+        )
+    if parameters.periodic_force:
+        return
+    lasting = 'periodic motion repeats with the first harmonic of the force'
+    if parameters.multisine_level > 0.0:
+        raise OrbitError(
+            f'multisine_level is {parameters.multisine_level:g} N: {lasting}, give 0, which '
+            'switches the multisine off'
+        )
+    if parameters.sweep_mode != 'off':
+        raise OrbitError(
+            f'sweep_mode is {parameters.sweep_mode!r}: {lasting}, give off, and the frequency '
+            'asked for in force_frequencies'
+        )
+    if amplitude == 0.0 or first == 0.0:
+        raise OrbitError(
+            f'the first harmonic of the force has amplitude {amplitude:g} N and frequency '
+            f'{first:g} rad/s: periodic motion is counted in its cycles, give both different '
+            'from 0'
+        )
+    if cycles is None:
+        raise OrbitError(
+            f'the force has {len(parameters.force_amplitudes)} harmonics: the impact equations '
+            'are for one, give force_amplitudes, force_frequencies and force_phases one entry '
+            'each, or use find_orbits'
+        )
+    for force, frequency in zip(
+        parameters.force_amplitudes, parameters.force_frequencies, strict=True
+    ):
+        turns = cycles * frequency / first
+        if force != 0.0 and abs(turns - round(turns)) > _WHOLE * max(1.0, turns):
+            raise OrbitError(
+                f'the harmonic of {frequency:g} rad/s turns {turns:.6g} times in {cycles} cycles '
+                f'of the first one, {first:g} rad/s: a periodic motion needs a whole number, '
+                'give frequencies in ratios of whole numbers and as many cycles as these ask for'
+            )
+
+
+def period_of_force(parameters: RigParameters, longest: int) -> int:
+    """Return the period of the force in cycles of its first harmonic; or raise `OrbitError`."""
+    for cycles in range(1, longest):
+        with suppress(OrbitError):
+            check_forcing(parameters, cycles)
+            return cycles
+    check_forcing(parameters, longest)
+    return longest
+
+
+def checked_number(name: str, value: Any, low: float, high: float) -> float:
+    """Return a number of any kind as a float; or raise an `OrbitError`."""
+    try:
+        return number_between(name, value, low, high)
+    except ParameterError as error:
+        raise OrbitError(str(error)) from None
+
+
+def checked_whole(name: str, value: Any, low: int, high: int) -> int:
+    """Return a whole number of any kind as an int; or raise an `OrbitError`."""
+    try:
+        return whole_number(name, value, low, high)
+    except ParameterError as error:
+        raise OrbitError(str(error)) from None
+
+
+def check_cycles(cycles: Any) -> int:
+    """Return a period in cycles of the force; or raise an `OrbitError`."""
+    try:
+        return whole_number('cycles', cycles, 1, MOST_CYCLES)
+    except ParameterError:
+        raise OrbitError(
+            f'{shown(cycles)} force cycles: give a period of at least 1 cycle, a whole number up '
+            f'to {MOST_CYCLES}'
+        ) from None
+
+
+def _listed(stops: Any) -> Any:
+    return ','.join(map(str, stops)) if isinstance(stops, list | tuple) else stops
+
+
+def check_stops(parameters: RigParameters, given: Sequence[int], cycles: int) -> tuple[int, ...]:
+    """Check a stop sequence and a number of force cycles; return the sequence."""
+    try:
+        whole = list(islice(given, MOST_IMPACTS + 1))
+        stops = tuple(whole_number('stop', stop, 1, 2) for stop in whole)
+    except (ParameterError, TypeError):
+        stops = ()
+    if not stops:
+        text = shown(given if isinstance(given, str) else _listed(given))
+        raise OrbitError(
+            f'stop sequence {text}: give the stops hit in one period, in order, each 1 (the '
+            'lower) or 2, such as 1,2'
+        )
+    if parameters.one_sided and 2 in stops:
+        raise OrbitError(
+            f'stop sequence {",".join(str(s) for s in stops)}: the rig is one-sided and has no '
+            'stop 2, give stop 1 only, or one_sided: false'
+        )
+    if len(stops) > MOST_IMPACTS:
+        raise OrbitError(f'{len(stops)} impacts or more: give at most {MOST_IMPACTS} in a period')
+    check_cycles(cycles)
+    return stops
+
+
+def pressed_to(parameters: RigParameters, stop: int) -> bool:
+    """Return whether weight, friction or air can press m to a stop, on average of a period."""
+    machine, _ = constants_of(parameters)
+    weight = machine.slope if stop == 1 else -machine.slope
+    return weight - machine.air + machine.grip > 0.0
+
+
+def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, ...]]:
+    """
+    List the stop sequences of N impacts in a period.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig: a one-sided one has stop 1 only.
+    impacts : int
+        Impacts N in one period.
+
+    Returns
+    -------
+    list of tuple of int
+        Each sequence once, whatever impact it is counted from, beginning with stop 1 if that is
+        hit; the one that alternates comes first. Those of one stop come last, if weight or
+        friction can press m to it as much as impacts and air push it away; (1,) if there is none.
+
+    Raises
+    ------
+    OrbitError
+        If N is not positive, or too large to list all.
+    """
+    try:
+        impacts = whole_number('impacts', impacts, 1, MOST_IMPACTS)
+    except ParameterError:
+        raise OrbitError(
+            f'{shown(impacts)} impacts: give at least 1 in a period, a whole number up to '
+            f'{MOST_IMPACTS}'
+        ) from None
+    if parameters.one_sided:
+        return [(1,) * impacts]
+    if impacts > MOST_LISTED_IMPACTS:
+        raise OrbitError(
+            f'{impacts} impacts have too many stop sequences to try all: name one, such as '
+            f'{",".join("12"[i % 2] for i in range(impacts))}'
+        )
+    found = {(stop,) * impacts for stop in (1, 2) if pressed_to(parameters, stop)}
+    for code in range(1, 2**impacts - 1):
+        word = tuple(1 + (code >> i) % 2 for i in range(impacts))
+        found.add(min(word[i:] + word[:i] for i in range(impacts)))
+    changes = {w: sum(a != b for a, b in zip(w, w[1:] + w[:1], strict=True)) for w in found}
+    return sorted(found, key=lambda word: (-changes[word], word)) or [(1,)]

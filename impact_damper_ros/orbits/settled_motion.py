@@ -1,0 +1,484 @@
+"""Runs of a rig until its motion repeats, or a limit is reached; and the kind of that motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impact_damper_ros.control import GapControlParameters, Outcome, Rig
+from impact_damper_ros.control.nearby_rig import Scales
+from impact_damper_ros.control.rig import Events
+from impact_damper_ros.rig import EVENT_TYPE, Event, EventKind, RigParameters
+from impact_damper_ros.rig.event import events_of_table
+
+from .extremes import largest_between
+from .flights import machine_of
+from .irregularity import Indications, average_spread, quiet_phase
+from .lyapunov import (
+    Deviations,
+    Exponent,
+    deviations,
+    growth_exponent,
+    monodromy_of,
+    parting_exponent,
+    period_exponent,
+)
+from .multipliers import multipliers_of
+from .orbit import PeriodicOrbit, Rhythm
+from .recurrence import LONGEST_PERIOD, Array, MotionKind, Period, Section, find_period
+from .solved_orbits import orbit_near
+
+#: For how many cycles at least the states must come back.
+_LEAST_REPEATS = 10
+#: Distance that round-off alone makes.
+_ROUND_OFF = 1e-13
+#: A motion that repeats is unstable if deviations grow by more than this factor in a period.
+_GROWS = 1.001
+#: Fewest cycles of which an exponent is measured.
+_FEWEST = 21
+#: Angle by which harmonics are shifted, rad; impacts from which the motion of the theory is
+#: sought, and its largest distance.
+_SHIFTED, _STARTS, _REACHED = 1e-9, 3, 1e-2
+
+
+def _active_rates(parameters: RigParameters) -> list[float]:
+    """Return the circular frequencies of the force, those without amplitude left out."""
+    amplitudes, frequencies, _ = parameters.harmonics
+    pairs = zip(amplitudes, frequencies, strict=True)
+    return [rate for amplitude, rate in pairs if amplitude != 0.0]
+
+
+def cycle_of(parameters: RigParameters) -> float:
+    """Return the period of the first harmonic that acts, or of the spring if none does, s."""
+    rates = [rate for rate in _active_rates(parameters) if rate > 0.0]
+    return math.tau / (rates[0] if rates else parameters.omega)
+
+
+def _drive_repeats(parameters: RigParameters, cycle: float, longest: int) -> bool:
+    """Return whether the force repeats with a cycle (s), or some of them."""
+    if parameters.sweep_mode != 'off':
+        return False
+    turns = [rate * cycle / math.tau for rate in _active_rates(parameters)]
+    return any(
+        all(abs(k * turn - round(k * turn)) < 1e-9 * max(k * turn, 1.0) for turn in turns)
+        for k in range(1, longest + 1)
+    )
+
+
+def _samples_repeat(control: GapControlParameters, cycle: float, longest: int) -> bool:
+    """Return whether the samples of a control can repeat after some cycles, s."""
+    if control.gap_control_noise_position or control.gap_control_noise_velocity:
+        return False
+    counts = [control.gap_control_rate * cycle * k for k in range(1, longest + 1)]
+    return any(abs(count - round(count)) < 1e-9 * max(count, 1.0) for count in counts)
+
+
+def relative_states(samples: np.ndarray[Any, np.dtype[np.void]]) -> Array:
+    """Return X, X', Y and Y' of samples."""
+    x, velocity = samples['x'], samples['primary_velocity']
+    return np.stack(
+        [x, velocity, samples['z'] - x, samples['damper_velocity'] - velocity], axis=-1
+    )
+
+
+class _Stretch(NamedTuple):
+    """A part of a run from one look to the next."""
+
+    start: float
+    snapshot: dict[str, Any] | None  # there, of a rig under control
+    first: Events  # the state there, as a row with the stop hit last
+    events: Events
+    section: Array  # states in each of its cycles
+
+
+@dataclass(frozen=True, kw_only=True)
+class SettledMotion:
+    """
+    The motion of a rig after it was run until it repeats, or a limit was reached.
+
+    The rig itself is where the run ended, a whole number of cycles after its start.
+
+    Attributes
+    ----------
+    kind : MotionKind
+        `PERIODIC` and `NO_IMPACTS` (`AT_REST`, without a force) of a motion that repeats and is
+        stable; `QUASI_PERIODIC`, `CHAOTIC` or `UNDECIDED`, by the thresholds of
+        `orbits.irregularity`, of one that does not; `NOT_PERIODICALLY_DRIVEN`.
+    period : Period or None
+        How it repeats, on the stroboscopic section; None if it does not.
+    parameters : RigParameters
+        The rig.
+    cycle : float
+        Cycle of the force, or of the spring if there is none, s.
+    start : float
+        Time at which the run began, s.
+    turned : float
+        Angle of the force's first harmonic then, in cycles, as phases count it.
+    cycles : int
+        Cycles run since.
+    events : ndarray of EVENT_TYPE
+        Events of the cycles that were watched: the last ones, at least a period.
+    event_count : int
+        Number of all events.
+    section : ndarray, shape (n, 4)
+        X, X', Y and Y' once in each of these cycles, where impacts are rare.
+    exponent : Exponent
+        Largest Lyapunov exponent; NaN if the controls of two nearby rigs decide differently, or
+        if too little was watched.
+    multiplier : float
+        Modulus of the largest multiplier of a period; NaN if it does not repeat, or as above.
+    indications : Indications or None
+        The evidence for and against chaos of a motion that does not repeat, per cycle.
+    reason : str
+        Why the rig could not be run on, and the remedy; empty if it could.
+    """
+
+    kind: MotionKind
+    period: Period | None
+    parameters: RigParameters
+    cycle: float
+    start: float
+    turned: float
+    cycles: int
+    events: Events
+    event_count: int
+    section: Array
+    exponent: Exponent
+    multiplier: float
+    indications: Indications | None
+    reason: str
+    _first: Events
+    _angles: tuple[float, ...]
+
+    @property
+    def end(self) -> float:
+        """Time at which the run ended, s."""
+        return self.start + self.cycles * self.cycle
+
+    @property
+    def watched_from(self) -> float:
+        """Time from which on `events` are known, s."""
+        return float(self._first['time'][0])
+
+    @property
+    def quiet(self) -> float:
+        """Cycles since the last impact; infinite if there was none in the watched ones."""
+        hits = self.events['time'][self.events['kind'] == EventKind.IMPACT]
+        return (self.end - float(hits[-1])) / self.cycle if len(hits) else math.inf
+
+    @property
+    def impacts(self) -> list[Event]:
+        """The impacts of the last period, or of all cycles watched if there is none."""
+        hits = self.events[self.events['kind'] == EventKind.IMPACT]
+        if self.period is not None:
+            hits = hits[hits['time'] > self.end - self.period.cycles * self.cycle]
+        return events_of_table(hits)
+
+    def phase(self, time: float) -> float:
+        """Return the angle of the force's first harmonic at a time (s), in cycles."""
+        return self.turned + (time - self.start) / self.cycle
+
+    @cached_property
+    def rhythm(self) -> Rhythm | None:
+        """The impacts of a period; None without impacts, or if the motion does not repeat."""
+        hits = self.impacts
+        if self.period is None or not hits:
+            return None
+        return Rhythm.of_impacts(
+            self.period.cycles,
+            [event.stop for event in hits],
+            [self.phase(event.time) for event in hits],
+            [event.x for event in hits],
+            self.x_max,
+        )
+
+    @cached_property
+    def x_max(self) -> float:
+        """Largest |X|, m, exact: over the last period, or over all cycles watched."""
+        span = math.inf if self.period is None else self.period.cycles * self.cycle
+        rows = np.concatenate([self._first, self.events])
+        start = max(self.watched_from, self.end - span)
+        machine = machine_of(self.parameters)
+        return largest_between(machine, self._angles, rows, start, self.end)
+
+    @cached_property
+    def orbit(self) -> PeriodicOrbit | None:
+        """
+        The motion of the theory that was reached, begun at the same impact as `rhythm`.
+
+        None if there is none within the rest of the transient, or stops move.
+        """
+        rhythm = self.rhythm
+        if rhythm is None or self.period is None:
+            return None
+        rig, first = self.parameters, self._angles[0]
+        ratios = [rate / rig.force_frequencies[0] for rate in rig.force_frequencies]
+        own = zip(rig.force_phases, self._angles, ratios, strict=False)
+        # Where changes have shifted the harmonics against each other
+        late = [phase + angle - ratio * first for phase, angle, ratio in own]
+        phases = tuple(math.remainder(phase, math.tau) for phase in late)
+        if max(abs(a - b) for a, b in zip(late, rig.force_phases, strict=True)) > _SHIFTED:
+            rig = rig.replace(force_phases=phases)
+        # From the strongest impact on, which round-off least decides
+        hits = sorted(self.impacts, key=lambda event: -abs(event.impulse))
+        for impact in hits[:_STARTS]:
+            orbit = orbit_near(rig, impact, self.phase(impact.time), rhythm.cycles)
+            turned = None if orbit is None else orbit.nearest_turn(rhythm)
+            if turned is not None and max(turned[1]) < _REACHED:
+                return turned[0]
+        return None
+
+    def deviations(self, start: float, end: float) -> Deviations:
+        """
+        Return the matrices that carry deviations from one watched time to another, s.
+
+        They hold for stops that do not move.
+        """
+        mode, last_stop = int(self._first['mode'][0]), int(self._first['stop'][0])
+        machine = machine_of(self.parameters)
+        return deviations(machine, self._angles, self.events, mode, last_stop, start, end)
+
+
+class _SettlingRig:
+    """A rig that is run by whole cycles of its force, and what is known of its last ones."""
+
+    def __init__(self, rig: Rig, watch: int, most_events: int, longest: int) -> None:
+        parameters, state = rig.parameters, rig.state()
+        machine = machine_of(parameters)
+        self.rig, self.parameters, self.longest = rig, parameters, longest
+        self.cycle = cycle_of(parameters)
+        self.rate = max(math.tau / self.cycle, parameters.omega)
+        self.start, self.cycles, self.events = rig.time, 0, 0
+        self.reason = ''
+        self.stretches: list[_Stretch] = []
+        self.angles = tuple(
+            angle - line.frequency * state.run.time
+            for angle, line in zip(state.angles, machine.lines, strict=False)
+        )
+        first = machine.lines[0].frequency
+        self.turned = (self.angles[0] + first * self.start) / math.tau
+        self.driven = _drive_repeats(parameters, self.cycle, longest)
+        self.in_step = not rig.acts or _samples_repeat(rig.control, self.cycle, longest)
+        self._watch, self._most = watch, most_events
+        self._quiet = 0.5
+        self._size = 0.0
+        self._section: Array
+        self.forget()
+
+    def forget(self) -> None:
+        """Discard the states so far, so that the detection of a period starts again."""
+        self._section = np.empty((0, 6 if self.rig.acts else 4))
+
+    @property
+    def time(self) -> float:
+        """Time after the cycles run so far, s."""
+        return self.start + self.cycles * self.cycle
+
+    @property
+    def scales(self) -> Scales:
+        """Scales of the numbers in the state of a rig under control."""
+        return Scales(self._size or 1.0, self.rate)
+
+    def run(self, cycles: int) -> bool:
+        """Run for some cycles; return whether that was possible."""
+        rig, begun = self.rig, self.time
+        first, here = np.zeros(1, EVENT_TYPE), rig.sample()
+        first['time'], first['kind'], first['mode'] = rig.time, -1, rig.mode
+        first['stop'], first['x'] = rig.state().run.last_stop, here.x
+        first['primary_velocity_after'] = here.primary_velocity
+        first['damper_velocity_after'] = here.damper_velocity
+        snapshot = rig.snapshot() if rig.acts else None
+        # One rounding, so that the steps do not drift
+        counts = self.cycles + np.arange(cycles)[:, None] + np.array([self._quiet, 1.0])
+        instants = self.start + counts.ravel() * self.cycle
+        most = max(self._most - self.events, 1)
+        result = rig.run(float(instants[-1]), instants, most_events=most)
+        self.events += result.event_count
+        if result.outcome is not Outcome.COMPLETE:
+            self.reason = result.reason
+            return False
+        states = relative_states(result.samples)
+        section, quiet = states[1::2], states[::2]
+        size = float(np.abs(section[:, 0]).max() + np.ptp(section[:, 2]))
+        # A rig without force has settled once next to nothing of its start is left
+        forced = bool(_active_rates(self.parameters))
+        self._size = size if forced else max(size, self._size)
+        if rig.acts:
+            # Stops that still move are not settled, whether m reaches them or not
+            samples = result.samples[1::2]
+            places = [samples[name] - samples['x'] for name in ('stop_1', 'stop_2')]
+            section = np.concatenate([section, np.stack(places, axis=-1)], axis=-1)
+        self._section = np.concatenate([self._section, section])
+        self.stretches.append(_Stretch(begun, snapshot, first, result.events, quiet))
+        hits = result.impacts()['time']
+        self._quiet = quiet_phase((hits - self.start) / self.cycle) or 0.5
+        self.cycles += cycles
+        oldest = self.start + (self.cycles - self._watch) * self.cycle
+        while len(self.stretches) > 1 and self.stretches[1].start <= oldest:
+            del self.stretches[0]
+        return True
+
+    def period(self, tolerance: float) -> Period | None:
+        """Return the period with which the last states repeat."""
+        if not (self.driven and self._size) or len(self._section) < 2:
+            return None
+        size = self._size * np.array([1.0, self.rate] * 2)
+        if self.rig.acts:
+            far = float(np.abs(self._section[-1, 4:]).max())
+            size = np.append(size, [max(self._size, far)] * 2)
+        section = Section.stroboscopic(self._section, size)
+        return find_period(section, tolerance, _ROUND_OFF, longest=self.longest)
+
+    def result(self, kind: MotionKind, **found: Any) -> SettledMotion:
+        """Return the motion, given what is known of it."""
+        first = self.stretches[0].first if self.stretches else np.zeros(1, EVENT_TYPE)
+        none = Exponent(math.nan, math.nan)
+        known = {'period': None, 'exponent': none, 'multiplier': math.nan, 'indications': None}
+        return SettledMotion(
+            kind=kind,
+            parameters=self.parameters,
+            cycle=self.cycle,
+            start=self.start,
+            turned=self.turned,
+            cycles=self.cycles,
+            events=np.concatenate([np.empty(0, EVENT_TYPE), *(s.events for s in self.stretches)]),
+            event_count=self.events,
+            section=np.concatenate([np.empty((0, 4)), *(s.section for s in self.stretches)]),
+            reason=self.reason,
+            _first=first,
+            _angles=self.angles,
+            **(known | found),
+        )
+
+    def repeating(self, period: Period) -> SettledMotion:
+        """Return the motion that has settled, with its largest multiplier."""
+        found = self.result(MotionKind.PERIODIC, period=period)
+        kind = found.kind
+        if not found.impacts:
+            forced = bool(_active_rates(self.parameters))
+            kind = MotionKind.NO_IMPACTS if forced else MotionKind.AT_REST
+        span, end = period.cycles * self.cycle, found.end
+        exponent, multiplier = Exponent(math.nan, math.nan), math.nan
+        if not self.rig.acts:
+            along = found.deviations(max(found.watched_from, end - 2.0 * span), end)
+            exponent, multiplier = _periodic_exponent(along, span)
+        elif self.rig.own_law is None:
+            # What the memory of a law of the user's own holds is not known
+            exponent, multiplier = period_exponent(self.rig.snapshot(), span, self.scales)
+        return replace(found, kind=kind, exponent=exponent, multiplier=multiplier)
+
+    def irregular(self) -> SettledMotion:
+        """Return the motion that does not repeat, with the evidence for and against chaos."""
+        found = self.result(MotionKind.UNDECIDED)
+        watched = len(found.section)
+        if self.parameters.sweep_mode != 'off':
+            return replace(found, kind=MotionKind.NOT_PERIODICALLY_DRIVEN)
+        if watched < _FEWEST:
+            return found
+        exponent = Exponent(math.nan, math.nan)
+        if not self.rig.acts:
+            along = found.deviations(found.watched_from, found.end)
+            exponent = growth_exponent(along, self.parameters.omega)
+        elif self.rig.own_law is None:
+            snapshot = self.stretches[0].snapshot
+            assert snapshot is not None
+            exponent = parting_exponent(snapshot, self.cycle, watched, self.scales)
+        rates = self.cycle * exponent.value, self.cycle * exponent.standard_error
+        indications = Indications(*rates, watched, average_spread(found.section))
+        kind = indications.kind()
+        if not (self.driven and self.in_step):
+            kind = MotionKind.NOT_PERIODICALLY_DRIVEN
+        return replace(found, kind=kind, exponent=exponent, indications=indications)
+
+
+def _periodic_exponent(along: Deviations, span: float) -> tuple[Exponent, float]:
+    """Return exponent and largest multiplier of a period; the one before gives the uncertainty."""
+    ends = np.unique([max(along.end - span, along.start), along.end])[-2:]
+    products = monodromy_of(along, ends if ends[0] > along.start else ends[-1:])
+    moduli = [abs(multipliers_of(product)[0]) for product in products]
+    rates = [math.log(modulus) / span if modulus else -math.inf for modulus in moduli]
+    spread = abs(rates[-1] - rates[0]) if all(map(math.isfinite, rates)) else 0.0
+    return Exponent(rates[-1], spread), moduli[-1]
+
+
+def settle(
+    rig: Rig,
+    *,
+    cycles: int = 2000,
+    watch: int = 500,
+    tolerance: float = 1e-8,
+    events: int = 2_000_000,
+    between: int = 50,
+    quiet: float = math.inf,
+    longest: int = LONGEST_PERIOD,
+) -> SettledMotion:
+    """
+    Run a rig until its motion repeats.
+
+    Every few cycles of the force the states at the ends of all cycles so far are compared. The
+    motion has settled if they come back after 1 to 16 cycles, for two periods and at least ten
+    cycles. A motion that comes back but is unstable by its multipliers is run on until it
+    departs. One that does not repeat within the given cycles is judged by its last ones.
+
+    Parameters
+    ----------
+    rig : Rig
+        The rig, at any instant, with or without gap control. It is run on.
+    cycles : int, optional
+        Most cycles of the force to run; of the spring, if there is no force.
+    watch : int, optional
+        How many of the last cycles are kept and judged if the motion does not repeat: at least
+        300 of them decide between chaos and quasi-periodic motion.
+    tolerance : float, optional
+        How closely the states a period apart must agree, relative to the size of the motion.
+    events : int, optional
+        Most events of the run; with more it ends, and `reason` says so.
+    between : int, optional
+        Cycles between two looks.
+    quiet : float, optional
+        Cycles without an impact after which the run ends, whether M has settled or not.
+    longest : int, optional
+        Longest period that is recognised, in cycles of the force.
+
+    Returns
+    -------
+    SettledMotion
+        The motion, with its period, its impacts and its kind.
+
+    Notes
+    -----
+    Under gap control the stops must come back too, and exponents and multipliers are those of two
+    nearby rigs; see `orbits.lyapunov`.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig, RigParameters
+    >>> found = settle(Rig(RigParameters(gravity=0.0)))
+    >>> found.kind.value, found.rhythm.stops, round(found.rhythm.phases[0], 6)
+    ('periodic', (1, 2), 0.733784)
+    """
+    run = _SettlingRig(rig, max(watch, 3 * longest), events, longest)
+    while run.cycles < cycles:
+        if not run.run(min(between, cycles - run.cycles)):
+            return run.result(MotionKind.UNDECIDED)
+        period = run.period(tolerance)
+        if (
+            period is not None
+            and period.settled
+            and period.repeated >= 2
+            and period.repeated * period.cycles >= _LEAST_REPEATS
+        ):
+            found = run.repeating(period)
+            doubt = found.exponent.uncertainty * period.cycles * run.cycle
+            if not found.multiplier > _GROWS * math.exp(doubt):
+                return found
+            run.forget()
+        if math.isfinite(quiet) and run.cycles >= quiet:
+            found = run.result(MotionKind.NO_IMPACTS)
+            if found.quiet >= quiet:
+                return found
+    return run.irregular()

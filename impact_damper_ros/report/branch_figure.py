@@ -1,0 +1,93 @@
+"""The figure of a branch of periodic motions, with its special points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import groupby, pairwise
+from typing import TYPE_CHECKING, Any
+
+from impact_damper_ros.orbits import Branch, SpecialKind
+from impact_damper_ros.rig import PARAMETER_SPECS
+
+from .drawing import BLUE, COLORS, DASHED, DOTTED, ORANGE, blank_figure, finish_panel, legend_below
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Line and label of the motions by stability; one that the rig cannot perform is neither.
+_LINES: dict[str, dict[str, Any]] = {
+    'stable': {'color': BLUE, 'linestyle': '-', 'label': 'stable'},
+    'neutral': {'color': BLUE, 'linestyle': '-.', 'label': 'neutral'},
+    'unstable': {'color': ORANGE, 'linestyle': DASHED, 'label': 'unstable'},
+    'not viable': {'color': '0.6', 'linestyle': DOTTED, 'label': 'not viable'},
+}
+_MARKS = {
+    SpecialKind.FOLD: '>',
+    SpecialKind.PERIOD_DOUBLING: 's',
+    SpecialKind.NEIMARK_SACKER: 'D',
+    SpecialKind.BRANCH_POINT: 'o',
+    SpecialKind.GRAZING: 'X',
+}
+
+
+def parameter_label(name: str) -> str:
+    """Return a parameter and its unit for an axis."""
+    spec = PARAMETER_SPECS['restitution_1' if name == 'restitution' else name]
+    return f'{name} [{spec.unit}]' if spec.unit else name
+
+
+def _words(one: Any, other: Any) -> str:
+    """Return what the part of a branch between two motions is."""
+    if not (one.viable and other.viable):
+        return 'not viable'
+    if one.unstable or other.unstable:
+        return 'unstable'
+    return 'stable' if one.stable or other.stable else 'neutral'
+
+
+def branch_figure(branches: Sequence[Branch], title: str = '') -> Figure:
+    """
+    Draw the largest |X| along branches: stable, unstable, not viable, and the special points.
+
+    Parameters
+    ----------
+    branches : sequence of Branch
+        Branches along the same parameter.
+    title : str, optional
+        What it is of, over the figure.
+
+    Returns
+    -------
+    Figure
+        The figure.
+    """
+    from matplotlib.lines import Line2D
+
+    figure = blank_figure(6.3, 4.4)
+    axes: Any = figure.subplots()
+    mark: dict[str, Any] = {'ls': 'none', 'ms': 6, 'mfc': 'white', 'color': COLORS['special']}
+    lines: set[str] = set()
+    marks: set[SpecialKind] = set()
+    for branch in branches:
+        parts = [(_words(a.orbit, b.orbit), a, b) for a, b in pairwise(branch.points)]
+        for words, group in groupby(parts, key=lambda part: part[0]):
+            chain = list(group)
+            points = [chain[0][1], *(part[2] for part in chain)]
+            look = {k: v for k, v in _LINES[words].items() if k != 'label'}
+            swings = [point.orbit.x_max for point in points]
+            axes.plot([point.value for point in points], swings, linewidth=1.6, **look)
+            lines.add(words)
+        for special in branch.special:
+            axes.plot(special.value, special.orbit.x_max, marker=_MARKS[special.kind], **mark)
+            marks.add(special.kind)
+    name = branches[0].name
+    finish_panel(axes, '', parameter_label(name), 'Largest |X| [m]')
+    handles = [Line2D([], [], linewidth=1.6, **_LINES[word]) for word in _LINES if word in lines]
+    handles += [
+        Line2D([], [], marker=_MARKS[kind], label=kind.value, **mark)
+        for kind in SpecialKind
+        if kind in marks
+    ]
+    legend_below(figure, handles, 4)
+    figure.suptitle(title, fontsize=7.5, color='0.3')
+    return figure

@@ -1,1 +1,0 @@
-"""Studies that use the library; nothing imports them."""

@@ -1,1 +1,0 @@
-"""What the laws of the gap control do, measured and drawn."""

@@ -1,1 +1,0 @@
-"""The figures and claims of Bapat (1995), computed again."""

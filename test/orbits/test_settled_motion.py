@@ -1,0 +1,125 @@
+"""Runs until a motion repeats: against the theory, dense samples and closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from rigs import FRICTION
+
+from impact_damper_ros.control import Rig
+from impact_damper_ros.orbits import MotionKind, find_orbits, settle
+from impact_damper_ros.rig import GapControlParameters, InitialConditions, RigParameters
+
+HORIZONTAL = RigParameters(gravity=0.0)
+DETUNED = HORIZONTAL.replace(force_frequencies=1.02)
+
+
+@pytest.mark.parametrize(
+    ('rig', 'stops'),
+    [
+        (HORIZONTAL, (1, 2)),
+        (FRICTION, (1, 2)),
+        (DETUNED.replace(gap=18.0), (1, 1, 2)),
+        (DETUNED.replace(gap=8.0), (1, 1, 2, 2)),
+        (HORIZONTAL.replace(force_phases=0.7), (1, 2)),
+    ],
+)
+def test_the_motion_reached_is_that_of_the_theory(rig, stops):
+    found = settle(Rig(rig))
+    assert found.kind is MotionKind.PERIODIC
+    assert found.rhythm.stops == stops
+    orbits = find_orbits(rig, found.rhythm.stops).orbits
+    orbit = min(orbits, key=lambda orbit: orbit.distance(found.rhythm))
+    # The rest of the transient, which shrinks by the multiplier in a period
+    rest = 1e-8 / (1.0 - abs(orbit.multipliers[0]))
+    assert orbit.distance(found.rhythm) < rest
+    assert found.x_max == pytest.approx(orbit.x_max, rel=rest)
+    assert found.multiplier == pytest.approx(abs(orbit.multipliers[0]), rel=1e-6)
+    assert found.period.level < 1e-8
+    assert found.phase(found.impacts[-1].time) % 1.0 == pytest.approx(
+        found.impacts[-1].time / found.cycle % 1.0, abs=1e-9
+    )
+
+
+def test_it_may_begin_at_any_instant_and_after_changes():
+    rig = Rig(HORIZONTAL.replace(gap=30.0, force_frequencies=1.1))
+    rig.advance(97.3)
+    rig.change(HORIZONTAL)
+    found = settle(rig)
+    assert rig.time == pytest.approx(found.end) == 97.3 + found.cycles * found.cycle
+    orbit = find_orbits(HORIZONTAL, (1, 2)).orbits[0]
+    assert orbit.distance(found.rhythm) < 1e-6
+
+
+def test_the_largest_displacement_is_exact():
+    """Against samples so dense that the parabola between them is."""
+    two = DETUNED.replace(
+        force_amplitudes=(1.0, 0.4), force_frequencies=(1.02, 3.06), force_phases=(0.0, 0.3)
+    )
+    for rig in (two, two.replace(gravity=1.0, friction=0.1, angle=0.6, gap=20.0)):
+        run = Rig(rig)
+        found = settle(run)
+        span = found.period.cycles * found.cycle
+        dense = run.run(run.time + span, np.linspace(run.time, run.time + span, 100_001))
+        assert found.x_max == pytest.approx(np.abs(dense.samples['x']).max(), rel=1e-7)
+
+
+def test_an_unstable_motion_is_left():
+    """Started on it to eleven digits, a rig stays near it for long, and settles elsewhere."""
+    rig = HORIZONTAL.replace(gap=12.0)
+    unstable = [o for o in find_orbits(rig, (1, 2)).orbits if o.viable and not o.stable]
+    (orbit,) = unstable[:1]
+    phase = rig.force_frequencies[0] * orbit.instants[0]
+    start = InitialConditions(
+        initial_primary_position=orbit.x[0],
+        initial_primary_velocity=orbit.primary_velocity_before[0],
+        initial_damper_offset=0.5 * rig.gap * (1.0 if orbit.stops[0] == 1 else -1.0),
+        initial_damper_velocity=orbit.damper_velocity_before[0],
+    )
+    there = rig.replace(force_phases=(math.remainder(phase, math.tau),))
+    found = settle(Rig(there, start), cycles=600)
+    assert found.rhythm is None or orbit.distance(found.rhythm) > 1e-2
+
+
+def test_motions_without_impacts():
+    still = settle(Rig(HORIZONTAL.replace(gap=500.0, damping=0.1)))
+    assert (still.kind, still.rhythm, still.impacts) == (MotionKind.NO_IMPACTS, None, [])
+    assert still.x_max == pytest.approx(HORIZONTAL.replace(damping=0.1).response_amplitude)
+    ended = settle(Rig(HORIZONTAL.replace(gap=500.0)), quiet=100.0)
+    assert (ended.kind, ended.cycles, ended.quiet) == (MotionKind.NO_IMPACTS, 100, math.inf)
+    fallen = settle(Rig(RigParameters(angle=0.3, force_amplitudes=0.0)))
+    assert fallen.kind is MotionKind.AT_REST
+
+
+def test_a_force_that_repeats_after_two_cycles():
+    rig = HORIZONTAL.replace(
+        force_amplitudes=(1.0, 0.3), force_frequencies=(1.0, 1.5), force_phases=(0.0, 0.4)
+    )
+    found = settle(Rig(rig))
+    assert (found.kind, found.period.cycles, found.rhythm.impacts) == (MotionKind.PERIODIC, 2, 4)
+    never = settle(Rig(rig.replace(force_frequencies=(1.0, 1.618))), cycles=350, watch=300)
+    assert never.kind is MotionKind.NOT_PERIODICALLY_DRIVEN
+    swept = settle(Rig(HORIZONTAL.replace(sweep_mode='up')), cycles=50, watch=30)
+    assert (swept.kind, swept.indications) == (MotionKind.NOT_PERIODICALLY_DRIVEN, None)
+
+
+def test_chaos_and_its_evidence():
+    found = settle(Rig(DETUNED.replace(gap=5.0)), cycles=600)
+    assert (found.kind, found.period, found.cycles) == (MotionKind.CHAOTIC, None, 600)
+    assert found.indications.cycles == len(found.section) == 500
+    assert 0.8 < found.indications.exponent < 1.6
+    assert found.watched_from == pytest.approx(100 * found.cycle)
+    assert found.events['time'][0] > found.watched_from
+
+
+def test_under_control_the_stops_must_repeat_too():
+    found = settle(Rig(HORIZONTAL, control=GapControlParameters(gap_control='predictive')))
+    assert (found.kind, found.rhythm.stops) == (MotionKind.PERIODIC, (1, 2))
+    assert 0.0 < found.multiplier < 1.0
+
+
+def test_too_many_events_end_the_run():
+    found = settle(Rig(HORIZONTAL), events=40)
+    assert found.kind is MotionKind.UNDECIDED
+    assert 'allow more events' in found.reason
+    assert settle(Rig(HORIZONTAL)).reason == ''
