@@ -166,7 +166,8 @@ def _fixed_text(grid: Grid) -> str:
         if name not in left_out:
             values = np.atleast_1d(getattr(rig, name))[:4]
             text = ', '.join(f'{value:.6g}' for value in values)
-            parts.append(f'{_symbol(name)} = {text} {PARAMETER_SPECS[name].unit}'.rstrip())
+            unit = PARAMETER_SPECS[name].unit.replace('^2', '²')
+            parts.append(f'{_symbol(name)} = {text} {unit}'.rstrip())
     if rig.multisine_level:
         parts.append(f'multisine of {rig.multisine_level:.6g} N rms')
     if rig.one_sided:
