@@ -6,45 +6,39 @@ import argparse
 import logging
 import os
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
 
 from tqdm import tqdm
 
-from impact_damper_ros.control import GapControlParameters, OwnLaw
+from impact_damper_ros.control import OwnLaw
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.outputs import check_file
 from impact_damper_ros.sweep import (
     MEASURES,
-    Axis,
-    Best,
-    DaskWorkers,
-    Follow,
-    Here,
-    Journal,
-    LocalWorkers,
-    MetadataError,
+    Grid,
+    GridError,
     Optimum,
-    SweepPlan,
-    SweepTable,
-    Workers,
+    Settling,
     WorkersError,
-    axis_from_text,
+    branches_of,
     draw_sweep,
     find_optimum,
-    journal_path,
-    run_sweep,
+    range_from_text,
     summary_of,
     summary_text,
-    write_table,
+    sweep,
 )
 from impact_damper_ros.sweep.execution import MOST_JOBS
-from impact_damper_ros.sweep.journal import differences
-from impact_damper_ros.sweep.plan import axes_from_file
-from impact_damper_ros.sweep.table import FORMATS, check_format, stored_inputs
+from impact_damper_ros.sweep.grid import Follow, ranges_from_file
+from impact_damper_ros.sweep.journal import journal_path
+from impact_damper_ros.sweep.table import FORMATS, check_format
 
 from .command_line import (
     EXIT_FAILED,
@@ -67,6 +61,9 @@ from .rig_options import (
     given_law,
     given_rig,
 )
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _DEFAULT = Settling()
 #: Exit code if every rig failed.
@@ -125,8 +122,8 @@ def _parser() -> argparse.ArgumentParser:
     add('--overwrite', action='store_true', help='replace the table of another sweep')
     add(
         '--follow',
-        choices=[follow.value for follow in Follow],
-        default=Follow.NONE.value,
+        choices=get_args(Follow),
+        default='none',
         help='start each rig from the last state of the one before, along the first axis upwards, '
         'downwards or both [none]',
     )
@@ -160,8 +157,14 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='FILE',
-        help='draw the table as png, svg or pdf: a bifurcation diagram of one axis, a response '
-        'surface of two, basins of attraction of two initial conditions; may be repeated',
+        help='draw the table as png, svg or pdf: a bifurcation diagram of one axis with the '
+        'branches of its periodic motions, a response surface of two, basins of attraction of two '
+        'initial conditions; may be repeated',
+    )
+    drawn.add_argument(
+        '--no-theory',
+        action='store_true',
+        help='leave the branches, which may take a minute to follow, out of the diagram',
     )
     drawn.add_argument(
         '--measure',
@@ -204,25 +207,28 @@ def _cores() -> int:
     return max(1, len(os.sched_getaffinity(0)))
 
 
-def _plan(arguments: argparse.Namespace) -> SweepPlan:
+def _grid(arguments: argparse.Namespace) -> Grid:
     parameters, initial, given = given_rig(arguments.params, arguments.set)
     law, control = given_law(arguments.law, given)
-    axes: Sequence[Axis] = [
-        *([] if arguments.ranges is None else axes_from_file(arguments.ranges, parameters)),
-        *(axis_from_text(text, parameters) for text in arguments.vary),
+    ranges = [
+        *([] if arguments.ranges is None else ranges_from_file(arguments.ranges)),
+        *(range_from_text(text) for text in arguments.vary),
     ]
-    watched = asdict(_DEFAULT)
-    settling = Settling(**{name: getattr(arguments, name) for name in watched})
-    if not control.active:
-        # Its other parameters have no effect
-        control = GapControlParameters()
-    return SweepPlan(
-        *(parameters, initial, tuple(axes), Follow(arguments.follow), settling, control),
-        law='' if law is None else law.name,
+    axes: dict[str, Any] = dict(ranges)
+    if len(axes) < len(ranges):
+        names = [name for name, _ in ranges]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise GridError(f'{twice} is varied twice: give each name once')
+    settling = Settling(**{name: getattr(arguments, name) for name in asdict(_DEFAULT)})
+    return Grid(
+        *(parameters, initial, control, '' if law is None else law.name),
+        follow=arguments.follow,
+        settling=settling,
+        **axes,
     )
 
 
-def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
+def _check_outputs(arguments: argparse.Namespace, grid: Grid) -> None:
     """Check before the work that all outputs can be written after it."""
     figures: list[Path] = arguments.figure
     if arguments.output.suffix.lower() not in FORMATS:
@@ -250,128 +256,170 @@ def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
         raise ValueError('two outputs have the same name: give each its own')
     for path in figures:
         check_figure(path)
-    if figures and len(plan.axes) > 2:
+    if figures and len(grid.axes) > 2:
         raise ValueError(
-            f'a figure shows one axis or two, not {len(plan.axes)}: leave out --figure, and draw '
+            f'a figure shows one axis or two, not {len(grid.axes)}: leave out --figure, and draw '
             'the table'
         )
 
 
-def _announce(plan: SweepPlan) -> None:
+def _announce(grid: Grid) -> None:
     """Print the rig, and notes on frequencies that may have been given in Hz and on a slow law."""
     ranges = [
         (float(axis.values[0]), float(axis.values[-1]))
-        for axis in plan.axes
-        if any(p.name == 'force_frequencies' and not p.index for p in axis.parameters)
+        for axis in grid.axes
+        if any(p.name == 'force_frequencies' and not p.entry for p in axis.varied)
     ]
     announce(
-        *('sweep_rig', plan.parameters, plan.control),
+        *('sweep_rig', grid.setup.parameters, grid.setup.control),
         frequencies=ranges[0] if ranges else None,
-        law=plan.law,
+        law=grid.setup.law,
     )
-    slow = plan.law and not hasattr(OwnLaw.from_text(plan.law).function, 'py_func')
+    slow = grid.setup.law and not hasattr(OwnLaw.from_text(grid.setup.law).function, 'py_func')
     if slow and find_spec('numba'):
         say(
             'sweep_rig',
-            f'note: the law {plan.law} is plain Python, and so is then the whole run: with '
+            f'note: the law {grid.setup.law} is plain Python, and so is then the whole run: with '
             '@numba.njit before its def the sweep takes a fraction of the time',
         )
 
 
-def _is_complete(plan: SweepPlan, output: Path, *, overwrite: bool) -> bool:
-    """Return whether the table exists already; refuse to replace that of another sweep."""
-    if not output.exists():
-        return False
-    try:
-        stored = stored_inputs(output)
-        differing = differences(stored, plan.inputs())
-        if not differing:
-            SweepTable(output)
-    except MetadataError as error:
-        if overwrite:
-            return False
-        raise ValueError(f'{error}: give another --output, or --overwrite it') from None
-    if differing and not overwrite:
-        raise ValueError(
-            f'{output} is the table of a sweep with other inputs:\n  '
-            + '\n  '.join(differing[:12])
-            + '\ngive another --output, or --overwrite it'
-        )
-    return not differing
+#: Time allowed for the scheduler, and then for one of its workers, to answer, s.
+_CONNECT_SECONDS = 15.0
+_WORKERS_SECONDS = 15.0
+#: Time after which a sweep without workers ends, s.
+_PATIENCE = 120.0
 
 
-def _workers(arguments: argparse.Namespace) -> Workers:
-    if not arguments.scheduler:
-        return Here() if arguments.jobs == 1 else LocalWorkers(arguments.jobs)
+class _Progress:
+    """A bar of the rigs that are done; a cluster without workers is noticed here."""
+
+    def __init__(self, grid: Grid, workers: Callable[[], int], *, quiet: bool) -> None:
+        disable = True if quiet else None
+        self.bar = tqdm(total=grid.size, desc='rigs', unit='rig', smoothing=0.05, disable=disable)
+        self.done = 0
+        self._workers = workers
+        self._last = time.monotonic()
+
+    def __call__(self, done: int) -> None:
+        """Show how many rigs are done."""
+        if not self.done:
+            # Those of a journal have not been run now
+            self.bar.initial = self.bar.n = done
+        if done > self.done:
+            self.bar.update(done - self.bar.n)
+            self.done, self._last = done, time.monotonic()
+        elif time.monotonic() - self._last > _PATIENCE and not self._workers():
+            raise WorkersError('all workers have disconnected')
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
+    """Yield the executor of a Dask cluster, and the number of its workers."""
     try:
-        workers = DaskWorkers(arguments.scheduler)
+        from distributed import Client, KilledWorker
     except ImportError as error:
-        raise CommandError(str(error)) from error
-    except OSError as error:
-        raise CommandError(str(error), EXIT_FAILED) from error
+        raise CommandError(
+            f'dask.distributed, which --scheduler needs, cannot be imported ({error}): '
+            'install it with "pip install distributed", or the package with its extra [dask]'
+        ) from error
+    try:
+        client: Any = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise CommandError(
+            f'no Dask scheduler at {address} ({error}): give the address that it prints when '
+            'it starts, such as tcp://10.0.0.1:8786',
+            EXIT_FAILED,
+        ) from error
     # This command reports a lost connection itself, in one line
     for name in ('distributed.batched', 'distributed.client'):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    return workers
 
-
-def _run_rigs(plan: SweepPlan, journal: Journal, workers: Workers, *, quiet: bool) -> None:
-    with tqdm(
-        total=plan.size,
-        initial=len(journal.points),
-        desc='rigs',
-        unit='rig',
-        smoothing=0.05,
-        disable=True if quiet else None,
-    ) as bar:
-        run_sweep(
-            *(plan, journal, workers),
-            at_once=lambda: workers.at_once,
-            losses=workers.losses,
-            progress=bar.update,
-        )
-
-
-def _sweep(arguments: argparse.Namespace, plan: SweepPlan) -> None:
-    """Run the rest of the sweep, and write the table."""
-    path = journal_path(arguments.output)
-    with _workers(arguments) as workers:
+    def workers() -> int:
         try:
-            with Journal(path, plan.inputs(), anew=arguments.overwrite) as journal:
-                try:
-                    _run_rigs(plan, journal, workers, quiet=arguments.quiet)
-                    write_table(plan, journal, arguments.output)
-                except (KeyboardInterrupt, WorkersError, OSError) as error:
-                    done = f'{len(journal.points)} of {plan.size} rigs are in {path}'
-                    say('sweep_rig', f'{done}: give the same command again to resume')
-                    if isinstance(error, WorkersError):
-                        raise CommandError(str(error), EXIT_FAILED) from error
-                    raise
-                path.unlink(missing_ok=True)
+            return len(client.nthreads())
         except OSError as error:
-            error.filename = error.filename or str(path)
-            raise
+            raise WorkersError(f'the connection to the scheduler is lost ({error})') from error
+
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_SECONDS)
+        yield client.get_executor(pure=False), workers
+    except TimeoutError as error:
+        raise CommandError(
+            f'the Dask scheduler at {address} has no workers: start some, as with '
+            f'"dask worker {address}"',
+            EXIT_FAILED,
+        ) from error
+    except KilledWorker as error:
+        raise WorkersError(
+            f'workers in a row died while they ran some of the rigs ({error}): is there enough '
+            'memory?'
+        ) from error
+    finally:
+        client.close(timeout=5)
 
 
-def _optimum(table: SweepTable, arguments: argparse.Namespace) -> Optimum | None:
+@contextmanager
+def _workers(address: str | None) -> Iterator[tuple[Executor | None, Callable[[], int]]]:
+    """Yield the executor of the sweep, None for this machine, and the number of its workers."""
+    if address:
+        with _cluster(address) as found:
+            yield found
+    else:
+        yield None, lambda: 1
+
+
+def _swept(grid: Grid, arguments: argparse.Namespace) -> pd.DataFrame:
+    """Run the rest of the sweep; return its table."""
+    journal = journal_path(arguments.output)
+    done = 0
+    try:
+        with _workers(arguments.scheduler) as (executor, workers):
+            progress = _Progress(grid, workers, quiet=arguments.quiet)
+            with progress.bar:
+                try:
+                    return sweep(
+                        *(grid, arguments.output),
+                        executor=executor,
+                        jobs=arguments.jobs,
+                        overwrite=arguments.overwrite,
+                        progress=progress,
+                    )
+                finally:
+                    done = progress.done
+    except (KeyboardInterrupt, WorkersError, OSError) as error:
+        if journal.exists():
+            say(
+                'sweep_rig',
+                f'{done} of {grid.size} rigs are in {journal}: give the same command again to '
+                'resume',
+            )
+        if isinstance(error, WorkersError):
+            raise CommandError(str(error), EXIT_FAILED) from error
+        if isinstance(error, OSError):
+            error.filename = error.filename or str(journal)
+        raise
+
+
+def _optimum(table: pd.DataFrame, arguments: argparse.Namespace) -> Optimum | None:
     """Find the best rig, with a progress bar if the search takes long."""
     with tqdm(
         desc='optimum', unit='rig', delay=2.0, disable=True if arguments.quiet else None
     ) as bar:
         return find_optimum(
-            *(table, arguments.measure, Best(arguments.optimum)),
+            *(table, arguments.measure, arguments.optimum),
             refine=not arguments.no_search,
             progress=bar.update,
         )
 
 
-def _report(arguments: argparse.Namespace) -> int:
+def _report(table: pd.DataFrame, arguments: argparse.Namespace) -> int:
     """Draw and summarise the table; return the exit code."""
-    table = SweepTable(arguments.output)
     optimum = None if arguments.optimum == 'none' else _optimum(table, arguments)
     summary = summary_of(table, optimum)
+    branches = [] if arguments.no_theory or not arguments.figure else branches_of(table)
     for path in arguments.figure:
-        draw_sweep(table, arguments.measure, optimum, path)
+        draw_sweep(table, arguments.measure, optimum, path, branches)
     write_json(arguments.json, summary)
     if not arguments.quiet:
         print(summary_text(arguments.output, summary), file=sys.stderr)
@@ -382,17 +430,13 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    plan = _plan(arguments)
-    _check_outputs(arguments, plan)
+    grid = _grid(arguments)
+    _check_outputs(arguments, grid)
     if not arguments.quiet:
-        _announce(plan)
-    if _is_complete(plan, arguments.output, overwrite=arguments.overwrite):
-        journal_path(arguments.output).unlink(missing_ok=True)
-    else:
-        if find_spec('numba') is None and not arguments.quiet:
+        _announce(grid)
+        if find_spec('numba') is None:
             say('sweep_rig', 'without numba (extra [compiled]) a sweep takes many times as long')
-        _sweep(arguments, plan)
-    return _report(arguments)
+    return _report(_swept(grid, arguments), arguments)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

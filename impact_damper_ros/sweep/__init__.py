@@ -1,50 +1,37 @@
 """
 Parameter studies: a rig run for many values of its parameters, each until its motion has settled.
 
-A `SweepPlan` is the grid of rigs, `run_sweep` runs them on any executor and keeps the rows in a
-`Journal`, `write_table` makes the table of it, and `SweepTable` reads that again.
+A `Grid` says which rigs, `sweep` runs them on any executor and returns a pandas table,
+`find_optimum` refines its best row, `branches_of` follows its periodic motions by theory, and
+`draw_sweep` draws all that.
 """
 
-from .execution import (
-    DaskWorkers,
-    Here,
-    LocalWorkers,
-    SweepExecutor,
-    Workers,
-    WorkersError,
-    run_sweep,
-)
+from .best import Nearby, Optimum, find_optimum
+from .branches import branches_of
+from .execution import WorkersError, sweep
 from .figures import draw_sweep
-from .journal import Journal, JournalError, journal_path
-from .optimum import Best, Optimum, find_optimum
-from .plan import Axis, AxisError, Follow, SweepPlan, axis_from_text
+from .grid import Grid, GridError, range_from_text
+from .journal import JournalError
+from .steady_state import Settling
 from .summary import summary_of, summary_text
-from .table import MEASURES, MetadataError, SweepTable, write_table
+from .table import MEASURES, MetadataError, read_table
 
 __all__ = [
     'MEASURES',
-    'Axis',
-    'AxisError',
-    'Best',
-    'DaskWorkers',
-    'Follow',
-    'Here',
-    'Journal',
+    'Grid',
+    'GridError',
     'JournalError',
-    'LocalWorkers',
     'MetadataError',
+    'Nearby',
     'Optimum',
-    'SweepExecutor',
-    'SweepPlan',
-    'SweepTable',
-    'Workers',
+    'Settling',
     'WorkersError',
-    'axis_from_text',
+    'branches_of',
     'draw_sweep',
     'find_optimum',
-    'journal_path',
-    'run_sweep',
+    'range_from_text',
+    'read_table',
     'summary_of',
     'summary_text',
-    'write_table',
+    'sweep',
 ]

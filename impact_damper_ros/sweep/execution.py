@@ -1,8 +1,8 @@
 """
-The execution of a sweep: rigs in tasks, run in this process, in local processes, or on Dask.
+The execution of a sweep: tasks of rigs on any executor, their rows in a journal, then the table.
 
-A task holds rigs that one worker runs one after another. The rows do not depend on the workers,
-their number, or the order in which they finish.
+The rows do not depend on the executor, the number of its workers, or the order in which they
+finish.
 """
 
 from __future__ import annotations
@@ -14,15 +14,19 @@ import queue
 import signal
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+)
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from multiprocessing import connection, get_context, parent_process
-from typing import Any, Protocol, Self, runtime_checkable
-
-import numpy as np
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import impact_damper_ros
 from impact_damper_ros.control import LawError, OwnLaw, Rig
@@ -30,34 +34,39 @@ from impact_damper_ros.rig import ParameterError, RunawayError
 from impact_damper_ros.rig.parameter_spec import whole_number
 from impact_damper_ros.rig.snapshot import Snapshot
 
-from .journal import Done, Journal
-from .plan import Follow, RigSetup, Settings, SweepPlan
+from .ensemble import Transient, can_share, shared_values, transients
+from .grid import Grid, RigSetup, Varied
+from .journal import Journal, Progress, Row, differences, journal_path
 from .steady_state import steady_state
-from .table import Row, failed_row, row_of
+from .table import (
+    MetadataError,
+    check_format,
+    failed_row,
+    read_table,
+    row_of,
+    table_of,
+    write_table,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: What a run depends on from here on, as its `snapshot` gives it.
-_State = dict[str, Any]
+State = dict[str, Any]
 
 
-def _rig_of(setup: RigSetup, state: _State | None) -> Rig:
-    """
-    Return a rig; with a state, it continues from there.
-
-    Under control it continues at the time of that state, without at time 0.
-    """
-    parameters, control = setup.parameters, setup.control
-    law = OwnLaw.from_text(setup.law) if setup.law and control.active else None
-    if state is None:
-        return Rig(parameters, setup.initial, control=control, law=law, compiled=None)
-    if control.active:
+def _continued(setup: RigSetup, state: State, law: OwnLaw | None) -> Rig:
+    """Return a rig that starts from the last state of another one, by a change of parameters."""
+    if setup.control.active:
+        # At the time of that state, since the control samples at its own instants
         rig = Rig.restore(state, law, compiled=None)
-        rig.change(parameters, control)
+        rig.change(setup.parameters, setup.control)
         return rig
     rig = Rig.resume(Snapshot.from_dict(state), compiled=None)
-    rig.change(parameters)
+    rig.change(setup.parameters)
     here = rig.state()
     run = here.run
-    # A flight begins at a change of the parameters, or earlier if none is another
+    # At time 0; a flight begins at a change of the parameters, or earlier if none is another
     since, run.now = run.time - run.now, 0.0
     run.time = since + run.time_low
     run.time_low -= run.time - since
@@ -65,59 +74,84 @@ def _rig_of(setup: RigSetup, state: _State | None) -> Rig:
 
 
 def rig_row(
-    setup: RigSetup, settings: Settings, state: _State | None = None
-) -> tuple[Row, _State | None]:
-    """Run one rig of a sweep, from a state if given; return its columns and last state."""
+    setup: RigSetup, state: State | None = None, transient: Transient | None = None
+) -> tuple[Row, State | None]:
+    """
+    Run one rig of a sweep; return its columns and last state.
+
+    It starts from the last state of another rig or after a known transient, if one is given.
+    Only what a rig does becomes a row: other errors are those of the program.
+    """
+    parameters, initial, control, law_name, settling = setup
     try:
-        varied = setup.varied(settings)
-        rig = _rig_of(varied, state)
-        row, last = row_of(steady_state(rig, setup.settling), rig.parameters), rig.snapshot()
-        if varied.control.active:
-            # The section holds nothing of the control
-            row['state'] = json.dumps(last, separators=(',', ':'))
-        return row, last
-    except (ParameterError, RunawayError, LawError) as error:
+        law = OwnLaw.from_text(law_name) if law_name and control.active else None
+        if state is not None:
+            rig = _continued(setup, state, law)
+        else:
+            start = initial if transient is None else transient.state
+            rig = Rig(parameters, start, control=control, law=law, compiled=None)
+        known = None if transient is None else transient[:2]
+        row = row_of(steady_state(rig, settling, known), rig.parameters)
+    except (ParameterError, RunawayError, LawError, OverflowError) as error:
         return failed_row(str(error)), None
-    except (ArithmeticError, np.linalg.LinAlgError) as error:
-        # Numbers beyond the floats in one rig must not end the sweep
-        return failed_row(f'{type(error).__name__}: {error}'), None
+    last = rig.snapshot()
+    if control.active:
+        # The section holds nothing of the control
+        row['state'] = json.dumps(last, separators=(',', ':'))
+    return row, last
 
 
-class _WrongVersionError(RuntimeError):
-    """A worker has another version of the package than the process that planned the sweep."""
+class WorkersError(RuntimeError):
+    """The workers cannot do the work, for the reason in the message."""
 
 
-@dataclass(frozen=True)
-class Task:
+class Task(NamedTuple):
     """Rigs that one worker runs one after another."""
 
-    #: Version of the package that planned it.
-    version: str
+    version: str  # of the package that planned it
     setup: RigSetup
-    rigs: tuple[tuple[int, Settings], ...]  # number and settings of each rig
-    followed: bool  # whether each rig starts from the last state of the one before
-    state: _State | None  # the last state before the first rig, if there is one
-    seconds: float  # after this time, s, no further rig is begun
+    rigs: tuple[tuple[int, dict[Varied, float]], ...]  # number and settings of each rig
+    threads: int | None  # of an ensemble; 0 if the rigs are none
+    chain: int | None = None  # number of the chain that they are part of
+    done: Progress = Progress()  # of this chain
 
 
-def run_task(task: Task) -> list[Done]:
-    """Run rigs until all are done or the time is up; at least one."""
+#: Time after which a worker begins no further rig of a task, s.
+_SECONDS = 0.25
+
+
+def run_task(task: Task) -> tuple[list[tuple[int, Row]], State | None]:
+    """Run rigs until all are done or the time is up, at least one; return the last state, too."""
     if task.version != impact_damper_ros.__version__:
-        raise _WrongVersionError(
+        raise WorkersError(
             f'a worker has version {impact_damper_ros.__version__} of impact_damper_ros, the '
             f'sweep is of version {task.version}: install the same version everywhere'
         )
-    until = time.monotonic() + task.seconds
-    done: list[Done] = []
-    state = task.state
-    for point, settings in task.rigs:
-        row, last = rig_row(task.setup, settings, state)
-        if task.followed and last is not None:
+    until = time.monotonic() + _SECONDS
+    varied: list[RigSetup | str] = []
+    for _, settings in task.rigs:
+        try:
+            varied.append(task.setup.vary(settings))
+        except ParameterError as error:
+            varied.append(str(error))
+    known = {}
+    if task.threads != 0 and find_spec('numba') is not None:
+        points = [point for point, _ in task.rigs]
+        pairs = zip(points, varied, strict=True)
+        known = transients({k: s for k, s in pairs if isinstance(s, RigSetup)}, task.threads)
+    state = task.done.state
+    rows = []
+    for (point, _), setup in zip(task.rigs, varied, strict=True):
+        if isinstance(setup, str):
+            row, last = failed_row(setup), None
+        else:
+            row, last = rig_row(setup, state, known.get(point))
+        rows.append((point, row))
+        if task.chain is not None and last is not None:
             state = last
-        done.append(Done(point, row, state if task.followed else None))
-        if time.monotonic() >= until:
+        if not known and time.monotonic() >= until:
             break
-    return done
+    return rows, state
 
 
 class _ToParent(logging.Handler):
@@ -208,341 +242,213 @@ class ProcessPool(ProcessPoolExecutor):
         self.shutdown(wait=True, cancel_futures=True)
 
 
-#: Tasks under way for each worker, so that none waits for the next one.
-_AHEAD = 2
-#: Time allowed for the scheduler, and then for one of its workers, to answer.
-_CONNECT_SECONDS = 15.0
-_WORKERS_SECONDS = 15.0
-
-
-class WorkersError(RuntimeError):
-    """The workers cannot do the work, for the reason in the message."""
-
-
-@runtime_checkable
-class SweepExecutor(Protocol):
-    """What a sweep needs of an executor; those of `concurrent.futures` have it."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
-        """Call a function on a worker."""
-
-
-class Here:
-    """An executor that runs everything in this process, at once."""
-
-    #: What a future raises if its worker died.
-    losses: tuple[type[BaseException], ...] = ()
-    #: Number of tasks to have under way.
-    at_once = 1
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
-        """Call a function."""
-        future: Future[Any] = Future()
-        try:
-            future.set_result(fn(*args))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: object, *_: object) -> None:
-        """Do nothing; every call is complete."""
-
-
-class LocalWorkers:
-    """
-    Processes on this machine; if one dies, all are replaced.
-
-    Parameters
-    ----------
-    jobs : int
-        Number of processes, from 1 to 1024.
-
-    Raises
-    ------
-    ValueError
-        If it is another one.
-    """
-
-    losses: tuple[type[BaseException], ...] = (BrokenExecutor,)
-
-    def __init__(self, jobs: int) -> None:
-        self._pool = ProcessPool(jobs)
-        self._jobs = int(jobs)
-
-    @property
-    def at_once(self) -> int:
-        """Number of tasks to have under way."""
-        return _AHEAD * self._jobs
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
-        """Call a function in one of the processes."""
-        try:
-            return self._pool.submit(fn, *args)
-        except BrokenExecutor:
-            self._pool.shutdown(wait=False, cancel_futures=True)
-            self._pool = ProcessPool(self._jobs)
-            return self._pool.submit(fn, *args)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: object, *rest: object) -> None:
-        self._pool.__exit__(kind, *rest)
-
-
-class DaskWorkers:
-    """
-    The workers of a Dask cluster.
-
-    Parameters
-    ----------
-    address : str
-        Address of its scheduler, such as tcp://10.0.0.1:8786.
-
-    Raises
-    ------
-    ImportError
-        If dask.distributed is not installed; the message says how to install it.
-    OSError
-        If no scheduler answers at the address, or it has no workers.
-    """
-
-    def __init__(self, address: str) -> None:
-        try:
-            from distributed import Client, KilledWorker
-        except ImportError as error:
-            raise ImportError(
-                f'dask.distributed, which --scheduler needs, cannot be imported ({error}): '
-                'install it with "pip install distributed", or the package with its extra [dask]'
-            ) from error
-        self.losses: tuple[type[BaseException], ...] = (KilledWorker,)
-        try:
-            self._client: Any = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
-        except (OSError, TimeoutError, ValueError) as error:
-            raise OSError(
-                f'no Dask scheduler at {address} ({error}): give the address that it prints when '
-                'it starts, such as tcp://10.0.0.1:8786'
-            ) from error
-        try:
-            self._client.wait_for_workers(1, timeout=_WORKERS_SECONDS)
-        except TimeoutError as error:
-            self._client.close()
-            raise OSError(
-                f'the Dask scheduler at {address} has no workers: start some, as with '
-                f'"dask worker {address}"'
-            ) from error
-        self._executor: Any = self._client.get_executor(pure=False)
-
-    @property
-    def at_once(self) -> int:
-        """Number of tasks to have under way; 0 while there are no workers."""
-        try:
-            threads: dict[str, int] = self._client.nthreads()
-        except OSError as error:
-            raise WorkersError(f'the connection to the scheduler is lost ({error})') from error
-        return _AHEAD * sum(threads.values())
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
-        """Call a function on a worker."""
-        future: Future[Any] = self._executor.submit(fn, *args)
-        return future
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: object, *_: object) -> None:
-        self._executor.shutdown(wait=False)
-        self._client.close(timeout=5)
-
-
-#: Any of the kinds of workers that the command offers.
-Workers = Here | LocalWorkers | DaskWorkers
-
-#: Most rigs in one task, and the time after which a worker begins no other one of it, s.
-_MOST_RIGS = 256
-_SECONDS = 0.25
-#: Workers that may die with one task.
+#: Rigs of a chain in one task, and of an ensemble in this process and elsewhere.
+_CHAINED, _TOGETHER_HERE, _TOGETHER = 256, 256, 64
+#: Samples of an ensemble that are kept in memory.
+_MOST_SAMPLES = 2**20
+#: Rigs of other tasks, and tasks of a sweep, so that workers end at about the same time.
+_MOST_RIGS, _MANY = 64, 256
+#: Tasks under way.
+_UNDER_WAY = 2048
+#: Period in which a sweep whose workers are silent reports that, s.
+_BEAT = 5.0
+#: Pools of processes that may break in a row.
 _TRIES = 5
-#: Time after which a sweep without workers ends, s.
-_PATIENCE = 120.0
 
 
-@dataclass
-class _Chain:
-    """A chain of rigs, each started from the one before, and its progress."""
+def _tasks(grid: Grid, journal: Journal, *, here: bool) -> Iterator[Task]:
+    """Yield the rigs of a sweep that its journal does not hold."""
 
-    rows: Sequence[int]
-    place: int = 0
-    state: _State | None = None
+    def task(rows: Sequence[int], threads: int | None, *chain: Any) -> Task:
+        rigs = tuple((row, grid.settings(grid.values(row))) for row in rows)
+        return Task(impact_damper_ros.__version__, grid.setup, rigs, threads, *chain)
 
-
-@dataclass
-class _Sent:
-    """A task that a worker has."""
-
-    task: Task
-    chain: _Chain | None
-    tries: int = 1
-
-
-class _Queue:
-    """The rigs of a sweep that are not under way and not done."""
-
-    def __init__(self, plan: SweepPlan, journal: Journal) -> None:
-        self.plan = plan
-        self._chains: deque[_Chain] = deque()
-        self._independent: deque[int] = deque()
-        if plan.follow is Follow.NONE:
-            self._independent.extend(i for i in range(plan.size) if i not in journal.points)
-            return
-        for rows in plan.chains():
-            chain = _Chain(rows)
-            for place, row in enumerate(rows, 1):
-                if row not in journal.points:
-                    break
-                # A chain can continue only from a rig whose last state is in the journal
-                if row in journal.states:
-                    chain.place, chain.state = place, journal.states[row]
-            if any(row not in journal.points for row in rows[chain.place :]):
-                self._chains.append(chain)
-
-    def take(self, at_once: int) -> _Sent | None:
-        """Return the next task, if one is ready."""
-        if self._chains:
-            chain = self._chains.popleft()
-            rows = chain.rows[chain.place : chain.place + _MOST_RIGS]
-            return _Sent(self._task(rows, chain), chain)
-        left = len(self._independent)
-        count = min(_MOST_RIGS, max(1, left // (4 * at_once)), left)
-        if not count:
-            return None
-        return _Sent(self._task([self._independent.popleft() for _ in range(count)], None), None)
-
-    def _task(self, rows: Sequence[int], chain: _Chain | None) -> Task:
-        plan = self.plan
-        return Task(
-            version=impact_damper_ros.__version__,
-            setup=plan.setup,
-            rigs=tuple((row, tuple(plan.settings(plan.point(row).values))) for row in rows),
-            followed=chain is not None,
-            state=None if chain is None else chain.state,
-            seconds=_SECONDS,
-        )
-
-    def put_back(self, sent: _Sent, done: Sequence[Done]) -> None:
-        """Take back the rigs that a worker has not begun."""
-        chain = sent.chain
-        if chain is None:
-            self._independent.extendleft(row for row, _ in reversed(sent.task.rigs[len(done) :]))
-            return
-        chain.place += len(done)
-        chain.state = done[-1].state
-        if chain.place < len(chain.rows):
-            self._chains.append(chain)
+    if grid.follow != 'none':
+        begun = journal.chains()
+        for number, rows in enumerate(grid.chains()):
+            done = begun.get(number, Progress())
+            if done.place < len(rows):
+                yield task(rows[done.place :], 0, number, done)
+        return
+    known = journal.points()
+    left = [row for row in range(grid.size) if row not in known]
+    most = max(1, min(_MOST_RIGS, len(left) // _MANY))
+    threads: int | None = 0
+    if can_share(grid):
+        # Rigs with the same force and start side by side
+        left.sort(key=lambda row: shared_values(grid, row))
+        most = _TOGETHER_HERE if here else min(_TOGETHER, 1 + len(left) // 16)
+        most = max(1, min(most, _MOST_SAMPLES // grid.setup.settling.cycles))
+        threads = None if here else 1
+    for first in range(0, len(left), most):
+        yield task(left[first : first + most], threads)
 
 
-def run_sweep(
-    plan: SweepPlan,
-    journal: Journal,
-    executor: SweepExecutor,
-    *,
-    at_once: Callable[[], int] | int = 8,
-    losses: tuple[type[BaseException], ...] = (BrokenExecutor,),
-    progress: Callable[[int], object] | None = None,
+def _run(
+    grid: Grid, journal: Journal, executor: Executor | None, progress: Callable[[int], object]
 ) -> None:
-    """
-    Run all rigs of a sweep that its journal does not hold.
-
-    Parameters
-    ----------
-    plan : SweepPlan
-        The sweep.
-    journal : Journal
-        Its journal; each row is on disk as soon as it has come back.
-    executor : SweepExecutor
-        The executor that runs the rigs: any with the `submit` of `concurrent.futures` whose
-        workers can import this package. It is not shut down.
-    at_once : int or callable, optional
-        Number of tasks to have under way, now; 0 means that there are no workers.
-    losses : tuple of exception types, optional
-        Exceptions of a future whose worker died; its rigs are then run again.
-    progress : callable, optional
-        Called with the number of rigs that have come back.
-
-    Raises
-    ------
-    WorkersError
-        If workers die again and again, all have gone, or none can run the rigs, as with another
-        version of the package.
-    OSError
-        If the journal cannot be written.
-
-    Notes
-    -----
-    The rows do not depend on the workers, their number, or the order in which they finish.
-    """
-    if not callable(at_once):
-        at_once = whole_number('at_once', at_once, 0, MOST_JOBS)
-    left = _Queue(plan, journal)
-    under_way: dict[Future[Any], _Sent] = {}
+    """Run all rigs that the journal does not hold."""
+    tasks = _tasks(grid, journal, here=executor is None)
+    under_way: dict[Future[Any], Task] = {}
     finished: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+    count = len(journal.points())
+    progress(count)
 
-    def hand_out(sent: _Sent) -> None:
-        future = executor.submit(run_task, sent.task)
-        under_way[future] = sent
+    def hand_out(task: Task) -> None:
+        some = task._replace(rigs=task.rigs[:_CHAINED])
+        if executor is None:
+            future: Future[Any] = Future()
+            future.set_result(run_task(some))
+        else:
+            future = executor.submit(run_task, some)
+        under_way[future] = task
         future.add_done_callback(finished.put)
-
-    def most() -> int:
-        return at_once() if callable(at_once) else at_once
 
     try:
         while True:
-            room = max(1, most())
-            while len(under_way) < room:
-                sent = left.take(room)
-                if sent is None:
+            while len(under_way) < (1 if executor is None else _UNDER_WAY):
+                task = next(tasks, None)
+                if task is None:
                     break
-                hand_out(sent)
+                hand_out(task)
             if not under_way:
                 return
             try:
-                future = finished.get(timeout=_PATIENCE)
+                future = finished.get(timeout=_BEAT)
             except queue.Empty:
-                if most() == 0:
-                    raise WorkersError('all workers have disconnected') from None
+                progress(count)
                 continue
-            sent = under_way.pop(future)
-            try:
-                done: list[Done] = future.result()
-            except losses as error:
-                hand_out(_again(sent, error))
-                continue
-            except CancelledError as error:
-                raise WorkersError('the work was cancelled: has the scheduler ended?') from error
-            except Exception as error:
-                raise WorkersError(
-                    f'a worker cannot run the rigs ({type(error).__name__}: {error})'
-                ) from error
-            fresh = sum(one.point not in journal.points for one in done)
-            journal.add(done)
-            left.put_back(sent, done)
-            if progress is not None:
-                progress(fresh)
+            task = under_way.pop(future)
+            rows, state = future.result()
+            done = Progress(task.done.place + len(rows), state)
+            journal.add(rows, task.chain, done)
+            count += len(rows)
+            progress(count)
+            if left := task.rigs[len(rows) :]:
+                hand_out(task._replace(rigs=left, done=done))
+    except CancelledError as error:
+        raise WorkersError('the work was cancelled: has the scheduler ended?') from error
     finally:
         for future in under_way:
             future.cancel()
 
 
-def _again(sent: _Sent, error: BaseException) -> _Sent:
-    """Return a task to be run again after its worker died."""
-    if sent.tries >= _TRIES:
-        first, last = sent.task.rigs[0][0], sent.task.rigs[-1][0]
-        raise WorkersError(
-            f'{sent.tries} workers in a row died while they ran some of the rigs {first} to '
-            f'{last} ({type(error).__name__}: {error}): is there enough memory? Give fewer --jobs'
-        ) from error
-    # One rig at a time, so that one that kills its worker does not take others with it
-    return replace(sent, tries=sent.tries + 1, task=replace(sent.task, seconds=0.0))
+def _run_in_processes(
+    grid: Grid, journal: Journal, jobs: int, progress: Callable[[int], object]
+) -> None:
+    """Run all rigs in processes of this machine; if one dies, all are replaced."""
+    broken = 0
+    while True:
+        before = len(journal.points())
+        try:
+            with ProcessPool(jobs) as pool:
+                _run(grid, journal, pool, progress)
+        except BrokenExecutor as error:
+            broken = 1 if len(journal.points()) > before else broken + 1
+            if broken == _TRIES:
+                raise WorkersError(
+                    f'{broken} times in a row a process died before a rig was done ({error}): is '
+                    'there enough memory? Give fewer --jobs'
+                ) from error
+        else:
+            return
+
+
+def _existing(grid: Grid, path: Path, *, overwrite: bool) -> pd.DataFrame | None:
+    """Return the table if it exists already; refuse to replace that of another sweep."""
+    try:
+        table = read_table(path)
+    except MetadataError as error:
+        if overwrite:
+            return None
+        raise MetadataError(f'{error}: give another --output, or --overwrite it') from None
+    differing = differences(table.attrs['inputs'], grid.inputs())
+    if differing and not overwrite:
+        raise MetadataError(
+            f'{path} is the table of a sweep with other inputs:\n  '
+            + '\n  '.join(differing[:12])
+            + '\ngive another --output, or --overwrite it'
+        )
+    return None if differing else table
+
+
+def sweep(
+    grid: Grid,
+    output: str | Path | None = None,
+    *,
+    executor: Executor | None = None,
+    jobs: int = 1,
+    overwrite: bool = False,
+    progress: Callable[[int], object] = lambda _: None,
+) -> pd.DataFrame:
+    """
+    Run the rigs of a grid, each until its motion has settled.
+
+    Parameters
+    ----------
+    grid : Grid
+        The rigs.
+    output : path, optional
+        File of the table: CSV if its name ends in .csv, else Parquet. Until it is complete, rows
+        that are done are in a journal beside it, from which the same call resumes the sweep.
+    executor : concurrent.futures.Executor, optional
+        What runs the rigs: any executor whose workers can import this package, such as that of a
+        Dask client (``client.get_executor()``). It is not shut down.
+    jobs : int, optional
+        Number of processes of this machine, without `executor`; 1 is this process.
+    overwrite : bool, optional
+        Whether to replace the table or journal of another sweep.
+    progress : callable, optional
+        Called with the number of rigs that are done, at the beginning, whenever it rises, and
+        every few seconds.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each rig; `attrs` has units and descriptions of the columns, and the inputs.
+
+    Raises
+    ------
+    MetadataError, JournalError
+        If the table or the journal exists and is that of another sweep.
+    WorkersError
+        If processes die again and again, or workers have another version of the package.
+    OSError
+        If table or journal cannot be written.
+    ImportError
+        Without pandas, or without pyarrow for Parquet (extra ``sweep``).
+
+    Notes
+    -----
+    The rows do not depend on executor and jobs, nor on interruptions. What a rig does wrong (too
+    many events, a parameter out of range) is a row with its reason; any other error ends the
+    sweep.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from impact_damper_ros.rig import RigParameters
+    >>> from impact_damper_ros.sweep import Grid, sweep
+    >>> table = sweep(Grid(RigParameters(gravity=0.0), gap=np.linspace(30.0, 40.0, 3)))
+    >>> list(table.stops)
+    ['1,2', '1,2', '1,2']
+    """
+    path = None if output is None else Path(output)
+    check_format(path)
+    if path is not None and path.exists():
+        table = _existing(grid, path, overwrite=overwrite)
+        if table is not None:
+            journal_path(path).unlink(missing_ok=True)
+            return table
+    place = None if path is None else journal_path(path)
+    with Journal(place, grid.inputs(), anew=overwrite) as journal:
+        if executor is None and jobs > 1:
+            _run_in_processes(grid, journal, jobs, progress)
+        else:
+            _run(grid, journal, executor, progress)
+        table = table_of(grid, journal.rows())
+        if path is not None:
+            write_table(table, path)
+    if place is not None:
+        place.unlink(missing_ok=True)
+    return table

@@ -3,34 +3,40 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits import Branch, MotionKind, PeriodicOrbit, SpecialKind, SpecialPoint
 from impact_damper_ros.report.drawing import (
     BLUE,
+    DASHED,
     ORANGE,
     blank_figure,
     finish_panel,
     legend_below,
     save_figure,
 )
+from impact_damper_ros.rig import PARAMETER_SPECS
 
-from .optimum import Nearby, Optimum
-from .plan import Axis
+from .best import Nearby, Optimum
+from .branches import branches_of
+from .grid import Axis, Grid
 from .summary import attractor_text, attractors_of
-from .table import FAILED, MEASURES, SweepTable, check_measure
+from .table import MEASURES, check_measure
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
 
 Array = NDArray[np.float64]
 
 _SYMBOLS = {
+    'air_force': 'Air force p',
     'angle': 'Angle θ',
     'damper_mass': 'Damper mass m',
     'damping': 'Damping C',
@@ -65,15 +71,20 @@ _MEASURES = {
 }
 
 
+def _symbol(name: str) -> str:
+    """Return the symbol of a parameter, or its name."""
+    return _SYMBOLS[name].rsplit(' ', 1)[-1] if name in _SYMBOLS else name.replace('_', ' ')
+
+
 def _axis_label(axis: Axis) -> str:
     """Return the label of an axis: the parameters that are varied, with their unit."""
     names = [
-        _SYMBOLS.get(p.name, p.name.replace('_', ' ').capitalize())
-        + (f' [{p.index + 1}]' if p.index is not None else '')
-        for p in axis.parameters
+        _SYMBOLS.get(one.name, one.name.replace('_', ' ').capitalize())
+        + (f' [{one.entry + 1}]' if one.entry is not None else '')
+        for one in axis.varied
     ]
     first = names[0] + ''.join(f' = {name.rsplit(" ", 1)[-1]}' for name in names[1:])
-    unit = axis.parameters[0].spec.unit
+    unit = axis.varied[0].spec.unit
     return f'{first} [{unit}]' if unit else first
 
 
@@ -84,15 +95,13 @@ def _measure_label(name: str) -> str:
 
 def _place_text(axis: Axis, value: float) -> str:
     """Return a value of an axis for a legend, with symbol and unit."""
-    first = axis.parameters[0]
-    known = _SYMBOLS.get(first.name)
-    symbol = first.name.replace('_', ' ') if known is None else known.rsplit(' ', 1)[-1]
-    return f'{symbol} = {value:.5g} {first.spec.unit}'.rstrip()
+    first = axis.varied[0]
+    return f'{_symbol(first.name)} = {value:.5g} {first.spec.unit}'.rstrip()
 
 
-def _best_text(optimum: Optimum, measure: str) -> str:
+def _best_text(optimum: Optimum) -> str:
     """Return the value of a measure at the optimum for a legend, with its unit."""
-    return f'{optimum.value:.4g} {MEASURES[measure].unit}'.rstrip()
+    return f'{optimum.value:.4g} {MEASURES[optimum.measure].unit}'.rstrip()
 
 
 def _times(nearby: Nearby) -> str:
@@ -125,52 +134,46 @@ def _cell_edges(axis: Axis) -> Array:
     return np.exp(ends) if axis.logarithmic else ends
 
 
-def _grid_of(table: SweepTable, column: Array) -> list[tuple[str, Array]]:
-    """Return a column as a grid over the axes, for each direction that was followed."""
-    plan = table.plan
-    grids = column.reshape(len(plan.follow.directions), *plan.shape)
-    return list(zip(plan.follow.directions, grids, strict=True))
+def _numbers(column: pd.Series[Any]) -> Array:
+    """Return a column of numbers; NaN where there is none."""
+    found: Array = column.astype('Float64').to_numpy(float, na_value=math.nan)
+    return found
 
 
-def _fixed_text(table: SweepTable) -> str:
+def _grids(grid: Grid, column: Array) -> list[tuple[str, Array]]:
+    """Return a column over the axes, for each direction that was followed."""
+    parts = column.reshape(len(grid.directions), *grid.shape)
+    return list(zip(grid.directions, parts, strict=True))
+
+
+#: Parameters of the rig in the order in which a figure states them.
+_STATED = """
+    primary_mass stiffness damping damper_mass gap restitution_1 restitution_2 angle friction
+    gravity air_force force_amplitudes force_frequencies
+"""
+
+
+def _fixed_text(grid: Grid) -> str:
     """Return the parameters that are not varied, in two lines."""
-    rig = table.plan.parameters
-    varied = {p.name for axis in table.plan.axes for p in axis.parameters}
-    shown = [
-        ('M', 'primary_mass', 'kg'),
-        ('K', 'stiffness', 'N/m'),
-        ('C', 'damping', 'N s/m'),
-        ('m', 'damper_mass', 'kg'),
-        ('d', 'gap', 'm'),
-        ('R₁', 'restitution_1', ''),
-        ('R₂', 'restitution_2', ''),
-        ('θ', 'angle', 'rad'),
-        ('γ', 'friction', ''),
-        ('g', 'gravity', 'm/s²'),
-        ('p', 'air_force', 'N'),
-    ]
-    level = rig.angle == 0.0 and rig.friction == 0.0 and not varied & {'angle', 'friction'}
-    left_out = {'gravity'} if level else set()
+    rig, control = grid.setup.parameters, grid.setup.control
+    left_out = {one.name for axis in grid.axes for one in axis.varied}
+    if rig.angle == 0.0 and rig.friction == 0.0 and not left_out & {'angle', 'friction'}:
+        left_out.add('gravity')
     if rig.air_force == 0.0:
         left_out.add('air_force')
-    parts = [
-        f'{symbol} = {getattr(rig, name):.6g} {unit}'.rstrip()
-        for symbol, name, unit in shown
-        if name not in varied | left_out
-    ]
-    for symbol, name, unit in (
-        ('F', 'force_amplitudes', 'N'),
-        ('Ω', 'force_frequencies', 'rad/s'),
-    ):
-        if name not in varied:
-            values = ', '.join(f'{value:.6g}' for value in getattr(rig, name)[:4])
-            parts.append(f'{symbol} = {values} {unit}')
+    parts = []
+    for name in _STATED.split():
+        if name not in left_out:
+            values = np.atleast_1d(getattr(rig, name))[:4]
+            text = ', '.join(f'{value:.6g}' for value in values)
+            unit = PARAMETER_SPECS[name].unit.replace('^2', '²')
+            parts.append(f'{_symbol(name)} = {text} {unit}'.rstrip())
     if rig.multisine_level:
         parts.append(f'multisine of {rig.multisine_level:.6g} N rms')
     if rig.one_sided:
         parts.append('stop 1 only')
-    if table.plan.control.active:
-        parts.append(f'gap control: {table.plan.control.gap_control}')
+    if control.active:
+        parts.append(f'gap control: {control.gap_control}')
     half = (len(parts) + 1) // 2
     return ',  '.join(parts[:half]) + '\n' + ',  '.join(parts[half:])
 
@@ -182,24 +185,25 @@ _COLORS = (
 _OTHERS, _NONE = '#555555', '#DDDDDD'
 
 
-def basin_figure(table: SweepTable) -> Figure:
+def basin_figure(table: pd.DataFrame) -> Figure:
     """Draw the attractor that each pair of initial conditions leads to."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 
-    across, up = table.plan.axes
-    numbers = np.nan_to_num(table.numbers('attractor'), nan=FAILED)
+    grid = Grid.from_inputs(table.attrs['inputs'])
+    across, up = grid.axes
+    numbers = table.attractor.to_numpy(float, na_value=-1.0)
     # One colour for all attractors beyond those that have their own, and one for failures
-    grid = np.minimum(numbers, len(_COLORS)).reshape(table.plan.shape)
+    cells = np.minimum(numbers, len(_COLORS)).reshape(grid.shape)
     colors = ListedColormap([_NONE, *_COLORS, _OTHERS])
     figure = blank_figure(6.3, 6.4)
     axes: Any = figure.subplots()
     axes.pcolormesh(
         _cell_edges(across),
         _cell_edges(up),
-        grid.T,
+        cells.T,
         cmap=colors,
-        norm=BoundaryNorm(np.arange(FAILED - 0.5, len(_COLORS) + 1.0), colors.N),
+        norm=BoundaryNorm(np.arange(-1.5, len(_COLORS) + 1.0), colors.N),
         rasterized=True,
     )
     _set_axes(axes, across, up)
@@ -216,128 +220,268 @@ def basin_figure(table: SweepTable) -> Figure:
         handles.append(
             Patch(facecolor=_OTHERS, label=f'{len(found) - len(_COLORS)} others: {share:.1%}')
         )
-    if (numbers == FAILED).any():
+    if (numbers < 0).any():
         handles.append(Patch(facecolor=_NONE, label='failed'))
     legend_below(figure, handles, 1)
-    figure.suptitle(_fixed_text(table), fontsize=7.5, color='0.3')
+    figure.suptitle(_fixed_text(grid), fontsize=7.5, color='0.3')
     return figure
 
 
+#: Marks of rigs by direction: those of the second are smaller, so that both are seen.
 _LOOKS: dict[str, dict[str, Any]] = {
-    '': {'color': BLUE, 'label': 'each from the initial conditions'},
-    'up': {'color': BLUE, 'label': 'followed upwards'},
-    'down': {'color': ORANGE, 'label': 'followed downwards'},
+    '': {'color': BLUE, 'markersize': 2.4, 'label': 'each from the initial conditions'},
+    'up': {'color': BLUE, 'markersize': 2.8, 'label': 'followed upwards'},
+    'down': {'color': ORANGE, 'markersize': 1.5, 'label': 'followed downwards'},
+}
+_SPECIAL = {
+    SpecialKind.FOLD: '>',
+    SpecialKind.PERIOD_DOUBLING: 'D',
+    SpecialKind.NEIMARK_SACKER: 's',
+    SpecialKind.BRANCH_POINT: 'P',
+    SpecialKind.GRAZING: 'X',
+}
+_INK = '0.1'
+#: Branches of theory, stable and unstable.
+_LINES: dict[bool, dict[str, Any]] = {
+    True: {'color': _INK, 'linewidth': 0.9, 'linestyle': '-', 'zorder': 2.6},
+    False: {'color': '0.4', 'linewidth': 0.7, 'linestyle': DASHED, 'zorder': 2.5},
+}
+#: What theory says of a motion, by the measure that is drawn.
+_THEORY = {
+    'x_max': lambda orbit: orbit.x_max,
+    'x_max_ratio': lambda orbit: orbit.amplitude_ratio,
+    'largest_multiplier': lambda orbit: abs(orbit.multipliers[0]),
+    'impacts_per_cycle': lambda orbit: orbit.impacts / orbit.cycles,
+    'period': lambda orbit: orbit.cycles,
+    'impacts': lambda orbit: orbit.impacts,
 }
 
 
-def _draw_phases(axes: Any, table: SweepTable, values: NDArray[np.float64]) -> None:
+def _exponent(orbit: PeriodicOrbit) -> float:
+    """Return the largest Lyapunov exponent of a motion, per cycle."""
+    largest = abs(orbit.multipliers[0])
+    return math.log(largest) / orbit.cycles if largest else -math.inf
+
+
+class _Course(NamedTuple):
+    """A branch in a figure: where it is, and which of its parts rigs can perform."""
+
+    branch: Branch
+    values: Array
+    orbits: list[PeriodicOrbit]
+    viable: NDArray[np.bool_]  # of each part between two points
+    stable: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, branch: Branch) -> Self:
+        """Return the course of a branch."""
+        orbits = [point.orbit for point in branch.points]
+        viable = np.array([orbit.viable for orbit in orbits])
+        # A special point is on the unit circle, and belongs to the parts on both sides
+        inside = np.array([abs(orbit.multipliers[0]) < 1.0 - 1e-4 for orbit in orbits])
+        return cls(
+            branch,
+            np.array([point.value for point in branch.points]),
+            orbits,
+            viable[:-1] & viable[1:],
+            inside[:-1] | inside[1:],
+        )
+
+    def of_each(self, quantity: Callable[[PeriodicOrbit], float]) -> Array:
+        """Return a quantity of all points."""
+        return np.array([quantity(orbit) for orbit in self.orbits])
+
+    def ends_of_stability(self) -> Iterator[SpecialPoint]:
+        """Yield the special points next to parts that are stable."""
+        calm = self.viable & self.stable
+        for special in self.branch.special:
+            nearest = int(np.argmin([abs(v - special.value) for v in self.values]))
+            here = [i for i, orbit in enumerate(self.orbits) if orbit is special.orbit] or [
+                nearest
+            ]
+            if special.orbit.viable and calm[max(here[0] - 1, 0) : here[0] + 1].any():
+                yield special
+
+    def draw(self, axes: Any, heights: Array, *, unstable: bool = True) -> None:
+        """Draw a quantity along it: solid where it is stable, dashed where it is not."""
+        finite = np.isfinite(heights[:-1]) & np.isfinite(heights[1:])
+        for calm in (True, False) if unstable else (True,):
+            drawn = self.viable & finite & (self.stable == calm)
+            # Runs of parts that hang together, so that their dashes do
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], drawn.astype(int), [0]])))
+            for first, last in edges.reshape(-1, 2):
+                part = slice(first, last + 1)
+                axes.plot(self.values[part], heights[part], **_LINES[calm])
+
+
+def _draw_phases(axes: Any, table: pd.DataFrame, grid: Grid) -> None:
     """Draw the phase of each impact; fainter if the motion does not repeat."""
-    phases = table.lists('impact_phase')
-    rows = np.arange(len(table)).reshape(-1, len(values))
-    settled = table.flags('settled')
-    for turn, direction in enumerate(table.plan.follow.directions):
+    faint = min(1.8, max(0.7, 60.0 / len(grid.axes[0])))
+    settled = table.settled.fillna(False).to_numpy(bool)
+    turns = table.direction.fillna('').to_numpy(str)
+    for direction in grid.directions:
         for repeats in (False, True):
-            kept = [row for row in rows[turn] if settled[row] == repeats]
-            x = np.repeat(
-                values[[row % len(values) for row in kept]], [len(phases[r]) for r in kept]
-            )
-            y = np.concatenate([[], *(phases[row] for row in kept)])
+            rows = table[(turns == direction) & (settled == repeats) & table.ok.to_numpy(bool)]
+            phases = rows[[str(grid.axes[0].varied[0]), 'impact_phase']].explode('impact_phase')
+            x, y = (column.astype(float).to_numpy() for _, column in phases.items())
+            look = _LOOKS[direction]
             axes.plot(
                 *(x, y),
                 linestyle='none',
                 marker='o',
                 markeredgewidth=0.0,
-                markersize=(1.2 if turn else 2.4) if repeats else 0.7,
+                markersize=look['markersize'] if repeats else faint,
                 alpha=1.0 if repeats else min(1.0, max(0.25, 6000.0 / max(len(x), 1))),
                 rasterized=len(x) > 2000,
-                color=_LOOKS[direction]['color'],
-                zorder=3 if repeats else 2,
+                color=look['color'],
+                zorder=2.2 if repeats else 2.0,
             )
 
 
-def _draw_surroundings(axes: Any, axis: Axis, optimum: Optimum) -> None:
-    """Draw the edges around the optimum, and other motions of the best rig."""
+def _draw_theory(panels: Sequence[Any], branches: Sequence[Branch], measure: str) -> list[Any]:
+    """Draw branches and their special points in all panels; return the entries of a legend."""
+    from matplotlib.lines import Line2D
+
+    upper, middle, *lower = panels
+    of_measure = _THEORY.get(measure)
+    kinds = set()
+    for course in map(_Course.of, branches):
+        phases = np.array([orbit.phases for orbit in course.orbits])
+        for column in np.unwrap(phases.T, period=1.0):
+            # Once for each turn into which the line reaches
+            for turn in range(math.floor(column.min()), math.floor(column.max()) + 1):
+                course.draw(upper, column - turn)
+        for axes in lower:
+            course.draw(axes, course.of_each(_exponent), unstable=False)
+        if of_measure is None:
+            continue
+        course.draw(middle, course.of_each(of_measure))
+        for special in course.ends_of_stability():
+            kinds.add(special.kind)
+            place = special.value, of_measure(special.orbit)
+            middle.plot(*place, **_special_look(special.kind))
+    if not branches:
+        return []
+    return [
+        *(
+            Line2D([], [], label=f'theory, {"stable" if calm else "unstable"}', **look)
+            for calm, look in _LINES.items()
+        ),
+        *(
+            Line2D([], [], label=kind.value, **{**_special_look(kind), 'markersize': 2.8})
+            for kind in _SPECIAL
+            if kind in kinds
+        ),
+    ]
+
+
+def _special_look(kind: SpecialKind) -> dict[str, Any]:
+    return {
+        'marker': _SPECIAL[kind],
+        'markersize': 4.2,
+        'markerfacecolor': 'white',
+        'markeredgecolor': _INK,
+        'markeredgewidth': 0.8,
+        'linestyle': 'none',
+        'zorder': 4,
+    }
+
+
+def _draw_optimum(axes: Any, axis: Axis, optimum: Optimum) -> None:
+    """Draw the best rig, the edges around it, and its other motions."""
+    axes.plot(
+        *(optimum.values[0], optimum.value),
+        marker='*',
+        markersize=7.0,
+        color='black',
+        markeredgecolor='white',
+        markeredgewidth=0.6,
+        linestyle='none',
+        label=f'{optimum.best}: {_best_text(optimum)} at {_place_text(axis, optimum.values[0])}',
+        zorder=6,
+    )
     for edge in optimum.edges:
         axes.axvline(
             edge.values[0],
-            color='0.3',
+            color='0.5',
             linewidth=0.8,
-            linestyle='--',
+            linestyle=':',
             label=f'edge at {_place_text(axis, edge.values[0])}{_times(edge)}',
         )
     for other in optimum.coexisting:
         axes.plot(
             *(optimum.values[0], other.measure),
             marker='*',
-            markersize=5.5,
-            markerfacecolor='none',
+            markersize=6.0,
+            markerfacecolor='white',
             markeredgecolor='black',
             linestyle='none',
             label=f'{other.start}{_times(other)}',
-            zorder=4,
+            zorder=5,
         )
 
 
-def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None) -> Figure:
+def bifurcation_figure(
+    table: pd.DataFrame, measure: str, optimum: Optimum | None, branches: Sequence[Branch] = ()
+) -> Figure:
     """Draw impact phases, a measure and the Lyapunov exponent against the parameter."""
-    axis = table.plan.axes[0]
+    from matplotlib.lines import Line2D
+
+    grid = Grid.from_inputs(table.attrs['inputs'])
+    axis = grid.axes[0]
     values = np.array(axis.values, dtype=float)
-    cycle = table.numbers('cycle')
-    exponent = table.numbers('lyapunov_exponent') * cycle
+    cycle = _numbers(table.cycle)
+    exponent = _numbers(table.lyapunov_exponent) * cycle
     exponents = bool(np.isfinite(exponent).any())
-    figure = blank_figure(6.3, 7.4 if exponents else 5.6)
-    heights = [1.6, 1.0, 1.0] if exponents else [1.6, 1.0]
+    figure = blank_figure(6.8, 7.8 if exponents else 5.8)
+    heights = [1.7, 1.1, 1.0] if exponents else [1.6, 1.0]
     panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     upper, middle = panels[:2]
-    _draw_phases(upper, table, values)
-    spread = _grid_of(table, table.numbers('lyapunov_uncertainty') * cycle)
-    columns = (table.numbers(measure), exponent)
-    for axes, column in zip(panels[1:], columns, strict=False):
-        for turn, (direction, series) in enumerate(_grid_of(table, column)):
-            axes.plot(
-                *(values, series),
-                linestyle='none',
-                marker='o',
-                # Smaller marks for the second direction leave the first one visible
-                markersize=1.2 if turn else 2.4,
-                markeredgewidth=0.0,
-                **_LOOKS[direction],
-            )
+    _draw_phases(upper, table, grid)
+    error = np.nan_to_num(_numbers(table.lyapunov_uncertainty) * cycle)
+    for axes, column in zip(panels[1:], (_numbers(table[measure]), exponent), strict=False):
+        for turn, (direction, series) in enumerate(_grids(grid, column)):
+            look = _LOOKS[direction]
+            axes.plot(*(values, series), ls='none', marker='o', markeredgewidth=0.0, **look)
             if column is exponent:
-                error = spread[turn][1]
-                color = _LOOKS[direction]['color']
-                axes.vlines(values, series - error, series + error, color=color, linewidth=0.5)
+                half = _grids(grid, error)[turn][1]
+                axes.vlines(
+                    values, series - half, series + half, color=look['color'], linewidth=0.5
+                )
+    limits = middle.get_ylim()
     if exponents:
         panels[2].axhline(0.0, color='0.3', linewidth=0.7)
         finite = exponent[np.isfinite(exponent)]
         # A nearly superstable motion must not compress the others
-        panels[2].set_ylim(max(finite.min(), np.quantile(finite, 0.02) - 0.2) - 0.05, None)
+        low = max(finite.min(), np.quantile(finite, 0.02) - 0.2)
+        high = np.nanmax(np.where(np.isfinite(exponent), exponent + error, np.nan))
+        panels[2].set_ylim(low - 0.04 * (high - low) - 0.02, high + 0.06 * (high - low) + 0.02)
+    handles = _draw_theory(panels, branches, measure)
+    if branches and measure == 'largest_multiplier':
+        middle.set_ylim(limits)
     if optimum is not None:
-        middle.plot(
-            *(optimum.values[0], optimum.value),
-            marker='*',
-            markersize=5.5,
-            color='black',
-            linestyle='none',
-            label=f'{optimum.best.value}: {_best_text(optimum, measure)} at '
-            f'{_place_text(axis, optimum.values[0])}',
-            zorder=4,
-        )
-        _draw_surroundings(middle, axis, optimum)
-    failed = ~table.flags('ok').reshape(-1, len(values)).any(axis=0)
+        _draw_optimum(middle, axis, optimum)
+    failed = ~table.ok.to_numpy(bool).reshape(-1, len(values)).any(axis=0)
     for axes in panels:
         for value in values[failed]:
             axes.axvline(value, color='0.85', linewidth=1.0, zorder=0)
         if axis.logarithmic:
             axes.set_xscale('log')
+        else:
+            axes.margins(x=0.02)
     upper.set_ylim(0.0, 1.0)
     finish_panel(upper, 'a', '', 'Phase of the impacts [cycles]')
     finish_panel(middle, 'b', '' if exponents else _axis_label(axis), _measure_label(measure))
     if exponents:
         finish_panel(panels[2], 'c', _axis_label(axis), 'Lyapunov exponent\n[1/cycle]')
-    handles, _ = middle.get_legend_handles_labels()
-    legend_below(figure, handles, 2 if optimum is not None else 3, markerscale=2.0)
-    figure.suptitle(_fixed_text(table), fontsize=7.5, color='0.3')
+    own = middle.get_legend_handles_labels()[0]
+    if handles:
+        # The sweep on the left, theory on the right
+        blank = [Line2D([], [], linestyle='none', label=' ')]
+        own += blank * (len(handles) - len(own))
+        handles += blank * (len(own) - len(handles))
+    legend_below(figure, [*own, *handles], 2, markerscale=1.6)
+    figure.suptitle(_fixed_text(grid), fontsize=7.5, color='0.3')
     return figure
 
 
@@ -346,37 +490,44 @@ _FAILED = '0.8'
 _DECADES = 30.0
 _STAR: dict[str, Any] = {
     'marker': '*',
-    'markersize': 12,
-    'color': ORANGE,
-    'markeredgecolor': 'white',
+    'markersize': 13,
+    'color': '#FFD700',
+    'markeredgecolor': 'black',
+    'markeredgewidth': 0.8,
+    'linestyle': 'none',
+}
+_EDGE: dict[str, Any] = {
+    'marker': 'X',
+    'markersize': 6,
+    'color': 'white',
+    'markeredgecolor': 'black',
+    'markeredgewidth': 0.7,
     'linestyle': 'none',
 }
 #: Colours of the dots in cells of motions that do not repeat.
-_DOTS = {
-    'chaotic': 'black',
-    'not periodic, not chaotic': '#CC3311',
-}
+_DOTS = {'chaotic': 'black', 'not periodic, not chaotic': '#AA3377'}
 
 
-def _scale(values: NDArray[np.float64]) -> Any:
-    """Return the mapping of a measure to colours."""
-    from matplotlib.colors import LogNorm, Normalize
+def _scale(values: Array, measure: str) -> tuple[Any, str]:
+    """Return the mapping of a measure to colours, and their scheme."""
+    from matplotlib.colors import LogNorm, Normalize, TwoSlopeNorm
 
     finite = values[np.isfinite(values)]
-    if not len(finite):
-        return Normalize(0.0, 1.0)
-    low, high = float(finite.min()), float(finite.max())
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+    if measure == 'x_max_ratio' and low < 1.0 < high:
+        # Blue where the damper helps, red where it does harm
+        return TwoSlopeNorm(1.0, low, high), 'RdBu_r'
     if low > 0.0 and high > _DECADES * low:
-        return LogNorm(low, high)
-    return Normalize(low, high if high > low else low + 1.0)
+        return LogNorm(low, high), 'viridis'
+    return Normalize(low, high if high > low else low + 1.0), 'viridis'
 
 
-def _classes(table: SweepTable) -> dict[str, NDArray[np.float64]]:
+def _classes(table: pd.DataFrame) -> dict[str, Array]:
     """Return a mask of the rows of each class of motions that has dots."""
-    motions = table.texts('motion')
-    chaotic = np.array([motion == MotionKind.CHAOTIC.value for motion in motions])
-    unsettled = table.flags('ok') & ~table.flags('settled') & ~chaotic
-    return dict(zip(_DOTS, (chaotic.astype(float), unsettled.astype(float)), strict=True))
+    chaotic = (table.motion == MotionKind.CHAOTIC.value).to_numpy(bool, na_value=False)
+    repeats = table.settled.to_numpy(bool, na_value=True)
+    masks = chaotic, table.ok.to_numpy(bool) & ~repeats & ~chaotic
+    return dict(zip(_DOTS, (mask.astype(float) for mask in masks), strict=True))
 
 
 def _outlined() -> list[Any]:
@@ -386,17 +537,16 @@ def _outlined() -> list[Any]:
     return [withStroke(linewidth=2.0, foreground='0.2')]
 
 
-def _draw_map(axes: Any, table: SweepTable, turn: int, values: Any, scale: Any) -> Any:
+def _draw_map(
+    axes: Any, table: pd.DataFrame, grid: Grid, turn: int, cells: Array, **look: Any
+) -> Any:
     """Draw one direction; return its colour mesh."""
-    across, up = table.plan.axes
+    across, up = grid.axes
     axes.set_facecolor(_FAILED)
-    grid = _grid_of(table, values)[turn][1]
-    colors = axes.pcolormesh(
-        _cell_edges(across), _cell_edges(up), grid.T, norm=scale, cmap='viridis', rasterized=True
-    )
-    size = max(0.5, min(2.5, 150.0 / max(table.plan.shape)))
+    mesh = axes.pcolormesh(_cell_edges(across), _cell_edges(up), cells.T, rasterized=True, **look)
+    size = max(0.5, min(2.5, 150.0 / max(grid.shape)))
     for name, rows in _classes(table).items():
-        i, j = np.nonzero(_grid_of(table, rows)[turn][1])
+        i, j = np.nonzero(_grids(grid, rows)[turn][1])
         axes.plot(
             np.array(across.values)[i],
             np.array(up.values)[j],
@@ -407,17 +557,17 @@ def _draw_map(axes: Any, table: SweepTable, turn: int, values: Any, scale: Any) 
             color=_DOTS[name],
             rasterized=True,
         )
-    impacts = _grid_of(table, table.numbers('impacts_per_cycle'))[turn][1]
+    impacts = _grids(grid, _numbers(table.impacts_per_cycle))[turn][1]
     if min(impacts.shape) > 1 and (impacts > 0.0).any() and (impacts == 0.0).any():
         some = np.ma.masked_invalid(np.where(np.isnan(impacts), np.nan, impacts > 0.0))
         edge = axes.contour(
             across.values, up.values, some.T, [0.5], colors='white', linewidths=1.0
         )
         edge.set_path_effects(_outlined())
-    return colors
+    return mesh
 
 
-def _legend(table: SweepTable, measure: str, optimum: Optimum | None) -> list[Any]:
+def _legend(table: pd.DataFrame, grid: Grid, optimum: Optimum | None) -> list[Any]:
     """Return a legend entry for each kind of mark."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -426,14 +576,14 @@ def _legend(table: SweepTable, measure: str, optimum: Optimum | None) -> list[An
         return Line2D([], [], label=label, **{'linestyle': 'none', **look})
 
     handles: list[Any] = []
+    axes = grid.axes
     if optimum is not None:
-        axes = table.plan.axes
         at = ', '.join(map(_place_text, axes, optimum.values))
-        among = 'all' if table.plan.control.active else 'those that repeat'
-        label = f'{optimum.best.value} of {among}: {_best_text(optimum, measure)} at {at}'
+        among = 'all' if grid.setup.control.active else 'those that repeat'
+        label = f'{optimum.best} of {among}: {_best_text(optimum)} at {at}'
         handles.append(entry(label, **{**_STAR, 'markersize': 10}))
         handles += [
-            entry(f'edge at {_place_text(axes[i], edge.values[i])}{_times(edge)}')
+            entry(f'edge at {_place_text(axes[i], edge.values[i])}{_times(edge)}', **_EDGE)
             for edge in optimum.edges
             if (i := edge.axis) is not None
         ]
@@ -445,57 +595,71 @@ def _legend(table: SweepTable, measure: str, optimum: Optimum | None) -> list[An
         for name, rows in _classes(table).items()
         if rows.any()
     ]
-    if not table.flags('ok').all():
+    if not table.ok.all():
         handles.append(Patch(facecolor=_FAILED, label='failed'))
-    impacts = table.numbers('impacts_per_cycle')
+    impacts = _numbers(table.impacts_per_cycle)
     if (impacts == 0.0).any() and (impacts > 0.0).any():
         outlined = {'linestyle': '-', 'linewidth': 1.0, 'path_effects': _outlined()}
         handles.append(entry('no impacts beyond', color='white', **outlined))
     return handles
 
 
-def surface_figure(table: SweepTable, measure: str, optimum: Optimum | None) -> Figure:
+def surface_figure(table: pd.DataFrame, measure: str, optimum: Optimum | None) -> Figure:
     """Draw a measure as colours over two axes."""
-    plan = table.plan
-    across, up = plan.axes
-    values = np.where(np.isfinite(table.numbers(measure)), table.numbers(measure), np.nan)
-    scale = _scale(values)
-    count = len(plan.follow.directions)
-    figure = blank_figure(6.3 if count == 1 else 9.4, 4.9)
+    grid = Grid.from_inputs(table.attrs['inputs'])
+    across, up = grid.axes
+    values = _numbers(table[measure])
+    values[~np.isfinite(values)] = np.nan
+    scale, scheme = _scale(values, measure)
+    count = len(grid.directions)
+    figure = blank_figure(6.8 if count == 1 else 9.4, 5.4)
     panels = np.atleast_1d(figure.subplots(1, count, sharey=True))
-    best = '' if optimum is None else plan.point(optimum.point).direction
-    colors: Any = None
-    for turn, (axes, direction) in enumerate(zip(panels, plan.follow.directions, strict=True)):
-        colors = _draw_map(axes, table, turn, values, scale)
-        if optimum is not None and direction == best:
-            axes.plot(*([value] for value in optimum.values), clip_on=False, zorder=5, **_STAR)
+    best = -1 if optimum is None else optimum.point * count // grid.size
+    mesh: Any = None
+    for turn, (axes, (direction, cells)) in enumerate(
+        zip(panels, _grids(grid, values), strict=True)
+    ):
+        mesh = _draw_map(axes, table, grid, turn, cells, norm=scale, cmap=scheme)
+        if optimum is not None and turn == best:
+            for edge in optimum.edges:
+                axes.plot(*([value] for value in edge.values), zorder=5, **_EDGE)
+            axes.plot(*([value] for value in optimum.values), clip_on=False, zorder=6, **_STAR)
         _set_axes(axes, across, up)
         if turn:
             axes.set_ylabel('')
         if direction:
             axes.set_title(f'followed {direction}wards', loc='left')
-    figure.colorbar(colors, ax=list(panels), label=_measure_label(measure), pad=0.015)
-    handles = _legend(table, measure, optimum)
+    figure.colorbar(mesh, ax=list(panels), label=_measure_label(measure), pad=0.015)
+    handles = _legend(table, grid, optimum)
     if handles:
         legend_below(figure, handles, 2)
-    figure.suptitle(_fixed_text(table), fontsize=7.5, color='0.3')
+    figure.suptitle(_fixed_text(grid), fontsize=7.5, color='0.3')
     return figure
 
 
-def draw_sweep(table: SweepTable, measure: str, optimum: Optimum | None, path: Path) -> None:
+def draw_sweep(
+    table: pd.DataFrame,
+    measure: str,
+    optimum: Optimum | None,
+    path: str | Path,
+    branches: Sequence[Branch] | None = None,
+) -> None:
     """
     Draw a sweep of one axis or two.
 
     Parameters
     ----------
-    table : SweepTable
-        The sweep.
+    table : pandas.DataFrame
+        The table of the sweep.
     measure : str
         Name of the measure that is drawn, one of `MEASURES`; basins of attraction use none.
     optimum : Optimum or None
         The rig to mark.
-    path : Path
+    path : path
         The file; its suffix is the format, png, svg or pdf.
+    branches : sequence of Branch, optional
+        Periodic motions along the one axis, as `branches_of` finds them, which is done here if
+        they are not given; an empty list omits them.
 
     Raises
     ------
@@ -504,15 +668,15 @@ def draw_sweep(table: SweepTable, measure: str, optimum: Optimum | None, path: P
     OSError
         If the file cannot be written.
     """
-    path = Path(path)
     check_measure(measure)
-    axes = table.plan.axes
+    axes = Grid.from_inputs(table.attrs['inputs']).axes
     if len(axes) > 2:
         raise ValueError(f'a figure shows one axis or two, not {len(axes)}')
     if len(axes) == 1:
-        figure = bifurcation_figure(table, measure, optimum)
+        known = branches_of(table) if branches is None else branches
+        figure = bifurcation_figure(table, measure, optimum, known)
     elif all(axis.initial for axis in axes):
         figure = basin_figure(table)
     else:
         figure = surface_figure(table, measure, optimum)
-    save_figure(figure, path)
+    save_figure(figure, Path(path))

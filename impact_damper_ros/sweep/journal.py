@@ -1,34 +1,42 @@
-"""
-The journal of a sweep: the rows that are done, so that an interrupted sweep can continue.
-
-A text file with one JSON object per line: the inputs of the sweep first, then one rig each. Lines
-are only appended. A line that a power cut or a full disk has left unfinished is dropped, and its
-rig is run again.
-"""
+"""The journal of a sweep: the rows that are done, in SQLite, so that a sweep can be resumed."""
 
 from __future__ import annotations
 
-import fcntl
+import errno
 import json
-import os
-import time
-from collections.abc import Sequence
-from itertools import accumulate
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from .table import Row
+#: The columns of one rig, for JSON.
+Row = dict[str, Any]
 
-#: Period of forced writes to the disk, s.
-_SYNC = 2.0
+_TABLES = """\
+CREATE TABLE sweep (inputs TEXT);
+CREATE TABLE rigs (point INTEGER PRIMARY KEY, columns TEXT) WITHOUT ROWID;
+CREATE TABLE chains (chain INTEGER PRIMARY KEY, place INTEGER, state TEXT) WITHOUT ROWID;
+"""
 
 
-class Done(NamedTuple):
-    """A rig that has been run: its number, its columns, and the state for the next rig, if any."""
+#: Errors of the disk: what SQLite calls them, and the system.
+_DISK = {
+    sqlite3.SQLITE_FULL: (errno.ENOSPC, 'No space left on device'),
+    sqlite3.SQLITE_READONLY: (errno.EACCES, ''),
+    sqlite3.SQLITE_CANTOPEN: (errno.EACCES, ''),
+    sqlite3.SQLITE_IOERR: (errno.EIO, ''),
+}
 
-    point: int
-    row: Row
-    state: dict[str, Any] | None
+
+class Progress(NamedTuple):
+    """How far a chain of rigs has come."""
+
+    place: int = 0  # number of its rigs that are done
+    state: dict[str, Any] | None = None  # from which the next one starts
+
+
+_BEGINNING = Progress()
 
 
 class JournalError(ValueError):
@@ -37,7 +45,6 @@ class JournalError(ValueError):
 
 def journal_path(output: Path) -> Path:
     """Return the name of the journal that belongs to a table."""
-    output = Path(output)
     return output.with_name(output.name + '.part')
 
 
@@ -65,150 +72,117 @@ class Journal:
     """
     The journal of one sweep, locked by this process.
 
-    Parameters
-    ----------
-    path : Path
-        The file; made if there is none.
-    inputs : dict
-        The inputs of the sweep, `SweepPlan.inputs`.
-    anew : bool, optional
-        Whether to discard a journal of a sweep with other inputs.
-
-    Attributes
-    ----------
-    points : dict of int to int
-        The rigs that are done, and the offset of each in the file.
-    states : dict of int to dict
-        States after rigs from which others may still start.
-
-    Raises
-    ------
-    JournalError
-        If the journal belongs to a sweep with other inputs, is damaged, or is locked by another
-        process.
-    OSError
-        If it cannot be written.
+    `path` is its file, made if there is none; without, it is in memory. `anew` discards a journal
+    of other inputs. Raises `JournalError` if the journal is of a sweep with other inputs or in
+    use, and OSError if it cannot be written.
     """
 
-    def __init__(self, path: Path, inputs: dict[str, Any], *, anew: bool = False) -> None:
-        path = Path(path)
-        self.path = path
-        self.points: dict[int, int] = {}
-        self.states: dict[int, dict[str, Any]] = {}
-        self._file = path.open('a+b')
+    def __init__(self, path: Path | None, inputs: dict[str, Any], *, anew: bool = False) -> None:
+        self._path = path
+        place = ':memory:' if path is None else str(path)
+        with self._errors():
+            self._base = sqlite3.connect(place, timeout=0.0, isolation_level=None)
         try:
-            self._lock()
-            self._read(inputs, anew)
+            with self._errors():
+                self._open(inputs, anew=anew)
         except BaseException:
-            self._file.close()
+            self._base.close()
             raise
-        self._synced = time.monotonic()
 
-    def _lock(self) -> None:
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Report what SQLite reports as what it is to the user."""
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise JournalError(
-                f'{self.path} is in use by another sweep with this output: wait for it, or give '
-                'another --output'
-            ) from None
-
-    def _read(self, inputs: dict[str, Any], anew: bool) -> None:
-        self._file.seek(0)
-        head = self._file.readline()
-        stored: Any = None
-        if head.endswith(b'\n'):
-            try:
-                stored = json.loads(head)['inputs']
-            except (ValueError, KeyError, TypeError):
-                if not anew:
-                    raise JournalError(
-                        f'{self.path} is not the journal of a sweep: move it away, or give '
-                        'another --output'
-                    ) from None
-        if stored is None or (anew and stored != inputs):
-            # A new journal, or one whose first line was left unfinished
-            self._file.truncate(0)
-            self._write([{'inputs': inputs}])
-            self._sync()
-            return
-        differing = differences(stored, inputs)
-        if differing:
-            count = sum(1 for _ in self._file)
-            raise JournalError(
-                f'{self.path} holds {count} rigs of a sweep with other inputs:\n  '
-                + '\n  '.join(differing[:12])
-                + '\ngive the command it began with, another --output, or --overwrite it'
-            )
-        end = self._file.tell()
-        for number, line in enumerate(self._file, 2):
-            if not line.endswith(b'\n'):
-                break
-            try:
-                entry = json.loads(line)
-                point, _, state = entry['point'], entry['row'], entry.get('state')
-            except (ValueError, KeyError, TypeError):
+            yield
+        except sqlite3.DatabaseError as error:
+            code = getattr(error, 'sqlite_errorcode', 0) & 0xFF
+            if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
                 raise JournalError(
-                    f'{self.path} is damaged in line {number}: delete this line, or the lines '
-                    'from there on; their rigs will be run again'
+                    f'{self._path} is in use by another sweep with this output: wait for it, or '
+                    'give another --output'
                 ) from None
-            self.points[point] = end
-            if state is not None:
-                self.states[point] = state
-            end += len(line)
-        self._file.truncate(end)
-        self._file.seek(0, os.SEEK_END)
+            if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR):
+                raise JournalError(
+                    f'{self._path} is not the journal of a sweep, or damaged ({error}): move it '
+                    'away, or give another --output'
+                ) from error
+            if code not in _DISK:
+                raise
+            number, text = _DISK[code]
+            raise OSError(number, text or str(error), str(self._path)) from error
 
-    def _write(self, entries: Sequence[dict[str, Any]]) -> list[int]:
-        """Append lines; return the offset of each."""
-        lines = [(json.dumps(one, separators=(',', ':')) + '\n').encode() for one in entries]
-        offsets = list(accumulate(map(len, lines), initial=self._file.seek(0, os.SEEK_END)))
-        self._file.write(b''.join(lines))
-        self._file.flush()
-        return offsets[:-1]
+    def _open(self, inputs: dict[str, Any], *, anew: bool) -> None:
+        base = self._base
+        # The lock of the first transaction is kept until the end
+        base.execute('PRAGMA locking_mode = EXCLUSIVE')
+        base.execute('PRAGMA synchronous = FULL')
+        base.execute('BEGIN EXCLUSIVE')
+        stored = None
+        if base.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]:
+            stored = json.loads(base.execute('SELECT inputs FROM sweep').fetchone()[0])
+            differing = differences(stored, inputs)
+            if differing and not anew:
+                count = base.execute('SELECT count(*) FROM rigs').fetchone()[0]
+                raise JournalError(
+                    f'{self._path} holds {count} rigs of a sweep with other inputs:\n  '
+                    + '\n  '.join(differing[:12])
+                    + '\ngive the command it began with, another --output, or --overwrite it'
+                )
+            if differing:
+                for name in ('sweep', 'rigs', 'chains'):
+                    base.execute(f'DROP TABLE {name}')
+                stored = None
+        if stored is None:
+            for line in _TABLES.splitlines():
+                base.execute(line)
+            base.execute('INSERT INTO sweep VALUES (?)', (json.dumps(inputs),))
+        base.execute('COMMIT')
 
-    def _sync(self) -> None:
-        os.fsync(self._file.fileno())
-        self._synced = time.monotonic()
+    def add(
+        self,
+        rows: Sequence[tuple[int, Row]],
+        chain: int | None = None,
+        done: Progress = _BEGINNING,
+    ) -> None:
+        """Add rigs, and the progress of their chain; all are on disk once this returns."""
+        with self._errors():
+            self._base.execute('BEGIN')
+            try:
+                self._base.executemany(
+                    'INSERT OR REPLACE INTO rigs VALUES (?, ?)',
+                    [(point, json.dumps(row, separators=(',', ':'))) for point, row in rows],
+                )
+                if chain is not None:
+                    self._base.execute(
+                        'INSERT OR REPLACE INTO chains VALUES (?, ?, ?)',
+                        (chain, done.place, json.dumps(done.state)),
+                    )
+                self._base.execute('COMMIT')
+            except BaseException:
+                if self._base.in_transaction:
+                    self._base.execute('ROLLBACK')
+                raise
 
-    def add(self, done: Sequence[Done]) -> None:
-        """
-        Append rigs; they survive an end of this process once this returns.
+    def points(self) -> set[int]:
+        """Return the numbers of the rigs that are done."""
+        return {point for (point,) in self._base.execute('SELECT point FROM rigs')}
 
-        Raises
-        ------
-        OSError
-            If there is no room.
-        """
-        entries: list[dict[str, Any]] = [{'point': one.point, 'row': one.row} for one in done]
-        if done and done[-1].state is not None:
-            # A worker may stop after any rig; another worker continues from the last one only
-            entries[-1]['state'] = done[-1].state
-            self.states[done[-1].point] = done[-1].state
-        offsets = self._write(entries)
-        self.points.update(zip((one.point for one in done), offsets, strict=True))
-        if time.monotonic() - self._synced > _SYNC:
-            self._sync()
+    def chains(self) -> dict[int, Progress]:
+        """Return the progress of each chain that has been begun."""
+        rows = self._base.execute('SELECT chain, place, state FROM chains')
+        return {chain: Progress(place, json.loads(state)) for chain, place, state in rows}
 
-    def row(self, point: int) -> Row:
-        """Return the columns of a rig that is done."""
-        self._file.seek(self.points[point])
-        row: Row = json.loads(self._file.readline())['row']
-        return row
+    def rows(self) -> Iterator[Row]:
+        """Yield the columns of all rigs that are done, in order."""
+        for (columns,) in self._base.execute('SELECT columns FROM rigs ORDER BY point'):
+            yield json.loads(columns)
 
     def close(self) -> None:
         """Close and unlock the file, which stays."""
-        if not self._file.closed:
-            self._sync()
-            self._file.close()
+        self._base.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: object, error: BaseException | None, *_: object) -> None:
-        try:
-            self.close()
-        except OSError:
-            # On a full disk the first error is the one to report
-            if error is None:
-                raise
+    def __exit__(self, *_: object) -> None:
+        self.close()

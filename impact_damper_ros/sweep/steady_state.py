@@ -3,37 +3,64 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.compare.measured_motion import cubic_swing
-from impact_damper_ros.control import Rig, RunResult
+from impact_damper_ros.control import Outcome, Rig, RunResult
 from impact_damper_ros.control.rig import Events
-from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
-from impact_damper_ros.orbits.lyapunov import (
-    Deviations,
-    Exponent,
-    deviations,
-    growth_exponent,
-    monodromy_of,
-    parting_exponent,
-    period_exponent,
-)
-from impact_damper_ros.orbits.multipliers import multipliers_of
-from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.orbits.settling import (
-    CYCLES_BETWEEN_LOOKS,
-    Settling,
-    SettlingRig,
+from impact_damper_ros.orbits.flights import machine_of
+from impact_damper_ros.orbits.lyapunov import Exponent
+from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind
+from impact_damper_ros.orbits.settled_motion import (
+    SettledMotion,
+    cycle_of,
     relative_states,
+    settle,
 )
-from impact_damper_ros.rig import EVENT_TYPE, EventKind, Mode, ParameterError
+from impact_damper_ros.rig import EventKind, Mode, ParameterError
+from impact_damper_ros.rig.event_budget import EndlessEventsError
+from impact_damper_ros.rig.parameter_spec import number_between, whole_number
 from impact_damper_ros.rig.snapshot import LATEST
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Settling:
+    """
+    Limits and tolerances of the detection of a steady state.
+
+    Raises
+    ------
+    ValueError
+        If one is out of its range.
+    """
+
+    cycles: int = 2000  # most cycles of the force to settle in
+    watch: int = 500  # cycles that are judged and measured of a motion that does not repeat
+    #: How closely the states a period apart must agree, relative to the size of the motion.
+    tolerance: float = 1e-8
+    events: int = 2_000_000  # most events of one rig; more is a failure
+    #: Most points of the section, and half as many as the impacts, that are kept of a motion
+    #: that does not repeat.
+    section: int = 100
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name, low, high in (
+            ('cycles', 1, 10_000_000),
+            ('watch', 21, 1_000_000),
+            ('events', 1, 10**12),
+            ('section', 1, 100_000),
+        ):
+            object.__setattr__(self, name, whole_number(name, getattr(self, name), low, high))
+        tolerance = number_between('tolerance', self.tolerance, 1e-12, 1e-2)
+        object.__setattr__(self, 'tolerance', tolerance)
+
 
 #: Events that may fall within a chatter without ending it.
 _WITHIN_CHATTER = (EventKind.REVERSAL, EventKind.CROSSING, EventKind.STOP_ARRIVED)
@@ -42,6 +69,8 @@ _WITHIN_CHATTER = (EventKind.REVERSAL, EventKind.CROSSING, EventKind.STOP_ARRIVE
 def _chatter_time(events: Events, start: float, end: float) -> float:
     """Add up the time that m spends in complete chatters."""
     total = 0.0
+    if not (events['kind'] == EventKind.REST).any():
+        return total
     faster: list[float] = []
     struck = 0
     considered = events[~np.isin(events['kind'], _WITHIN_CHATTER)]
@@ -92,24 +121,22 @@ def _swing(result: RunResult) -> _Swing:
     kept = span > 0.0
     span = span[kept]
     swing = cubic_swing(
-        span,
-        x[:-1][kept],
-        x[1:][kept],
-        leaving[:-1][kept] * span,
-        arriving[1:][kept] * span,
+        span, x[:-1][kept], x[1:][kept], leaving[:-1][kept] * span, arriving[1:][kept] * span
     )
     largest = max(float(np.abs(x).max()), swing.largest)
     whole = float(time[-1] - time[0])
     return _Swing(largest, swing.total / whole, math.sqrt(swing.squares / whole))
 
 
+#: Cycles between two looks whether the motion repeats.
+BETWEEN = 50
+#: Distance of states, relative to the motion, that round-off makes.
+ROUND_OFF = 1e-12
 #: Samples per cycle of the faster of force and spring: the largest |X| of a motion that repeats is
 #: then exact to 1e-9, and of one that does not to 2e-7.
 _SAMPLES, _FEWER_SAMPLES = 256, 64
 #: The spring is sampled as finely as the force up to this multiple of its frequency.
 _MOST_FINER = 64.0
-#: A motion that repeats is unstable if deviations grow by more than this factor in a period.
-_GROWS = 1.001
 
 
 @dataclass(frozen=True)
@@ -125,8 +152,7 @@ class TimeShares:
 class SteadyState:
     """A motion, measured over a whole number of force cycles."""
 
-    #: Kind of motion; `UNDECIDED` if it does not repeat and the thresholds of
-    #: `orbits.irregularity` confirm neither chaos nor quasi-periodic motion.
+    #: Kind of motion, as `orbits.settle` finds it.
     kind: MotionKind
     #: Cycles before the measurement, and cycles measured.
     settling_cycles: int
@@ -171,36 +197,6 @@ def _sequence(events: Events) -> tuple[str, ...]:
     return min((tuple(words[i:] + words[:i]) for i in range(len(words))), default=())
 
 
-def _periodic_exponent(along: Deviations, span: float) -> tuple[Exponent, float]:
-    """Return exponent and largest multiplier of a period; the one before gives the uncertainty."""
-    products = monodromy_of(along, np.array([along.start + span, along.end]))
-    moduli = [abs(multipliers_of(product)[0]) for product in products]
-    rates = [math.log(modulus) / span if modulus else -math.inf for modulus in moduli]
-    spread = abs(rates[1] - rates[0]) if all(map(math.isfinite, rates)) else 0.0
-    return Exponent(rates[1], spread), moduli[1]
-
-
-def _unstable(found: SteadyState) -> bool:
-    """Return whether a motion that repeats is unstable by more than the uncertainty."""
-    doubt = found.exponent.uncertainty * found.period * found.cycle
-    return found.multiplier > _GROWS * math.exp(doubt)
-
-
-def _kind(
-    rig: SettlingRig, period: int, impacts: int, exponent: Exponent, spread: float
-) -> MotionKind:
-    """Classify a motion; exponent and spread are those of the cycles watched."""
-    if period and impacts:
-        return MotionKind.PERIODIC
-    if period:
-        return MotionKind.NO_IMPACTS if rig.forced else MotionKind.AT_REST
-    if not (rig.repeating and rig.in_step):
-        return MotionKind.NOT_PERIODICALLY_DRIVEN
-    cycle, watch = rig.cycle, rig.settling.watch
-    error = cycle * exponent.standard_error
-    return Indications(cycle * exponent.value, error, watch, spread).kind()
-
-
 def _shares(result: RunResult, around: Events, start: float, end: float) -> TimeShares:
     spent = result.time_in_mode / (end - start)
     return TimeShares(
@@ -210,104 +206,123 @@ def _shares(result: RunResult, around: Events, start: float, end: float) -> Time
     )
 
 
-def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
-    """Measure a motion; its period is 0 if it does not repeat, `before` are the events so far."""
-    begun, cycle = rig.cycles, rig.cycle
-    finer = max([rig.omega, *(line.frequency for line in rig.machine.lines)]) * cycle / math.tau
-    looks = math.ceil((_SAMPLES if period else _FEWER_SAMPLES) * min(max(finer, 1.0), _MOST_FINER))
-    cycles = 2 * period or rig.settling.watch
-    start, (mode, last_stop) = rig.time_after(begun), rig.state()
-    snapshot = rig.snapshot() if rig.controlled else {}
-    result = rig.run(cycles, looks)
-    end = rig.time_after(rig.cycles)
-    # The events before and after complete a chatter that is cut at either end
-    around = np.concatenate([before, result.events, rig.run(1).events])
-    swing = _swing(result)
+def _run(
+    rig: Rig, start: float, cycle: float, counts: NDArray[np.float64], most: int
+) -> RunResult:
+    """Run through instants, counted in cycles from a start (s), and sample there."""
+    instants = start + counts * cycle
+    result = rig.run(float(instants[-1]), instants, most_events=max(most, 1))
+    if result.outcome is not Outcome.COMPLETE:
+        raise EndlessEventsError(result.reason)
+    return result
 
-    kept = period or min(rig.settling.section, cycles)
-    since = rig.time_after(begun + cycles - kept)
+
+def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> SteadyState:
+    """Measure a motion over its period, or over the cycles to watch."""
+    period = 0 if found.period is None else found.period.cycles
+    cycle, cycles = found.cycle, period or settling.watch
+    omega = max([rig.parameters.omega, *(n.frequency for n in machine_of(rig.parameters).lines)])
+    finer = min(max(omega * cycle / math.tau, 1.0), _MOST_FINER)
+    looks = math.ceil((_SAMPLES if period else _FEWER_SAMPLES) * finer)
+    counts = np.arange(cycles * looks + 1) / looks
+    most = settling.events - found.event_count
+    result = _run(rig, found.end, cycle, counts, most)
+    end = found.end + cycles * cycle
+    # The events before and after complete a chatter that is cut at either end
+    after = _run(rig, end, cycle, np.array([1.0]), most - result.event_count)
+    around = np.concatenate([found.events, result.events, after.events])
+    swing = _swing(result)
     impacts = result.impacts()
-    hits = impacts[impacts['time'] > since]
-    multiplier = math.nan
-    if rig.controlled and 'law' in snapshot['gap_control']:
-        # What the memory of a law of the user's own holds is not known
-        exponent = Exponent(math.nan, math.nan)
-    elif rig.controlled and period:
-        exponent, multiplier = period_exponent(snapshot, period * cycle, rig.scales)
-    elif rig.controlled:
-        exponent = parting_exponent(snapshot, cycle, cycles, rig.scales)
-    else:
-        along = deviations(rig.machine, rig.angles, result.events, mode, last_stop, start, end)
-        if period:
-            exponent, multiplier = _periodic_exponent(along, period * cycle)
-        else:
-            exponent = growth_exponent(along, rig.omega)
-    stops: tuple[str, ...] = ()
-    if period:
-        stops = _sequence(result.events[result.events['time'] > since])
-    else:
-        hits = hits[-2 * rig.settling.section :]
-    spread = math.nan
+    kept = period or min(settling.section, cycles)
+    hits = impacts[impacts['time'] > end - kept * cycle]
     if not period:
-        quiet = quiet_phase((impacts['time'] - rig.time_after(0)) / cycle)
-        spread = average_spread(relative_states(result.samples[int(quiet * looks) : -1 : looks]))
-    phases = (hits['time'] - rig.time_after(0)) / cycle % 1.0
+        hits = hits[-2 * settling.section :]
     approach = hits['damper_velocity_before'] - hits['primary_velocity_before']
     return SteadyState(
-        kind=_kind(rig, period, len(hits), exponent, spread),
-        settling_cycles=begun,
+        kind=found.kind,
+        settling_cycles=found.cycles,
         measured_cycles=cycles,
         cycle=cycle,
         period=period,
-        stops=stops,
+        stops=_sequence(result.events) if period else (),
         impacts=len(hits) if period else 0,
         x_max=swing.largest,
         x_mean=swing.mean,
         x_rms=swing.rms,
         impacts_per_cycle=len(impacts) / cycles,
-        exponent=exponent,
-        multiplier=multiplier,
-        shares=_shares(result, around, start, end),
+        exponent=found.exponent,
+        multiplier=found.multiplier,
+        shares=_shares(result, around, found.end, end),
         section=relative_states(result.samples[looks::looks][-kept:]),
-        hits=np.stack([hits['stop'], phases, np.abs(approach)], axis=-1),
-        events=rig.events,
+        hits=np.stack(
+            [hits['stop'], (hits['time'] - found.start) / cycle % 1.0, np.abs(approach)], axis=-1
+        ),
+        events=found.event_count + result.event_count,
     )
 
 
-def steady_state(run: Rig, settling: Settling) -> SteadyState:
+def comes_back(states: Array, omega: Array, settling: Settling) -> NDArray[np.bool_]:
+    """
+    Return whether the last states of motions, shape (..., n, 4), are close to some before them.
+
+    `states` are X, X', Y and Y' at the ends of cycles; `omega` (rad/s), of each motion, makes
+    velocities comparable. A motion that does not come back has not settled.
+    """
+    units = np.stack([np.ones_like(omega), omega] * 2, axis=-1)
+    recent = states / units[..., None, :]
+    size = np.abs(recent[..., 0]).max(axis=-1) + np.ptp(recent[..., 2], axis=-1)
+    far = np.abs(recent[..., -1 - LONGEST_PERIOD : -1, :] - recent[..., -1:, :]).max(axis=-1)
+    near: NDArray[np.bool_] = far.min(axis=-1) <= max(settling.tolerance, ROUND_OFF) * size
+    return near
+
+
+def _pass_transient(rig: Rig, settling: Settling) -> tuple[int, int]:
+    """Run until the motion comes back to a state of cycles before; return cycles and events."""
+    start, cycle = rig.time, cycle_of(rig.parameters)
+    omega = np.array(max(math.tau / cycle, rig.parameters.omega))
+    cycles = events = 0
+    while cycles < settling.cycles:
+        count = min(BETWEEN, settling.cycles - cycles)
+        counts = cycles + np.arange(1.0, count + 1.0)
+        result = _run(rig, start, cycle, counts, settling.events - events)
+        cycles, events = cycles + count, events + result.event_count
+        if count > 1 and comes_back(relative_states(result.samples), omega, settling):
+            break
+    return cycles, events
+
+
+def steady_state(
+    rig: Rig, settling: Settling, transient: tuple[int, int] | None = None
+) -> SteadyState:
     """
     Run a rig until its motion repeats or the time is up, and measure the motion.
 
-    The rig is at the beginning of a cycle of its force. Every 50 cycles the states at the ends of
-    the last cycles are compared. The motion is periodic if they recur after 1 to 16 cycles, for
-    two periods and at least ten cycles. A motion that recurs but is unstable by its multipliers is
-    run on until it departs; one that is undecided is compared once more after it was watched.
-    Under gap control the stops must recur too, and the multipliers are those of two nearby rigs;
-    see `orbits.lyapunov`. Raises `EndlessEventsError` if the rig has more events than `settling`
-    allows.
+    The rig is at the beginning of a cycle of its force; if its transient is over already, cycles
+    and events of this are given. How it is recognised that the motion repeats: `settle`. Raises
+    `EndlessEventsError` if the rig has more events than `settling` allows.
     """
-    rig = SettlingRig(run, settling)
-    if rig.time_after(settling.cycles + settling.watch) > 0.5 * LATEST:
+    cycle, most = cycle_of(rig.parameters), settling.cycles + 2 * settling.watch
+    if most * cycle > 0.5 * LATEST:
         raise ParameterError(
             'force_frequencies',
-            f'the force has a cycle of {rig.cycle:g} s, and so many cycles take longer than a rig '
+            f'the force has a cycle of {cycle:g} s, and so many cycles take longer than a rig '
             'can run: give a higher frequency in force_frequencies, or fewer cycles',
         )
-    before = np.empty(0, EVENT_TYPE)
-    while rig.cycles < settling.cycles:
-        before = rig.settle(min(CYCLES_BETWEEN_LOOKS, settling.cycles - rig.cycles))
-        period = rig.period()
-        if period:
-            found = _measured(rig, before, period)
-            if not _unstable(found):
-                return found
-            rig.forget()
-    watched = _measured(rig, before, 0)
-    if watched.kind is MotionKind.UNDECIDED:
-        # It may have settled while it was watched
-        rig.forget()
-        before = rig.settle(CYCLES_BETWEEN_LOOKS)
-        if period := rig.period():
-            found = _measured(rig, before, period)
-            return watched if _unstable(found) else found
-    return watched
+    if transient is None:
+        # What is left of a start without force dies out, but never comes back
+        forced = any(rig.parameters.harmonics[0])
+        transient = _pass_transient(rig, settling) if forced else (0, 0)
+    after, events = transient
+    left = settling.cycles - after
+    found = settle(
+        rig,
+        cycles=left + settling.watch,
+        watch=settling.watch,
+        tolerance=settling.tolerance,
+        events=settling.events - events,
+        between=BETWEEN if left else settling.watch,
+    )
+    if found.reason:
+        raise EndlessEventsError(found.reason)
+    measured = _measured(rig, found, settling)
+    return replace(measured, settling_cycles=after + found.cycles, events=events + measured.events)

@@ -3,46 +3,40 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.rig.quoting import counted
 
-from .optimum import Nearby, Optimum
-from .table import FAILED, SweepTable
+from .best import Nearby, Optimum
+from .grid import Grid
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Reasons and attractors that are listed.
 _MOST_SHOWN = 8
 
 
-def attractors_of(table: SweepTable) -> list[dict[str, Any]]:
+def attractors_of(table: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the attractors of a sweep of initial conditions, the most frequent first."""
-    if not all(axis.initial for axis in table.plan.axes):
+    if not all(axis.initial for axis in Grid.from_inputs(table.attrs['inputs']).axes):
         return []
-    numbers = np.nan_to_num(table.numbers('attractor'), nan=FAILED).astype(int)
-    motions, stops = table.texts('motion'), table.texts('stops')
-    period, x_max, ratio = (table.numbers(name) for name in ('period', 'x_max', 'x_max_ratio'))
-    found = []
-    for number in range(numbers.max(initial=FAILED) + 1):
-        rows = np.flatnonzero(numbers == number)
-        first = int(rows[0])
-        found.append(
-            {
-                'attractor': number,
-                'motion': motions[first],
-                'period': None if np.isnan(period[first]) else int(period[first]),
-                'stops': stops[first],
-                'share': len(rows) / len(numbers),
-                'x_max': float(x_max[rows].mean()),
-                'x_max_ratio': float(ratio[rows].mean()),
-                'first_point': first,
-            }
-        )
-    return found
+    return [
+        {
+            'attractor': int(number),
+            'motion': rows.motion.iloc[0],
+            'period': int(rows.period.iloc[0]) if rows.settled.iloc[0] else None,
+            'stops': rows.stops.iloc[0] if rows.settled.iloc[0] else None,
+            'share': len(rows) / len(table),
+            'x_max': float(rows.x_max.mean()),
+            'x_max_ratio': float(rows.x_max_ratio.mean()),
+            'first_point': int(rows.point.iloc[0]),
+        }
+        for number, rows in table.groupby('attractor')
+    ]
 
 
 def attractor_text(attractor: dict[str, Any]) -> str:
@@ -82,24 +76,26 @@ def _as_much(nearby: Nearby, measure: str) -> str:
     return f'{measure} is {nearby.measure:.5g}{times} ({attractor_text(vars(nearby))})'
 
 
-def summary_of(table: SweepTable, optimum: Optimum | None) -> dict[str, Any]:
+def summary_of(table: pd.DataFrame, optimum: Optimum | None) -> dict[str, Any]:
     """Return counts, attractors and optimum of a sweep, for JSON."""
-    ok = table.flags('ok')
-    reasons = Counter(reason for reason in table.texts('reason') if reason is not None)
+    names = [axis.name for axis in Grid.from_inputs(table.attrs['inputs']).axes]
+    found = None
+    if optimum is not None:
+        cautions = _cautions(optimum, names)
+        found = {**asdict(optimum), 'names': names, 'cautions': cautions}
     return {
         'rigs': len(table),
-        'failed': int((~ok).sum()),
-        'reasons': dict(reasons.most_common(_MOST_SHOWN)),
-        'motions': dict(Counter(m for m in table.texts('motion') if m is not None).most_common()),
+        'failed': int((~table.ok).sum()),
+        'reasons': _counts(table.reason, _MOST_SHOWN),
+        'motions': _counts(table.motion),
         'attractors': attractors_of(table),
-        'optimum': None
-        if optimum is None
-        else {
-            **optimum.as_dict(),
-            'names': [axis.name for axis in table.plan.axes],
-            'cautions': _cautions(optimum, [axis.name for axis in table.plan.axes]),
-        },
+        'optimum': found,
     }
+
+
+def _counts(column: pd.Series[Any], most: int | None = None) -> dict[str, int]:
+    """Return how often each text occurs, the most frequent first."""
+    return {str(text): int(count) for text, count in column.value_counts()[:most].items()}
 
 
 def summary_text(path: Path, summary: dict[str, Any]) -> str:

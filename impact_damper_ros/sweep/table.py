@@ -1,20 +1,19 @@
 """
 The table of a sweep: its columns, its rows, and its file in Parquet or CSV.
 
-Units, descriptions and the inputs of the sweep are in the metadata of a Parquet file, and in
-comments at the head of a CSV file. The format is not Zarr: a row is a rig, with texts, missing
-values and lists of different lengths beside its numbers, and the table is one file.
+Units, descriptions and the inputs of the sweep are in the attributes of the table, which pandas
+stores in a Parquet file, and in comments at the head of a CSV file.
 """
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator
-from itertools import dropwhile, islice
+from collections.abc import Callable, Iterable
+from importlib import import_module
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
@@ -25,31 +24,23 @@ from impact_damper_ros.outputs import whole
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.quoting import shown
 
-from .plan import SweepPlan
+from .grid import Grid
+from .journal import Row
 from .steady_state import SteadyState
 
 if TYPE_CHECKING:
-    from .journal import Journal
-
+    import pandas as pd
 
 Array = NDArray[np.float64]
-#: One row: a value, or None, for each column that has one.
-Row = dict[str, Any]
 #: File name extensions of tables.
 FORMATS = ('.parquet', '.csv')
-#: Number that stands for the attractor of a rig that could not be simulated.
-FAILED = -1
-
-_INPUTS = b'impact_damper_ros.sweep'
-#: Key under which pandas stores the attributes of a table.
-_PANDAS = b'PANDAS_ATTRS'
-_ROWS_AT_ONCE = 16384
 #: Sections that differ by less, relative to their size, are the same motion.
 _SAME = 1e-3
 
-
 #: Types of columns; doubles and integers are lists.
 Kind = Literal['double', 'integer', 'bool', 'text', 'doubles', 'integers']
+#: Those of pandas; lists are arrays of numpy.
+_DTYPES = {'double': 'float64', 'integer': 'Int64', 'bool': 'boolean', 'text': 'string'}
 
 
 class Column(NamedTuple):
@@ -126,6 +117,7 @@ def _columns() -> dict[str, Column]:
 
 
 _BY_NAME = _columns()
+_LISTS = {name for name, column in _BY_NAME.items() if column.kind not in _DTYPES}
 _PLACE = ('point', 'direction')
 _SECTION = ('section_x', 'section_velocity', 'section_offset', 'section_relative_velocity')
 _MEASURES = """
@@ -142,19 +134,19 @@ def check_measure(measure: str) -> None:
         raise ValueError(f'measure is {shown(measure)}: give one of {", ".join(MEASURES)}')
 
 
-def columns_of(plan: SweepPlan) -> list[Column]:
+def columns_of(grid: Grid) -> list[Column]:
     """Return all columns of the table of a sweep, in order."""
     varied = [
         Column(
-            str(parameter),
-            'bool' if parameter.spec.kind == 'bool' else 'double',
-            parameter.spec.unit,
-            parameter.spec.description,
+            str(one),
+            'bool' if one.spec.kind == 'bool' else 'double',
+            one.spec.unit,
+            one.spec.description,
         )
-        for axis in plan.axes
-        for parameter in axis.parameters
+        for axis in grid.axes
+        for one in axis.varied
     ]
-    left_out = () if plan.control.active else ('state',)
+    left_out = () if grid.setup.control.active else ('state',)
     place = [_BY_NAME[name] for name in _PLACE]
     found = [c for name, c in _BY_NAME.items() if name not in (*_PLACE, *left_out)]
     return [*place, *varied, *found]
@@ -203,12 +195,12 @@ def failed_row(reason: str) -> Row:
     return {'ok': False, 'reason': reason}
 
 
-def _relative_section(row: Row) -> Array:
+def _relative_section(row: Any) -> Array:
     """Return the section of a motion that repeats, relative to its size; shape (4, k)."""
-    section = np.array([row[name] for name in _SECTION], dtype=float)
-    size = row['x_max'] + float(np.ptp(section[2])) or 1.0
-    section /= size * np.array([[1.0], [math.tau / row['cycle']]] * 2).reshape(4, 1)
-    if row['impacts'] == 0:
+    section = np.array([getattr(row, name) for name in _SECTION], dtype=float)
+    size = row.x_max + float(np.ptp(section[2])) or 1.0
+    section /= size * np.array([[1.0], [math.tau / row.cycle]] * 2)
+    if row.impacts == 0:
         # Without impacts m may be anywhere in the gap
         section[2] = 0.0
     return section
@@ -222,298 +214,184 @@ def _is_same(one: Array, other: Array) -> bool:
     )
 
 
-def attractor_numbers(rows: Iterable[tuple[Hashable, Row]]) -> NDArray[np.int64]:
+def attractor_numbers(table: pd.DataFrame) -> list[int | None]:
     """
-    Return the number of each row's motion among those of the same rig, from a rig and its row.
+    Return the number of each row's motion among those of one rig.
 
     Two motions are the same if kind, period and stops are, and their sections agree; all motions
-    of one kind that do not repeat are the same. The most frequent one is 0; `FAILED` means none.
+    of one kind that do not repeat are the same. The most frequent one is 0.
     """
-    known: dict[Hashable, list[tuple[int, Array]]] = {}
-    met: Counter[Hashable] = Counter()
-    found: list[tuple[Hashable, int]] = []
-    for rig, row in rows:
-        number = FAILED
-        if row['ok']:
-            section = _relative_section(row) if row['settled'] else np.zeros((4, 1))
-            motions = known.setdefault((rig, row['motion'], row['period'], row['stops']), [])
-            number = next((n for n, other in motions if _is_same(other, section)), FAILED)
-            if number == FAILED:
-                number = met[rig]
-                met[rig] += 1
-                motions.append((number, section))
-        found.append((rig, number))
-    frequency = Counter(found)
-    ranks = {(rig, FAILED): FAILED for rig, _ in found}
-    for rig, count in met.items():
-        order = sorted(range(count), key=lambda number: (-frequency[rig, number], number))
-        ranks.update({(rig, number): rank for rank, number in enumerate(order)})
-    return np.array([ranks[one] for one in found], dtype=np.int64)
+    known: list[tuple[tuple[Any, ...], Array]] = []
+    found: list[int | None] = []
+    for row in table.itertuples():
+        if not row.ok:
+            found.append(None)
+            continue
+        kind = (row.motion, *((row.period, row.stops) if row.settled else ()))
+        section = _relative_section(row) if row.settled else np.zeros((4, 1))
+        same = (n for n, (k, other) in enumerate(known) if k == kind and _is_same(other, section))
+        number = next(same, len(known))
+        if number == len(known):
+            known.append((kind, section))
+        found.append(number)
+    met = Counter(number for number in found if number is not None)
+    ranks = {number: rank for rank, (number, _) in enumerate(met.most_common())}
+    return [None if number is None else ranks[number] for number in found]
 
 
-def _rows(plan: SweepPlan, journal: Journal) -> Iterator[Row]:
-    """Yield all rows of a sweep, complete."""
-    points = [plan.point(row) for row in range(plan.size)]
-    several = len(plan.follow.directions) > 1 or any(axis.initial for axis in plan.axes)
-    attractors = np.zeros(plan.size, dtype=np.int64)
-    if several:
-        # The same rig has several rows, by direction or initial conditions
-        kept = [i for i, axis in enumerate(plan.axes) if not axis.initial]
-        attractors = attractor_numbers(
-            (tuple(point.values[i] for i in kept), journal.row(point.row)) for point in points
-        )
-    for point, number in zip(points, attractors.tolist(), strict=True):
-        row = journal.row(point.row)
-        yield {
-            'point': point.row,
-            'direction': point.direction or None,
-            **{str(parameter): value for parameter, value in plan.settings(point.values)},
-            **row,
-            'attractor': number if row['ok'] else None,
-        }
+def _frame(grid: Grid, found: dict[str, list[Any]]) -> pd.DataFrame:
+    """Return a table of columns of values, or None; lists are arrays of numpy in it."""
+    import pandas as pd
+
+    def column(name: str, kind: Kind) -> Any:
+        if kind in _DTYPES:
+            return pd.array(found[name], dtype=_DTYPES[kind])
+        dtype = 'i1' if kind == 'integers' else 'f8'
+        arrays = [None if one is None else np.array(one, dtype) for one in found[name]]
+        return pd.Series(arrays, dtype=object)
+
+    columns = columns_of(grid)
+    table = pd.DataFrame({one.name: column(one.name, one.kind) for one in columns})
+    table.attrs = {
+        'title': 'Steady states of an impact damper',
+        'units': {one.name: one.unit for one in columns},
+        'descriptions': {one.name: one.description for one in columns},
+        'inputs': grid.inputs(),
+    }
+    return table
 
 
-def write_table(plan: SweepPlan, journal: Journal, path: Path) -> None:
-    """
-    Write the table of a sweep, completely or not at all.
+def table_of(grid: Grid, rows: Iterable[Row]) -> pd.DataFrame:
+    """Return the table of a sweep from the columns of its rigs, in order."""
+    import pandas as pd
 
-    Parameters
-    ----------
-    plan : SweepPlan
-        The sweep.
-    journal : Journal
-        Its journal, with the rows of all rigs.
-    path : Path
-        The file; CSV if its name ends in .csv, else Parquet.
+    found: dict[str, list[Any]] = {column.name: [] for column in columns_of(grid)}
+    for row in rows:
+        for name, values in found.items():
+            values.append(row.get(name))
+    table = _frame(grid, found | grid.columns())
+    if len(grid.directions) == 1 and not any(axis.initial for axis in grid.axes):
+        # A rig has one row
+        table['attractor'] = table.ok.astype('Int64').where(table.ok) * 0
+        return table
+    names = [str(one) for axis in grid.axes if not axis.initial for one in axis.varied]
+    for _, rig in table.groupby(names) if names else [((), table)]:
+        table.loc[rig.index, 'attractor'] = pd.array(attractor_numbers(rig), dtype='Int64')
+    return table
 
-    Raises
-    ------
-    OSError
-        If it cannot be written; an older file is left as it was.
-    """
-    path = Path(path)
-    with whole(path) as draft:
-        (_write_csv if _is_csv(path) else _write_parquet)(plan, _rows(plan, journal), draft)
+
+#: What reads a cell of a CSV file.
+_READERS: dict[Kind, Callable[[str], Any]] = {
+    'double': float,
+    'integer': int,
+    'bool': {'True': True, 'False': False}.__getitem__,
+    'text': str,
+    'doubles': json.loads,
+    'integers': json.loads,
+}
+_CSV_TITLE = '# Steady states of an impact damper. In pandas: read_csv(file, comment="#")'
+_CSV_INPUTS = '# impact_damper_ros.sweep: '
+_CSV_UNITS = '# units: '
 
 
 def _is_csv(path: Path) -> bool:
     return path.suffix.lower() == '.csv'
 
 
-_CSV_TITLE = '# Steady states of an impact damper. In pandas: read_csv(file, comment="#")'
-_CSV_INPUTS = '# impact_damper_ros.sweep: '
-_CSV_UNITS = '# units: '
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return ''
-    if isinstance(value, bool):
-        return str(value).lower()
-    return json.dumps(value) if isinstance(value, list) else str(value)
-
-
-def _write_csv(plan: SweepPlan, rows: Iterable[Row], path: Path) -> None:
-    names = [column.name for column in columns_of(plan)]
-    units = {column.name: column.unit for column in columns_of(plan) if column.unit}
-    with path.open('w', encoding='utf-8', newline='') as stream:
-        stream.write(f'{_CSV_TITLE}\n{_CSV_INPUTS}{json.dumps(plan.inputs())}\n')
-        stream.write(f'{_CSV_UNITS}{json.dumps(units)}\n')
-        table = csv.writer(stream, lineterminator='\n')
-        table.writerow(names)
-        table.writerows([_cell(row.get(name)) for name in names] for row in rows)
-
-
-def _value(text: str, kind: Kind) -> Any:
-    """Return what a cell of a CSV table holds; None if it is empty."""
-    if not text:
-        return None
-    if kind == 'bool' and text not in ('true', 'false'):
-        raise ValueError(f'{text!r} is neither true nor false')
-    readers: dict[Kind, Callable[[str], Any]] = {
-        'double': float,
-        'integer': int,
-        'bool': 'true'.__eq__,
-        'text': str,
-        'doubles': json.loads,
-        'integers': json.loads,
-    }
-    return readers[kind](text)
-
-
-def _read_csv(plan: SweepPlan, path: Path) -> dict[str, list[Any]]:
-    """Read a table, column by column, without pyarrow."""
-    columns = columns_of(plan)
-    with path.open(encoding='utf-8', newline='') as stream:
-        # The state of rig and control is a longer text than the csv module expects
-        csv.field_size_limit(max(csv.field_size_limit(), 1 << 24))
-        rows = csv.reader(dropwhile(lambda line: line.startswith('#'), stream))
-        if next(rows, None) != [column.name for column in columns]:
-            raise MetadataError(f'{path} does not have the columns of its sweep')
-        cells = list(rows)
-    if any(len(row) != len(columns) for row in cells):
-        raise ValueError('a row is cut short')
-    return {
-        column.name: [_value(row[place], column.kind) for row in cells]
-        for place, column in enumerate(columns)
-    }
-
-
-def _schema(plan: SweepPlan) -> Any:
-    import pyarrow as pa
-
-    types = {
-        'double': pa.float64(),
-        'integer': pa.int64(),
-        'bool': pa.bool_(),
-        'text': pa.string(),
-        'doubles': pa.list_(pa.float64()),
-        'integers': pa.list_(pa.int8()),
-    }
-    columns, inputs = columns_of(plan), plan.inputs()
-    attributes = {
-        'title': 'Steady states of an impact damper',
-        'units': {column.name: column.unit for column in columns},
-        'descriptions': {column.name: column.description for column in columns},
-        'inputs': inputs,
-    }
-    return pa.schema(
-        [
-            pa.field(
-                column.name,
-                types[column.kind],
-                metadata={'unit': column.unit, 'description': column.description},
-            )
-            for column in columns
-        ],
-        metadata={_INPUTS: json.dumps(inputs), _PANDAS: json.dumps(attributes)},
-    )
-
-
-def _write_parquet(plan: SweepPlan, rows: Iterable[Row], path: Path) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    schema, left = _schema(plan), iter(rows)
-    with (
-        path.open('wb') as stream,
-        pq.ParquetWriter(stream, schema, compression='zstd') as writer,
-    ):
-        while some := list(islice(left, _ROWS_AT_ONCE)):
-            writer.write_table(pa.Table.from_pylist(some, schema=schema))
-
-
-def _read_parquet(path: Path) -> dict[str, list[Any]]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        columns: dict[str, list[Any]] = pq.read_table(path).to_pydict()
-    except pa.ArrowInvalid as error:
-        raise ValueError(error) from error
-    return columns
-
-
-def check_format(path: Path) -> None:
-    """Raise `ImportError` if a table is to be Parquet and pyarrow, which writes it, is missing."""
-    if _is_csv(path):
-        return
-    try:
-        import pyarrow.parquet  # noqa: F401
-    except ImportError as error:
-        raise ImportError(
-            f'pyarrow, which writes Parquet, cannot be imported ({error}): install it with "pip '
-            f'install pyarrow", or give the table a name that ends in .csv, such as '
-            f'{path.with_suffix(".csv")}'
-        ) from error
+def write_table(table: pd.DataFrame, path: Path) -> None:
+    """Write the table of a sweep, completely or not at all."""
+    with whole(path) as draft:
+        if not _is_csv(path):
+            table.to_parquet(draft, index=False, compression='zstd')
+            return
+        units = {name: unit for name, unit in table.attrs['units'].items() if unit}
+        texts = table.copy()
+        for name in texts.columns.intersection(_LISTS):
+            texts[name] = [
+                None if cell is None else json.dumps(cell.tolist()) for cell in table[name]
+            ]
+        with draft.open('w', encoding='utf-8', newline='') as stream:
+            stream.write(f'{_CSV_TITLE}\n{_CSV_INPUTS}{json.dumps(table.attrs["inputs"])}\n')
+            stream.write(f'{_CSV_UNITS}{json.dumps(units)}\n')
+            texts.to_csv(stream, index=False, lineterminator='\n')
 
 
 class MetadataError(ValueError):
-    """A file that is not the table of a sweep."""
+    """A file that is not the table of this sweep, or of none."""
 
 
-def _csv_inputs(path: Path) -> dict[str, Any]:
-    with path.open(encoding='utf-8', newline='') as stream:
-        for line in stream:
-            if line.startswith(_CSV_INPUTS):
-                inputs: dict[str, Any] = json.loads(line.removeprefix(_CSV_INPUTS))
-                return inputs
-            if not line.startswith('#'):
-                break
-    raise KeyError(_CSV_INPUTS)
-
-
-def _parquet_inputs(path: Path) -> dict[str, Any]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        inputs: dict[str, Any] = json.loads((pq.read_schema(path).metadata or {})[_INPUTS])
-    except pa.ArrowInvalid as error:
-        raise ValueError(error) from error
-    return inputs
-
-
-def stored_inputs(path: Path) -> dict[str, Any]:
-    """Return the inputs that a table was made from, or raise a `MetadataError`."""
-    try:
-        return _csv_inputs(path) if _is_csv(path) else _parquet_inputs(path)
-    except (KeyError, ValueError) as error:
-        raise MetadataError(f'{path} is not the table of a sweep') from error
-
-
-class SweepTable:
+def read_table(path: str | Path) -> pd.DataFrame:
     """
-    The table of a sweep, read from its file.
+    Read the table of a sweep.
 
     Parameters
     ----------
-    path : Path
+    path : path
         The file, Parquet or CSV.
 
-    Attributes
-    ----------
-    plan : SweepPlan
-        The sweep.
+    Returns
+    -------
+    pandas.DataFrame
+        The table as `sweep` has returned it.
 
     Raises
     ------
     MetadataError
-        If the file is not the table of a sweep.
+        If the file is not the table of a sweep, or not complete.
     OSError
         If it cannot be read.
     ImportError
-        If it is Parquet, and pyarrow is missing.
+        Without pandas, or without pyarrow for Parquet (extra ``sweep``).
     """
+    path = Path(path)
+    check_format(path)
+    try:
+        return _read_csv(path) if _is_csv(path) else _read_parquet(path)
+    except (KeyError, TypeError, ValueError) as error:
+        raise MetadataError(f'{path} is not the table of a sweep, or not complete') from error
 
-    def __init__(self, path: Path) -> None:
-        path = Path(path)
-        check_format(path)
-        self.plan = SweepPlan.from_inputs(stored_inputs(path))
+
+def _read_parquet(path: Path) -> pd.DataFrame:
+    import pandas as pd
+
+    table = pd.read_parquet(path)
+    Grid.from_inputs(table.attrs['inputs'])
+    return table
+
+
+def _read_csv(path: Path) -> pd.DataFrame:
+    import pandas as pd
+
+    with path.open(encoding='utf-8') as stream:
+        head = list(takewhile(lambda line: line.startswith('#'), stream))
+    stored = next((line for line in head if line.startswith(_CSV_INPUTS)), '')
+    grid = Grid.from_inputs(json.loads(stored.removeprefix(_CSV_INPUTS)))
+    cells = pd.read_csv(path, skiprows=len(head), dtype=str, keep_default_na=False)
+    kinds = {column.name: column.kind for column in columns_of(grid)}
+    if list(cells.columns) != list(kinds) or len(cells) != grid.size:
+        raise ValueError(f'{len(cells)} of {grid.size} rows')
+    table = _frame(
+        grid,
+        {
+            name: [_READERS[kind](cell) if cell else None for cell in cells[name]]
+            for name, kind in kinds.items()
+        },
+    )
+    # A line that was cut short lacks its last columns
+    if table.impact_speed[table.ok].isna().any():
+        raise ValueError('a row is cut short')
+    return table
+
+
+def check_format(path: Path | None) -> None:
+    """Raise ImportError if pandas, which makes the table, or for Parquet pyarrow is missing."""
+    needed = ['pandas'] if path is None or _is_csv(path) else ['pandas', 'pyarrow']
+    for name in needed:
         try:
-            self._columns = _read_csv(self.plan, path) if _is_csv(path) else _read_parquet(path)
-        except MetadataError:
-            raise
-        except ValueError as error:
-            raise MetadataError(f'{path} is not complete: {error}') from error
-        if len(self) != self.plan.size:
-            raise MetadataError(f'{path} is not complete: {len(self)} of {self.plan.size} rows')
-
-    def __len__(self) -> int:
-        return len(self._columns['point'])
-
-    def numbers(self, name: str) -> Array:
-        """Return a column of numbers; NaN where there is none."""
-        return np.array(self._columns[name], dtype=np.float64)
-
-    def texts(self, name: str) -> list[str | None]:
-        """Return a column of texts."""
-        return self._columns[name]
-
-    def flags(self, name: str) -> NDArray[np.bool_]:
-        """Return a column of true and false; false where there is none."""
-        return np.array([value is True for value in self._columns[name]])
-
-    def lists(self, name: str) -> list[list[float]]:
-        """Return a column of lists; empty where there is none."""
-        return [value or [] for value in self._columns[name]]
+            import_module(name)
+        except ImportError as error:
+            raise ImportError(
+                f'{name}, which makes the table of a sweep, cannot be imported ({error}): install '
+                f'it with "pip install {name}", or the package with its extra [sweep]'
+                + (', or give the table a name that ends in .csv' if name == 'pyarrow' else '')
+            ) from error

@@ -305,7 +305,7 @@ def test_python(text, place):
         line = next(line for page, line in LINES if name in line and page != README)
         carry_out(line)
     script = place / 'script.py'
-    script.write_text(text.replace('gap=10:60:200', 'gap=10:60:3'), encoding='utf-8')
+    script.write_text(text.replace('(10, 60, 200)', '(10, 60, 3)'), encoding='utf-8')
     done = subprocess.run(
         [sys.executable, str(script)],
         env={**os.environ, 'PYTHONPATH': str(ROOT), 'MPLBACKEND': 'agg'},

@@ -6,10 +6,9 @@ import os
 import signal
 import time
 
-import numpy as np
 import pytest
 
-from impact_damper_ros.sweep.execution import LocalWorkers, ProcessPool
+from impact_damper_ros.sweep.execution import ProcessPool
 
 
 def test_ctrl_c_while_the_processes_begin():
@@ -22,16 +21,10 @@ def test_ctrl_c_while_the_processes_begin():
         assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
-@pytest.mark.parametrize('make', [ProcessPool, LocalWorkers])
 @pytest.mark.parametrize('jobs', [-1, 0, 2.5, math.nan, math.inf, None, 'x', True, [], 1025])
-def test_numbers_of_processes(make, jobs):
+def test_numbers_of_processes(jobs):
     with pytest.raises(ValueError, match=r'jobs is .*: give a whole number from 1 to 1024'):
-        make(jobs)
-
-
-def test_any_kind_of_whole_number():
-    with LocalWorkers(np.int64(2)) as workers:
-        assert workers.at_once == 4
+        ProcessPool(jobs)
 
 
 def test_what_the_processes_log_is_logged_here_once(caplog):

@@ -1,25 +1,36 @@
-"""Sweeps: the same table however they are run, cut short and taken up again."""
+"""Sweeps: the same table however they are run, killed and resumed."""
 
 import json
 import os
+import random
 import signal
-from concurrent.futures import Future
+import sqlite3
+import subprocess
+import sys
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from sweep.made_tables import Shuffled, table_of
+from small_disk import mounted
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits.settling import Settling
-from impact_damper_ros.rig import InitialConditions, RigParameters
-from impact_damper_ros.sweep.execution import LocalWorkers, WorkersError, rig_row
-from impact_damper_ros.sweep.journal import Done, Journal, JournalError, journal_path
-from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
+from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters
+from impact_damper_ros.sweep import (
+    Grid,
+    JournalError,
+    MetadataError,
+    Settling,
+    WorkersError,
+    execution,
+    read_table,
+    sweep,
+)
+from impact_damper_ros.sweep.execution import ProcessPool, rig_row
+from impact_damper_ros.sweep.journal import Journal, Progress, journal_path
 from impact_damper_ros.sweep.steady_state import steady_state
-from impact_damper_ros.sweep.table import SweepTable
 
 pytest.importorskip('pyarrow')
 
@@ -28,123 +39,169 @@ START = InitialConditions(initial_primary_position=1.0)
 BRIEF = Settling(cycles=300, watch=40, section=20)
 
 
-def plan_of(*ranges, rig=RIG, start=START, follow=Follow.NONE, settling=BRIEF):
-    axes = tuple(axis_from_text(text, rig) for text in ranges)
-    return SweepPlan(rig, start, axes, follow, settling)
-
-
-def plan_with(value, *ranges, **others):
-    """Return a plan with a value more on its first axis, which the command would refuse."""
-    plan = plan_of(*ranges, **others)
-    first = replace(plan.axes[0], values=tuple(sorted((value, *plan.axes[0].values))))
-    return replace(plan, axes=(first, *plan.axes[1:]))
+def grid_of(rig=RIG, settling=BRIEF, follow='none', **axes):
+    return Grid(rig, START, follow=follow, settling=settling, **axes)
 
 
 #: Compressed air and elastic stops: ever more impacts.
 PUMPED = RigParameters(air_force=0.3, gravity=0.0, gap=5.0)
-LITTLE = Settling(cycles=100, watch=21, events=5000)
-#: From a gap that cannot be to one of another motion; some chaotic.
-MIXED = plan_with(-2.0, 'gap=1:40:14')
-FOLLOWED = plan_of('gap=6:30:9', 'restitution_1=0.7,0.75', follow=Follow.BOTH)
+ELASTIC = grid_of(
+    PUMPED,
+    Settling(cycles=100, watch=21, events=5000),
+    **{'restitution_1=restitution_2': [0.5, 1]},
+)
+#: An ensemble, some of its rigs chaotic; rigs of their own; some with endless events; chains.
+TOGETHER = grid_of(gap=np.linspace(1.0, 40.0, 14))
+APART = grid_of(force_frequencies=np.linspace(1.0, 1.2, 9))
+FOLLOWED = grid_of(follow='both', gap=np.linspace(6.0, 30.0, 9), restitution_1=[0.7, 0.75])
+GRIDS = pytest.mark.parametrize(
+    'grid', [TOGETHER, APART, ELASTIC, FOLLOWED], ids=['together', 'apart', 'elastic', 'followed']
+)
 
 
-@pytest.mark.parametrize('plan', [MIXED, FOLLOWED], ids=['independent', 'followed'])
-def test_table_does_not_depend_on_who_runs_it(plan, tmp_path):
-    alone = table_of(plan, tmp_path / 'alone.parquet')
-    shuffled = Shuffled()
-    with shuffled.pool:
-        assert table_of(plan, tmp_path / 'other.parquet', shuffled, at_once=5) == alone
+@pytest.fixture
+def brief_tasks(monkeypatch):
+    """Let tasks return after a rig, and ensembles after two."""
+    monkeypatch.setattr(execution, '_SECONDS', 0.0)
+    monkeypatch.setattr(execution, '_TOGETHER_HERE', 2)
 
 
-@pytest.mark.parametrize('plan', [MIXED, FOLLOWED], ids=['independent', 'followed'])
-def test_interrupted_sweeps_go_on_where_they_were(plan, tmp_path, monkeypatch):
-    """Cut short again and again, each time after two rigs, in a line that is half written."""
-    monkeypatch.setattr('impact_damper_ros.sweep.execution._SECONDS', 0.0)
-    whole = table_of(plan, tmp_path / 'whole.parquet')
+class Shuffled(ThreadPoolExecutor):
+    """An executor that finishes in an order of its own."""
+
+    chance = random.Random(4)
+
+    def submit(self, fn, /, *args):
+        delay = self.chance.random() * 0.02
+        return super().submit(lambda: (time.sleep(delay), fn(*args))[1])
+
+
+@GRIDS
+@pytest.mark.usefixtures('brief_tasks')
+def test_table_does_not_depend_on_who_runs_it(grid, tmp_path):
+    sweep(grid, tmp_path / 'alone.parquet')
+    with Shuffled(3) as shuffled:
+        sweep(grid, tmp_path / 'other.parquet', executor=shuffled)
+    alone, other = (tmp_path / f'{name}.parquet' for name in ('alone', 'other'))
+    assert alone.read_bytes() == other.read_bytes()
+
+
+@GRIDS
+@pytest.mark.usefixtures('brief_tasks')
+def test_interrupted_sweeps_resume_where_they_were(grid, tmp_path):
+    whole = sweep(grid)
     path = tmp_path / 'cut.parquet'
-    part = journal_path(path)
-    done = 0
 
-    def stop_after_two(count):
-        nonlocal done
-        done += count
-        if done >= 2:
-            raise KeyboardInterrupt
+    class Stop(BaseException):
+        pass
+
+    counts = []
+
+    def stop_after_one(count):
+        counts.append(count)
+        if count > counts[0]:
+            raise Stop
 
     for _ in range(3):
-        done = 0
-        with pytest.raises(KeyboardInterrupt):
-            table_of(plan, path, progress=stop_after_two)
-        with part.open('ab') as stream:
-            stream.write(b'{"point":3,"row":{"ok":tr')
-    finished = [json.loads(line)['point'] for line in part.read_bytes().splitlines()[1:-1]]
-    assert len(finished) == len(set(finished)) == 6
-    assert table_of(plan, path) == whole
+        counts.clear()
+        try:
+            sweep(grid, path, progress=stop_after_one)
+        except Stop:
+            # Nothing is run twice: the next one begins where this one ended
+            begun, *_, ended = counts
+            assert begun < ended <= begun + 2
+    counts.clear()
+    table = sweep(grid, path)
+    pd.testing.assert_frame_equal(table, whole)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['cut.parquet']
 
 
-def test_a_journal_that_lacks_the_last_state_of_a_chain(tmp_path, monkeypatch):
-    """As a kill in the middle of a long write leaves it: rows without the state after them."""
-    monkeypatch.setattr('impact_damper_ros.sweep.execution._SECONDS', 0.0)
-    whole = table_of(FOLLOWED, tmp_path / 'whole.parquet')
-    path = tmp_path / 'cut.parquet'
-
-    def stop(_):
-        raise KeyboardInterrupt
-
-    for _ in range(3):
-        with pytest.raises(KeyboardInterrupt):
-            table_of(FOLLOWED, path, progress=stop)
-    part = journal_path(path)
-    *lines, last = part.read_bytes().splitlines(keepends=True)
-    entry = json.loads(last)
-    assert entry.pop('state')
-    part.write_bytes(b''.join([*lines, json.dumps(entry).encode() + b'\n']))
-    assert table_of(FOLLOWED, path) == whole
+def test_a_sweep_runs_only_what_its_journal_lacks(tmp_path):
+    path = tmp_path / 'a.parquet'
+    with Journal(journal_path(path), TOGETHER.inputs()) as journal:
+        journal.add([(row, {'ok': False, 'reason': 'as the journal says'}) for row in range(13)])
+    table = sweep(TOGETHER, path)
+    assert list(table.reason[:13]) == ['as the journal says'] * 13
+    assert table.ok[13]
 
 
-def test_a_failing_rig_is_a_row_with_its_reason(tmp_path):
-    table_of(MIXED, tmp_path / 'mixed.parquet')
-    table = pd.read_parquet(tmp_path / 'mixed.parquet')
-    assert list(table.gap) == list(np.linspace(-2.0, 40.0, 15))
-    assert list(table.ok) == [False] + [True] * 14
-    assert table.reason[0] == 'gap is -2.0 m: give a number from 1e-09 to 1e+09 m'
-    assert pd.isna(table.x_max[0])
-    assert pd.isna(table.attractor[0])
-    assert table.reason[1:].isna().all()
-    assert (table.attractor[1:] == 0).all()
+def test_an_ensemble_has_the_motions_of_single_rigs():
+    """Transients together; then the same motion, to the tolerance of the sweep."""
+    settling = Settling(cycles=1000, watch=40)
+    grid = grid_of(settling=settling, gap=np.linspace(12.0, 44.0, 9))
+    table = sweep(grid)
+    assert 6 <= table.settled.sum() < 9
+    for row, gap in enumerate(grid.axes[0].values):
+        alone = steady_state(Rig(RIG.replace(gap=gap), START, compiled=None), settling)
+        assert table.settled[row] == (alone.period > 0)
+        if alone.period:
+            assert table.motion[row] == alone.kind.value
+            assert table.stops[row] == ','.join(alone.stops)
+            assert table.x_max[row] == pytest.approx(alone.x_max, rel=1e-7)
+            assert table.largest_multiplier[row] == pytest.approx(alone.multiplier, rel=1e-6)
 
 
-def test_a_rig_with_endless_events_is_a_row(tmp_path):
-    plan = plan_of('restitution_1=restitution_2=0.5,1', rig=PUMPED, settling=LITTLE)
-    table_of(plan, tmp_path / 'elastic.parquet')
-    table = pd.read_parquet(tmp_path / 'elastic.parquet')
+def test_an_ensemble_with_several_forces_and_rest_on_a_stop():
+    """Each force is an ensemble of its own; m rests on the stop at the ends of cycles."""
+    rig = RigParameters(angle=1.5708, one_sided=True, gravity=1.0, damping=0.1, damper_mass=0.01)
+    start = InitialConditions(initial_damper_offset=0.5)
+    grid = Grid(rig, start, gap=[1.0, 1.2], force_amplitudes=[0.05, 0.1], settling=BRIEF)
+    table = sweep(grid)
+    assert list(table.motion) == ['without impacts'] * 4
+    assert list(table.rest_share) == [1.0, 1.0] * 2
+    # Both masses swing as one
+    joint = rig.replace(primary_mass=1.01, damper_mass=1e-9, force_amplitudes=0.05)
+    assert table.x_max[0] - abs(table.x_mean[0]) == pytest.approx(
+        joint.response_amplitude, rel=1e-6
+    )
+
+
+def test_rigs_with_endless_events_are_rows_with_a_reason():
+    table = sweep(ELASTIC)
     assert list(table.ok) == [True, False]
     assert 'allow more events, or make the stops less elastic' in table.reason[1]
+    assert table.x_max.isna()[1]
+    assert table.attractor.isna()[1]
+    assert table.attractor[0] == 0
 
 
-def test_a_failing_rig_does_not_break_a_chain(tmp_path):
-    """Those that follow take over the state of the last one that could be run."""
-    plan = plan_with(1.2, 'restitution_1=0.7,0.75,0.8', follow=Follow.UP)
-    table_of(plan, tmp_path / 'chain.parquet')
-    table = SweepTable(tmp_path / 'chain.parquet')
-    assert list(table.flags('ok')) == [True, True, True, False]
-    plan = plan_of('restitution_1=0.7,0.8', follow=Follow.UP)
-    settings = plan.settings(plan.point(1).values)
-    row, state = rig_row(plan.setup, plan.settings(plan.point(0).values))
-    assert row['x_max'] == table.numbers('x_max')[0]
-    following, _ = rig_row(plan.setup, settings, state)
-    assert following['settled']
+def test_rigs_out_of_range_are_rows_and_do_not_break_a_chain():
+    """Twice the critical damping cannot be; those that follow start from the last that could."""
+    grid = grid_of(follow='up', damping=[0.01, 2.5], gap=[30.0])
+    table = sweep(grid)
+    assert list(table.ok) == [True, False]
+    assert 'damping is 2.5' in table.reason[1]
+    grid = grid_of(follow='down', damping=[0.01, 2.5], gap=[30.0])
+    assert list(sweep(grid).ok) == [True, False]
+
+
+def test_a_programming_error_ends_the_sweep(monkeypatch):
+    def fail(*_, **__):
+        raise AssertionError('a state that cannot be')
+
+    monkeypatch.setattr('impact_damper_ros.sweep.execution.steady_state', fail)
+    for grid in (TOGETHER, FOLLOWED):
+        with pytest.raises(AssertionError, match='a state that cannot be'):
+            sweep(grid)
+
+
+def test_a_followed_rig_starts_from_the_last_state_of_the_one_before():
+    first, second = (
+        FOLLOWED.setup.vary(FOLLOWED.settings(values)) for values in ((24.0, 0.7), (27.0, 0.7))
+    )
+    row, state = rig_row(first)
+    following, _ = rig_row(second, state)
+    fresh, _ = rig_row(second)
+    assert row['stops'] == following['stops'] == '1,2'
     # From the motion next to it a rig settles sooner than from X = 1
-    fresh, _ = rig_row(plan.setup, settings)
     assert following['x_max'] == pytest.approx(fresh['x_max'], rel=1e-6)
     assert following['settling_cycles'] <= fresh['settling_cycles']
 
 
-def test_following_up_and_down_shows_hysteresis(tmp_path):
+def test_following_up_and_down_shows_hysteresis():
     """At a gap of 52 the rig keeps two impacts per cycle, or none, whichever it had."""
-    plan = plan_of('gap=44,52,100', follow=Follow.BOTH, settling=Settling(cycles=1500))
-    table_of(plan, tmp_path / 'both.parquet')
-    table = pd.read_parquet(tmp_path / 'both.parquet').set_index(['direction', 'gap'])
+    grid = grid_of(follow='both', settling=Settling(cycles=1500), gap=[44, 52, 100])
+    table = sweep(grid).set_index(['direction', 'gap'])
     up, down = table.loc['up'], table.loc['down']
     assert up.stops.loc[44.0] == up.stops.loc[52.0] == '1,2'
     assert down.motion.loc[100.0] == down.motion.loc[52.0] == 'without impacts'
@@ -154,101 +211,168 @@ def test_following_up_and_down_shows_hysteresis(tmp_path):
     assert down.x_max.loc[44.0] == pytest.approx(up.x_max.loc[44.0], rel=1e-6)
 
 
-def test_table_tells_units_meanings_and_inputs(tmp_path):
-    path = tmp_path / 'mixed.parquet'
-    table_of(MIXED, path)
-    import pyarrow.parquet as pq
-
-    schema = pq.read_schema(path)
-    field = schema.field('lyapunov_exponent')
-    assert field.metadata[b'unit'] == b'1/s'
-    assert field.metadata[b'description'].startswith(b'Largest Lyapunov exponent')
-    assert schema.field('gap').metadata[b'unit'] == b'm'
-    assert all(f.metadata[b'description'] for f in schema)
-    table = pd.read_parquet(path)
+@pytest.mark.parametrize('suffix', ['csv', 'parquet'])
+def test_pandas_alone_reads_the_table(tmp_path, suffix):
+    path = tmp_path / f'a.{suffix}'
+    grid = grid_of(settling=Settling(watch=40), damping=[0.01, 2.5])
+    table = sweep(grid, path)
+    pd.testing.assert_frame_equal(read_table(path), table)
+    assert read_table(path).attrs == table.attrs
     assert table.attrs['units']['x_max'] == 'm'
-    assert table.attrs['inputs'] == MIXED.inputs()
-    assert SweepTable(path).plan == MIXED
-    state = steady_state(Rig(RIG.replace(gap=37.0), START, compiled=None), BRIEF)
-    row = table[table.gap == 37.0].iloc[0]
-    assert row.x_max == state.x_max
-    assert row.lyapunov_exponent == state.exponent.value
-    assert list(row.section_x) == list(state.section[:, 0])
-    assert list(row.impact_stop) == list(state.hits[:, 0])
+    assert table.attrs['descriptions']['lyapunov_exponent'].startswith('Largest Lyapunov exponent')
+    assert Grid.from_inputs(table.attrs['inputs']) == grid
+    if suffix == 'csv':
+        plain = pd.read_csv(path, comment='#')
+        assert json.loads(plain.section_x[0]) == pytest.approx(list(table.section_x[0]))
+    else:
+        plain = pd.read_parquet(path)
+        assert plain.attrs == table.attrs
+        assert list(plain.section_x[0]) == list(table.section_x[0])
+    assert list(plain.columns) == list(table.columns)
+    assert list(plain.ok) == [True, False]
+    assert list(plain.x_max) == pytest.approx(list(table.x_max), nan_ok=True)
+    assert plain.period[0] == 1
+    assert plain.period.isna()[1]
 
 
-def test_table_reads_as_an_xarray_dataset(tmp_path):
+def test_table_reads_as_an_xarray_dataset():
     pytest.importorskip('xarray')
-    plan = plan_of('gap=24,30', 'restitution_1=0.7,0.75', 'friction=0,0.1')
-    table_of(plan, tmp_path / 'grid.parquet')
-    table = pd.read_parquet(tmp_path / 'grid.parquet')
+    table = sweep(grid_of(gap=[24, 30], restitution_1=[0.7, 0.75], friction=[0, 0.1]))
     grid = table.set_index(['gap', 'restitution_1', 'friction']).x_max.to_xarray()
     assert grid.shape == (2, 2, 2)
     assert grid.sel(gap=30.0, restitution_1=0.75, friction=0.0) == table.x_max[6]
 
 
 def test_a_journal_of_other_inputs_is_refused(tmp_path):
-    path = tmp_path / 'sweep.parquet.part'
-    with Journal(path, MIXED.inputs()) as journal:
-        journal.add([Done(0, {'ok': False, 'reason': 'so'}, None)])
-    other = plan_with(-2.0, 'gap=1:40:14', rig=RIG.replace(damping=0.02))
+    path = tmp_path / 'sweep.parquet'
+    with Journal(journal_path(path), TOGETHER.inputs()) as journal:
+        journal.add([(0, {'ok': False, 'reason': 'so'})])
+    other = grid_of(RIG.replace(damping=0.02), gap=TOGETHER.axes[0].values)
     with pytest.raises(JournalError) as refused:
-        Journal(path, other.inputs())
+        sweep(other, path)
     assert 'holds 1 rigs of a sweep with other inputs' in str(refused.value)
     assert 'parameters.damping: 0.01 there, 0.02 here' in str(refused.value)
-    with Journal(path, MIXED.inputs()) as journal:
-        assert journal.row(0) == {'ok': False, 'reason': 'so'}
-    with Journal(path, other.inputs(), anew=True) as journal:
-        assert not journal.points
+    table = sweep(other, path, overwrite=True)
+    assert table.ok[0]
+    with pytest.raises(MetadataError, match='is the table of a sweep with other inputs'):
+        sweep(TOGETHER, path)
 
 
 def test_a_journal_is_held_by_one_sweep_alone(tmp_path):
     path = tmp_path / 'sweep.parquet.part'
     with (
-        Journal(path, MIXED.inputs()),
+        Journal(path, TOGETHER.inputs()),
         pytest.raises(JournalError, match='in use by another sweep'),
     ):
-        Journal(path, MIXED.inputs())
+        Journal(path, TOGETHER.inputs())
 
 
-def test_a_damaged_journal_says_in_which_line(tmp_path):
+def test_a_file_that_is_no_journal_is_left_alone(tmp_path):
     path = tmp_path / 'sweep.parquet.part'
-    with Journal(path, MIXED.inputs()) as journal:
-        journal.add([Done(0, {'ok': False, 'reason': 'so'}, None)])
-    path.write_bytes(path.read_bytes() + b'{"point":}\n')
-    with pytest.raises(JournalError, match='damaged in line 3: delete this line'):
-        Journal(path, MIXED.inputs())
-    path.write_text('gap: 3\n')
+    for content in ('gap: 3\n', 'SQLite format 3\0' + 200 * 'x'):
+        path.write_text(content)
+        with pytest.raises(JournalError, match='is not the journal of a sweep'):
+            Journal(path, TOGETHER.inputs())
+        assert path.read_text() == content
+    path.unlink()
+    base = sqlite3.connect(path)
+    base.execute('CREATE TABLE other (x)')
+    base.close()
     with pytest.raises(JournalError, match='is not the journal of a sweep'):
-        Journal(path, MIXED.inputs())
+        Journal(path, TOGETHER.inputs())
 
 
-def test_killed_processes_are_replaced(tmp_path):
-    """A worker is killed as soon as the first rigs are back."""
-    plan = plan_of('gap=2:14:40', settling=Settling(cycles=600, watch=40))
-    alone = table_of(plan, tmp_path / 'alone.parquet')
-    victims = []
-    with LocalWorkers(2) as workers:
+def test_a_full_disk_keeps_what_is_done(tmp_path):
+    row = {'ok': True, 'section_x': list(np.linspace(0.0, 1.0, 200))}
+    with mounted(tmp_path / 'disk', 128) as disk:
+        path = disk / 'a.parquet.part'
+        done = 0
 
-        def kill(_):
-            if not victims:
-                victims.append(next(iter(workers._pool._processes.values())))
-                os.kill(victims[0].pid, signal.SIGKILL)
+        def fill(journal):
+            nonlocal done
+            for done in range(1000):
+                journal.add([(done, row)], 0, Progress(done + 1, {'time': 1.0}))
 
-        killed = table_of(
-            plan,
-            tmp_path / 'killed.parquet',
-            workers,
-            at_once=4,
-            losses=workers.losses,
-            progress=kill,
+        with (
+            Journal(path, TOGETHER.inputs()) as journal,
+            pytest.raises(OSError, match='No space left on device'),
+        ):
+            fill(journal)
+        kept = path.read_bytes()
+    assert done > 10
+    (tmp_path / 'a.part').write_bytes(kept)
+    with Journal(tmp_path / 'a.part', TOGETHER.inputs()) as journal:
+        assert journal.points() == set(range(done))
+        assert journal.chains()[0].place == done
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from impact_damper_ros.sweep.journal import Journal, Progress
+with Journal(Path(sys.argv[1]), {}) as journal:
+    for number in range(10**6):
+        rows = [(number * 10 + k, {'x': [0.5] * 2000, 'k': k}) for k in range(10)]
+        journal.add(rows, 0, Progress(10 * number + 10, {'number': number}))
+        print(number, flush=True)
+"""
+
+
+def test_a_journal_killed_while_it_writes_is_whole(tmp_path):
+    """Each batch of rows is there with the progress of its chain, or not at all."""
+    path = tmp_path / 'a.part'
+    for last in (3, 7):
+        path.unlink(missing_ok=True)
+        process = subprocess.Popen(
+            [sys.executable, '-c', WRITER, str(path)], stdout=subprocess.PIPE, text=True
         )
-        assert victims[0].exitcode == -signal.SIGKILL
-    assert killed == alone
+        with process:
+            said = -1
+            while said < last:
+                said = int(process.stdout.readline())
+            process.kill()
+        with Journal(path, {}) as journal:
+            points, (progress,) = journal.points(), journal.chains().values()
+            assert progress.place == len(points) >= 10 * (said + 1)
+            assert points == set(range(len(points)))
+            assert progress.state == {'number': len(points) // 10 - 1}
+
+
+def test_killed_processes_are_replaced(monkeypatch):
+    """A worker is killed as soon as the first rigs are back."""
+    grid = grid_of(settling=Settling(cycles=600, watch=40), gap=np.linspace(2.0, 14.0, 40))
+    alone = sweep(grid)
+    victims = []
+
+    class Watched(ProcessPool):
+        def submit(self, *args):
+            future = super().submit(*args)
+            Watched.last = self
+            return future
+
+    monkeypatch.setattr(execution, 'ProcessPool', Watched)
+
+    def kill(done):
+        if done and not victims:
+            victims.append(next(iter(Watched.last._processes.values())))
+            os.kill(victims[0].pid, signal.SIGKILL)
+
+    killed = sweep(grid, jobs=2, progress=kill)
+    assert victims[0].exitcode == -signal.SIGKILL
+    pd.testing.assert_frame_equal(killed, alone)
 
 
 class Deadly:
-    """An executor whose workers die whatever they do."""
+    """Processes that die whatever they do."""
+
+    def __init__(self, *_):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
 
     def submit(self, *_):
         future = Future()
@@ -256,15 +380,20 @@ class Deadly:
         return future
 
 
-def test_workers_that_always_die_end_the_sweep(tmp_path):
-    with pytest.raises(WorkersError, match=r'5 workers in a row died .* rigs 0 to'):
-        table_of(MIXED, tmp_path / 'sweep.parquet', Deadly())
-
-
-def test_another_version_on_a_worker_ends_the_sweep(tmp_path, monkeypatch):
-    monkeypatch.setattr('impact_damper_ros.__version__', '0.0.1')
-    with (
-        LocalWorkers(1) as workers,
-        pytest.raises(WorkersError, match=r'sweep is of version 0\.0\.1'),
+def test_processes_that_always_die_end_the_sweep(monkeypatch):
+    monkeypatch.setattr(execution, 'ProcessPool', Deadly)
+    with pytest.raises(
+        WorkersError, match='5 times in a row a process died before a rig was done'
     ):
-        table_of(plan_of('gap=20,30'), tmp_path / 'sweep.parquet', workers)
+        sweep(TOGETHER, jobs=2)
+
+
+def test_another_version_on_a_worker_ends_the_sweep(monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.__version__', '0.0.1')
+    with ProcessPool(1) as pool, pytest.raises(WorkersError, match=r'sweep is of version 0\.0\.1'):
+        sweep(grid_of(gap=[20, 30]), executor=pool)
+
+
+def test_errors_of_values_are_those_of_the_grid():
+    with pytest.raises(ParameterError):
+        grid_of(gap=[20, 30]).setup.vary({TOGETHER.axes[0].varied[0]: -1.0})

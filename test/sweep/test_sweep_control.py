@@ -2,28 +2,28 @@
 
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 from control import laws
 from control.controlled_rigs import IDEAL, TRIAL, control
-from sweep.made_tables import Shuffled, table_of
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.orbits.settling import Settling
+from impact_damper_ros.orbits import MotionKind
 from impact_damper_ros.rig import InitialConditions
 from impact_damper_ros.rig.event_budget import EndlessEventsError
+from impact_damper_ros.sweep import (
+    Grid,
+    GridError,
+    Settling,
+    find_optimum,
+    summary_of,
+    summary_text,
+    sweep,
+)
 from impact_damper_ros.sweep.execution import rig_row
-from impact_damper_ros.sweep.optimum import find_optimum
-from impact_damper_ros.sweep.plan import AxisError, Follow, SweepPlan, axis_from_text
 from impact_damper_ros.sweep.steady_state import steady_state
-from impact_damper_ros.sweep.summary import summary_of, summary_text
-from impact_damper_ros.sweep.table import SweepTable, columns_of
-
-pytest.importorskip('pyarrow')
 
 #: Sixteen samples in each cycle of the force, whose frequency is 1 rad/s.
 IN_STEP = 16 / math.tau
@@ -33,18 +33,21 @@ START = InitialConditions(initial_primary_position=1.0, initial_damper_velocity=
 BRIEF = Settling(cycles=200, watch=25, section=10)
 
 
-def plan_of(*ranges, rig=TRIAL, law=TIMED, follow=Follow.NONE, settling=BRIEF):
-    axes = tuple(axis_from_text(text, rig) for text in ranges)
-    return SweepPlan(rig, START, axes, follow, settling, law)
+def grid_of(rig=TRIAL, control=TIMED, settling=BRIEF, **options):
+    return Grid(rig, START, control, settling=settling, **options)
+
+
+def setup_of(grid, row):
+    return grid.setup.vary(grid.settings(grid.values(row)))
 
 
 #: From a smallest gap that cannot be on.
-VARIED = plan_of('gap_min=1e-3,0.1,2e3', 'force_amplitudes=0.5,1')
-FOLLOWED = plan_of(
-    'gap_control_park=1.2:1.8:3',
-    law=control('timed', actuator_delay=0.1, actuator_speed=40.0),
-    follow=Follow.BOTH,
+VARIED = grid_of(gap_min=[1e-3, 0.1, 2e3], force_amplitudes=[0.5, 1])
+FOLLOWED = grid_of(
+    control=control('timed', actuator_delay=0.1, actuator_speed=40.0),
+    follow='both',
     settling=Settling(cycles=60, watch=21, section=10),
+    gap_control_park=[1.2, 1.5, 1.8],
 )
 
 
@@ -78,9 +81,9 @@ def test_samples_out_of_step_or_noisy_are_measured_all_the_same():
     ):
         state = steady_state(Rig(TRIAL, START, control=law, compiled=None), BRIEF)
         assert state.kind is MotionKind.NOT_PERIODICALLY_DRIVEN
-        assert (state.period, state.settling_cycles, state.measured_cycles) == (0, 200, 25)
+        assert (state.period, state.settling_cycles, state.measured_cycles) == (0, 225, 25)
         assert state.impacts_per_cycle == pytest.approx(2.0, abs=0.05)
-        assert state.x_rms == pytest.approx(sampled_rms(law, 225, 25), rel=1e-5)
+        assert state.x_rms == pytest.approx(sampled_rms(law, 250, 25), rel=1e-5)
 
 
 def test_a_law_whose_stops_come_to_a_stand_repeats_whenever_it_samples():
@@ -97,68 +100,63 @@ def test_stops_on_their_way_are_not_a_settled_motion():
     state = steady_state(Rig(rig, control=law, compiled=None), BRIEF)
     fixed = steady_state(Rig(rig, compiled=None), BRIEF)
     assert fixed.kind is MotionKind.NO_IMPACTS
-    assert fixed.settling_cycles == 50
-    assert state.settling_cycles > 2 * fixed.settling_cycles
+    assert fixed.settling_cycles == 100
+    assert state.settling_cycles > fixed.settling_cycles + 50
 
 
-def test_rows_of_varied_control(tmp_path):
-    table_of(VARIED, tmp_path / 'a.parquet')
-    table = pd.read_parquet(tmp_path / 'a.parquet')
+def test_rows_of_varied_control():
+    table = sweep(VARIED)
     assert list(table.gap_min) == [1e-3, 1e-3, 0.1, 0.1, 2e3, 2e3]
     assert list(table.ok) == [True] * 4 + [False] * 2
     assert 'gap_min is 2000.0 m and gap_max 1000.0 m: give a gap_min below' in table.reason[4]
     assert (table.lyapunov_exponent[:4].abs() <= table.lyapunov_uncertainty[:4]).all()
     assert list(table.largest_multiplier[:4]) == pytest.approx([1.0] * 4, abs=1e-5)
-    meanings = {column.name: column.description for column in columns_of(VARIED)}
-    assert meanings['gap_min'].startswith('Smallest gap to which the control')
+    assert table.attrs['descriptions']['gap_min'].startswith('Smallest gap to which the control')
     # The timed law does not depend on the level of the force
     assert table.x_max_ratio[0] == pytest.approx(table.x_max_ratio[1], rel=1e-3)
-    assert SweepTable(tmp_path / 'a.parquet').plan == VARIED
     assert table.attrs['inputs']['gap_control']['gap_control'] == 'timed'
 
 
 def test_followed_rigs_take_over_rig_and_control():
-    plan = plan_of('gap_control_park=1.4,1.6', follow=Follow.UP)
-    row, state = rig_row(plan.setup, ())
-    assert state['time'] == pytest.approx(math.tau * (row['settling_cycles'] + 3))
+    grid = grid_of(gap_control_park=[1.4, 1.6], follow='up')
+    row, state = rig_row(grid.setup)
+    # After the period that was measured and the cycle after it
+    assert state['time'] == pytest.approx(math.tau * (row['settling_cycles'] + 2))
     assert state['gap_control']['state']['roused'] is True
-    settings = plan.settings(plan.point(1).values)
-    following, _ = rig_row(plan.setup, settings, state)
-    fresh, _ = rig_row(plan.setup, settings)
+    following, _ = rig_row(setup_of(grid, 1), state)
+    fresh, _ = rig_row(setup_of(grid, 1))
     assert following['settled']
     assert following['x_max'] == pytest.approx(fresh['x_max'], rel=1e-6)
     assert following['settling_cycles'] <= fresh['settling_cycles']
     assert following['impact_phase'] == pytest.approx(fresh['impact_phase'], abs=1e-6)
 
 
-@pytest.mark.parametrize('plan', [VARIED, FOLLOWED], ids=['independent', 'followed'])
-def test_the_table_does_not_depend_on_how_it_was_run(plan, tmp_path, monkeypatch):
-    """Whoever runs it, and cut short after each rig."""
-    whole = table_of(plan, tmp_path / 'whole.parquet')
-    shuffled = Shuffled()
-    with shuffled.pool:
-        assert table_of(plan, tmp_path / 'other.parquet', shuffled, at_once=5) == whole
+@pytest.mark.parametrize('grid', [VARIED, FOLLOWED], ids=['independent', 'followed'])
+def test_the_table_does_not_depend_on_how_it_was_run(grid, tmp_path, monkeypatch):
+    """By processes, and cut short after each rig."""
+    whole = sweep(grid)
+    pd.testing.assert_frame_equal(sweep(grid, jobs=2), whole)
     monkeypatch.setattr('impact_damper_ros.sweep.execution._SECONDS', 0.0)
-
-    def stop(_):
-        raise KeyboardInterrupt
-
     path = tmp_path / 'cut.parquet'
-    for _ in range(4):
+    for rigs in range(1, 5):
+
+        def stop(done, rigs=rigs):
+            if done == rigs:
+                raise KeyboardInterrupt
+
         with pytest.raises(KeyboardInterrupt):
-            table_of(plan, path, progress=stop)
-    assert table_of(plan, path) == whole
+            sweep(grid, path, progress=stop)
+    pd.testing.assert_frame_equal(sweep(grid, path), whole)
 
 
-def test_the_optimum_of_a_control_lies_between_the_values_of_the_grid(tmp_path, monkeypatch):
+def test_the_optimum_of_a_control_lies_between_the_values_of_the_grid(monkeypatch):
     """A stop that closes slowly hits late, one that closes fast after another sample."""
-    monkeypatch.setattr('impact_damper_ros.sweep.optimum._FINEST', 0.02)
+    monkeypatch.setattr('impact_damper_ros.sweep.best._FINEST', 0.02)
     law = control('timed', gap_control_rate=IN_STEP, actuator_delay=0.3, gap_control_park=1.2)
-    plan = plan_of('actuator_speed=12,20,60', 'gap_control_seed=0,1', law=law)
-    table_of(plan, tmp_path / 'a.parquet')
-    table = SweepTable(tmp_path / 'a.parquet')
+    grid = grid_of(control=law, actuator_speed=[12, 20, 60], gap_control_seed=[0, 1])
+    table = sweep(grid)
     on_grid = find_optimum(table, 'x_rms', refine=False)
-    assert on_grid.value == table.numbers('x_rms').min()
+    assert on_grid.value == table.x_rms.min()
     assert on_grid.values == (20.0, 0.0)
     assert on_grid.trials == 0
     trials = []
@@ -169,23 +167,24 @@ def test_the_optimum_of_a_control_lies_between_the_values_of_the_grid(tmp_path, 
     assert 21.0 < found.values[0] < 26.0
     # Nothing lies between two seeds
     assert found.values[1] == 0.0
-    fine, settings = [], plan.settings(plan.point(found.point).values)[1:]
-    state = json.loads(table.texts('state')[found.point])
+    fine = []
+    state = json.loads(table.state[found.point])
     for speed in (*np.linspace(18.0, 30.0, 7), found.values[0]):
-        varied = [(plan.axes[0].parameters[0], float(speed)), *settings]
-        fine.append(rig_row(plan.setup, varied, state)[0]['x_rms'])
+        setup = grid.setup.vary(grid.settings((float(speed), 0.0)))
+        fine.append(rig_row(setup, state)[0]['x_rms'])
     assert fine[-1] == found.value <= min(fine)
 
 
 def test_what_scatters_must_be_better_by_more_than_that(tmp_path):
     """Out of step, none of these repeats to the last digits."""
     law = control('timed', gap_control_rate=5.0, gap_control_noise_position=0.02)
-    plan = plan_of('gap_control_park=0.6,1.5,3', law=law, settling=Settling(cycles=60, watch=21))
-    table_of(plan, tmp_path / 'a.parquet')
-    table = SweepTable(tmp_path / 'a.parquet')
-    assert not table.flags('settled').any()
+    grid = grid_of(
+        control=law, settling=Settling(cycles=60, watch=21), gap_control_park=[0.6, 1.5, 3]
+    )
+    table = sweep(grid)
+    assert not table.settled.any()
     optimum = find_optimum(table, 'x_rms')
-    assert optimum.grid_measure == table.numbers('x_rms').min()
+    assert optimum.grid_measure == table.x_rms.min()
     # From 1.5 on the parked stops are out of the way
     assert optimum.grid_values[0] >= 1.5
     assert 0.0 < optimum.scatter < 0.01 * optimum.value
@@ -204,22 +203,20 @@ def test_endless_events_are_a_reason():
         steady_state(trial, Settling(cycles=100, events=3000))
 
 
-def test_plans_with_control():
-    with pytest.raises(AxisError, match=r'gap_control_park is varied, but gap_control is off'):
-        plan_of('gap_control_park=1,2', law=control('off'))
-    with pytest.raises(AxisError, match='gap_control is a text and has no range'):
-        plan_of('gap_control=timed,off')
-    assert SweepPlan.from_inputs(VARIED.inputs()) == VARIED
-    plain = SweepPlan(TRIAL, START, VARIED.axes[1:])
+def test_grids_with_control():
+    with pytest.raises(GridError, match=r'gap_control_park is varied, but gap_control is off'):
+        grid_of(control=control('off'), gap_control_park=[1, 2])
+    assert Grid.from_inputs(json.loads(json.dumps(VARIED.inputs()))) == VARIED
+    plain = Grid(TRIAL, START, force_amplitudes=[0.5, 1])
     assert 'gap_control' not in plain.inputs()
-    assert SweepPlan.from_inputs(plain.inputs()) == plain
+    assert Grid.from_inputs(plain.inputs()) == plain
 
 
 def test_rigs_move_their_stops_by_a_law_of_the_users_own():
     """The motion is that of the law itself; no exponent is given, and the inputs name it."""
-    plan = replace(plan_of('force_amplitudes=0.5,1'), law='control.laws:follow')
-    assert SweepPlan.from_inputs(json.loads(json.dumps(plan.inputs()))) == plan
-    row, last = rig_row(plan.setup, [])
+    grid = grid_of(law='control.laws:follow', force_amplitudes=[0.5, 1])
+    assert Grid.from_inputs(json.loads(json.dumps(grid.inputs()))) == grid
+    row, last = rig_row(grid.setup)
     rig = Rig(TRIAL, START, control=TIMED, law=laws.follow)
     rig.advance(last['time'])
     assert rig.snapshot()['gap_control'] == last['gap_control']
@@ -229,7 +226,6 @@ def test_rigs_move_their_stops_by_a_law_of_the_users_own():
 
 
 def test_a_law_that_fails_is_the_reason_in_the_row():
-    plan = replace(plan_of('force_amplitudes=0.5,1'), law='control.laws:far')
-    row, last = rig_row(plan.setup, [])
+    row, last = rig_row(grid_of(law='control.laws:far', force_amplitudes=[0.5]).setup)
     assert last is None
     assert 'the law control.laws:far returned (inf, -1.0)' in row['reason']

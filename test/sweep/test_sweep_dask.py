@@ -8,56 +8,45 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from control.controlled_rigs import TRIAL, control
-from sweep.made_tables import table_of
 
 import impact_damper_ros
-from impact_damper_ros.cli.sweep_rig import main
-from impact_damper_ros.orbits.settling import Settling
+from impact_damper_ros.cli import sweep_rig
 from impact_damper_ros.rig import InitialConditions, RigParameters
-from impact_damper_ros.sweep.execution import DaskWorkers, LocalWorkers, WorkersError, run_sweep
+from impact_damper_ros.sweep import Grid, Settling, sweep
 from impact_damper_ros.sweep.journal import Journal, journal_path
-from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
-from impact_damper_ros.sweep.table import write_table
 
 Client = pytest.importorskip('distributed').Client
 pytest.importorskip('pyarrow')
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
+PAPER = str(ROOT / 'config' / 'paper.yaml')
 ENVIRONMENT = {
     **os.environ,
     'PYTHONPATH': str(ROOT),
     'DASK_DISTRIBUTED__ADMIN__SYSTEM_MONITOR__GIL__ENABLED': 'false',
 }
-#: Mostly chaotic: enough work for two.
-PLAN = SweepPlan(
-    RigParameters(gravity=0.0, force_frequencies=1.02),
-    InitialConditions(initial_primary_position=1.0),
-    (axis_from_text('gap=2:14:40', RigParameters()),),
+START = InitialConditions(initial_primary_position=1.0)
+#: Mostly chaotic, each rig on its own: enough work for two.
+GRID = Grid(
+    RigParameters(gravity=0.0, gap=10.0),
+    START,
     settling=Settling(cycles=1000, watch=40),
+    force_frequencies=np.linspace(0.98, 1.04, 40),
 )
 #: Each rig takes over stops, estimates and waiting commands of the one before, noise and all.
-CONTROLLED = SweepPlan(
+CONTROLLED = Grid(
     TRIAL,
-    InitialConditions(initial_primary_position=1.0),
-    (
-        axis_from_text('gap_control_park=1.2:1.8:3', TRIAL),
-        axis_from_text('gap_min=0.01,2e3', TRIAL),
-    ),
-    Follow.BOTH,
-    Settling(cycles=60, watch=21, section=10),
+    START,
     control('timed', actuator_delay=0.1, actuator_speed=40.0, gap_control_noise_position=0.02),
+    follow='both',
+    settling=Settling(cycles=60, watch=21, section=10),
+    gap_control_park=[1.2, 1.5, 1.8],
+    gap_min=[0.01, 2e3],
 )
-
-
-def table_by(plan, path, workers):
-    """Return the bytes of the table that some workers make."""
-    with workers:
-        return table_of(
-            *(plan, path, workers), at_once=lambda: workers.at_once, losses=workers.losses
-        )
 
 
 def start(stack, module, *arguments):
@@ -109,76 +98,89 @@ def cluster(tmp_path_factory):
 
 def test_command_runs_on_a_cluster(cluster, tmp_path):
     address, _ = cluster
-    words = [str(ROOT / 'config' / 'paper.yaml'), '--vary', 'gap=24:37:6', '--quiet']
-    table = tmp_path / 'there.parquet'
-    assert main([*words, '--scheduler', address, '-o', str(table)]) == 0
-    other = tmp_path / 'here.parquet'
-    assert main([*words, '--jobs', '1', '-o', str(other)]) == 0
-    assert table.read_bytes() == other.read_bytes()
+    words = [PAPER, '--vary', 'gap=24:37:6', '--quiet']
+    there, here = tmp_path / 'there.parquet', tmp_path / 'here.parquet'
+    assert sweep_rig.main([*words, '--scheduler', address, '-o', str(there)]) == 0
+    assert sweep_rig.main([*words, '--jobs', '1', '-o', str(here)]) == 0
+    assert there.read_bytes() == here.read_bytes()
 
 
-def test_controlled_rigs_on_a_cluster(cluster, tmp_path):
-    """As by local processes, to the last byte; some of the rigs cannot be."""
-    address, _ = cluster
-    local = table_by(CONTROLLED, tmp_path / 'local.parquet', LocalWorkers(2))
-    assert table_by(CONTROLLED, tmp_path / 'there.parquet', DaskWorkers(address)) == local
-    table = pd.read_parquet(tmp_path / 'there.parquet')
-    assert list(table.direction) == ['up'] * 6 + ['down'] * 6
-    assert list(table.ok) == [True, False] * 6
-    assert table.x_rms[0] != table.x_rms[6]
+def test_controlled_rigs_on_a_cluster(cluster):
+    """As by local processes; some of the rigs cannot be."""
+    local = sweep(CONTROLLED, jobs=2)
+    with Client(cluster[0], set_as_default=False) as client:
+        there = sweep(CONTROLLED, executor=client.get_executor(pure=False))
+    pd.testing.assert_frame_equal(there, local)
+    assert list(there.direction) == ['up'] * 6 + ['down'] * 6
+    assert list(there.ok) == [True, False] * 6
+    assert there.x_rms[0] != there.x_rms[6]
+
+
+def test_a_programming_error_comes_back_from_the_cluster(cluster, monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.sweep.execution.run_task', 'no function')
+    with Client(cluster[0], set_as_default=False) as client, pytest.raises(TypeError):
+        sweep(GRID, executor=client.get_executor(pure=False))
 
 
 def test_no_scheduler_at_the_address(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr('impact_damper_ros.sweep.execution._CONNECT_SECONDS', 0.3)
-    words = [str(ROOT / 'config' / 'paper.yaml'), '--vary', 'gap=24:37:6', '--quiet']
-    table = tmp_path / 'table.parquet'
-    assert main([*words, '--scheduler', 'tcp://127.0.0.1:9', '-o', str(table)]) == 1
+    monkeypatch.setattr(sweep_rig, '_CONNECT_SECONDS', 0.3)
+    words = [PAPER, '--vary', 'gap=24:37:6', '--quiet', '--scheduler', 'tcp://127.0.0.1:9']
+    assert sweep_rig.main([*words, '-o', str(tmp_path / 'table.parquet')]) == 1
     assert 'no Dask scheduler at tcp://127.0.0.1:9' in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_killed_worker_leaves_no_trace_in_the_table(cluster, tmp_path):
+def test_a_killed_worker_loses_no_row_and_leaves_no_trace(cluster, tmp_path, monkeypatch):
+    """Kill -9 of one of two workers with work in hand; what is done is run only once."""
     address, processes = cluster
     here, there = tmp_path / 'here.parquet', tmp_path / 'there.parquet'
-    table_of(PLAN, here)
-    killed = []
-    with (
-        DaskWorkers(address) as workers,
-        Journal(journal_path(there), PLAN.inputs()) as journal,
-    ):
+    sweep(GRID, here)
+    killed, added = [], []
+    add = Journal.add
 
-        def kill_one(_):
-            """Kill one of the two as soon as the first rigs are back, with work in hand."""
-            if not killed:
-                processes[0].kill()
-                killed.append((processes[0].wait(), len(journal.points)))
+    def noted(journal, rows, *chain):
+        added.extend(point for point, _ in rows)
+        add(journal, rows, *chain)
 
-        run_sweep(
-            PLAN,
-            journal,
-            workers,
-            at_once=lambda: workers.at_once,
-            losses=workers.losses,
-            progress=kill_one,
-        )
-        assert len(workers._client.nthreads()) == 1
-        write_table(PLAN, journal, there)
+    def kill_one(done):
+        """Kill a worker as soon as the first rigs are back."""
+        if done and not killed:
+            processes[0].kill()
+            killed.append((processes[0].wait(), done))
+
+    monkeypatch.setattr(Journal, 'add', noted)
+    with Client(address, set_as_default=False) as client:
+        sweep(GRID, there, executor=client.get_executor(pure=False), progress=kill_one)
+        assert len(client.nthreads()) == 1
     assert killed[0][0] == -9
-    assert killed[0][1] < PLAN.size / 2
+    assert killed[0][1] < GRID.size / 2
+    assert sorted(added) == list(range(GRID.size))
     assert there.read_bytes() == here.read_bytes()
 
 
-def test_a_sweep_whose_workers_have_all_gone_says_so(cluster, tmp_path, monkeypatch):
+def test_a_sweep_whose_workers_have_all_gone_says_so(cluster, tmp_path, monkeypatch, capsys):
     """The last test of the cluster, which it leaves without workers."""
-    monkeypatch.setattr('impact_damper_ros.sweep.execution._PATIENCE', 0.1)
-    monkeypatch.setattr('impact_damper_ros.sweep.execution._WORKERS_SECONDS', 0.3)
     address, processes = cluster
-    path = journal_path(tmp_path / 'there.parquet')
-    with DaskWorkers(address) as workers, Journal(path, PLAN.inputs()) as journal:
-        for process in processes:
-            process.kill()
-            process.wait()
-        with pytest.raises(WorkersError, match='all workers have disconnected'):
-            run_sweep(PLAN, journal, workers, at_once=lambda: workers.at_once)
-    with pytest.raises(OSError, match='has no workers: start some'):
-        DaskWorkers(address)
+    monkeypatch.setattr(sweep_rig, '_PATIENCE', 0.1)
+    monkeypatch.setattr(sweep_rig, '_WORKERS_SECONDS', 0.3)
+    monkeypatch.setattr('impact_damper_ros.sweep.execution._BEAT', 0.2)
+    table = tmp_path / 'there.parquet'
+    words = [PAPER, '--set', 'gap=8', '--vary', 'force_frequencies=1:1.1:400', '--quiet']
+    words += ['--scheduler', address, '-o', str(table)]
+    call = sweep_rig._Progress.__call__
+
+    def kill_all(progress, done):
+        if done:
+            for process in processes:
+                process.kill()
+                process.wait()
+        call(progress, done)
+
+    monkeypatch.setattr(sweep_rig._Progress, '__call__', kill_all)
+    assert sweep_rig.main(words) == 1
+    said = capsys.readouterr().err
+    assert 'all workers have disconnected' in said
+    assert 'give the same command again to resume' in said
+    assert journal_path(table).exists()
+    assert sweep_rig.main(words) == 1
+    assert 'has no workers: start some' in capsys.readouterr().err

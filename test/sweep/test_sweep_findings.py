@@ -1,46 +1,45 @@
 """What is found in a sweep: attractors and their basins, the optimum, and the figures of them."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
-from sweep.made_tables import table_of
 
 from impact_damper_ros.orbits import optimal_gap
-from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
-from impact_damper_ros.sweep.optimum import Best, find_optimum
-from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
-from impact_damper_ros.sweep.summary import attractors_of, summary_of, summary_text
-from impact_damper_ros.sweep.table import FAILED, SweepTable, attractor_numbers
+from impact_damper_ros.sweep import (
+    Grid,
+    Settling,
+    branches_of,
+    draw_sweep,
+    find_optimum,
+    summary_of,
+    summary_text,
+    sweep,
+)
+from impact_damper_ros.sweep.figures import basin_figure, bifurcation_figure, surface_figure
+from impact_damper_ros.sweep.summary import attractors_of
+from impact_damper_ros.sweep.table import attractor_numbers
 
-pytest.importorskip('pyarrow')
+pytest.importorskip('matplotlib')
 
 RIG = RigParameters(gravity=0.0, force_frequencies=1.02)
 START = InitialConditions(initial_primary_position=1.0)
 
 
-def swept(tmp_path, *ranges, rig=RIG, start=START, follow=Follow.NONE, failing=None, **settling):
-    """Sweep; `failing` is a value more on the first axis, which the command would refuse."""
-    first, *others = (axis_from_text(text, rig) for text in ranges)
-    if failing is not None:
-        first = replace(first, values=(failing, *first.values))
-    plan = SweepPlan(rig, start, (first, *others), follow, Settling(**settling))
-    path = tmp_path / 'sweep.parquet'
-    table_of(plan, path)
-    return SweepTable(path)
+def swept(rig=RIG, start=START, follow='none', settling=None, **axes):
+    return sweep(Grid(rig, start, follow=follow, settling=settling, **axes))
 
 
 def test_two_mirrored_attractors_share_the_starts(tmp_path):
     """Three impacts per cycle are 1,1,2 or 1,2,2; turned about, a start leads to the other."""
-    count = 10
+    values = np.linspace(-20.0, 20.0, 10)
     table = swept(
-        tmp_path,
-        f'initial_primary_position=-20:20:{count}',
-        f'initial_damper_velocity=-20:20:{count}',
-        rig=RIG.replace(gap=18.0),
-        start=InitialConditions(),
+        RIG.replace(gap=18.0),
+        InitialConditions(),
+        initial_primary_position=values,
+        initial_damper_velocity=values,
     )
     found = attractors_of(table)
     assert [one['stops'] for one in found] in (['1,1,2', '1,2,2'], ['1,2,2', '1,1,2'])
@@ -49,14 +48,11 @@ def test_two_mirrored_attractors_share_the_starts(tmp_path):
     assert found[0]['x_max'] == pytest.approx(found[1]['x_max'], rel=1e-6)
     assert 0.3 < found[0]['share'] < 0.7
     # Each row is where its own numbers say that it is
-    numbers = table.numbers('attractor').astype(int)
-    assert all(
-        stops == found[number]['stops']
-        for stops, number in zip(table.texts('stops'), numbers, strict=True)
-    )
+    assert list(table.stops) == [found[number]['stops'] for number in table.attractor]
     text = summary_text(tmp_path / 'sweep.parquet', summary_of(table, None))
     assert 'attractor 1:' in text
     assert 'periodic, 1 cycle, stops 1,' in text
+    json.dumps(summary_of(table, None))
 
 
 def row(x, *, motion='periodic', period=1, stops='1,2', impacts=2, offset=0.0):
@@ -71,15 +67,14 @@ def row(x, *, motion='periodic', period=1, stops='1,2', impacts=2, offset=0.0):
         'impacts': impacts,
         'cycle': 6.0,
         'x_max': 10.0,
-        'section_x': points.tolist(),
-        'section_velocity': (0.1 * points).tolist(),
-        'section_offset': [offset] * len(points),
-        'section_relative_velocity': [0.0] * len(points),
+        'section_x': points,
+        'section_velocity': 0.1 * points,
+        'section_offset': np.full(len(points), offset),
+        'section_relative_velocity': np.zeros(len(points)),
     }
 
 
 def test_attractors_are_distinguished_by_their_sections():
-    rig = ('a rig',)
     rows = [
         row(1.0),
         row(2.0),
@@ -93,21 +88,22 @@ def test_attractors_are_distinguished_by_their_sections():
         row(7.0, impacts=0, stops='', offset=2.0),
         row(2.0),
     ]
-    numbers = attractor_numbers((rig, one) for one in rows)
-    assert list(numbers) == [4, 0, 0, 1, 1, FAILED, 2, 2, 3, 3, 0]
-    # Other rigs have numbers of their own
-    assert list(attractor_numbers([(1.0, row(1.0)), (2.0, row(2.0)), (2.0, row(1.0))])) == [
-        0,
-        0,
-        1,
-    ]
+    assert attractor_numbers(pd.DataFrame(rows)) == [4, 0, 0, 1, 1, None, 2, 2, 3, 3, 0]
 
 
-def test_optimum_gap_is_that_of_the_theory(tmp_path):
+def test_other_rigs_have_numbers_of_their_own():
+    table = swept(
+        RIG.replace(gap=18.0), friction=[0.0, 0.001], initial_primary_position=[0.0, 1.0, 2.0]
+    )
+    assert set(table.attractor[table.friction == 0.0]) <= {0, 1}
+    assert table.attractor[3:].min() == 0
+
+
+def test_optimum_gap_is_that_of_the_theory():
     """At resonance the least motion is a smooth minimum; followed upwards, the rig keeps to it."""
     rig = RigParameters(gravity=0.0)
     best = optimal_gap(rig, gaps=(30.0, 80.0), points=20)
-    table = swept(tmp_path, 'gap=40:65:11', rig=rig, follow=Follow.UP, cycles=1000)
+    table = swept(rig, follow='up', settling=Settling(1000), gap=np.linspace(40.0, 65.0, 11))
     found = find_optimum(table, 'x_max')
     assert abs(found.grid_values[0] - best.gap) <= 1.25
     assert found.value == pytest.approx(best.x_max, rel=1e-7)
@@ -120,15 +116,17 @@ def test_optimum_gap_is_that_of_the_theory(tmp_path):
     assert on_grid.trials == 0
 
 
-def test_optimum_of_a_surface(tmp_path):
+def test_optimum_of_a_surface():
     table = swept(
-        tmp_path, 'gap=36:44:5', 'force_frequencies=1:1.02:3', rig=RIG, cycles=800, watch=21
+        settling=Settling(800, watch=21),
+        gap=np.linspace(36.0, 44.0, 5),
+        force_frequencies=[1.0, 1.01, 1.02],
     )
     least = find_optimum(table, 'x_rms')
-    greatest = find_optimum(table, 'x_rms', Best.GREATEST, refine=False)
-    measures = np.where(table.flags('settled'), table.numbers('x_rms'), np.nan)
-    assert least.grid_measure == np.nanmin(measures)
-    assert greatest.value == np.nanmax(measures)
+    greatest = find_optimum(table, 'x_rms', 'greatest', refine=False)
+    measures = table.x_rms[table.settled]
+    assert least.grid_measure == measures.min()
+    assert greatest.value == measures.max()
     assert least.value <= least.grid_measure
     assert len(least.values) == 2
     summary = summary_of(table, least)
@@ -137,10 +135,10 @@ def test_optimum_of_a_surface(tmp_path):
 
 
 @pytest.fixture(scope='module')
-def hysteresis(tmp_path_factory):
+def hysteresis():
     """Two impacts per cycle up to a gap of 57 m; from 48 m on M can also swing without any."""
-    place = tmp_path_factory.mktemp('both')
-    return swept(place, 'gap=40:80:21', start=InitialConditions(), follow=Follow.BOTH, cycles=1000)
+    gaps = np.linspace(40.0, 80.0, 21)
+    return swept(start=InitialConditions(), follow='both', settling=Settling(1000), gap=gaps)
 
 
 def test_optimum_at_a_cliff_names_edge_and_coexisting_motion(hysteresis, tmp_path):
@@ -177,88 +175,110 @@ def test_optimum_on_the_grid_names_what_the_table_shows(hysteresis):
     assert other.measure == pytest.approx(RIG.response_amplitude, rel=1e-6)
     assert found.edges == ()
     # At 56 m the next value is beyond the edge: of the greatest rms no other is better
-    narrow = find_optimum(hysteresis, 'x_max', Best.GREATEST, refine=False)
+    narrow = find_optimum(hysteresis, 'x_max', 'greatest', refine=False)
     assert all(edge.ratio < 0.5 for edge in narrow.edges)
 
 
-def test_a_smooth_optimum_has_no_cautions(tmp_path):
+def test_a_smooth_optimum_has_no_cautions():
     """At resonance, followed, the least motion is 2 m from the end of its branch."""
     rig = RigParameters(gravity=0.0, damping=0.1)
-    table = swept(tmp_path, 'gap=4:8:9', rig=rig, follow=Follow.UP, cycles=1000)
+    table = swept(rig, follow='up', settling=Settling(1000), gap=np.linspace(4.0, 8.0, 9))
     found = find_optimum(table, 'x_max')
     summary = summary_of(table, found)
     assert (found.edges, found.coexisting) == ((), ())
     assert summary['optimum']['cautions'] == []
 
 
-def test_edges_are_in_the_figures(hysteresis):
-    pytest.importorskip('matplotlib')
-    from impact_damper_ros.sweep.figures import bifurcation_figure
+def labels_of(figure):
+    return [text.get_text() for text in figure.legends[0].texts]
 
+
+def test_edges_are_in_the_figures(hysteresis):
     found = find_optimum(hysteresis, 'x_max')
-    figure = bifurcation_figure(hysteresis, 'x_max', found)
-    labels = [text.get_text() for text in figure.legends[0].texts]
+    labels = labels_of(bifurcation_figure(hysteresis, 'x_max', found))
     (edge,) = found.edges
     assert f'least: {found.value:.4g} m at d = {found.values[0]:.5g} m' in labels
     assert f'edge at d = {edge.values[0]:.5g} m (× {edge.ratio:.3g}, chaotic)' in labels
     assert 'followed downwards (× 9.22, without impacts)' in labels
 
 
+def test_branches_run_through_what_has_settled(hysteresis):
+    """The motion with two impacts, stable up to its Neimark-Sacker point, unstable beyond."""
+    (branch,) = branches_of(hysteresis)
+    (special,) = branch.special
+    assert special.kind.value == 'Neimark-Sacker'
+    assert special.value == pytest.approx(56.947, abs=1e-3)
+    values = np.array([point.value for point in branch.points])
+    assert (values.min(), values.max()) == pytest.approx((40.0, 80.0))
+    stable = np.array([point.orbit.stable for point in branch.points])
+    assert stable[values < 56.9].all()
+    assert not stable[values > 57.0].any()
+    up = hysteresis[(hysteresis.direction == 'up') & hysteresis.settled & (hysteresis.gap < 56.0)]
+    at = np.interp(up.gap, values, [point.orbit.x_max for point in branch.points])
+    assert at == pytest.approx(up.x_max.to_numpy(), rel=5e-3)
+    figure = bifurcation_figure(hysteresis, 'x_max', None, [branch])
+    labels = labels_of(figure)
+    assert {'theory, stable', 'theory, unstable', 'Neimark-Sacker'} <= set(labels)
+    lines = {
+        line.get_linestyle(): line for line in panels(figure)[1].lines if len(line.get_xdata())
+    }
+    assert max(lines['-'].get_xdata()) == pytest.approx(special.value)
+    assert min(lines['--'].get_xdata()) == pytest.approx(special.value)
+
+
+def test_branches_of_shared_values_and_of_the_frequency():
+    names = {'restitution_1=restitution_2': [0.7, 0.75]}
+    (branch,) = branches_of(swept(RIG.replace(gap=37.0), settling=Settling(600), **names))
+    assert branch.points[0].orbit.parameters.restitution_2 == pytest.approx(0.7)
+    phased = RIG.replace(gap=37.0, force_phases=1.0)
+    (branch,) = branches_of(swept(phased, settling=Settling(600), force_frequencies=[1.02, 1.03]))
+    assert branch.points[-1].orbit.parameters.force_frequencies[0] == pytest.approx(1.03)
+
+
+def test_no_branches_where_there_is_no_theory():
+    rest = {'settling': Settling(50, watch=21)}
+    assert branches_of(swept(RIG, gap=[30.0], friction=[0.0, 0.1], **rest)) == []
+    assert branches_of(swept(RIG, initial_primary_position=[0.0, 1.0], **rest)) == []
+    assert branches_of(swept(RIG, one_sided=[False, True], **rest)) == []
+
+
 def test_no_optimum_without_a_motion_that_repeats(tmp_path):
-    table = swept(tmp_path, 'damping=2,3')
+    table = swept(damping=[2, 3])
     assert find_optimum(table, 'x_max') is None
     assert 'damping is 2.0 N s/m' in summary_text(tmp_path, summary_of(table, None))
 
 
-def test_long_legends_stay_in_the_figure():
-    pytest.importorskip('matplotlib')
-    from matplotlib.lines import Line2D
-
-    from impact_damper_ros.report.drawing import blank_figure, legend_below
-
-    for length, columns in ((10, 3), (45, 2), (75, 1), (300, 1)):
-        figure = blank_figure(6.3, 4.0)
-        figure.subplots()
-        legend_below(figure, [Line2D([], [], label='m' * (length // 2)) for _ in range(6)], 3)
-        (legend,) = figure.legends
-        assert legend._ncols == columns
-        if length < 300:
-            assert legend.get_window_extent().width <= figure.bbox.width
+def test_unknown_measures_and_ends_are_refused(hysteresis):
+    with pytest.raises(ValueError, match="measure is 'gap': give one of period, impacts, x_max"):
+        find_optimum(hysteresis, 'gap')
+    with pytest.raises(ValueError, match='give one of least, greatest'):
+        find_optimum(hysteresis, 'x_max', 'smallest')
 
 
 def panels(figure):
     return [axes for axes in figure.axes if axes.get_label() != '<colorbar>']
 
 
-def test_bifurcation_diagram_has_units_and_every_impact(tmp_path):
-    pytest.importorskip('matplotlib')
-    from impact_damper_ros.sweep.figures import bifurcation_figure
-
-    table = swept(tmp_path, 'gap=16,30', failing=-1.0, follow=Follow.BOTH, cycles=800)
+def test_bifurcation_diagram_has_units_and_every_impact():
+    table = swept(follow='both', settling=Settling(800), gap=[16.0, 30.0])
     figure = bifurcation_figure(table, 'x_max', find_optimum(table, 'x_max', refine=False))
     upper, middle, lower = panels(figure)
     assert upper.get_ylabel() == 'Phase of the impacts [cycles]'
     assert middle.get_ylabel() == 'Largest |X| [m]'
     assert lower.get_xlabel() == 'Gap d [m]'
-    drawn = np.concatenate([line.get_ydata() for line in upper.lines if line.get_alpha()])
-    phases = np.concatenate(table.lists('impact_phase'))
+    drawn = np.concatenate([line.get_ydata() for line in upper.lines])
+    phases = np.concatenate(list(table.impact_phase))
     assert sorted(drawn) == sorted(phases)
     assert len(phases) == 2 * (3 + 2)
     assert 'K = 1 N/m' in figure.get_suptitle()
 
 
-def test_legend_of_a_map_has_units(tmp_path):
-    pytest.importorskip('matplotlib')
-    from impact_damper_ros.sweep.figures import surface_figure
-
-    table = swept(tmp_path, 'gap=30,32', 'damping=0.05,0.06', cycles=400, watch=21)
+def test_legend_of_a_map_has_units():
+    table = swept(settling=Settling(400, watch=21), gap=[30, 32], damping=[0.05, 0.06])
     for measure, unit in (('x_rms', ' m'), ('x_max_ratio', '')):
         best = find_optimum(table, measure, refine=False)
         gap, damping = best.values
-        labels = [
-            text.get_text() for text in surface_figure(table, measure, best).legends[0].texts
-        ]
-        assert labels[0] == (
+        assert labels_of(surface_figure(table, measure, best))[0] == (
             f'least of those that repeat: {best.value:.4g}{unit} at d = {gap:.5g} m, '
             f'C = {damping:.5g} N s/m'
         )
@@ -266,16 +286,13 @@ def test_legend_of_a_map_has_units(tmp_path):
 
 @pytest.mark.parametrize('suffix', ['png', 'svg', 'pdf'])
 def test_maps_are_written_the_same_each_time(tmp_path, suffix):
-    pytest.importorskip('matplotlib')
-    from impact_damper_ros.sweep.figures import draw_sweep, surface_figure
-
-    ranges = ('gap=12,30,200', 'damping=0.01:0.02:3')
-    table = swept(tmp_path, *ranges, failing=-1.0, cycles=100, watch=21)
+    table = swept(settling=Settling(100, watch=21), gap=[12, 30, 200], damping=[0.01, 0.02, 2.5])
     figure = surface_figure(table, 'x_max_ratio', None)
     (panel,) = panels(figure)
     assert panel.get_xlabel() == 'Gap d [m]'
     assert panel.get_ylabel() == 'Damping C [N s/m]'
     assert figure.axes[1].get_ylabel() == 'Largest |X| / A'
+    assert 'failed' in labels_of(figure)
     first, second = tmp_path / f'one.{suffix}', tmp_path / f'two.{suffix}'
     for path in (first, second):
         draw_sweep(table, 'x_max_ratio', None, path)
@@ -283,21 +300,17 @@ def test_maps_are_written_the_same_each_time(tmp_path, suffix):
     assert len(first.read_bytes()) > 5000
 
 
-def test_basins_are_drawn_with_their_shares(tmp_path):
-    pytest.importorskip('matplotlib')
-    from impact_damper_ros.sweep.figures import basin_figure
-
+def test_basins_are_drawn_with_their_shares():
     table = swept(
-        tmp_path,
-        'initial_primary_velocity=-5:5:3',
-        'initial_damper_offset=-30:10:3',
-        rig=RIG.replace(gap=37.0),
-        cycles=600,
+        RIG.replace(gap=37.0),
+        settling=Settling(600),
+        initial_primary_velocity=[-5, 0, 5],
+        initial_damper_offset=[-30, -10, 10],
     )
     figure = basin_figure(table)
     (panel,) = panels(figure)
     assert panel.get_xlabel() == "Initial velocity X' [m/s]"
-    labels = [text.get_text() for text in figure.legends[0].texts]
+    labels = labels_of(figure)
     assert labels[0].startswith('periodic, 1 cycle, stops 1,2: 66.7%')
     # Beyond the stop m cannot start
     assert labels[-1] == 'failed'

@@ -19,8 +19,8 @@ def test_the_program_runs_as_it_stands(tmp_path):
     """With fewer gaps, of which the widest is best."""
     page = (ROOT / 'docs' / 'sweep' / 'README.md').read_text(encoding='utf-8')
     program = page.split('```python\n')[-1].split('```')[0]
-    assert 'gap=10:60:200' in program
-    (tmp_path / 'program.py').write_text(program.replace('gap=10:60:200', 'gap=24:40:3'))
+    assert 'np.linspace(10, 60, 200)' in program
+    (tmp_path / 'program.py').write_text(program.replace('(10, 60, 200)', '(24, 40, 3)'))
     (tmp_path / 'config').symlink_to(ROOT / 'config')
     done = subprocess.run(
         [sys.executable, 'program.py'],
@@ -32,5 +32,5 @@ def test_the_program_runs_as_it_stands(tmp_path):
     )
     assert done.stdout.startswith('(40.0,) 9.08')
     assert {path.name for path in tmp_path.iterdir()} == {
-        *('program.py', 'config', 'gap.parquet', 'gap.png'),
+        *('program.py', 'config', 'gap.parquet', 'gap.png')
     }

@@ -1,0 +1,116 @@
+"""The branches of periodic motions that a sweep along one parameter has met, by theory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from impact_damper_ros.control import Rig
+from impact_damper_ros.orbits import Branch, PeriodicOrbit, follow, orbit_near
+from impact_damper_ros.rig import EventKind, RigParameters
+
+from .ensemble import start_at
+from .grid import Grid
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Motions with more impacts are not followed, nor more branches than this.
+_MOST_IMPACTS, _MOST_BRANCHES = 8, 40
+#: How near a motion is to one of a branch: phases in cycles, and largest |X| relative to itself.
+_SAME_PHASE, _SAME_SIZE = 0.02, 0.02
+
+
+def has_theory(grid: Grid) -> bool:
+    """Return whether the periodic motions of a sweep can be followed along its axis."""
+    return (
+        len(grid.axes) == 1
+        and len(grid.axes[0]) > 1
+        and grid.axes[0].real
+        and not grid.setup.control.active
+        and grid.setup.parameters.periodic_force
+    )
+
+
+def branches_of(table: pd.DataFrame) -> list[Branch]:
+    """
+    Follow the periodic motions of a sweep along its axis, stable and unstable.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        The table of a sweep of one axis.
+
+    Returns
+    -------
+    list of Branch
+        A branch through each motion that has settled and is not on one of the others.
+    """
+    grid = Grid.from_inputs(table.attrs['inputs'])
+    if not has_theory(grid):
+        return []
+    axis = grid.axes[0]
+
+    def rig_at(value: float) -> RigParameters:
+        return grid.setup.vary(grid.settings((value,))).parameters
+
+    one = axis.varied[0]
+    # By its name, derivatives by the gap are exact
+    path = one.name if len(axis.varied) == 1 and one.entry is None else rig_at
+    found: list[Branch] = []
+    few = table[
+        table.settled.fillna(False) & (table.impacts > 0) & (table.impacts <= _MOST_IMPACTS)
+    ]
+    for row in few.itertuples():
+        value = grid.values(int(row.point))[0]
+        if len(found) == _MOST_BRANCHES or _is_on(found, row, value):
+            continue
+        orbit = _orbit_of(row, rig_at(value))
+        if orbit is not None and orbit.viable:
+            low, high = axis.values[0], axis.values[-1]
+            found.append(follow(orbit, path, low, high, start=value))
+    return found
+
+
+def _orbit_of(row: Any, rig: RigParameters) -> PeriodicOrbit | None:
+    """Return the periodic motion that a rig has settled into."""
+    x, velocity, offset, relative = (
+        float(held[-1])
+        for held in (
+            *(row.section_x, row.section_velocity, row.section_offset),
+            row.section_relative_velocity,
+        )
+    )
+    run = Rig(rig, start_at(x, velocity, offset, velocity + relative, 0.5 * rig.gap))
+    events = run.advance(row.period * row.cycle)
+    hit = next((event for event in events if event.kind is EventKind.IMPACT), None)
+    if hit is None:
+        return None
+    return orbit_near(rig, hit, hit.time / row.cycle, int(row.period))
+
+
+def _phases(stops: ArrayLike, phases: ArrayLike) -> NDArray[np.float64]:
+    """Return the phases of the impacts on stop 1 as points of the unit circle, and of stop 2."""
+    turns = np.exp(2j * np.pi * np.asarray(phases, float))
+    sides = [turns[np.asarray(stops) == stop].sum() for stop in (1, 2)]
+    return np.array([part for side in sides for part in (side.real, side.imag)]) / (2.0 * np.pi)
+
+
+def _is_on(branches: Sequence[Branch], row: Any, value: float) -> bool:
+    """Return whether a settled motion is on one of the branches."""
+    own = _phases(row.impact_stop, row.impact_phase)
+    for branch in branches:
+        for one, other in zip(branch.points[:-1], branch.points[1:], strict=True):
+            low, high = sorted((one.value, other.value))
+            if not low <= value <= high or one.orbit.impacts != row.impacts:
+                continue
+            share = (value - one.value) / ((other.value - one.value) or 1.0)
+            x_max = one.orbit.x_max + share * (other.orbit.x_max - one.orbit.x_max)
+            ends = [_phases(o.stops, o.phases) for o in (one.orbit, other.orbit)]
+            apart = np.abs(ends[0] + share * (ends[1] - ends[0]) - own).max()
+            if apart < _SAME_PHASE and abs(x_max - row.x_max) < _SAME_SIZE * row.x_max:
+                return True
+    return False

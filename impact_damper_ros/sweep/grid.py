@@ -1,0 +1,495 @@
+"""The grid of a sweep: the parameters that are varied, their values, and the order of the rigs."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Self, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+import impact_damper_ros
+from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    InitialConditions,
+    ParameterError,
+    ParameterSpec,
+    RigParameters,
+)
+from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
+from impact_damper_ros.rig.quoting import named, shown
+
+from .steady_state import Settling
+
+_SPECS: dict[str, ParameterSpec] = {**PARAMETER_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS}
+_NAME = re.compile(r'([A-Za-z_][A-Za-z0-9_]*)(?:\[(\d+)\])?')
+_BOOLS = {'true': True, 'false': False}
+_MOST_VALUES = 1_000_000
+_MOST_RIGS = 2_000_000
+#: Raised whenever the same inputs give other rows.
+_FORMAT = 3
+
+#: How rigs start: from the initial conditions, or along rising or falling values of the first axis
+#: from the last state of the one before.
+Follow = Literal['none', 'up', 'down', 'both']
+_DIRECTIONS = {'none': ('',), 'up': ('up',), 'down': ('down',), 'both': ('up', 'down')}
+
+
+class GridError(ValueError):
+    """A grid that cannot be swept; the message names the reason and the remedy."""
+
+
+class Varied(NamedTuple):
+    """A parameter of rig or control, an initial condition, or an entry of an array."""
+
+    name: str
+    entry: int | None = None  # of an array, from 0
+
+    def __str__(self) -> str:
+        return self.name if self.entry is None else f'{self.name}[{self.entry}]'
+
+    @property
+    def spec(self) -> ParameterSpec:
+        """Kind, unit, range and meaning."""
+        return _SPECS[self.name]
+
+
+def _parts(text: str) -> tuple[str, int | None]:
+    """Return the parameter that a user has named, and the entry of an array, if there is one."""
+    text = text.strip()
+    match = _NAME.fullmatch(text)
+    name = match[1] if match else text
+    if name not in _SPECS:
+        close = difflib.get_close_matches(name, _SPECS, 1)
+        hint = f'did you mean {close[0]}?' if close else f'give one of {", ".join(_SPECS)}'
+        raise GridError(f'{shown(text)} is not a parameter of the rig: {hint}')
+    if _SPECS[name].kind not in ('double', 'double_array', 'bool', 'integer'):
+        raise GridError(f'{name} is a text and has no range: choose it with --set {name}=...')
+    return name, int(match[2]) if match and match[2] else None
+
+
+def _varied(text: str, rig: RigParameters) -> Varied:
+    """Return the parameter that a user has named, in this rig."""
+    name, index = _parts(text)
+    if _SPECS[name].kind == 'double_array':
+        count = len(getattr(rig, name))
+        if index is None and count > 1:
+            raise GridError(
+                f'{name} has {count} entries in this rig: say which one, such as {name}[0]'
+            )
+        if index is not None and index >= count:
+            raise GridError(
+                f'{text}: {name} has {count} entr{"y" if count == 1 else "ies"} in this '
+                f'rig: give {name}[0]' + (f' to {name}[{count - 1}]' if count > 1 else '')
+            )
+        return Varied(name, index if count > 1 else None)
+    if index is not None:
+        raise GridError(f'{text}: {name} is one value, not an array: write {name}')
+    return Varied(name)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of a grid: the parameters that take its values, usually one, and these, rising."""
+
+    varied: tuple[Varied, ...]
+    values: tuple[float, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the first parameter."""
+        return str(self.varied[0])
+
+    @property
+    def initial(self) -> bool:
+        """Whether initial conditions are varied."""
+        return self.varied[0].name in INITIAL_SPECS
+
+    @property
+    def real(self) -> bool:
+        """Whether the rig can have any value in between."""
+        kinds = {one.spec.kind for one in self.varied}
+        return not self.initial and kinds <= {'double', 'double_array'}
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the values are in geometric progression."""
+        if len(self.values) < 3 or self.values[0] <= 0.0:
+            return False
+        steps = np.diff(np.log(self.values))
+        return bool(np.allclose(steps, steps[0], rtol=1e-6))
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+
+def _axis(names: str, given: npt.ArrayLike, rig: RigParameters) -> Axis:
+    """Return an axis, after all checks of its names and values."""
+    varied = tuple(_varied(name, rig) for name in names.split('='))
+    if len(set(varied)) < len(varied):
+        raise GridError(f'{names}: the same name is given twice')
+    if len({one.name in INITIAL_SPECS for one in varied}) > 1:
+        raise GridError(f'{names}: parameters and initial conditions cannot share values')
+    values: list[Any] = np.atleast_1d(np.array(given)).tolist()
+    if not values:
+        raise GridError(f'{names}: there are no values: give at least one')
+    for one in varied:
+        kind = one.spec.kind
+        for value in values:
+            if isinstance(value, bool) is not (kind == 'bool') or isinstance(value, str):
+                wanted = 'true and false' if kind == 'bool' else 'numbers'
+                raise GridError(f'{names}: {one} takes {wanted}, not {shown(value)}')
+            if kind == 'integer' and value != round(value):
+                raise GridError(f'{names}: {one} takes whole numbers, not {shown(value)}')
+            try:
+                one.spec.checked(value)
+            except ParameterError as error:
+                raise GridError(f'{names}: {error}') from None
+    values = sorted(value if isinstance(value, bool) else float(value) for value in values)
+    repeated = next((a for a, b in pairwise(values) if a == b), None)
+    if repeated is not None:
+        raise GridError(f'{names}: the value {repeated!r} is given twice')
+    return Axis(varied, tuple(values))
+
+
+class RigSetup(NamedTuple):
+    """A rig, its start, its gap control, and how it is watched."""
+
+    parameters: RigParameters
+    initial: InitialConditions
+    control: GapControlParameters
+    law: str  # MODULE:FUNCTION of a law of the user's own; empty for none
+    settling: Settling
+
+    def vary(self, settings: Mapping[Varied, float]) -> Self:
+        """Return the setup with other values, all set at once."""
+        rig: dict[str, Any] = {}
+        start: dict[str, Any] = {}
+        control: dict[str, Any] = {}
+        for (name, index), value in settings.items():
+            kind = _SPECS[name].kind
+            if name in INITIAL_SPECS:
+                start[name] = value
+            elif kind == 'double_array':
+                entries = list(rig.get(name, getattr(self.parameters, name)))
+                entries[index or 0] = value
+                rig[name] = tuple(entries)
+            else:
+                changed = control if name in GAP_CONTROL_SPECS else rig
+                changed[name] = int(value) if kind == 'integer' else value
+        return self._replace(
+            parameters=self.parameters.replace(**rig),
+            initial=InitialConditions(**{**self.initial.as_dict(), **start}),
+            control=self.control.replace(**control),
+        )
+
+
+@dataclass(frozen=True, init=False)
+class Grid:
+    """
+    A grid of rigs, and how each of them is run.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig; the axes replace the values that they vary.
+    initial : InitialConditions, optional
+        Where the rigs start.
+    control : GapControlParameters, optional
+        The gap control; off by default.
+    law : str, optional
+        MODULE:FUNCTION of a law of the user's own, in place of the one that `control` names.
+    follow : {'none', 'up', 'down', 'both'}, optional
+        Whether each rig starts from the last state of the one before, along the first axis.
+    settling : Settling, optional
+        How long each rig may take to settle, and how closely it is watched.
+    **axes : array_like
+        The values of each parameter, initial condition or parameter of the control; the first
+        axis is the one that is followed. An entry of an array, and parameters that share their
+        values, are named as on the command line: ``**{'force_frequencies[1]': ...}``,
+        ``**{'restitution_1=restitution_2': ...}``.
+
+    Raises
+    ------
+    GridError
+        If a name is unknown, a value is out of its range, or the axes cannot be used together.
+
+    Examples
+    --------
+    >>> Grid(RigParameters(), gap=[10.0, 20.0], friction=[0.0, 0.1, 0.2]).size
+    6
+    """
+
+    setup: RigSetup
+    axes: tuple[Axis, ...]
+    follow: Follow
+
+    def __init__(
+        self,
+        parameters: RigParameters,
+        initial: InitialConditions | None = None,
+        control: GapControlParameters | None = None,
+        law: str = '',
+        *,
+        follow: Follow = 'none',
+        settling: Settling | None = None,
+        **axes: npt.ArrayLike,
+    ) -> None:
+        control = control or GapControlParameters()
+        if not control.active:
+            # Its other parameters have no effect
+            control = GapControlParameters()
+        setup = RigSetup(
+            parameters, initial or InitialConditions(), control, law, settling or Settling()
+        )
+        object.__setattr__(self, 'setup', setup)
+        built = tuple(_axis(names, values, parameters) for names, values in axes.items())
+        object.__setattr__(self, 'axes', built)
+        object.__setattr__(self, 'follow', follow)
+        self._check()
+
+    def _check(self) -> None:
+        """Check the axes together."""
+        if self.follow not in get_args(Follow):
+            raise GridError(f'follow is {self.follow!r}: give one of {", ".join(_DIRECTIONS)}')
+        if self.setup.parameters.sweep_mode != 'off':
+            raise GridError(
+                f'sweep_mode is {self.setup.parameters.sweep_mode}: a force that changes its '
+                'frequency has no steady state; give --set sweep_mode=off, and vary '
+                'force_frequencies'
+            )
+        if not self.axes:
+            raise GridError('nothing is varied: give --vary NAME=RANGE, such as gap=10:60:200')
+        every = [one for axis in self.axes for one in axis.varied]
+        for one in every:
+            if every.count(one) > 1:
+                raise GridError(f'{one} is varied twice: give each name once')
+            if one.name in GAP_CONTROL_SPECS and not self.setup.control.active:
+                raise GridError(
+                    f'{one} is varied, but gap_control is off, and nothing depends on it: '
+                    'give --set gap_control=amplitude or --set gap_control=timed'
+                )
+        if self.follow != 'none' and self.axes[0].initial:
+            raise GridError(
+                f'{self.axes[0].name} cannot be followed, since a rig that continues has no '
+                'initial conditions: vary a parameter first, or leave out --follow'
+            )
+        if self.size > _MOST_RIGS:
+            raise GridError(
+                f'the sweep has {self.size} rigs: give ranges that make at most {_MOST_RIGS}'
+            )
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """The directions followed; one empty name if the rigs are independent."""
+        return _DIRECTIONS[self.follow]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values on each axis."""
+        return tuple(len(axis) for axis in self.axes)
+
+    @property
+    def size(self) -> int:
+        """Number of rigs, one row each."""
+        return len(self.directions) * math.prod(self.shape)
+
+    def values(self, row: int) -> tuple[float, ...]:
+        """Return the value on each axis: directions outermost, then the axes, the last fastest."""
+        places = np.unravel_index(row % math.prod(self.shape), self.shape)
+        return tuple(axis.values[i] for axis, i in zip(self.axes, places, strict=True))
+
+    def settings(self, values: Sequence[float]) -> dict[Varied, float]:
+        """Return the value of each varied parameter, given a value on each axis."""
+        pairs = zip(self.axes, values, strict=True)
+        return {one: value for axis, value in pairs for one in axis.varied}
+
+    def columns(self) -> dict[str, list[Any]]:
+        """Return the columns of the table that say which rig a row is."""
+        turns, places = len(self.directions), math.prod(self.shape)
+        found: dict[str, list[Any]] = {
+            'point': list(range(self.size)),
+            'direction': [turn or None for turn in self.directions for _ in range(places)],
+        }
+        meshes = np.meshgrid(*(axis.values for axis in self.axes), indexing='ij')
+        for axis, mesh in zip(self.axes, meshes, strict=True):
+            found |= {str(one): np.tile(mesh.ravel(), turns).tolist() for one in axis.varied}
+        return found
+
+    def chains(self) -> Iterator[range]:
+        """Yield the rows of rigs that start from one another, in order."""
+        places = math.prod(self.shape)
+        stride = places // self.shape[0]
+        for turn, direction in enumerate(self.directions):
+            for first in range(turn * places, turn * places + stride):
+                rows = range(first, first + places, stride)
+                yield rows if direction == 'up' else rows[::-1]
+
+    def inputs(self) -> dict[str, Any]:
+        """Return everything that the table depends on, for JSON."""
+        rig, initial, control, law, settling = self.setup
+        inputs: dict[str, Any] = {
+            'format': _FORMAT,
+            'version': impact_damper_ros.__version__,
+            'parameters': {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in rig.as_dict().items()
+            },
+            'initial': initial.as_dict(),
+            'axes': {'='.join(map(str, axis.varied)): list(axis.values) for axis in self.axes},
+            'follow': self.follow,
+            'settling': asdict(settling),
+        }
+        if control.active:
+            inputs['gap_control'] = control.as_dict()
+        if law:
+            inputs['law'] = law
+        return inputs
+
+    @classmethod
+    def from_inputs(cls, inputs: dict[str, Any]) -> Self:
+        """
+        Return the grid that `inputs` was made from.
+
+        Raises
+        ------
+        ValueError
+            If this version does not know such inputs.
+        """
+        if inputs.get('format') != _FORMAT:
+            raise ValueError(
+                f'a sweep of format {inputs.get("format")!r}: this version reads {_FORMAT}'
+            )
+        return cls(
+            RigParameters(**inputs['parameters']),
+            InitialConditions(**inputs['initial']),
+            GapControlParameters(**inputs.get('gap_control', {})),
+            inputs.get('law', ''),
+            follow=inputs['follow'],
+            settling=Settling(**inputs['settling']),
+            **inputs['axes'],
+        )
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, str) and value.strip().lower() in _BOOLS:
+        return _BOOLS[value.strip().lower()]
+    if isinstance(value, bool):
+        return value
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise GridError(f'{where}: {shown(value)} is not a number') from None
+    if not math.isfinite(number):
+        raise GridError(f'{where}: {shown(value)} is not a finite number')
+    return number
+
+
+def _spaced(low: float, high: float, count: Any, spacing: str, where: str) -> list[float]:
+    """Return values from end to end, both included."""
+    number = _number(count, where)
+    if isinstance(low, bool) or isinstance(high, bool):
+        raise GridError(f'{where}: true and false have no range: write true,false')
+    if number != round(number) or not 1 <= number <= _MOST_VALUES:
+        raise GridError(f'{where}: {count} values: give a whole number from 1 to {_MOST_VALUES}')
+    if spacing not in ('linear', 'log'):
+        raise GridError(f'{where}: spacing {spacing!r}: give linear or log')
+    if number == 1 and low != high:
+        raise GridError(
+            f'{where}: one value cannot reach from {low:g} to {high:g}: give 2 or more'
+        )
+    if number > 1 and low == high:
+        raise GridError(
+            f'{where}: from {low:g} to {high:g} is not a range: give two different ends'
+        )
+    if spacing == 'log' and min(low, high) <= 0.0:
+        raise GridError(f'{where}: a logarithmic range needs positive ends')
+    progression = np.geomspace if spacing == 'log' else np.linspace
+    values: list[float] = progression(low, high, int(number)).tolist()
+    return values
+
+
+def range_from_text(text: str) -> tuple[str, list[float]]:
+    """
+    Read an axis as the command line gives it.
+
+    Parameters
+    ----------
+    text : str
+        NAME=LOW:HIGH:COUNT, NAME=LOW:HIGH:COUNT:log or NAME=V1,V2,...; NAME may be several names,
+        as in ``restitution_1=restitution_2=0.5:0.9:41``, which then take the same value.
+
+    Returns
+    -------
+    names : str
+        The names, as `Grid` takes them.
+    values : list of float
+        The values.
+
+    Raises
+    ------
+    GridError
+        If the range is empty, not finite or not a range.
+
+    Examples
+    --------
+    >>> range_from_text('gap=10:30:3')
+    ('gap', [10.0, 20.0, 30.0])
+    """
+    names, _, values = text.rpartition('=')
+    if not names:
+        raise GridError(f'{shown(text)}: give NAME=LOW:HIGH:COUNT, such as gap=10:60:200')
+    for name in names.split('='):
+        _parts(name)
+    where = named(text)
+    if ':' not in values:
+        listed = [part for part in values.strip().strip('[]').split(',') if part.strip()]
+        return names, [_number(part, where) for part in listed]
+    low, high, *rest = (part.strip() for part in values.split(':'))
+    if len(rest) not in (1, 2):
+        raise GridError(f'{where}: give LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or V1,V2,...')
+    spacing = rest[1] if rest[1:] else 'linear'
+    return names, _spaced(_number(low, where), _number(high, where), rest[0], spacing, where)
+
+
+def _range_from_entry(name: str, entry: Any) -> tuple[str, list[float]]:
+    """Read one entry of a file of ranges: text, values, or a mapping with from, to and count."""
+    if isinstance(entry, str):
+        return range_from_text(f'{name}={entry}')
+    if isinstance(entry, Mapping):
+        keys = set(entry)
+        if not {'from', 'to', 'count'} <= keys <= {'from', 'to', 'count', 'spacing'}:
+            raise GridError(
+                f'{name}: has the keys {", ".join(map(str, entry)) or "(none)"}: give from, to '
+                'and count, and spacing: log if wanted'
+            )
+        low, high = (_number(entry[key], name) for key in ('from', 'to'))
+        return name, _spaced(low, high, entry['count'], str(entry.get('spacing', 'linear')), name)
+    listed = entry if isinstance(entry, Sequence) else [entry]
+    return name, [_number(value, name) for value in listed]
+
+
+def ranges_from_file(path: Path) -> list[tuple[str, list[float]]]:
+    """Read the axes of a file of ranges, in YAML."""
+    try:
+        content: Any = guarded_yaml(path)
+    except OSError as error:
+        reason = error.strerror or error
+        raise GridError(f'{path}: cannot be read ({reason}): give a YAML file') from error
+    except YamlError as error:
+        raise GridError(f'{path}: {error}') from error
+    ranges = content.get('vary') if isinstance(content, dict) else None
+    if not isinstance(ranges, dict) or set(content) != {'vary'}:
+        raise GridError(
+            f'{path}: start the file with "vary:" and, indented below it, lines such as '
+            '"gap: 10:60:200" or "gap: {from: 10, to: 60, count: 200}"'
+        )
+    return [_range_from_entry(str(name), entry) for name, entry in ranges.items()]
