@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.bag import RecordedMessage, RecordingError, String
 from impact_damper_ros.bag.messages import STRING, decode
-from impact_damper_ros.bag.rig_topics import FORMAT
+from impact_damper_ros.bag.snapshots import FORMAT
 from impact_damper_ros.control import Rig
 from impact_damper_ros.control.controller import initial_state
 from impact_damper_ros.rig import RunawayError
