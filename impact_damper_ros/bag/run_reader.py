@@ -224,6 +224,12 @@ class RunReader:
             found += [f'{what} is not whole: {text}' for text in file.faults()]
         found += [f'the bag is not whole: {text}' for text in self._missing_parts()]
         if self._own:
+            found += [
+                f'messages are out of order in {file.source.name}, the first at stamp '
+                f'{file.disordered_ns} ns'
+                for file in self.files
+                if file.disordered_ns is not None
+            ]
             found += [f'the bag contradicts itself: {text}' for text in self._described()]
             found += [
                 f'the bag is not whole: its notes name the topic {topic}, which is not in it'

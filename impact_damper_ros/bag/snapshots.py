@@ -39,6 +39,15 @@ def mathematics() -> int:
     return zlib.crc32(pack(f'<{len(numbers)}d', *numbers))
 
 
+#: How far a flight is searched: not at all.
+_UNSEARCHED = {'searched': 0.0, 'crossing_side': 0, 'watched': 0.0, 'crossing': None}
+
+
+def motion_of(state: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a state as if its flight were not searched yet, which changes no motion."""
+    return {**state, 'origin': {**state['origin'], **_UNSEARCHED}} if state else {}
+
+
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
     return {n: list(value) if isinstance(value, tuple) else value for n, value in values.items()}
 
@@ -112,6 +121,6 @@ class Snapshots:
                 'mathematics': mathematics(),
                 'done': done,
                 'initial': _plain(self._initial),
-                'state': state,
+                'state': motion_of(state),
             }
         )

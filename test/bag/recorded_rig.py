@@ -6,9 +6,10 @@ import random
 
 from bag import samples
 
-from impact_damper_ros.bag.snapshots import mathematics
+from impact_damper_ros.bag.messages import decode
+from impact_damper_ros.bag.snapshots import mathematics, motion_of
 from impact_damper_ros.control import GapControlParameters, Rig
-from impact_damper_ros.replay.replayed_rig import Setting
+from impact_damper_ros.replay.setting import Setting
 from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, RigParameters
 
 LIVELY = RigParameters(
@@ -102,7 +103,7 @@ class RecordedRig:
             'mathematics': mathematics(),
             'done': self.done,
             'initial': self.initial.as_dict(),
-            'state': self.rig.snapshot(),
+            'state': motion_of(self.rig.snapshot()),
         }
         self.done = []
         message = samples.make(samples.STRING, json.dumps(text))
@@ -192,6 +193,20 @@ class RecordedRig:
     def save(self, directory, **options):
         options = {'custom': NOTES, 'topics': samples.CONTROLLED, **options}
         return samples.record(directory, self.messages, **options)
+
+
+def renamed(messages, names, node=NODE):
+    """Return messages on other topics, as their snapshots name them."""
+    found = []
+    for topic, content, stamp in messages:
+        if topic == '/snapshot':
+            held = json.loads(decode(samples.STRING, content).data)
+            held['topics'] = {key: names.get(t, t) for key, t in held['topics'].items()}
+            held['node'] = node
+            text = samples.make(samples.STRING, json.dumps(held))
+            content = samples.serialise(samples.STRING, text)
+        found.append((names.get(topic, topic), content, stamp))
+    return found
 
 
 def random_requests(rng):
