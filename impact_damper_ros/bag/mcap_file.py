@@ -321,11 +321,6 @@ class McapFile:
             raise ValueError('the last record is cut')
         if block.counts is None:
             block.counts = counts
-        elif counts != block.counts:
-            text = f'the chunk at byte {block.position} holds {_messages(sum(counts.values()))}'
-            self._fault(
-                'index', f'{text}, its index lists {sum(block.counts.values()):,} or others'
-            )
         return found
 
     def _describe(self, opcode: int, content: bytes) -> None:

@@ -479,7 +479,6 @@ class Replay:
                 if isinstance(deed, int):
                     findings.offset_ns = deed
                 elif isinstance(deed, InitialConditions):
-                    self._check_initial(deed)
                     rig.reset(deed)
                     self.initial = deed
                     findings.resets += 1
@@ -622,13 +621,6 @@ class Replay:
         """Note parameter events that no snapshot followed."""
         if self._stated and any((t.log_ns > self._stated[0].log_ns).any() for t in rows):
             self._take_back_stated()
-
-    def _check_initial(self, initial: InitialConditions) -> None:
-        topic = self.recorded.topics.snapshot
-        known = self.initial.as_dict()
-        for name, value in initial.as_dict().items():
-            if value != known[name]:
-                self._differ(topic, f'reset.{name}', value, known[name])
 
     # The end
 
