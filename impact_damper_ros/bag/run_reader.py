@@ -205,7 +205,7 @@ class RunReader:
         return {PART: str(self._parts[0])} if self.path.is_dir() and self._parts[0] else {}
 
     @property
-    def _own(self) -> bool:
+    def own(self) -> bool:
         """Whether it is the node's own recording, as it was written or recovered."""
         return 'node' in self.custom and all(file.own for file in self.files)
 
@@ -222,7 +222,7 @@ class RunReader:
             what = 'the bag' if len(self.files) == 1 else file.source.name
             found += [f'{what} is not whole: {text}' for text in file.faults()]
         found += [f'the bag is not whole: {text}' for text in self._missing_parts()]
-        if self._own:
+        if self.own:
             found += [
                 f'messages are out of order in {file.source.name}, the first at stamp '
                 f'{file.disordered_ns} ns'
@@ -250,7 +250,7 @@ class RunReader:
         found = []
         if self.dropped:
             found.append(f'the recorder notes that it has dropped {self.dropped:,} messages')
-        if self._listing is not None and self.complete and not self._own:
+        if self._listing is not None and self.complete and not self.own:
             found += listing_remarks(self._listing, self._counts())
         return found
 

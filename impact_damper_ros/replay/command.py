@@ -223,7 +223,7 @@ def _check_time(state: Mapping[str, Any], time: float) -> None:
 
 
 def _checked_state(state: dict[str, Any]) -> dict[str, Any]:
-    """Check that a rig can be restored from a state; return it as the rig then has it."""
+    """Check that a rig can be restored from a state, and return that."""
     control = state['gap_control']['state']
     try:
         _check_control('gap_control.state', control, initial_state())
@@ -238,7 +238,7 @@ def _checked_state(state: dict[str, Any]) -> dict[str, Any]:
                 f'{held["origin"]["time"]!r} s, cannot be searched from there to time, '
                 f'{rig.time!r} s'
             )
-        return held
+        return state
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
         raise ValueError(f'{type(error).__name__}: {error}') from error
 

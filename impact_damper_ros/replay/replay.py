@@ -418,6 +418,9 @@ class Replay:
         """Take the first snapshot, from which the rig was restored."""
         self._command = start
         self.findings.snapshots += 1
+        # What a rig has no use for must be as a rig writes it, too.
+        for name, there, here in state_differences(start.state, motion_of(self.rig.snapshot())):
+            self._differ(self.recorded.topics.snapshot, name, there, here)
         control = start.state['gap_control']
         if control['parameters']['gap_control'] != 'off' or control['state']['returning']:
             return

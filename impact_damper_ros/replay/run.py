@@ -157,7 +157,7 @@ class RecordedRun:
             raise RecordingError(purpose, path, cause)
         noted = self.reader.custom.get('joint_states') == self.topics.joint_states
         own = noted or first is None or self.start.stamp_ns == first.stamp_ns  # type: ignore[union-attr]
-        self.stamped = own and self._has_rig_stamps()
+        self.stamped = own and (self.reader.own or self._has_rig_stamps())
 
     def _has_rig_stamps(self) -> bool:
         """

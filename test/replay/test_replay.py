@@ -410,8 +410,9 @@ def test_the_same_impact_twice_while_paused(tmp_path):
     assert len(hits) == 2
     assert hits[0] == hits[1]
     rig.run(100)
-    for name, messages in (('bag', rig.messages), ('ros2', with_arrival_times(rig.messages))):
-        findings = replayed(samples.record(tmp_path / name, messages, custom=NOTES))
+    arrived = with_arrival_times(rig.messages)
+    for name, messages, notes in (('bag', rig.messages, NOTES), ('ros2', arrived, {})):
+        findings = replayed(samples.record(tmp_path / name, messages, custom=notes))
         assert findings.verdict is ReplayVerdict.IDENTICAL
         assert findings.impacts == len(places(messages, '/impacts')) > 2
     from impact_damper_ros.compare import compare_bag
