@@ -203,13 +203,6 @@ def listing_faults(
         yield f'metadata.yaml counts {_messages(total)} in all, not {there:,}'
 
 
-def time_faults(listing: Mapping[str, Any], start_ns: int, end_ns: int) -> Iterator[str]:
-    """Yield where the times in ``metadata.yaml`` of a bag of this package are not its own."""
-    for name, there in FileInformation('', start_ns, end_ns).times().items():
-        if listing.get(name) != there:
-            yield f'metadata.yaml gives {shown(listing.get(name))} as {name}, not {shown(there)}'
-
-
 def listing_remarks(listing: Mapping[str, Any], counts: Mapping[str, int]) -> Iterator[str]:
     """Yield the number of messages that another recorder received and did not write."""
     received = [_count(item) for item in _items(listing, 'files')]

@@ -16,15 +16,16 @@ from typing import Any
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.outputs import write_text
-from impact_damper_ros.rig import Event, EventKind
+from impact_damper_ros.rig import INITIAL_SPECS, Event, EventKind
 from impact_damper_ros.rig.description import robot_description
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .messages import Parameter, ParameterEvent, String, encode
-from .rig_topics import RIG_TOPICS, RigMessages, recorded_topics, recording_notes, snapshot_text
+from .rig_topics import RIG_TOPICS, RigMessages, recorded_topics, recording_notes
 from .run_writer import RunWriter
+from .snapshots import Snapshots
 
 #: Messages that may wait for the disk before the rig waits for them.
 _BACKLOG = 50_000
@@ -115,6 +116,8 @@ class RigRecorder:
             max_size=max_size,
             max_duration=max_duration,
         )
+        initial = {n: value for n, value in parameters.items() if n in INITIAL_SPECS}
+        self._snapshots = Snapshots(node, names, initial)
         self._values = {**parameters, 'state_rate': rate, 'record': True}
         self._begin_file(0)
         write_description(self._writer.directory, self._description)
@@ -130,7 +133,7 @@ class RigRecorder:
         self._describe(time_ns)
 
     def _snapshot(self, reason: str, time_ns: int) -> None:
-        text = snapshot_text(0, time_ns, reason, self._rig.snapshot())
+        text = self._snapshots.text(time_ns, reason, self._rig.snapshot())
         self._write('snapshot', encode(String(text)), time_ns)
 
     def _describe(self, time_ns: int) -> None:
@@ -188,6 +191,7 @@ class RigRecorder:
         """
         if self._due > self._last:
             return
+        self._snapshots.change(self._values, values)
         self._values |= values
         self._write('parameter_events', parameter_event(time_ns, self._node, values), time_ns)
         self.happened(events)

@@ -7,10 +7,9 @@ are the same. A new topic is a line in `RIG_TOPICS`, and a layout and a method o
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from impact_damper_ros.control import CONTROL_JOINTS, Action, ControlRecord
 
@@ -50,11 +49,6 @@ def recording_notes(node: str, names: Mapping[str, str]) -> dict[str, str]:
 AXIS_JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
 JOINTS = (*AXIS_JOINTS, 'incline')
 IMPACT_JOINTS = AXIS_JOINTS[:2]
-#: Format of the messages, which their snapshots name. Up to 2 the joint states had no incline. Up
-#: to 1 all positions counted from the present static equilibrium of M, and the stops had the
-#: velocity of M.
-FORMAT = 3
-
 #: Frame of the joint states that a rig repeats while it is paused; they are no samples.
 PAUSED_FRAME = 'paused'
 
@@ -86,23 +80,6 @@ def impact_numbers(event: Event, deflection: float) -> tuple[_Numbers, _Numbers,
         (event.x + deflection, event.x + event.y + deflection),
         (event.primary_velocity_after, event.damper_velocity_after),
         (impulse, -impulse),
-    )
-
-
-def snapshot_text(offset_ns: int, time_ns: int, reason: str, state: Mapping[str, Any]) -> str:
-    """
-    Return the text of a snapshot: all that a bit-for-bit continuation needs.
-
-    `offset_ns` is the stamp of rig time 0, `reason` that of the publication.
-    """
-    return json.dumps(
-        {
-            'format': FORMAT,
-            'stamp_offset_ns': offset_ns,
-            'time_ns': time_ns,
-            'reason': reason,
-            'state': state,
-        }
     )
 
 

@@ -25,9 +25,8 @@ from .metadata import (
     listing_remarks,
     notes_of,
     read_listing,
-    time_faults,
 )
-from .topics import definition, load_yaml, type_hashes
+from .topics import load_yaml
 
 
 class RecordedMessage(NamedTuple):
@@ -206,7 +205,7 @@ class RunReader:
         return {PART: str(self._parts[0])} if self.path.is_dir() and self._parts[0] else {}
 
     @property
-    def _own(self) -> bool:
+    def own(self) -> bool:
         """Whether it is the node's own recording, as it was written or recovered."""
         return 'node' in self.custom and all(file.own for file in self.files)
 
@@ -223,8 +222,13 @@ class RunReader:
             what = 'the bag' if len(self.files) == 1 else file.source.name
             found += [f'{what} is not whole: {text}' for text in file.faults()]
         found += [f'the bag is not whole: {text}' for text in self._missing_parts()]
-        if self._own:
-            found += [f'the bag contradicts itself: {text}' for text in self._described()]
+        if self.own:
+            found += [
+                f'messages are out of order in {file.source.name}, the first at stamp '
+                f'{file.disordered_ns} ns'
+                for file in self.files
+                if file.disordered_ns is not None
+            ]
             found += [
                 f'the bag is not whole: its notes name the topic {topic}, which is not in it'
                 for topic in (self.custom.get(name, '') for name in _NOTED)
@@ -235,37 +239,8 @@ class RunReader:
         if self._listing is not None and self.complete:
             types = {topic.name: topic.type for topic in self.topics.values()}
             texts = [*listing_faults(self._listing, self._counts(), types)]
-            if self._own and self.start_ns is not None and self.end_ns is not None:
-                texts += time_faults(self._listing, self.start_ns, self.end_ns)
             found += [f'the bag is not whole: {text}' for text in texts]
         return found
-
-    def _described(self) -> Iterator[str]:
-        """Yield where the node's own bag describes itself otherwise than the node does."""
-        described = {
-            channel.topic: (channel, file.schemas.get(channel.schema_id))
-            for file in self.files
-            for channel in file.channels.values()
-        }
-        for topic, (channel, schema) in described.items():
-            name = schema.name if schema else ''
-            if channel.message_encoding != 'cdr':
-                encoding = shown(channel.message_encoding)
-                yield f'messages of {topic} are declared as {encoding}, not cdr'
-            if (
-                schema is None
-                or name not in type_hashes()
-                or (schema.encoding, schema.data) != ('ros2msg', definition(name).encode())
-                or channel.metadata.get('topic_type_hash') != type_hashes()[name]
-            ):
-                yield f'the schema of {topic} is not that of {name or "its type"}'
-        listed = notes_of(self._listing)
-        for name in sorted(listed.keys() & self.custom.keys()):
-            if listed[name] != self.custom[name]:
-                yield (
-                    f'metadata.yaml notes {name} as {shown(listed[name])}, the file as '
-                    f'{shown(self.custom[name])}'
-                )
 
     def _counts(self) -> dict[str, int]:
         return {topic.name: topic.message_count for topic in self.topics.values()}
@@ -275,7 +250,7 @@ class RunReader:
         found = []
         if self.dropped:
             found.append(f'the recorder notes that it has dropped {self.dropped:,} messages')
-        if self._listing is not None and self.complete and not self._own:
+        if self._listing is not None and self.complete and not self.own:
             found += listing_remarks(self._listing, self._counts())
         return found
 

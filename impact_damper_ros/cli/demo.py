@@ -21,11 +21,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from impact_damper_ros.bag import JointState, ParameterEvent, RunReader, String
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_directory
+from impact_damper_ros.replay import RecordedRun, Replay
+from impact_damper_ros.replay.rows import impacts_of
 from impact_damper_ros.report.run_figures import Closeup, SampledMotion, draw_motion
-from impact_damper_ros.rig import RigParameters, load_parameters
+from impact_damper_ros.rig import load_parameters
 
 from .command_line import EXIT_FAILED, CommandError, command_parser, end_node, outcome
 
@@ -180,31 +181,28 @@ def _perform(node: subprocess.Popen[bytes], duration: float) -> tuple[int, int]:
 
 def _read(bag: Path) -> tuple[SampledMotion, list[float]]:
     """Read the motion from the equilibrium of each stage, and the instants of the changes."""
-    reader = RunReader(bag)
-    states: list[tuple[float, ...]] = []
-    impacts: list[tuple[float, ...]] = []
-    changes: list[float] = []
-    start = reader.start_ns or 0
-    topics = ('snapshot', 'joint_states', 'impacts', 'parameter_events')
-    wanted = [reader.topic(name) for name in topics]
-    rest = 0.0
-    for _, stamp_ns, message in reader.messages([t for t in wanted if t in reader.topics]):
-        instant = (stamp_ns - start) * 1e-9
-        if isinstance(message, String):
-            rig = RigParameters(**json.loads(message.data)['state']['parameters'])
-            rest = rig.static_deflection
-        elif isinstance(message, ParameterEvent):
-            names = {parameter.name for parameter in message.changed_parameters}
-            if names & {stage.parameter for stage in STAGES}:
-                changes.append(instant)
-        elif isinstance(message, JointState) and message.effort:
-            stop = int(message.frame_id[-1])
-            impacts.append((instant, message.position[1] - rest, stop))
-        elif isinstance(message, JointState):
-            states.append((instant, *(place - rest for place in message.position[:4])))
-    time_, x, z, stop_1, stop_2 = np.array(states).T
-    hit, where, stops = np.array(impacts).reshape(-1, 3).T
-    motion = SampledMotion(time_, x, z, stop_1, stop_2, hit, where, stops.astype(np.int64))
+    replay = Replay(RecordedRun(bag))
+    parts = list(replay)
+    samples = np.concatenate([part.samples for part in parts])
+    impacts = impacts_of(np.concatenate([part.events for part in parts]))
+    start, turned = float(samples['time'][0]), {stage.parameter for stage in STAGES}
+    changes = [
+        part.command.time - start
+        for part in parts
+        if part.command is not None
+        for deed in part.command.done
+        if isinstance(deed, Mapping) and deed.keys() & turned
+    ]
+    motion = SampledMotion(
+        samples['time'] - start,
+        samples['x'],
+        samples['z'],
+        samples['stop_1'],
+        samples['stop_2'],
+        impacts['time'] - start,
+        impacts['x'] + impacts['y'],
+        impacts['stop'].astype(np.int64),
+    )
     return motion, changes
 
 
@@ -271,6 +269,7 @@ def _print_verdicts(directory: Path) -> None:
     result = json.loads((directory / 'report.json').read_text(encoding='utf-8'))
     for stretch in result['stretches']:
         text = f'{stretch["cause"]}: {stretch["verdict"]}. {stretch["sentence"]}'
+        text += '; the log differs from its replay' * (stretch['log'] == 'differs')
         print(textwrap.fill(text, 96, initial_indent='  ', subsequent_indent='      '))
 
 

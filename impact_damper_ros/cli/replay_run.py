@@ -10,14 +10,14 @@ from typing import Any
 
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_file
-from impact_damper_ros.replay.recorded_run import RecordedRun
-from impact_damper_ros.replay.replay import Replay
-from impact_damper_ros.replay.replayed_rig import Setting, setting_of
+from impact_damper_ros.replay import RecordedRun, Replay, Setting
+from impact_damper_ros.replay.setting import setting_of
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.report.replay_report import findings_json, findings_text
 from impact_damper_ros.report.what_if_report import WhatIfReport
-from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, Event, InitialConditions, Sample
+from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, InitialConditions, Sample
+from impact_damper_ros.rig.event import events_of_table
 from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
 from impact_damper_ros.rig.quoting import printable
 
@@ -39,9 +39,6 @@ from .command_line import (
     write_json,
 )
 from .rig_options import GivenRig, announce, overridden
-
-#: Samples between two updates of the progress bar.
-_STRIDE = 256
 
 _DESCRIPTION = """\
 Replay a recorded run from its own log. Without --set, every recorded sample and impact is computed
@@ -100,37 +97,33 @@ def _run(arguments: argparse.Namespace, replay: Replay) -> WhatIfReport | None:
     report = None
     reader = replay.recorded.reader
     span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
-    count = max(1, reader.topics[replay.recorded.topics.joint_states].message_count)
+    if arguments.set:
+        report = WhatIfReport(
+            replay,
+            *_held_values(arguments.set, setting_of(replay.start.state)),
+            drawn=arguments.figure is not None,
+            budget=EventBudget(arguments.most_events, BUDGET_REMEDY),
+        )
     with ExitStack() as stack:
         states = open_table(arguments.states, Sample._fields, stack)
         impacts = open_table(arguments.impacts, IMPACT_COLUMNS, stack)
         bar = stack.enter_context(progress_bar('replayed', span, 's', quiet=arguments.quiet))
-        if not arguments.set and states is None and impacts is None:
-            start = replay.recorded.start.time_ns / 1e9
-            replay.run(lambda time: bar.update(max(0.0, min(span, time - start) - bar.n)))
-            return None
-        for number, tick in enumerate(replay.ticks()):
-            sample: Sample = tick.sample
-            events: Sequence[Event] = tick.events
-            if arguments.set:
-                if report is None:
-                    held = _held_values(arguments.set, setting_of(replay.recorded.start.state))
-                    report = WhatIfReport(
-                        replay,
-                        *held,
-                        drawn=arguments.figure is not None,
-                        budget=EventBudget(arguments.most_events, BUDGET_REMEDY),
-                    )
+        for part in replay:
+            samples, events, ended = part.samples, part.events, None
+            if report is not None:
                 try:
-                    sample, events = report.look(tick)
+                    samples, events = report.look(part)
                 except EndlessEventsError as error:
-                    raise CommandError(f'what if: {error}', EXIT_FAILED) from error
+                    (samples, events), ended = report.other.reached, error
             if states is not None:
-                states.write(row(sample))
+                for sample in samples.tolist():
+                    states.write(row(sample))
             if impacts is not None:
-                impacts.write(impact_rows(events))
-            if number % _STRIDE == 0:
-                bar.update(min(span, span * number / count) - bar.n)
+                impacts.write(impact_rows(events_of_table(events)))
+            if ended is not None:
+                raise CommandError(f'what if: {ended}', EXIT_FAILED) from ended
+            time = replay.rig.time - replay.start.time
+            bar.update(max(0.0, min(span, time) - bar.n))
     return report
 
 
@@ -169,7 +162,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         replay = Replay(RecordedRun(arguments.bag, arguments.node))
         if arguments.set:
             # A misspelt name is reported at once
-            logged = setting_of(replay.recorded.start.state)
+            logged = setting_of(replay.start.state)
             held, _ = _held_values(arguments.set, logged)
             if not arguments.quiet:
                 rig = {n: value for n, value in held.items() if n in PARAMETER_SPECS}

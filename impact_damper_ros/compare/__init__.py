@@ -20,6 +20,7 @@ from .result import (
     Finding,
     ImpactStates,
     LogCheck,
+    LogVerdict,
     MeasuredMotion,
     Overall,
     RunComparison,
@@ -28,9 +29,9 @@ from .result import (
 )
 
 if TYPE_CHECKING:
-    from .bag_stretches import LoggedRig
     from .comparison import compare_bag
     from .periodic_motion import predicted_curve
+    from .stretches import LoggedRig
 
 __all__ = [
     'Beginning',
@@ -40,6 +41,7 @@ __all__ = [
     'ForceClock',
     'ImpactStates',
     'LogCheck',
+    'LogVerdict',
     'LoggedRig',
     'MeasuredMotion',
     'MotionKind',
@@ -58,8 +60,8 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
-        'bag_stretches': ('LoggedRig',),
         'comparison': ('compare_bag',),
         'periodic_motion': ('predicted_curve',),
+        'stretches': ('LoggedRig',),
     },
 )

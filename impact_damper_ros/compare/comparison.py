@@ -1,68 +1,28 @@
-"""The comparison of a whole recorded run: its log replayed, its stretches compared."""
+"""A whole recorded run, replayed and compared with theory in one pass."""
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.replay.findings import Difference
-from impact_damper_ros.replay.recorded_run import RecordedRun
-from impact_damper_ros.replay.replay import Replay
+from impact_damper_ros.replay import Difference, Findings, RecordedRun, Replay
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.rig.snapshot import ARITHMETIC
 
-from .bag_stretches import BagStretches, CheckedStretch
-from .log_findings import with_fitted_clock
-from .result import Finding, LogCheck, RunComparison, StretchComparison
+from .force_phase import with_fitted_clock
+from .result import Finding, LogCheck, LogVerdict, RunComparison, StretchComparison
+from .stretches import RecordedPieces, Stretches
 from .verdict import compare_stretch
-
-_FROM_MOTION = 'the recorded motion was checked against the equations of motion, to round-off'
 
 #: Estimated error of X between joint states, as a share, that is remarked on.
 _COARSE = 0.01
 
 Progress = Callable[[float], object]
-
-
-@dataclass(frozen=True)
-class LogReplay:
-    """The result of the replay of a bag."""
-
-    check: LogCheck  # how the log was checked
-    #: The first ones after each change of the rig; empty if the log was not replayed exactly.
-    differences: tuple[Difference, ...] = ()
-    faults: tuple[str, ...] = ()  # why only a part of the bag was replayed
-
-    def by_stretch(
-        self, bag: BagStretches
-    ) -> Iterator[tuple[CheckedStretch, list[Finding] | None]]:
-        """
-        Yield stretches with the differences in each of them; None if nothing was replayed.
-
-        A difference at the instant of a change belongs to the stretch that begins there, one
-        outside of all stretches to the nearest. What a replay has reproduced bit for bit is not
-        checked again.
-        """
-        bag.checks = not self.check.replayed or bool(self.differences)
-        left = deque(sorted(self.differences, key=lambda difference: difference.time))
-        before: CheckedStretch | None = None
-        for checked in itertools.chain(bag, [None]):
-            if before is not None:
-                end = math.inf if checked is None else checked.stretch.start
-                found = []
-                while left and left[0].time < end:
-                    found.append(_finding(left.popleft()))
-                yield before, found if self.check.replayed else None
-            before = checked
 
 
 def _finding(difference: Difference) -> Finding:
@@ -95,45 +55,27 @@ def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) else math.nan
 
 
-def replay_log(path: Path, node: str | None, progress: Progress = float) -> LogReplay:
-    """
-    Replay a bag, and return what differs.
+def _log_check(replay: Replay) -> LogCheck:
+    """Return how the log of a replayed run was checked."""
+    findings = replay.findings
+    count = findings.difference_count
+    exactly = 'within the errors of round-off' if findings.other_bits else 'bit for bit'
+    how = f'replayed, with {counted(count, "difference")}' if count else f'replayed {exactly}'
+    said = f'{how}: {counted(findings.samples, "sample")}, {counted(findings.impacts, "impact")}'
+    if findings.control:
+        said += f', {counted(findings.control, "act")} of the gap control'
+    said += f', {counted(findings.snapshots, "snapshot")}'
+    return LogCheck(True, said, count, _unchecked(replay))
 
-    `progress` is called now and then with the rig time reached, s.
-    """
-    try:
-        replay = Replay(RecordedRun(path, node, purpose='compare'), adopt=True)
-    except RecordingError as error:
-        return LogReplay(LogCheck(False, f'{_FROM_MOTION}; it could not be replayed: {error}'))
-    arithmetic = replay.recorded.start.arithmetic
-    if arithmetic > ARITHMETIC:
-        newer = (
-            f'it was recorded with arithmetic {arithmetic}, newer than arithmetic {ARITHMETIC} of '
-            f'this version: use the version of impact_damper_ros that recorded it'
-        )
-        return LogReplay(LogCheck(False, f'{_FROM_MOTION}; {newer}'), faults=(newer,))
-    findings = replay.run(progress)
-    if arithmetic != ARITHMETIC and findings.by_topic.keys() & {
-        replay.recorded.topics.joint_states,
-        replay.recorded.topics.impacts,
-    }:
-        why = f'it was recorded with arithmetic {arithmetic}, this version has {ARITHMETIC}'
-    elif findings.by_another_library:
-        why = 'it was recorded on a machine whose mathematical functions round differently'
-    elif not findings.samples:
-        why = 'no sample could be compared'
-    else:
-        count = findings.difference_count
-        how = f'replayed, with {counted(count, "difference")}' if count else 'replayed bit for bit'
-        said = f'{how}: {counted(findings.samples, "sample")}, '
-        said += counted(findings.impacts, 'impact')
-        if findings.control:
-            said += f', {counted(findings.control, "act")} of the gap control'
-        said += f', {counted(findings.snapshots, "snapshot")}'
-        check = LogCheck(True, said, count, _unchecked(replay))
-        return LogReplay(check, tuple(findings.kept), tuple(findings.faults))
-    check = LogCheck(False, f'{_FROM_MOTION}; not bit for bit, since {why}')
-    return LogReplay(check, faults=tuple(findings.faults))
+
+def _on_interruptions(findings: Findings) -> Iterator[str]:
+    """Yield remarks on pauses and stalls."""
+    for count, what in (
+        (findings.pauses, 'the rig was paused {}; rig time did not advance meanwhile'),
+        (findings.slips, 'the machine stalled {}, and the stamps were moved on'),
+    ):
+        if count:
+            yield what.format('once' if count == 1 else f'{count} times')
 
 
 def _unchecked(replay: Replay) -> tuple[str, ...]:
@@ -146,10 +88,9 @@ def _unchecked(replay: Replay) -> tuple[str, ...]:
         if name not in checked and name != topics.parameter_events
     ]
     if topics.parameter_events:
-        what = 'settings of the node'
-        if replay.recorded.start.time_ns:
-            what += ', initial_* up to the first reset'
-        found.append(f'{topics.parameter_events}: {what}')
+        found.append(f'{topics.parameter_events}: settings of the node')
+    if replay.findings.other_bits and topics.gap_control:
+        found.append(topics.gap_control)
     return tuple(found)
 
 
@@ -188,8 +129,8 @@ def compare_bag(
     parameters : RigParameters, optional
         The rig, for a bag that does not name its parameters.
     progress : callable, optional
-        Called at the begin of ``'replayed'`` and ``'compared'`` with the length of the run in s;
-        what it returns is called now and then with the rig time reached, s.
+        Called at the begin with ``'compared'`` and the length of the run in s; what it returns is
+        called now and then with the rig time reached, s.
 
     Returns
     -------
@@ -202,37 +143,69 @@ def compare_bag(
         If the bag cannot be read, or holds no rig.
     """
     path = Path(path)
+    recorded = RecordedRun(path, node, purpose='compare', snapshot_needed=False)
+    reader = recorded.reader
+    span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
+    reached = progress('compared', span)
+    stretches: list[StretchComparison] = []
+    remarks: list[str] = []
     # A wrong number may be as large as numbers are.
     with np.errstate(over='ignore', invalid='ignore'):
-        bag = BagStretches(path, node, parameters)
-        reader = bag.recorded.reader
-        span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
-        log = replay_log(path, node, progress('replayed', span))
-        bag.progress = progress('compared', span)
-        stretches: list[StretchComparison] = []
-        remarks: list[str] = []
-        for (stretch, search), replayed in log.by_stretch(bag):
-            if stretch.clock is None:
-                stretch, search = with_fitted_clock(stretch)
-                if stretch.clock is not None:
+        if recorded.start is not None:
+            replay = Replay(recorded)
+            found = Stretches(replay)
+            said = 0
+            for stretch in found:
+                reached(stretch.end)
+                kept = replay.findings.kept
+                mine = [d for d in kept[said:] if d.time < stretch.end or stretch.last]
+                said += len(mine)
+                log = LogVerdict.DIFFERS if mine else LogVerdict.REPRODUCED
+                stretches.append(compare_stretch(stretch, log, [_finding(d) for d in mine]))
+            findings, check = replay.findings, _log_check(replay)
+            faults, remarks = findings.faults, [*_on_interruptions(findings), *findings.remarks]
+            counts = findings.samples, findings.recorded_impacts
+            if parameters is not None:
+                remarks.append('the bag holds the parameters of its rig: --params was not used')
+        else:
+            pieces = RecordedPieces(recorded, parameters)
+            found = Stretches(pieces)
+            for stretch in found:
+                reached(stretch.end)
+                timed = with_fitted_clock(stretch) if stretch.clock is None else stretch
+                if timed is not stretch:
                     remarks.append(
                         f'the phase of the force in stretch {stretch.number} is not in the bag; '
                         'it was found from the motion'
                     )
-            stretches.append(compare_stretch(stretch, search, replayed))
+                stretches.append(compare_stretch(timed))
+            if pieces.rig is None:
+                cause = 'it does not hold the parameters of the rig: no snapshot, no list of all'
+                remedy = 'record the topic snapshot too, or give the rig with --params FILE.yaml'
+                raise RecordingError('compare', path, cause, remedy)
+            check = LogCheck(False, 'not checked: without a snapshot the run cannot be replayed')
+            faults = [*recorded.faults(), *pieces.faults]
+            remarks = [*recorded.remarks(), *remarks]
+            counts = pieces.samples, pieces.impacts
+            if pieces.early:
+                remarks.append(
+                    f'{pieces.early} messages from before the parameters are known were left out'
+                )
+        if not recorded.topics.impacts:
+            remarks.append('the topic of the impacts was not recorded: there are only samples')
         remarks += _on_coarse_samples(stretches)
     return RunComparison(
         bag=str(path),
-        node=bag.recorded.topics.name,
+        node=recorded.topics.name,
         version=__version__,
         complete=reader.complete,
-        stamps='rig time' if bag.recorded.stamped else 'times of arrival',
-        start=(bag.start_ns or 0) / 1e9,
-        end=(bag.end_ns or 0) / 1e9,
-        samples=bag.samples,
-        impacts=bag.impacts,
+        stamps='rig time' if recorded.stamped else 'times of arrival',
+        start=found.start,
+        end=found.end,
+        samples=counts[0],
+        impacts=counts[1],
         stretches=tuple(stretches),
-        log=log.check,
-        faults=tuple(dict.fromkeys([*bag.faults(), *log.faults])),
-        remarks=(*bag.remarks(), *remarks),
+        log=check,
+        faults=tuple(dict.fromkeys(faults)),
+        remarks=tuple(remarks),
     )

@@ -106,6 +106,27 @@ def _swing_between(begin: Knots, end: Knots) -> CubicSwing:
 # Energy
 
 
+class ImpactEnergies(NamedTuple):
+    """What impacts do to the kinetic energy, J."""
+
+    both: float  # lost by M and m together
+    primary: float  # taken from M; part of it is given to m
+
+
+def energies_of_impacts(impacts: RecordedImpacts, rig: RigParameters) -> ImpactEnergies:
+    """Return what impacts do to the energy."""
+    before, after = impacts.velocity_before(rig), impacts.velocity_after
+    damper_before, damper_after = (
+        impacts.damper_velocity_before(rig),
+        impacts.damper_velocity_after,
+    )
+    # The impulses times mean velocities: differences of squares without their cancellation
+    on_m = 0.5 * impacts.primary_impulse
+    taken = -float((on_m * (before + after)).sum())
+    given = -float((on_m * (damper_before + damper_after)).sum())
+    return ImpactEnergies(taken - given, taken)
+
+
 def _stored_energy(
     rig: RigParameters, x: Array, velocity: Array, z: Array, damper_velocity: Array
 ) -> Array:
@@ -202,7 +223,9 @@ class SwingAndEnergy:
         self._rig, self._clock = parameters, clock
         self._held: Knots | None = None
         self._largest = math.nan
-        self._covered = self._squares = self._dashpot = self._taken = self._longest = 0.0
+        self._covered = self._squares = self._dashpot = self._taken = self._lost = (
+            self._longest
+        ) = 0.0
         self._force = 0.0 if clock is not None else math.nan
         self._impacts = [0, 0]
 
@@ -212,10 +235,9 @@ class SwingAndEnergy:
         with np.errstate(over='ignore', invalid='ignore'):
             for stop in (1, 2):
                 self._impacts[stop - 1] += int((impacts.stop == stop).sum())
-            before = impacts.velocity_before(self._rig)
-            # The difference of the squares, without their cancellation
-            lost = (before - impacts.velocity_after) * (before + impacts.velocity_after)
-            self._taken += 0.5 * self._rig.primary_mass * float(lost.sum())
+            energies = energies_of_impacts(impacts, self._rig)
+            self._taken += energies.primary
+            self._lost += energies.both
             if len(knots):
                 size = float(np.abs(knots.x).max())
                 self._largest = size if math.isnan(self._largest) else max(self._largest, size)
@@ -263,6 +285,7 @@ class SwingAndEnergy:
             impacts_on_stop_1=self._impacts[0],
             impacts_on_stop_2=self._impacts[1],
             impact_energy=self._taken,
+            impact_loss=self._lost,
             dashpot_energy=self._dashpot,
             force_work=self._force,
             accuracy=_SMOOTH * turned**4 + _STEPS * steps * turned**3,

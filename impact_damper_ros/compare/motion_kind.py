@@ -666,20 +666,16 @@ def _doubt(found: Indications | None, ahead: LaterMotion | None, spent: float) -
     return f'{text}; about {4 * found.cycles} cycles in all would decide'
 
 
-def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) -> StretchKind:
-    """
-    Find the kind of a motion with impacts.
-
-    Only if the log is `sound`, the logged rig is run ahead from its last impact.
-    """
+def kind_of(clock: ForceClock, impacts: RecordedImpacts) -> StretchKind:
+    """Find the kind of a motion with impacts; it may be run ahead from its last impact."""
     counted = counted_impacts(impacts)
     table = impact_table(counted, clock.zero, clock.cycle)
     spent = float(table.phase[-1] - table.phase[0]) if len(table) else 0.0
     recurrence = find_recurrence(table)
-    if recurrence is not None and (recurrence.at_floor or recurrence.level <= _SURE or not sound):
+    if recurrence is not None and (recurrence.at_floor or recurrence.level <= _SURE):
         return _recurring(recurrence, counted)
     ahead = None
-    if len(impacts) and sound and (recurrence is not None or spent >= _RUN_AHEAD_FROM):
+    if len(impacts) and (recurrence is not None or spent >= _RUN_AHEAD_FROM):
         ahead = later_motion(clock, impacts, spent)
     if recurrence is not None and (ahead is None or _confirmed(recurrence, ahead)):
         return _recurring(recurrence, counted)

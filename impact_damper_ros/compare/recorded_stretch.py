@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from sys import float_info
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.rig import Event, RigParameters
+from impact_damper_ros.replay.rows import Events, Samples, events_as_rows
+from impact_damper_ros.rig import Event, RigParameters, Sample
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.snapshot import LATEST
 
@@ -136,6 +137,11 @@ class RecordedStates(_Table):
     stop_1_velocity: Array  # m/s
     stop_2_velocity: Array
 
+    @classmethod
+    def of_samples(cls, samples: Samples) -> Self:
+        """Return samples of a simulator."""
+        return cls(*(samples[name] for name in Sample._fields))
+
 
 @dataclass(frozen=True)
 class RecordedImpacts(_Table):
@@ -151,17 +157,18 @@ class RecordedImpacts(_Table):
     damper_impulse: Array  # on m
 
     @classmethod
+    def of_rows(cls, impacts: Events) -> Self:
+        """Return impacts of a simulator, their instants not rounded."""
+        impulse = np.where(impacts['stop'] == 1, impacts['impulse'], -impacts['impulse'])
+        x, after = impacts['x'], impacts['primary_velocity_after']
+        damper_after = impacts['damper_velocity_after']
+        place = impacts['time'], impacts['stop'].astype(float), x, x + impacts['y']
+        return cls(*place, after, damper_after, impulse, -impulse)
+
+    @classmethod
     def of_events(cls, impacts: Sequence[Event]) -> Self:
         """Return impacts of a simulator, their instants not rounded."""
-        if not impacts:
-            return cls.none()
-        rows = []
-        for event in impacts:
-            impulse = event.impulse if event.stop == 1 else -event.impulse
-            after, damper_after = event.primary_velocity_after, event.damper_velocity_after
-            place = event.time, float(event.stop), event.x, event.x + event.y
-            rows.append((*place, after, damper_after, impulse, -impulse))
-        return cls(*np.array(rows).T)
+        return cls.of_rows(events_as_rows(impacts))
 
     def velocity_before(self, parameters: RigParameters) -> Array:
         """Return X' just before, from the impulse and the logged mass, m/s."""
@@ -260,10 +267,12 @@ class RecordedStretch(LoggedStretch):
     state_count: int  # how many were recorded
     impact_count: int
     missing_states: int = 0
-    lossy: bool = False  # whether the recorder may have lost single messages unnoticed
     gaps: tuple[tuple[float, float], ...] = ()  # the first intervals without samples, s
     envelope: SwingEnvelope
     overall: Overall | None = None
+    #: State of the rig at the end; empty if it was not replayed.
+    at_end: Mapping[str, Any] = field(default_factory=dict)
+    last: bool = False  # whether the run ends with it
 
     @property
     def duration(self) -> float:
@@ -274,10 +283,6 @@ class RecordedStretch(LoggedStretch):
     def controlled(self) -> bool:
         """Whether a control may move the stops."""
         return bool(self.control.get('gap_control', 'off') != 'off')
-
-    def may_lack_impact(self, time: float) -> bool:
-        """Return whether the recorder may have lost an impact at an instant."""
-        return self.lossy or any(start <= time <= end for start, end in self.gaps)
 
     def stop_before(self, time: float) -> int:
         """Return the stop hit last before an instant; 0 for none."""

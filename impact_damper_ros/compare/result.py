@@ -114,6 +114,9 @@ class Overall:
     impact_energy : float
         Kinetic energy that M lost in the impacts, J, from velocities and impulses: exact. Contact
         with a resting m is no impact.
+    impact_loss : float
+        Kinetic energy that M and m together lost in them, J; the remainder of `impact_energy` was
+        given to m.
     dashpot_energy : float
         Energy that the dashpot took from M, J.
     force_work : float
@@ -133,6 +136,7 @@ class Overall:
     impacts_on_stop_1: int
     impacts_on_stop_2: int
     impact_energy: float
+    impact_loss: float
     dashpot_energy: float
     force_work: float
     accuracy: float
@@ -152,6 +156,7 @@ class Overall:
             impacts_on_stop_1=sum(part.impacts_on_stop_1 for part in parts),
             impacts_on_stop_2=sum(part.impacts_on_stop_2 for part in parts),
             impact_energy=math.fsum(part.impact_energy for part in parts),
+            impact_loss=math.fsum(part.impact_loss for part in parts),
             dashpot_energy=math.fsum(part.dashpot_energy for part in parts),
             force_work=math.fsum(part.force_work for part in parts),
             accuracy=max((part.accuracy for part in parts), default=0.0),
@@ -271,6 +276,16 @@ class Verdict(Enum):
     NO_PREDICTION = 'no prediction'
     #: Too little was recorded.
     TOO_SHORT = 'too short'
+
+
+class LogVerdict(Enum):
+    """Whether the log of a stretch is that of its rig."""
+
+    #: Every number is that of the replay, to the last bit or, if it cannot be, within round-off.
+    REPRODUCED = 'reproduced'
+    DIFFERS = 'differs'
+    #: There is no snapshot to replay from.
+    NOT_CHECKED = 'not checked'
 
 
 @dataclass(frozen=True)
@@ -451,7 +466,11 @@ class StretchComparison(LoggedStretch):
     sentence : str
         The verdict in words, with numbers.
     findings : tuple of Finding
-        What is not as expected, the earliest first.
+        In what it differs from theory, the earliest first.
+    log : LogVerdict
+        Whether its log is that of the rig, whatever theory says.
+    log_findings : tuple of Finding
+        In what the log differs from the replay, the earliest first.
     curves : StretchCurves
         For plots.
     """
@@ -474,6 +493,8 @@ class StretchComparison(LoggedStretch):
     verdict: Verdict
     sentence: str
     findings: tuple[Finding, ...] = ()
+    log: LogVerdict = LogVerdict.NOT_CHECKED
+    log_findings: tuple[Finding, ...] = ()
     curves: StretchCurves = field(default_factory=StretchCurves)
 
     @property
@@ -497,8 +518,7 @@ class LogCheck:
     Attributes
     ----------
     replayed : bool
-        Whether the log was replayed from its first snapshot, and every number compared bit for
-        bit. Otherwise the motion was checked from sample to sample, to round-off.
+        Whether the log was replayed from its first snapshot, and every number held against that.
     text : str
         What was checked, in words.
     differences : int
@@ -558,8 +578,8 @@ class RunComparison:
 
     @property
     def exit_code(self) -> int:
-        """0: nothing differs; 1: something does; 3: nothing does, but the bag is not whole."""
-        if any(stretch.verdict is Verdict.DIFFERS for stretch in self.stretches):
+        """0: nothing differs; 1: log or theory does; 3: neither, but the bag is not whole."""
+        if self.log.differences or any(s.verdict is Verdict.DIFFERS for s in self.stretches):
             return 1
         return 3 if self.faults else 0
 

@@ -14,8 +14,6 @@ from impact_damper_ros.orbits.equations import check_forcing
 from impact_damper_ros.orbits.recognition import LONGEST_PERIOD, SETTLED, MotionKind
 from impact_damper_ros.rig.quoting import counted
 
-from .flight_check import FaultSearch
-from .log_findings import log_findings, repaired_impacts
 from .measured_motion import energy_balance, impact_curve, measured_motion, motion_curve, spectrum
 from .motion_kind import (
     Oscillation,
@@ -31,6 +29,7 @@ from .result import (
     EnergyBalance,
     Finding,
     LoggedStretch,
+    LogVerdict,
     StretchComparison,
     StretchCurves,
     Verdict,
@@ -60,21 +59,10 @@ def _stability(orbit: PeriodicOrbit) -> str:
     return f'{word}, largest multiplier {abs(orbit.multipliers[0]):.4g}'
 
 
-def _judged_log(log: list[Finding]) -> _Judgement:
-    """Judge a stretch whose log is wrong."""
-    more = f' (and {len(log) - 1} more)' if len(log) > 1 else ''
-    return _Judgement(Verdict.DIFFERS, log[0].text + more, log)
-
-
-def _judged_period(kind: StretchKind, motion: PeriodicMotion, log: list[Finding]) -> _Judgement:
+def _judged_period(kind: StretchKind, motion: PeriodicMotion) -> _Judgement:
     """Judge a motion that repeats, or that settles into one that does."""
     orbit = motion.match.orbit
     distance = float(motion.match.distance)
-    if log:
-        judgement = _judged_log(log)
-        if orbit is not None and not kind.ahead and distance > motion.allowed:
-            return judgement._replace(findings=[*log, *motion.differences()])
-        return judgement
     if orbit is None:
         return _Judgement(Verdict.NO_PREDICTION, motion.match.solver)
     name = _motion_name(orbit)
@@ -110,7 +98,7 @@ def _judged_period(kind: StretchKind, motion: PeriodicMotion, log: list[Finding]
 
 
 def _judged_irregular(
-    clock: ForceClock, kind: StretchKind, log: list[Finding]
+    clock: ForceClock, kind: StretchKind
 ) -> tuple[_Judgement, PeriodicOrbit | None]:
     """Judge a motion that does not repeat, beside the simplest periodic motion of the rig."""
     rig = clock.counted_from_zero()
@@ -125,8 +113,6 @@ def _judged_irregular(
         judgement = _Judgement(Verdict.NOT_SETTLED, kind.evidence)
     if kind.short:
         judgement = _Judgement(Verdict.TOO_SHORT, kind.evidence)
-    if log:
-        judgement = _judged_log(log)
     return judgement, next((orbit for orbit in orbits if orbit.viable), None)
 
 
@@ -224,16 +210,13 @@ class _Comparison:
     """The comparison of one stretch, step by step."""
 
     def __init__(
-        self,
-        stretch: RecordedStretch,
-        search: FaultSearch | None,
-        replayed: Sequence[Finding] | None,
+        self, stretch: RecordedStretch, log: LogVerdict, findings: Sequence[Finding]
     ) -> None:
         self.stretch = stretch
         self.cycle = _cycle(stretch)
         self.reason = _why_no_theory(stretch)
-        self.log = log_findings(stretch, search, replayed)
-        self.impacts = repaired_impacts(stretch, search)
+        self.log, self.log_findings = log, tuple(findings)
+        self.impacts = stretch.impacts
         self.motion: PeriodicMotion | None = None
         self.orbit: PeriodicOrbit | None = None
         self.solver = ''
@@ -244,16 +227,12 @@ class _Comparison:
         if cycles < _LEAST_CYCLES or len(stretch.states) + len(stretch.impacts) < 3:
             text = f'{cycles:.2g} cycles of the force are too few for a comparison'
             kind = StretchKind(MotionKind.UNDECIDED, text, short=True)
-            return self._result(kind, self._judged(Verdict.TOO_SHORT, text))
+            return self._result(kind, _Judgement(Verdict.TOO_SHORT, text))
         quiet = max(0.5 * stretch.duration, min(_QUIET_CYCLES * self.cycle, stretch.duration))
         late = bool((self.impacts.time > stretch.end - quiet).any())
         if len(stretch.states) and not late:
             return self._without_impacts(stretch.end - quiet)
         return self._with_impacts()
-
-    def _judged(self, verdict: Verdict, text: str) -> _Judgement:
-        """Return a judgement; that of the log if the log is wrong."""
-        return _judged_log(self.log) if self.log else _Judgement(verdict, text)
 
     def _without_impacts(self, start: float) -> StretchComparison:
         stretch = self.stretch
@@ -263,7 +242,7 @@ class _Comparison:
             text = 'nothing moves, and no force acts'
             if any(stretch.parameters.force_amplitudes):
                 text = 'nothing moves'
-            return self._result(kind, self._judged(Verdict.NO_PREDICTION, text))
+            return self._result(kind, _Judgement(Verdict.NO_PREDICTION, text))
         text = f'm has hit no stop for {(stretch.end - start) / self.cycle:.0f} cycles'
         kind = StretchKind(MotionKind.NO_IMPACTS, text)
         found = None
@@ -271,14 +250,13 @@ class _Comparison:
             found = oscillation(stretch.clock, states, stretch.stop_before(math.inf))
             self.solver = 'closed form' if found is not None else ''
         if self.reason:
-            judgement = self._judged(Verdict.NO_PREDICTION, self.reason)
+            judgement = _Judgement(Verdict.NO_PREDICTION, self.reason)
         elif found is None and stretch.duration < _QUIET_CYCLES * self.cycle:
-            judgement = self._judged(Verdict.TOO_SHORT, f'{text}, and the stretch is short')
+            judgement = _Judgement(Verdict.TOO_SHORT, f'{text}, and the stretch is short')
         else:
             end = stretch.end
             measured = measured_motion(stretch, end - 0.2 * stretch.duration, end)
-            judged = _judged_oscillation(found, measured.x_max, self.cycle)
-            judgement = self._judged(*judged[:2])
+            judgement = _judged_oscillation(found, measured.x_max, self.cycle)
         return self._result(kind, judgement)
 
     def _with_impacts(self) -> StretchComparison:
@@ -291,10 +269,10 @@ class _Comparison:
             self.solver = self.reason
             if kind.recurrence is not None and clock is not None:
                 self.motion = periodic_motion(clock, kind.impacts, kind.recurrence, predict=False)
-            return self._result(kind, self._judged(Verdict.NO_PREDICTION, self.reason))
-        kind = kind_of(clock, self.impacts, sound=not self.log)
+            return self._result(kind, _Judgement(Verdict.NO_PREDICTION, self.reason))
+        kind = kind_of(clock, self.impacts)
         if kind.recurrence is None:
-            judgement, self.orbit = _judged_irregular(clock, kind, self.log)
+            judgement, self.orbit = _judged_irregular(clock, kind)
             self.solver = 'impact equations, one cycle of the force'
             return self._result(kind, judgement)
         motion = periodic_motion(clock, kind.impacts, kind.recurrence, predict=True)
@@ -307,7 +285,7 @@ class _Comparison:
         if kind.kind is MotionKind.TRANSIENT and near:
             kind = replace(kind, kind=MotionKind.PERIODIC)
         self.motion, self.orbit, self.solver = motion, motion.match.orbit, motion.match.solver
-        return self._result(kind, _judged_period(kind, motion, self.log))
+        return self._result(kind, _judged_period(kind, motion))
 
     def _result(self, kind: StretchKind, judgement: _Judgement) -> StretchComparison:
         stretch, motion, orbit = self.stretch, self.motion, self.orbit
@@ -343,6 +321,8 @@ class _Comparison:
             verdict=judgement.verdict,
             sentence=judgement.sentence,
             findings=tuple(judgement.findings),
+            log=self.log,
+            log_findings=self.log_findings,
             curves=self._curves(recorded, steady),
         )
 
@@ -387,13 +367,12 @@ class _Comparison:
 
 def compare_stretch(
     stretch: RecordedStretch,
-    search: FaultSearch | None,
-    replayed: Sequence[Finding] | None = None,
+    log: LogVerdict = LogVerdict.NOT_CHECKED,
+    findings: Sequence[Finding] = (),
 ) -> StretchComparison:
     """
     Measure a stretch, find the kind of its motion, and compare it with theory.
 
-    `search` is the check of its flights, `replayed` what a bit-for-bit replay of the log found in
-    it; each is None if there was none.
+    The verdict on its log, and what was found in it, are handed on.
     """
-    return _Comparison(stretch, search, replayed).run()
+    return _Comparison(stretch, log, findings).run()

@@ -23,7 +23,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
-from impact_damper_ros.bag.rig_topics import snapshot_text
+from impact_damper_ros.bag.snapshots import Snapshots
 from impact_damper_ros.control import ControlRecord, GapControlParameters, Rig
 from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters, RunawayError
 from impact_damper_ros.rig.event_budget import fastest_rate
@@ -103,12 +103,15 @@ class EngineSettings(NamedTuple):
     real_time_priority : int
         Priority of the thread, if it is permitted; 0, as for a rig that runs as fast as possible,
         for ordinary scheduling.
+    node : str
+        Full name of the node, for its snapshots.
     """
 
     state_rate: float
     real_time_factor: float
     publish_clock: bool
     real_time_priority: int = 0
+    node: str = ''
 
 
 class EngineCallbacks(NamedTuple):
@@ -287,6 +290,8 @@ class Engine:
         )
         self._free_running = not settings.real_time_factor
         self._stamps = StampClock(simulated=settings.publish_clock)
+        topics = {key: publisher.topic for key, publisher in publishers.items()}
+        self._snapshots = Snapshots(settings.node, topics, initial.as_dict())
         self._time_ns = 0
         self._tick = 0
         # Between a tick and its joint states
@@ -368,10 +373,17 @@ class Engine:
         parameters: RigParameters | None,
         event: bytes,
         control: GapControlParameters | None = None,
+        initial: InitialConditions | None = None,
         listing: bytes = b'',
     ) -> Ticket:
-        """Change the rig or its control, if parameters of them are given, and record the event."""
-        return self._requests.submit(lambda: self._change(parameters, event, control, listing))
+        """
+        Change the rig, its control or the conditions of a reset, and record the event.
+
+        What is not given stays as it is.
+        """
+        return self._requests.submit(
+            lambda: self._change(parameters, event, control, initial, listing)
+        )
 
     def reset(self, initial: InitialConditions) -> Ticket:
         """Reset the rig to initial conditions; rig time continues."""
@@ -579,24 +591,33 @@ class Engine:
         parameters: RigParameters | None,
         event: bytes,
         control: GapControlParameters | None,
+        initial: InitialConditions | None,
         listing: bytes,
     ) -> None:
         self._listing = listing or self._listing
         # First the cause, then its effects
         self._record_event(event)
+        self._snapshots.move_stamps(self._stamps.offset_ns)
+        rig = self._rig
+        before = {**rig.parameters.as_dict(), **rig.control.as_dict()}
         if parameters is not None or control is not None:
-            rig = self._rig
             self._motion.discard()
             events = rig.change(parameters or rig.parameters, control)
             self._emit_all(self._motion.passed(events, rig.records, self._stamps.offset_ns))
             self._release()
             self._news = self._news or 'change'
             self._new_course = True
+        after = {**rig.parameters.as_dict(), **rig.control.as_dict()}
+        if initial is not None:
+            after |= initial.as_dict()
+        if self._snapshots.change(before, after):
+            self._news = self._news or 'change'
 
     def _reset(self, initial: InitialConditions) -> None:
         initial.check_within(self._rig.parameters)
         self._motion.discard()
         self._rig.reset(initial)
+        self._snapshots.reset(initial.as_dict())
         self._motion.last_act = None
         self._release()
         self._news = 'reset'
@@ -686,7 +707,8 @@ class Engine:
     def _announce(self, reason: str) -> None:
         """Publish a snapshot: all that a bit-for-bit continuation needs."""
         state = self._rig.snapshot()
-        text = snapshot_text(self._stamps.offset_ns, self._time_ns, reason, state)
+        self._snapshots.move_stamps(self._stamps.offset_ns)
+        text = self._snapshots.text(self._time_ns, reason, state)
         self._out.emit(self._publishers['snapshot'], encode(String(text)), self.stamp_ns())
         if self._new_course:
             self._new_course = False

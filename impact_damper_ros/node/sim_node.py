@@ -254,6 +254,7 @@ class SimNode(Node):
                 parameters.real_time_factor,
                 parameters.simulated_time,
                 priority,
+                self.get_fully_qualified_name(),
             ),
             EngineCallbacks(
                 self.context.ok,
@@ -407,7 +408,8 @@ class SimNode(Node):
         rig = after.rig if after.rig != before.rig else None
         control = after.control if after.control != before.control else None
         listing = self._listing() if self._recorder.splits else b''
-        self.engine.change(rig, encode(event), control, listing)
+        initial = after.initial if after.initial != before.initial else None
+        self.engine.change(rig, encode(event), control, initial, listing)
         self._describe(after)
         turned = rig is not None and rig.force_frequencies != before.rig.force_frequencies
         if turned and (hint := frequency_hint(after.rig)):

@@ -11,8 +11,9 @@ import numpy as np
 
 from impact_damper_ros.bag import DiagnosticArray, DiagnosticStatus, ParameterEvent, String
 from impact_damper_ros.bag.messages import CdrError, JointStateDecoder, decode
-from impact_damper_ros.bag.rig_topics import FORMAT, PAUSED_FRAME
-from impact_damper_ros.replay.recorded_snapshot import parsed
+from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
+from impact_damper_ros.bag.snapshots import FORMAT
+from impact_damper_ros.replay.command import parsed
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.snapshot import Snapshot
 

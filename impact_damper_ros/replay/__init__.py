@@ -1,8 +1,42 @@
-"""Recorded runs: walked once in order, replayed bit for bit, and run with other parameters."""
+"""
+Recorded runs: walked once in order, computed again bit for bit, and run with other parameters.
 
-from .findings import Difference, Findings, ReplayVerdict
-from .recorded_run import RecordedRun
-from .replay import Replay, Tick
-from .what_if import WhatIf
+Imported on first use: the rows of a rig need no reader of bags.
+"""
 
-__all__ = ['Difference', 'Findings', 'RecordedRun', 'Replay', 'ReplayVerdict', 'Tick', 'WhatIf']
+from typing import TYPE_CHECKING
+
+from impact_damper_ros.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from .command import Command
+    from .findings import Difference, Findings, ReplayVerdict
+    from .replay import Part, Replay
+    from .run import RecordedRun, Rows
+    from .setting import Setting
+    from .what_if import WhatIf
+
+__all__ = [
+    'Command',
+    'Difference',
+    'Findings',
+    'Part',
+    'RecordedRun',
+    'Replay',
+    'ReplayVerdict',
+    'Rows',
+    'Setting',
+    'WhatIf',
+]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        'command': ('Command',),
+        'findings': ('Difference', 'Findings', 'ReplayVerdict'),
+        'replay': ('Part', 'Replay'),
+        'run': ('RecordedRun', 'Rows'),
+        'setting': ('Setting',),
+        'what_if': ('WhatIf',),
+    },
+)

@@ -7,16 +7,17 @@ from enum import Enum
 from math import inf, nan, ulp
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 #: Differences kept one by one.
 _MOST_KEPT = 20
 #: Differences kept after each change of the rig.
 _KEPT_EACH = 20
 #: Differing samples after which the difference is noted.
 _MARKS = tuple(m * 10**k for k in range(8) for m in (1, 2, 5))
-#: Differences of so few units in the last place indicate another library of mathematics.
-_LIBRARY_ULPS = 8
-#: Such differences grow slowly: number of the first differing samples, and their tolerance.
-_EARLY, _ROUND_OFF = 10, 1e-9
+
+Array = NDArray[np.float64]
 
 
 class ReplayVerdict(Enum):
@@ -94,22 +95,21 @@ class Divergence:
     largest_z: float = 0.0
     #: Number of differing samples, rig time, s, and the differences of X and Z there, m.
     marks: list[tuple[int, float, float, float]] = field(default_factory=list)
-    #: Largest difference among the first samples that differ, as a part of the positions.
-    early: float = 0.0
 
-    def take(self, time: float, x: float, z: float, size: float) -> None:
-        """Take a sample that differs by `x` and `z`, of positions of some size, m."""
+    def take(self, times: Array, x: Array, z: Array) -> None:
+        """Take samples that differ by `x` and `z`, m, at instants, s."""
+        if not len(times):
+            return
         if not self.samples:
-            self.first = time
-        self.samples += 1
-        if self.samples <= _EARLY:
-            difference = max(abs(x), abs(z))
-            self.early = max(self.early, difference / size if size else difference)
-        self.last = time
-        self.largest_x = max(self.largest_x, abs(x))
-        self.largest_z = max(self.largest_z, abs(z))
-        if self.samples in _MARKS:
-            self.marks.append((self.samples, time, x, z))
+            self.first = float(times[0])
+        numbers = self.samples + 1 + np.arange(len(times))
+        self.samples += len(times)
+        self.last = float(times[-1])
+        with np.errstate(over='ignore', invalid='ignore'):
+            self.largest_x = max(self.largest_x, float(np.abs(x).max()))
+            self.largest_z = max(self.largest_z, float(np.abs(z).max()))
+        for i in np.flatnonzero(np.isin(numbers, _MARKS)):
+            self.marks.append((int(numbers[i]), float(times[i]), float(x[i]), float(z[i])))
 
 
 @dataclass
@@ -153,6 +153,11 @@ class Findings:
         The last change or reset.
     offset_ns : int
         Present stamp at rig time 0, in nanoseconds.
+    other_bits : str
+        Why the replay cannot have the last bits of the recording; empty if it can. The numbers
+        are then held against the replay within the errors of round-off.
+    undecided : int
+        Flights that round-off may lead elsewhere, so that they were not held against the replay.
     """
 
     samples: int = 0
@@ -181,6 +186,8 @@ class Findings:
     faults: list[str] = field(default_factory=list)
     after: str = 'the start of the bag'
     offset_ns: int = 0
+    other_bits: str = ''
+    undecided: int = 0
     _kept_after: str = ''
     _kept_count: int = 0
 
@@ -196,29 +203,19 @@ class Findings:
         """The earliest difference."""
         return min(self.differences, key=lambda d: d.time, default=None)
 
-    @property
-    def by_another_library(self) -> bool:
-        """Whether the differences indicate another library of mathematics."""
-        return (
-            self.first is not None
-            and self.first.ulps <= _LIBRARY_ULPS
-            and self.divergence.samples > 1
-            and self.divergence.early <= _ROUND_OFF
-            and not self.faults
-        )
-
-    def differ(self, difference: Difference) -> None:
-        """Add a difference."""
-        self.difference_count += 1
+    def differ(self, difference: Difference, alike: int = 0) -> None:
+        """Add a difference, and count so many more that are not listed."""
+        self.difference_count += 1 + alike
         topic = difference.topic
-        self.by_topic[topic] = self.by_topic.get(topic, 0) + 1
+        first = topic not in self.by_topic
+        self.by_topic[topic] = self.by_topic.get(topic, 0) + 1 + alike
         if self.after != self._kept_after:
             self._kept_after, self._kept_count = self.after, 0
         self._kept_count += 1
         if self._kept_count <= _KEPT_EACH:
             self.kept.append(difference)
         # The first of every topic is kept in any case.
-        if len(self.differences) < _MOST_KEPT or self.by_topic[topic] == 1:
+        if len(self.differences) < _MOST_KEPT or first:
             self.differences.append(difference)
 
     def fault(self, text: str) -> None:

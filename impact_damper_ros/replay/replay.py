@@ -1,122 +1,50 @@
 """
-The replay of a run from its log: every recorded sample and impact is computed again and compared.
+The replay of a run from its log: the same rig, computed again.
 
-The rig is restored from the first snapshot, and all changes and resets are repeated at the same
-instants. The motion does not depend on how it is divided, so that every message must be
-as recorded, to the last bit.
-
-Where nothing is done to the rig, many messages are replayed at once. This only shows whether all
-of them are reproduced; if not, they are replayed one by one to find the differences.
+The rig is restored from the first snapshot, and does at the same instants what the snapshots say
+was done. The motion does not depend on how it is divided, so that every number must be as
+recorded, to the last bit. The replayed samples and events are the motion itself, and are handed on
+piece by piece to whoever measures it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import json
+from collections.abc import Callable, Iterator, Mapping
 from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.bag import RecordedMessage, RecordingError
-from impact_damper_ros.bag.messages import CdrError, JointStateColumns
-from impact_damper_ros.bag.rig_topics import (
-    IMPACT_JOINTS,
-    JOINTS,
-    impact_numbers,
-    state_numbers,
-)
+from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.bag.snapshots import mathematics, motion_of
 from impact_damper_ros.control import ControlRecord, Outcome, Rig
-from impact_damper_ros.rig import Event, EventKind, RigParameters, RunawayError, Sample
+from impact_damper_ros.rig import Event, InitialConditions, ParameterError, RunawayError
 from impact_damper_ros.rig.compiled import has_numba
-from impact_damper_ros.rig.event import events_of_table
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, EventBudget
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
-from .checks import ControlMatcher, ImpactMatcher, SampleCheck, SampleSpacing
+from .command import Command
 from .findings import Difference, Findings, SampleGap
-from .recorded_run import RecordedChange, RecordedRun
-from .recorded_snapshot import RecordedSnapshot
-from .replayed_rig import Batch, ReplayedRig, Step
-
-_Ints = NDArray[np.int64]
-
-
-class BatchReplay:
-    """Replays batches of messages."""
-
-    def __init__(self, *, compiled: bool) -> None:
-        self._compiled = compiled
-        self._states = JointStateColumns((JOINTS,), (len(JOINTS), len(JOINTS), 0))
-        self._impacts = JointStateColumns((IMPACT_JOINTS,), (2, 2, 2))
-
-    def reproduces(
-        self,
-        rig: Rig,
-        offset_ns: int,
-        states: Sequence[RecordedMessage],
-        impacts: Sequence[RecordedMessage] | None,
-    ) -> bool:
-        """Let a rig run on; return whether it reproduces messages to the last bit, or go back."""
-        stamps_ns = np.array([record.stamp_ns for record in states], dtype=np.int64)
-        instants = (stamps_ns - offset_ns) / 1e9
-        if not (np.diff(stamps_ns) > 0).all() or instants[0] <= rig.time:
-            return False
-        before = rig.mark()
-        rig.compiled = self._compiled
-        most = max(MOST_EVENTS, 10 * (len(states) + len(impacts or ())))
-        stretch = rig.run(float(instants[-1]), instants, most_events=most)
-        rest, angle = rig.parameters.static_deflection, rig.parameters.angle
-        same = stretch.outcome is Outcome.COMPLETE
-        if same:
-            columns: list[Any] = [stretch.samples[name] for name in Sample._fields]
-            parts = state_numbers(Sample(*columns), rest, angle)
-            numbers = np.column_stack(np.broadcast_arrays(*(c for part in parts for c in part)))
-            same = _all_equal(self._states, states, ('',), stamps_ns, numbers)
-        if same and impacts is not None:
-            events = events_of_table(stretch.impacts())
-            same = self._same_impacts(events, impacts, offset_ns, rest)
-        if not same:
-            rig.go_back(before)
-        return same
-
-    def _same_impacts(
-        self,
-        events: Sequence[Event],
-        impacts: Sequence[RecordedMessage],
-        offset_ns: int,
-        rest: float,
-    ) -> bool:
-        """Return whether the impacts are those recorded."""
-        if len(events) != len(impacts):
-            return False
-        if not events:
-            return True
-        stamps_ns = np.array([offset_ns + round(e.time * 1e9) for e in events], dtype=np.int64)
-        if stamps_ns.tolist() != [record.stamp_ns for record in impacts]:
-            return False
-        numbers = np.array([sum(impact_numbers(event, rest), ()) for event in events])
-        frames = tuple(f'stop_{event.stop}' for event in events)
-        return _all_equal(self._impacts, impacts, frames, stamps_ns, numbers)
-
-
-def _all_equal(
-    columns: JointStateColumns,
-    recorded: Sequence[RecordedMessage],
-    frames: Sequence[str],
-    stamps_ns: _Ints,
-    numbers: NDArray[np.float64],
-) -> bool:
-    """Return whether messages hold these stamps, numbers and frames (one for all, or each)."""
-    table = columns.read([record.content for record in recorded])
-    if table.unreadable or not np.array_equal(table.stamps_ns, stamps_ns):
-        return False
-    found = [columns.frames[number] for number in table.frames]
-    if found != list(frames) * (len(found) // len(frames)):
-        return False
-    # As integers, in which 0.0 and -0.0 differ
-    return np.array_equal(table.numbers.view(np.int64), numbers.view(np.int64))
-
+from .matching import Matcher, differing_states, note_states
+from .rows import (
+    NO_EVENTS,
+    NO_SAMPLES,
+    Events,
+    Ints,
+    Numbers,
+    Samples,
+    Table,
+    events_as_rows,
+    published_acts,
+    published_impacts,
+    published_states,
+    samples_as_rows,
+)
+from .run import RecordedRun, Rows, StatedParameters
+from .seats import Seats, near
+from .setting import Setting
 
 #: A longer time without samples, and without so many of them, counts as a wrong stamp.
 _LONGEST_GAP_NS, _MOST_MISSING = 6 * 3600 * 10**9, 10
@@ -124,54 +52,76 @@ _LONGEST_GAP_NS, _MOST_MISSING = 6 * 3600 * 10**9, 10
 _LONGEST_WAIT_NS = 10 * 86_400 * 10**9
 #: Joint states that are checked against `state_rate`, and their tolerance, ns.
 _LOOKED_AT, _OFF_GRID_NS = 100, 2
-#: Fewer messages than that are replayed one by one.
-_LEAST_BATCH = 64
+#: Samples from which the period is estimated if the rate is not known.
+_LEARNT_FROM = 50
 #: Joint states from which on compiled code is worth its loading time.
 _COMPILED_FROM = 100_000
 _REMEDY = 'replay the bag with the version of impact_damper_ros that recorded it'
 
+#: A change to parameters, or a reset to initial conditions.
+Step = Setting | InitialConditions
 
-class Tick(NamedTuple):
+
+class Part(NamedTuple):
     """
-    A recorded sample, with the events since the one before.
+    A piece of a run, as replayed: first samples and events, then what was done at its end.
 
     Attributes
     ----------
-    time_ns : int
-        Its rig time.
-    x, primary_velocity : float
-        X and X' as recorded, m and m/s.
-    sample : Sample
-        As replayed.
-    events : list of Event
-        Of the replay, since the sample before.
+    samples : ndarray of SAMPLE_TYPE
+        The motion at the instants of the joint states.
+    events : ndarray of EVENT_TYPE
+        All events, in order; those that a command caused are of the part that it ends.
+    command : Command or None
+        What was done at the end, if anything.
     steps : list of (int, Step)
-        Changes and resets since the last sample, each with its rig time.
-    begun : float
-        Rig time, s, of the first recorded message. The motion before only leads there from the
-        snapshot that a recorder gets when it joins.
+        The same as changes and resets that were carried out, each with its rig time, ns.
+    before : dict
+        State of the rig at the end, before that.
     """
 
-    time_ns: int
-    x: float
-    primary_velocity: float
-    sample: Sample
-    events: list[Event]
-    steps: list[tuple[int, Step]]
-    begun: float = -inf
+    samples: Samples
+    events: Events
+    command: Command | None = None
+    steps: list[tuple[int, Step]] = []  # noqa: RUF012 - never changed
+    before: Mapping[str, Any] = {}
+
+
+class _Stretch(NamedTuple):
+    """What a rig did up to the last of some instants."""
+
+    samples: Samples
+    events: Events
+    records: list[ControlRecord]
+    numbers: Numbers  # of the joint states
+    differs: NDArray[np.bool_]  # which of the recorded ones differ
+
+
+def state_differences(
+    recorded: Mapping[str, Any], replayed: Mapping[str, Any], path: str = ''
+) -> list[tuple[str, Any, Any]]:
+    """Return the differences between two snapshots: name, recorded and replayed value."""
+    found: list[tuple[str, Any, Any]] = []
+    for name in [*replayed, *(n for n in recorded if n not in replayed)]:
+        there, here = recorded.get(name), replayed.get(name)
+        if isinstance(there, dict) and isinstance(here, dict):
+            found += state_differences(there, here, f'{path}{name}.')
+        elif json.dumps(there) != json.dumps(here):
+            found.append((f'{path}{name}', there, here))
+    return found
 
 
 class Replay:
     """
-    The replay of a run; iterate over `ticks` to carry it out.
+    The replay of a run; iterate over it, or `run` it.
+
+    Where a snapshot is not the replayed one, the replay goes on from whichever of the two
+    reproduces what follows, so that a difference ends at the next command.
 
     Parameters
     ----------
     recorded : RecordedRun
         The run.
-    adopt : bool, optional
-        Whether to go on from each snapshot that differs from the replay, so that a difference
-        ends at the next change.
 
     Attributes
     ----------
@@ -179,8 +129,10 @@ class Replay:
         As given.
     findings : Findings
         The findings so far.
-    replayed : ReplayedRig
+    rig : Rig
         The rig at the present instant.
+    initial : InitialConditions
+        To which a reset would put it.
 
     Raises
     ------
@@ -188,64 +140,54 @@ class Replay:
         If the first snapshot cannot be restored.
     """
 
-    def __init__(self, recorded: RecordedRun, *, adopt: bool = False) -> None:
-        self.recorded = recorded
-        self._adopts = adopt
-        # Whether the parameter events of this node are recorded
-        self._has_events = False
-        self.findings = Findings(offset_ns=recorded.start.offset_ns)
-        try:
-            self.replayed = ReplayedRig(recorded.start)
-        except ValueError as error:
-            cause = f'its first snapshot cannot be restored: {error}'
-            raise RecordingError('replay', recorded.reader.path, cause, _REMEDY) from error
-        if recorded.start.arithmetic != ARITHMETIC:
-            self.findings.remarks.append(
-                f'recorded with arithmetic {recorded.start.arithmetic}, this version has '
-                f'{ARITHMETIC}: differences of round-off, and what grows from them, are due to '
-                f'that; {_REMEDY}'
+    def __init__(self, recorded: RecordedRun) -> None:
+        start = recorded.start
+        assert start is not None
+        self.recorded, self.start = recorded, start
+        self.rig = Rig.restore(start.state)
+        self.initial = start.initial
+        self.findings = findings = Findings(offset_ns=start.offset_ns)
+        if start.arithmetic != ARITHMETIC:
+            findings.other_bits = (
+                f'it was recorded with arithmetic {start.arithmetic}, this version has '
+                f'{ARITHMETIC} ({_REMEDY})'
             )
-        self._time_ns = recorded.start.time_ns
-        self._pending: list[RecordedChange] = []
-        self._steps: list[tuple[int, Step]] = []
-        self._events: list[Event] = []
-        # Joint states of an instant before each of its changes, with the instant
-        self._before: list[tuple[float, tuple[tuple[float, ...], ...]]] = []
-        self._left_out = 0
-        self._begun = -inf
+        elif start.mathematics != mathematics():
+            findings.other_bits = (
+                'it was recorded where the mathematical functions (C library, processor) round '
+                'differently'
+            )
+        self._time_ns = start.time_ns
+        self._command: Command | None = None
+        self._rig_of_snapshot: Rig | None = None
+        self._before: list[tuple[int, Numbers]] = []
+        self._stated: list[StatedParameters] = []
+        self._has_events = False
         # Joint states per second as listed, and how many are known to lie on that grid
         self._rate, self._on_grid = 0.0, 0
-        topics = recorded.topics
-        count = recorded.reader.topics[topics.joint_states].message_count
-        self._batches = BatchReplay(compiled=count >= _COMPILED_FROM and has_numba())
-        self._check = SampleCheck(topics.joint_states, self.findings)
+        #: Rig time from one sample to the next, ns; 0 if it is not known
+        self._period_ns = 0.0
+        self._early: list[Ints] = []
+        self._left_out = 0
+        topics, stamped = recorded.topics, recorded.stamped
+        counts = {name: topic.message_count for name, topic in recorded.reader.topics.items()}
+        self._compiled = counts[topics.joint_states] >= _COMPILED_FROM and has_numba()
         # A rig that does not move as recorded may have impacts without end.
-        recorded_count = sum(topic.message_count for topic in recorded.reader.topics.values())
-        self._budget = EventBudget(2 * (MOST_EVENTS + recorded_count))
-        self._spacing = SampleSpacing(self.findings)
-        stamped, disorder = recorded.stamped, recorded.disorder
-        self._impacts = ImpactMatcher(topics.impacts, self.findings, disorder, stamped=stamped)
-        self._control = ControlMatcher(
-            topics.gap_control, self.findings, disorder, stamped=stamped
-        )
-        self._matchers = {topics.impacts: self._impacts, topics.gap_control: self._control}
-        self._check_stops(recorded.start)
+        self._budget = EventBudget(2 * (MOST_EVENTS + sum(counts.values())))
+        self._matchers = [
+            Matcher(key, getattr(topics, key), findings, recorded.disorder, stamped=stamped)
+            for key in ('impacts', 'gap_control')
+        ]
+        self._seats = Seats(self, self._matchers[0]) if findings.other_bits else None
 
-    def ticks(self) -> Iterator[Tick]:
-        """Replay, sample by sample; the findings name those that cannot be read."""
-        for item in self.recorded.walk():
-            if isinstance(item, list):
-                for record in item:
-                    tick = self._take(record)
-                    if tick is not None:
-                        yield tick
-            else:
-                self._act(item)
-        self._finish()
+    @property
+    def period(self) -> float:
+        """Rig time from one joint state to the next, s; 0 if it is not known yet."""
+        return self._period_ns / 1e9
 
     def run(self, progress: Callable[[float], object] = float) -> Findings:
         """
-        Replay as `ticks` does, but many samples at once where possible.
+        Replay the whole run.
 
         Parameters
         ----------
@@ -257,355 +199,453 @@ class Replay:
         Findings
             The findings.
         """
-        for item in self.recorded.walk():
-            if isinstance(item, list):
-                self._take_many(item)
-            else:
-                self._act(item)
+        for _ in self:
             progress(self._time_ns / 1e9)
-        self._finish()
         return self.findings
 
-    def _take(self, record: RecordedMessage) -> Tick | None:
-        try:
-            if (matcher := self._matchers.get(record.topic)) is not None:
-                matcher.take(record.content)
-            elif self._reach(record.stamp_ns):
-                return self._look(record)
-        except CdrError as error:
-            self._note_unreadable(record, error)
-        return None
+    def __iter__(self) -> Iterator[Part]:
+        """Replay, part by part."""
+        for item in self.recorded.walk():
+            if isinstance(item, Rows):
+                yield self._take_rows(item)
+            elif isinstance(item, StatedParameters):
+                self._take_stated(item)
+            elif self._command is None:
+                self._begin(item)
+            else:
+                yield from self._take_command(item)
+        yield self._finish()
 
-    def _act(self, item: RecordedChange | RecordedSnapshot) -> None:
-        if isinstance(item, RecordedChange):
-            self._take_change(item)
+    # The rows
+
+    def _take_rows(self, rows: Rows) -> Part:
+        self._check_stated_before(rows)
+        if self._seats is not None:
+            self._seats.expect(rows.impacts)
+            self.findings.recorded_impacts += rows.impacts.size
         else:
-            self._take_snapshot(item)
+            for matcher, table in zip(self._matchers, rows[1:], strict=True):
+                matcher.take(table)
+        findings, states = self.findings, rows.states
+        stamps_ns = states.log_ns if self.recorded.stamped else states.stamp_ns
+        times_ns = stamps_ns - findings.offset_ns
+        usable = self._usable(times_ns)
+        if not usable.all():
+            states, times_ns, stamps_ns = states[usable], times_ns[usable], stamps_ns[usable]
+        if not states.size:
+            return Part(NO_SAMPLES, NO_EVENTS)
+        instants = times_ns / 1e9
+        if self._seats is not None:
+            samples, events, numbers, differs = self._seats.follow(states, instants)
+            tried = _Stretch(samples, events, [], numbers, differs)
+            return self._note_rows(tried, states, times_ns, stamps_ns)
+        tried = self._tried(self.rig, states, times_ns)
+        rig = self._rig_of_snapshot
+        if rig is not None and tried.differs.any():
+            other = self._tried(rig, states, times_ns)
+            if other.differs.sum() < tried.differs.sum():
+                self.rig, tried = rig, other
+        self._rig_of_snapshot = None
+        self._expect(tried.events, tried.records)
+        return self._note_rows(tried, states, times_ns, stamps_ns)
 
-    def _take_many(self, records: list[RecordedMessage]) -> None:
-        """Take messages of the rig, all at once if they are reproduced bit for bit."""
-        topic, place = self.recorded.topics.joint_states, 0
-        # One by one where something is to be decided first
-        while place < len(records) and (
-            self.findings.end_ns is None
-            or (self._rate and self.recorded.stamped and self._on_grid < _LOOKED_AT)
-            or self._steps
-            or not self._impacts.even
-            or records[place].stamp_ns - self.findings.offset_ns <= self._time_ns
-        ):
-            self._take(records[place])
-            place += 1
-        states = (i + 1 for i in range(place, len(records)) if records[i].topic == topic)
-        end = max(states, default=0)
-        if end - place >= _LEAST_BATCH and self._all_as_replayed(records[place:end]):
-            place = end
-        for record in records[place:]:
-            self._take(record)
+    def _note_rows(self, tried: _Stretch, states: Table, times_ns: Ints, stamps_ns: Ints) -> Part:
+        """Note what differs in joint states, and the gaps between them."""
+        findings, instants, first = self.findings, times_ns / 1e9, self.findings.end_ns is None
+        findings.samples += states.size
+        topic = self.recorded.topics.joint_states
+        stamped = self.recorded.stamped
+        numbers, differs = tried.numbers, tried.differs
+        note_states(findings, topic, states, instants, numbers, differs, stamped=stamped)
+        self._check_rate(times_ns)
+        if first:
+            findings.start_ns = int(times_ns[0])
+        self._look_for_gaps(times_ns)
+        self._time_ns = findings.end_ns = int(times_ns[-1])
+        self._before = [entry for entry in self._before if entry[0] == self._time_ns]
+        events = tried.events
+        if first and not self.recorded.stamped:
+            # A recorder that joins late gets the latched snapshot, and nothing from before it.
+            firsts = [m.first_ns for m in self._matchers if m.first_ns is not None]
+            begun_ns = min([int(stamps_ns[0]), *firsts])
+            events = events[events['time'] >= (begun_ns - findings.offset_ns) / 1e9]
+            for matcher in self._matchers:
+                matcher.forget(begun_ns)
+        for matcher in self._matchers:
+            matcher.settle(int(stamps_ns[-1]))
+        return Part(tried.samples, events)
 
-    def _all_as_replayed(self, records: list[RecordedMessage]) -> bool:
-        findings, topics = self.findings, self.recorded.topics
-        rig = self.replayed.rig
-        if rig.acts or self._pending:
-            return False
-        parts = {
-            name: [record for record in records if record.topic == name]
-            for name in (topics.joint_states, topics.impacts)
-        }
-        if sum(map(len, parts.values())) < len(records):
-            return False
-        states, impacts = parts[topics.joint_states], parts[topics.impacts]
-        offset_ns = findings.offset_ns
-        times_ns = [record.stamp_ns - offset_ns for record in states]
-        if not self._spacing.even(times_ns):
-            return False
-        hits = impacts if topics.impacts else None
-        if not self._batches.reproduces(rig, offset_ns, states, hits):
-            return False
-        self._time_ns = findings.end_ns = times_ns[-1]
-        self._before = []
-        findings.samples += len(times_ns)
-        self._impacts.paired([record.content for record in impacts])
-        return True
-
-    def _check_stops(self, snapshot: RecordedSnapshot) -> None:
-        """Note a snapshot in which the stops that no control moves are not at the gap."""
-        control = snapshot.state['gap_control']
-        if control['parameters']['gap_control'] != 'off' or control['state']['returning']:
-            return
-        half = 0.5 * snapshot.state['parameters']['gap']
-        origin = snapshot.state['origin']
-        for name, recorded, expected in (
-            ('target_1', origin['target_1'], half),
-            ('target_2', origin['target_2'], -half),
-        ):
-            if recorded != expected and not snapshot.state['parameters']['one_sided']:
-                topic = self.recorded.topics.snapshot
-                self._differ(snapshot.stamp_ns, topic, f'origin.{name}', recorded, expected)
-
-    # Samples and impacts
-
-    def _reach(self, stamp_ns: int) -> bool:
-        """Go on to the stamp of a sample; false if the stamp is impossible."""
-        time_ns = stamp_ns - self.findings.offset_ns
-        self._flush(time_ns)
-        ahead_ns = time_ns - self._time_ns
+    def _usable(self, times_ns: Ints) -> NDArray[np.bool_]:
+        """Return which rig times are possible after the present one."""
+        longest = max(_LONGEST_GAP_NS, _MOST_MISSING * self._period_ns)
         first = self.findings.end_ns is None and not self.recorded.stamped
-        if not 0 <= ahead_ns <= (_LONGEST_WAIT_NS if first else self._longest_gap_ns):
-            self._left_out += 1
-            return False
-        self._time_ns = time_ns
-        return True
+        usable = np.ones(len(times_ns), dtype=np.bool_)
+        steps = np.diff(times_ns, prepend=self._time_ns)
+        if first:
+            steps[:1] -= _LONGEST_WAIT_NS - longest if steps[:1].sum() > longest else 0
+        if not len(steps) or (steps.min() >= 0 and steps.max() <= longest):
+            return usable
+        last = self._time_ns
+        for i, time_ns in enumerate(times_ns.tolist()):
+            limit = _LONGEST_WAIT_NS if first and not i else longest
+            usable[i] = 0 <= time_ns - last <= limit
+            last = time_ns if usable[i] else last
+        self._left_out += int((~usable).sum())
+        return usable
 
-    @property
-    def _longest_gap_ns(self) -> float:
-        return max(_LONGEST_GAP_NS, _MOST_MISSING * self._spacing.period_ns)
+    def advanced(self, rig: Rig, instants: Numbers) -> tuple[Samples, Events, list[ControlRecord]]:
+        """Let a rig run on to instants; return samples, events and acts of its control."""
+        # An event that a change leaves due at once happens in the next call to a later instant.
+        here = int(np.searchsorted(instants, rig.time, side='right'))
+        at_once = samples_as_rows([rig.sample()] * here)
+        instants = instants[here:]
+        if not len(instants):
+            return at_once, NO_EVENTS, []
+        if not rig.acts:
+            rig.compiled = self._compiled
+            most = max(MOST_EVENTS, 10 * len(instants))
+            result = rig.run(float(instants[-1]), instants, most_events=most)
+            if result.outcome is Outcome.COMPLETE:
+                return np.concatenate([at_once, result.samples]), result.events, []
+            raise self._cannot_go_on(rig, result.reason)
+        samples, events, records = [], [], []
+        for time in instants.tolist():
+            more, acts = self._moved(rig, time)
+            events += more
+            records += acts
+            samples.append(rig.sample())
+        return (
+            np.concatenate([at_once, samples_as_rows(samples)]),
+            events_as_rows(events),
+            records,
+        )
 
-    def _look(self, record: RecordedMessage) -> Tick:
-        """Compare a sample."""
-        stamp_ns, content, time_ns = record.stamp_ns, record.content, self._time_ns
-        positions, velocities, *_ = self._check.numbers(content)
-        self._check_rate(record.stamp_ns)
-        self._advance()
-        if self.findings.end_ns is None:
-            # A recorder that joins late gets the latched snapshot, and no message from between it
-            # and the first sample.
-            first_ns = min(matcher.begin(stamp_ns) for matcher in self._matchers.values())
-            if not self.recorded.stamped:
-                self._begun = (first_ns - self.findings.offset_ns) / 1e9
-                self._events = [e for e in self._events if e.time >= self._begun]
-        self._excuse(self._spacing.take(time_ns, stamp_ns))
-        sample, numbers = self._sampled()
-        self._before = [before for before in self._before if before[0] == sample.time]
-        others = [before[1] for before in self._before]
-        self._check.compare(stamp_ns, content, sample.time, numbers, others)
-        for matcher in self._matchers.values():
-            matcher.settle()
-        events, self._events = self._events, []
-        steps, self._steps = self._steps, []
-        x = sample.x + (positions[0] - numbers[0][0])
-        return Tick(time_ns, x, velocities[0], sample, events, steps, self._begun)
+    def moved(self, rig: Rig, time: float, most_events: int) -> Events:
+        """Let a rig run on to an instant, or to so many events."""
+        try:
+            return events_as_rows(rig.advance(time, most_events))
+        except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
+            raise self._cannot_go_on(rig, str(error)) from error
 
-    def _check_rate(self, stamp_ns: int) -> None:
+    def _moved(self, rig: Rig, time: float) -> tuple[list[Event], list[ControlRecord]]:
+        # Once to each instant, as the node does
+        events: list[Event] = []
+        records: list[ControlRecord] = []
+        try:
+            if time > rig.time:
+                for portion in self._budget.portions(rig, time):
+                    events += portion
+                    records += rig.records
+        except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
+            raise self._cannot_go_on(rig, str(error)) from error
+        return events, records
+
+    def _cannot_go_on(self, rig: Rig, reason: str) -> RecordingError:
+        cause = f'the rig cannot be run on from rig time {rig.time:.9g} s: {reason}'
+        return RecordingError('replay', self.recorded.reader.path, cause, _REMEDY)
+
+    def _tried(self, rig: Rig, states: Table, times_ns: Ints) -> _Stretch:
+        """Let a rig run on to joint states, and hold these against it."""
+        found = self.advanced(rig, times_ns / 1e9)
+        numbers = published_states(found[0], rig.parameters)
+        differs = differing_states(states, numbers, stamped=self.recorded.stamped)
+        for time_ns, before in self._before:
+            # Of other recorders: a sample of the instant of a change may be from before it.
+            for i in np.flatnonzero(differs & (times_ns == time_ns)):
+                differs[i] = states.numbers[i].tobytes() != before.tobytes()
+        return _Stretch(*found, numbers, differs)
+
+    def _expect(self, events: Events, records: list[ControlRecord]) -> None:
+        if self._seats is not None:
+            return
+        offset_ns = self.findings.offset_ns
+        impacts, acts = self._matchers
+        impacts.expect(published_impacts(events, self.rig.parameters, offset_ns))
+        if records:
+            acts.expect(published_acts(records, offset_ns))
+
+    def _check_rate(self, times_ns: Ints) -> None:
         """Check the first joint states against the rate among the parameters."""
         if not self._rate or not self.recorded.stamped or self._on_grid >= _LOOKED_AT:
             return
-        self._on_grid += 1
-        tick = round(self._time_ns * self._rate / 1e9)
+        times_ns = times_ns[: _LOOKED_AT - self._on_grid]
+        self._on_grid += len(times_ns)
         # Stamps are whole nanoseconds.
-        wrong = self._rate > 1e9
-        if wrong or abs(round(tick * 1e9 / self._rate) - self._time_ns) > _OFF_GRID_NS:
+        ticks = np.rint(times_ns * (self._rate / 1e9))
+        off = np.abs(np.rint(ticks * (1e9 / self._rate)) - times_ns)
+        wrong = np.flatnonzero(off > _OFF_GRID_NS) if self._rate <= 1e9 else np.arange(1)
+        if len(wrong):
+            at_ns = int(times_ns[wrong[0]])
             topic = self.recorded.topics.parameter_events
-            self._differ(stamp_ns, topic, 'state_rate', self._rate, None)
+            self._differ(topic, 'state_rate', self._rate, None, at_ns)
             self._on_grid = _LOOKED_AT
 
-    def _sampled(self) -> tuple[Sample, tuple[tuple[float, ...], ...]]:
-        """Return the present motion, and the numbers of its joint states as published."""
-        sample, parameters = self.replayed.rig.sample(), self.replayed.rig.parameters
-        deflection, angle = parameters.static_deflection, parameters.angle
-        return sample, state_numbers(sample, deflection, angle)
+    # Gaps without samples
 
-    def _advance(self) -> None:
-        # Once to each instant, as the node does: an event that a change leaves due at once would
-        # happen at a second call.
-        rig, time = self.replayed.rig, self._time_ns / 1e9
-        if time > rig.time:
-            try:
-                for events in self._budget.portions(rig, time):
-                    self._take_events(events, rig.records, rig.parameters)
-            except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
-                cause = f'the rig cannot be run on to rig time {time:.9g} s: {error}'
-                path = self.recorded.reader.path
-                raise RecordingError('replay', path, cause, _REMEDY) from error
+    def _look_for_gaps(self, times_ns: Ints) -> None:
+        last_ns = self.findings.end_ns
+        steps_ns = times_ns if last_ns is None else np.concatenate([[last_ns], times_ns])
+        if self._period_ns:
+            self._note_gaps(steps_ns)
+            return
+        self._early.append(steps_ns)
+        if sum(map(len, self._early)) > _LEARNT_FROM:
+            self._learn_period()
 
-    def _excuse(self, gaps: list[SampleGap]) -> None:
-        for gap in gaps:
-            for matcher in self._matchers.values():
+    def _learn_period(self) -> None:
+        """Check the first samples by the shortest step among them."""
+        early, self._early = self._early, []
+        steps = np.concatenate([np.diff(times) for times in early] or [np.empty(0)])
+        if (steps > 0).any():
+            self._period_ns = self._period_ns or float(steps[steps > 0][:_LEARNT_FROM].min())
+            for times in early:
+                self._note_gaps(times)
+
+    def _note_gaps(self, times_ns: Ints) -> None:
+        steps = np.diff(times_ns)
+        for i in np.flatnonzero(steps > 1.5 * self._period_ns):
+            begin, step = int(times_ns[i]), int(steps[i])
+            stamp_ns = self.findings.offset_ns + begin
+            missing = round(step / self._period_ns) - 1
+            gap = SampleGap(begin / 1e9, stamp_ns, stamp_ns + step, missing)
+            self.findings.miss(gap)
+            for matcher in self._matchers:
                 matcher.excuse(gap)
 
-    def _take_events(
-        self,
-        events: list[Event],
-        records: list[ControlRecord],
-        parameters: RigParameters,
-        offset_ns: int | None = None,
-    ) -> None:
-        """Take events and acts of the rig, whose stamps may have another offset."""
-        self._events += events
-        topics = self.recorded.topics
-        if offset_ns is None:
-            offset_ns = self.findings.offset_ns
-        for event in events if topics.impacts else ():
-            if event.kind is EventKind.IMPACT:
-                stamp_ns = offset_ns + round(event.time * 1e9)
-                numbers = impact_numbers(event, parameters.static_deflection)
-                self._impacts.expect(stamp_ns, event.time, event.stop, numbers)
-        for record in records if topics.gap_control else ():
-            self._control.expect_record(offset_ns + round(record.time * 1e9), record)
+    # Commands
 
-    def _note_unreadable(self, record: RecordedMessage, error: CdrError) -> None:
-        topics = self.recorded.topics
-        topic = record.topic
-        if not self.findings.samples and topic == topics.joint_states:
-            cause = f'the first message of {topic} is not of a rig: {error}'
-            raise RecordingError('replay', self.recorded.reader.path, cause)
-        self._differ(record.stamp_ns, topic, 'message', str(error), 'a readable one')
-
-    # Changes and resets
-
-    def _take_change(self, change: RecordedChange) -> None:
-        self._has_events = True
-        rate = change.values.get('state_rate')
-        if isinstance(rate, float) and rate > 0.0:
-            self._spacing.period_ns = 1e9 / rate
-            self._rate, self._on_grid = rate, 0
-        if change.dump:
-            found = self.replayed.take_dump(change.values)
-            if change.values.get('record') is False:
-                found.append(('record', False, True))
-            self._contradict(change.stamp_ns, found)
+    def _begin(self, start: Command) -> None:
+        """Take the first snapshot, from which the rig was restored."""
+        self._command = start
+        self.findings.snapshots += 1
+        # What a rig has no use for must be as a rig writes it, too.
+        for name, there, here in state_differences(start.state, motion_of(self.rig.snapshot())):
+            self._differ(self.recorded.topics.snapshot, name, there, here)
+        control = start.state['gap_control']
+        if control['parameters']['gap_control'] != 'off' or control['state']['returning']:
             return
-        self._pending.append(change)
+        # The stops that no control moves are at the gap.
+        half, origin = 0.5 * start.state['parameters']['gap'], start.state['origin']
+        for name, expected in (('target_1', half), ('target_2', -half)):
+            if origin[name] != expected and not start.state['parameters']['one_sided']:
+                topic = self.recorded.topics.snapshot
+                self._differ(topic, f'origin.{name}', origin[name], expected)
 
-    def _flush(self, time_ns: int, resumed_ns: int | None = None) -> None:
-        """
-        Carry out the changes before `time_ns`, which no snapshot followed.
-
-        A change just after a resumption is stamped with the new offset, `resumed_ns`.
-        """
-        while self._pending:
-            stamp_ns, _, exact, _ = self._pending[0]
-            at_ns = stamp_ns - self.findings.offset_ns
-            resumed = resumed_ns is not None and stamp_ns - resumed_ns == time_ns
-            if not exact or at_ns >= time_ns or resumed:
-                return
-            batch = [c for c in self._pending if c.exact and c.stamp_ns == stamp_ns]
-            later = [c for c in self._pending if not (c.exact and c.stamp_ns == stamp_ns)]
-            self._time_ns = max(self._time_ns, at_ns)
-            self._carry_out(batch, None)
-            self._pending = later
-
-    def _take_snapshot(self, snapshot: RecordedSnapshot) -> None:
-        findings = self.findings
-        self._flush(snapshot.time_ns, snapshot.offset_ns)
-        if snapshot.time_ns < self._time_ns:
-            topic, disorder = self.recorded.topics.snapshot, self.recorded.disorder
-            disorder.note(disorder.late, topic, snapshot.stamp_ns)
+    def _take_command(self, command: Command) -> Iterator[Part]:
+        findings, last, topic = self.findings, self._command, self.recorded.topics.snapshot
+        disorder = self.recorded.disorder
+        assert last is not None
+        if command == last:
+            disorder.note(disorder.doubled, topic, [command.stamp_ns])
             return
+        if command.time_ns < self._time_ns:
+            disorder.note(disorder.late, topic, [command.stamp_ns])
+            return
+        self._command = command
         findings.snapshots += 1
-        self._time_ns = snapshot.time_ns
-        start = self.recorded.start
-        if snapshot.arithmetic != start.arithmetic:
-            topic = self.recorded.topics.snapshot
-            self._differ(
-                snapshot.stamp_ns, topic, 'arithmetic', snapshot.arithmetic, start.arithmetic
-            )
-        self._carry_out(self._pending, snapshot)
-        if snapshot.reason == 'slip':
+        events, records = self._moved(self.rig, command.time)
+        self._time_ns = command.time_ns
+        self._expect(events_as_rows(events), records)
+        lost = command.number != last.number + 1
+        if lost and self.recorded.stamped:
+            self._differ(topic, 'number', command.number, last.number + 1)
+        for name in ('arithmetic', 'mathematics', 'node', 'topics'):
+            recorded, expected = getattr(command, name), getattr(last, name)
+            if recorded != expected:
+                self._differ(topic, name, recorded, expected)
+        before = self.rig.snapshot()
+        steps, more = self._carry_out(command)
+        self._take_back_stated()
+        self._judge(command, lost=lost)
+        if command.reason == 'slip':
             findings.slips += 1
-        elif snapshot.offset_ns != findings.offset_ns or snapshot.reason == 'resume':
+        elif command.offset_ns != last.offset_ns or command.reason == 'resume':
             findings.pauses += 1
-        findings.offset_ns = snapshot.offset_ns
-
-    def _carry_out(self, changes: list[RecordedChange], snapshot: RecordedSnapshot | None) -> None:
-        """Repeat the changes and resets of one instant."""
-        self._advance()
-        if not self.recorded.stamped:
-            # A sample of this instant may come from before the change, or from after it.
-            now, numbers = self._sampled()
-            before = [entry for entry in self._before if entry[0] == now.time]
-            self._before = [*before, (now.time, numbers)]
-        known = self.replayed.initial is not None
-        self._pending = []
-        try:
-            batch = self.replayed.carry_out(changes, snapshot)
-        except (ValueError, TypeError, KeyError) as error:
-            self.findings.fault(
-                f'the change at rig time {self._time_ns * 1e-9:.9g} s cannot be applied to the '
-                f'rig: {error}'
-            )
-            return
-        if snapshot is not None:
-            self._pending = list(changes[batch.used :])
-        if batch.steps:
-            self.findings.after = self._described(batch, changes)
-        self._steps += [(self._time_ns, step) for step in batch.steps]
-        self.findings.resets += batch.resets
-        self.findings.changes += len(batch.steps) - batch.resets
-        for change, events, records, parameters in batch.effects:
-            # A change just after a resumption is stamped with the new offset.
-            offset_ns = None
-            if change is not None and change.exact:
-                offset_ns = change.stamp_ns - self._time_ns
-            self._take_events(events, records, parameters, offset_ns)
-        if snapshot is not None:
-            self._judge(batch, snapshot, known)
-
-    def _described(self, batch: Batch, changes: list[RecordedChange]) -> str:
-        values = [pair for change in changes[: batch.used] for pair in change.values.items()]
-        parts = [f'{name} = {value!r}' for name, value in [*values, *batch.unlogged.items()]]
-        parts += ['reset'] * batch.resets
-        return f'{", ".join(parts) or "a change"} at {self._time_ns * 1e-9:.9g} s'
-
-    def _contradict(self, stamp_ns: int, found: Sequence[tuple[str, Any, Any]]) -> None:
-        """Note parameter events of the node's own bag that contradict its snapshots."""
-        # Other bags may lack events, or have them in another order.
         if self.recorded.stamped:
-            for name, recorded, replayed in found:
-                self._differ(
-                    stamp_ns, self.recorded.topics.parameter_events, name, recorded, replayed
-                )
+            for matcher in self._matchers:
+                matcher.settle(inf)
+        if findings.end_ns is None and not self.recorded.stamped:
+            events = []
+        everything = np.concatenate([events_as_rows(events), *more])
+        yield Part(NO_SAMPLES, everything, command, steps, before)
 
-    def _judge(self, batch: Batch, snapshot: RecordedSnapshot, known: bool) -> None:
-        topics = self.recorded.topics
-        if self._has_events:
-            unlogged = [(name, None, value) for name, value in batch.unlogged.items()]
-            self._contradict(snapshot.stamp_ns, unlogged)
-        self._contradict(snapshot.stamp_ns, batch.contradicted)
-        if batch.adopted and not known:
-            self.findings.remark(
-                f'the initial conditions of the reset at {self._time_ns * 1e-9:.9g} s were taken '
-                'from its snapshot: no parameter event gives them'
+    def _carry_out(self, command: Command) -> tuple[list[tuple[int, Step]], list[Events]]:
+        """Do what was done; return the changes and resets, and the events that they caused."""
+        findings, rig, described = self.findings, self.rig, []
+        steps: list[tuple[int, Step]] = []
+        found = []
+        for deed in command.done:
+            if not self.recorded.stamped:
+                numbers = published_states(samples_as_rows([rig.sample()]), rig.parameters)
+                self._before.append((command.time_ns, numbers[0]))
+            try:
+                if isinstance(deed, int):
+                    findings.offset_ns = deed
+                elif isinstance(deed, InitialConditions):
+                    rig.reset(deed)
+                    self.initial = deed
+                    findings.resets += 1
+                    described.append('reset')
+                    steps.append((command.time_ns, deed))
+                else:
+                    self._check_stated(deed)
+                    described += [f'{name} = {value!r}' for name, value in deed.items()]
+                    initial = self.initial.as_dict()
+                    initial |= {n: v for n, v in deed.items() if n in initial}
+                    self.initial = InitialConditions(**initial)
+                    present = Setting(rig.parameters, rig.control)
+                    setting = present.replaced(deed)
+                    if setting != present:
+                        events = events_as_rows(rig.change(*setting))
+                        found.append(events)
+                        self._expect(events, rig.records)
+                        findings.changes += 1
+                        steps.append((command.time_ns, setting))
+            except (ParameterError, TypeError, ValueError) as error:
+                findings.fault(
+                    f'the change at rig time {command.time:.9g} s cannot be applied to the rig: '
+                    f'{error}'
+                )
+        if described:
+            findings.after = f'{", ".join(described)} at {command.time:.9g} s'
+        return steps, found
+
+    def _judge(self, command: Command, *, lost: bool) -> None:
+        """Hold a snapshot against the rig."""
+        findings, topic = self.findings, self.recorded.topics.snapshot
+        if command.offset_ns != findings.offset_ns:
+            if self.recorded.stamped:
+                name = 'stamp_offset_ns'
+                self._differ(topic, name, command.offset_ns, findings.offset_ns)
+            findings.offset_ns = command.offset_ns
+        recorded, replayed = command.state, motion_of(self.rig.snapshot())
+        differences = [
+            (f'initial.{name}', there, here)
+            for name, there, here in state_differences(
+                command.initial.as_dict(), self.initial.as_dict()
             )
+        ] + state_differences(recorded, replayed)
+        if self._seats is not None:
+            initial = command.initial.as_dict()
+            if not near(recorded, replayed) or initial != self.initial.as_dict():
+                self._differ(topic, *differences[0])
+            self.rig, self.initial = Rig.restore(command.state), command.initial
+            self._seats.sit()
             return
-        if not batch.agrees and not self.recorded.stamped and not self.findings.difference_count:
-            self.replayed.adopt(snapshot)
-            self.findings.fault(
-                f'the changes at rig time {self._time_ns * 1e-9:.9g} s cannot be retraced: not '
-                'all of their parameter events were recorded; the snapshot was adopted'
+        if not differences:
+            return
+        if lost and not self.recorded.stamped:
+            findings.fault(
+                f'snapshots from before rig time {command.time:.9g} s are missing: what was done '
+                'to the rig is not known, and it goes on from this one'
             )
+            self.rig, self.initial = Rig.restore(command.state), command.initial
             return
-        for name, recorded, replayed in batch.differences[:1]:
-            self._differ(snapshot.stamp_ns, topics.snapshot, name, recorded, replayed)
-        if self._adopts and not batch.agrees and not batch.adopted:
-            for matcher in self._matchers.values():
-                matcher.settle(final=True)
-            self.replayed.adopt(snapshot)
+        self._differ(topic, *differences[0])
+        self._rig_of_snapshot = Rig.restore(command.state)
 
     def _differ(
-        self, stamp_ns: int, topic: str, quantity: str, recorded: object, replayed: object
+        self,
+        topic: str,
+        quantity: str,
+        recorded: object,
+        replayed: object,
+        time_ns: int | None = None,
     ) -> None:
-        time, after = self._time_ns / 1e9, self.findings.after
-        self.findings.differ(
-            Difference(time, stamp_ns, topic, quantity, '', recorded, replayed, after)
+        findings = self.findings
+        time_ns = self._time_ns if time_ns is None else time_ns
+        findings.differ(
+            Difference(
+                time_ns / 1e9,
+                findings.offset_ns + time_ns,
+                topic,
+                quantity,
+                '',
+                recorded,
+                replayed,
+                findings.after,
+            )
         )
+
+    # Parameter events, of a bag that the node recorded itself
+
+    def _known(self) -> dict[str, Any]:
+        setting = Setting(self.rig.parameters, self.rig.control)
+        return {**setting.as_dict(), **self.initial.as_dict()}
+
+    def _take_stated(self, stated: StatedParameters) -> None:
+        self._has_events = True
+        rate = stated.values.get('state_rate')
+        if isinstance(rate, float) and rate > 0.0:
+            self._period_ns = 1e9 / rate
+            self._rate, self._on_grid = rate, 0
+        if not stated.listing:
+            self._stated.append(stated)
+            return
+        known = {**self._known(), 'record': True}
+        self._contradict(stated, {n: known.get(n) for n in stated.values if n != 'state_rate'})
+
+    def _contradict(self, stated: StatedParameters, known: Mapping[str, Any]) -> None:
+        """Note what a parameter event states otherwise."""
+        topic = self.recorded.topics.parameter_events
+        expected_ns = self.findings.offset_ns + self._time_ns
+        if stated.stamp_ns != expected_ns and not stated.listing:
+            self._differ(topic, 'stamp', stated.stamp_ns, expected_ns)
+        for name, value in known.items():
+            if stated.values.get(name) != value:
+                self._differ(topic, name, stated.values.get(name), value)
+
+    def _new(self, stated: StatedParameters) -> dict[str, Any]:
+        """Return what a parameter event changes."""
+        known = self._known()
+        return {n: v for n, v in stated.values.items() if n in known and v != known[n]}
+
+    def _check_stated(self, deed: Mapping[str, Any]) -> None:
+        """Hold the next parameter event that changes anything against what was done."""
+        while self._stated and not self._new(self._stated[0]):
+            self._stated.pop(0)
+        if self._stated:
+            stated = self._stated.pop(0)
+            extra = {n: self._known()[n] for n in self._new(stated) if n not in deed}
+            self._contradict(stated, {**deed, **extra})
+        elif self._has_events and self.recorded.stamped:
+            topic = self.recorded.topics.parameter_events
+            for name, value in deed.items():
+                self._differ(topic, name, None, value)
+
+    def _take_back_stated(self) -> None:
+        """Note parameter events of which the snapshot does not say that they were carried out."""
+        left, self._stated = self._stated, []
+        for stated in left:
+            if new := self._new(stated):
+                self._contradict(stated, {n: self._known()[n] for n in new})
+
+    def _check_stated_before(self, rows: Rows) -> None:
+        """Note parameter events that no snapshot followed."""
+        if self._stated and any((t.log_ns > self._stated[0].log_ns).any() for t in rows):
+            self._take_back_stated()
 
     # The end
 
-    def _finish(self) -> None:
+    def _finish(self) -> Part:
         """Compare the messages after the last sample, and report the faults of the bag."""
         findings, recorded = self.findings, self.recorded
-        self._excuse(self._spacing.close())
+        self._learn_period()
         end_ns = findings.offset_ns + self._time_ns
-        for matcher in self._matchers.values():
-            if end_ns < matcher.last_ns <= end_ns + self._longest_gap_ns:
-                # A cut bag may end with the impacts of a tick whose sample is lost.
-                self._time_ns = max(self._time_ns, matcher.last_ns - findings.offset_ns + 1)
-        self._advance()
-        for matcher in self._matchers.values():
+        last_ns = max(matcher.last_ns for matcher in self._matchers)
+        longest = max(_LONGEST_GAP_NS, _MOST_MISSING * self._period_ns)
+        events: list[Event] = []
+        before = self.rig.snapshot()
+        if end_ns < last_ns <= end_ns + longest:
+            # A cut bag may end with the impacts of a tick whose sample is lost.
+            events, records = self._moved(self.rig, (last_ns + 1 - findings.offset_ns) / 1e9)
+            self._expect(events_as_rows(events), records)
+        for matcher in self._matchers:
             # In a tick that is cut off, each topic may end elsewhere.
-            matcher.drop_after(max(matcher.last_ns, end_ns))
-            matcher.settle(final=True)
-        self._judge_losses(end_ns)
+            matcher.settle(max(matcher.last_ns, end_ns) + 1)
+            matcher.forget(inf)
+            matcher.settle(inf)
+        self._judge_losses(end_ns, last_ns)
         if self._left_out:
             findings.fault(f'joint states left out because of impossible stamps: {self._left_out}')
         for fault in recorded.faults():
@@ -614,23 +654,32 @@ class Replay:
             findings.remark(remark)
         if recorded.early:
             findings.remark(f'messages from before the first snapshot, left out: {recorded.early}')
+        if findings.other_bits:
+            findings.remark(self._said_of_other_bits())
+        return Part(NO_SAMPLES, events_as_rows(events), before=before)
 
-    def _judge_losses(self, end_ns: int) -> None:
+    def _said_of_other_bits(self) -> str:
+        findings = self.findings
+        text = f'{findings.other_bits}: held against the replay within round-off, from impact to '
+        text += 'impact'
+        if findings.undecided:
+            text += f'; round-off may lead elsewhere in {findings.undecided} of these flights'
+        return text
+
+    def _judge_losses(self, end_ns: int, last_ns: int) -> None:
         """Report missing messages: the node records all that it does not note as dropped."""
-        findings, recorded = self.findings, self.recorded
-        for topic, matcher in self._matchers.items():
-            if matcher.before_recorder:
+        findings, recorded, period_ns = self.findings, self.recorded, self._period_ns
+        for matcher in self._matchers:
+            if matcher.before_recorder and matcher.first_ns is not None:
                 findings.remark(
-                    f'{matcher.before_recorder} messages of {topic} precede the first one that '
-                    'the recorder received'
+                    f'{matcher.before_recorder} messages of {matcher.topic} precede the first one '
+                    'that the recorder received'
                 )
-        period_ns = self._spacing.period_ns
         if not recorded.stamped or not period_ns or findings.start_ns is None:
             return
         # Before the first sample, and after the last one if impacts follow
-        head_ns = findings.start_ns - recorded.start.time_ns
-        tail_ns = max(matcher.last_ns for matcher in self._matchers.values()) - end_ns
-        lost = findings.missing_samples + int(max(0, tail_ns) // period_ns)
+        head_ns = findings.start_ns - self.start.time_ns
+        lost = findings.missing_samples + int(max(0, last_ns - end_ns) // period_ns)
         lost += round(head_ns / period_ns) - 1 if head_ns > 1.5 * period_ns else 0
         if not lost:
             return

@@ -7,20 +7,29 @@ but some parameters are held at other values all the time.
 
 from __future__ import annotations
 
-import copy
 import math
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
+from impact_damper_ros.bag.snapshots import motion_of
 from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import Event, InitialConditions, ParameterError, Sample
+from impact_damper_ros.rig import InitialConditions, ParameterError, Sample
 from impact_damper_ros.rig.event_budget import EventBudget
 
-from .recorded_snapshot import RecordedSnapshot, motion_of
-from .replay import Replay, Tick
-from .replayed_rig import Setting, Step, setting_of
+from .command import Command
+from .replay import Part, Step
+from .rows import (
+    NO_EVENTS,
+    NO_SAMPLES,
+    Events,
+    Samples,
+    events_as_rows,
+    impacts_of,
+    samples_as_rows,
+)
+from .setting import Setting, setting_of
 
 #: Values of a parameter that are kept with their times.
 _MOST_VALUES = 100
@@ -32,10 +41,8 @@ class WhatIf:
 
     Parameters
     ----------
-    start : RecordedSnapshot
+    start : Command
         Where the run begins.
-    initial : InitialConditions or None
-        Those of the recorded rig; None if they are not known.
     held : mapping
         Parameters of the rig and of its gap control, and their values.
     held_initial : mapping, optional
@@ -51,6 +58,8 @@ class WhatIf:
         Whether it started from the initial conditions. Otherwise it took over the recorded state,
         and the held values came as a change at that instant: a gap that is too narrow closes on m
         as it does on a live rig.
+    reached : tuple of ndarray
+        What `follow` returned last; what there was of it, if it failed.
 
     Raises
     ------
@@ -62,19 +71,19 @@ class WhatIf:
 
     def __init__(
         self,
-        start: RecordedSnapshot,
-        initial: InitialConditions | None,
+        start: Command,
         held: Mapping[str, Any],
         held_initial: Mapping[str, Any] | None = None,
         budget: EventBudget | None = None,
     ) -> None:
         self._budget = budget or EventBudget()
         self._held = dict(held)
+        self.reached: tuple[Samples, Events] = NO_SAMPLES, NO_EVENTS
         self._held_initial = dict(held_initial or {})
         self._logged = setting_of(start.state)
         setting = self._logged.replaced(held)
-        self.early_events: list[Event] = []
-        rig = _from_initial(start, self._logged, initial, setting, self._held_initial)
+        rig = _from_initial(start, self._logged, setting, self._held_initial)
+        self._early: list[Events] = []
         self.from_initial = rig is not None
         if rig is None:
             if self._held_initial:
@@ -83,26 +92,29 @@ class WhatIf:
                     'of the run, at a recorded state; set rig parameters only'
                 )
             rig = Rig.restore(start.state)
-            self.early_events += rig.change(*setting)
+            self._early.append(events_as_rows(rig.change(*setting)))
         self.rig = rig
 
-    def copied(self) -> WhatIf:
-        """Return a copy that continues from here."""
-        other = copy.copy(self)
-        other.rig = Rig.restore(self.rig.snapshot())
-        other._budget = copy.copy(self._budget)
+    @classmethod
+    def again(cls, state: Mapping[str, Any], like: WhatIf | None) -> WhatIf:
+        """Return a rig in a state, held as another what-if is, or not at all."""
+        other = cls.__new__(cls)
+        other.rig, other._early, other.from_initial = Rig.restore(dict(state)), [], False
+        other._logged, other._budget = setting_of(state), EventBudget()
+        other._held = {} if like is None else like._held
+        other._held_initial = {} if like is None else like._held_initial
         return other
 
-    def follow(self, tick: Tick) -> tuple[Sample, list[Event]]:
+    def follow(self, part: Part) -> tuple[Samples, Events]:
         """
-        Go on to a sample of the recorded run.
+        Go on to the end of a part of the recorded run.
 
         Returns
         -------
-        sample : Sample
-            The motion there.
-        events : list of Event
-            The events on the way.
+        samples : ndarray of SAMPLE_TYPE
+            The motion at the instants of the recorded samples.
+        events : ndarray of EVENT_TYPE
+            The events on the way, and those of the command at the end.
 
         Raises
         ------
@@ -111,19 +123,27 @@ class WhatIf:
         EndlessEventsError
             If the rig has more events than it may.
         """
-        events, self.early_events = self.early_events, []
-        for time_ns, step in tick.steps:
-            events += self.advance(time_ns)
-            events += self.carry_out(step)
-        events += self.advance(tick.time_ns)
-        return self.rig.sample(), [event for event in events if event.time >= tick.begun]
+        events, self._early = self._early, []
+        samples: list[Sample] = []
+        try:
+            for time in part.samples['time'].tolist():
+                events += self._moved(time)
+                samples.append(self.rig.sample())
+            for time_ns, step in part.steps:
+                events += self._moved(time_ns / 1e9)
+                events.append(self.carry_out(step))
+        finally:
+            self.reached = samples_as_rows(samples), np.concatenate([NO_EVENTS, *events])
+        return self.reached
 
-    def advance(self, time_ns: int) -> list[Event]:
-        """Go on to an instant, in one call as the node does."""
-        time = time_ns / 1e9
-        return self._budget.advance(self.rig, time) if time > self.rig.time else []
+    def _moved(self, time: float) -> list[Events]:
+        """Go on to an instant, s, in one call as the node does."""
+        if time <= self.rig.time:
+            return []
+        events = self._budget.advance(self.rig, time)
+        return [events_as_rows(events)] if events else []
 
-    def carry_out(self, step: Step) -> list[Event]:
+    def carry_out(self, step: Step) -> Events:
         """
         Repeat a change or reset of the recorded rig, with the held values.
 
@@ -135,7 +155,7 @@ class WhatIf:
         rig = self.rig
         if isinstance(step, Setting):
             self._logged = step
-            return rig.change(*step.replaced(self._held))
+            return events_as_rows(rig.change(*step.replaced(self._held)))
         initial = InitialConditions(**{**step.as_dict(), **self._held_initial})
         try:
             rig.reset(initial)
@@ -144,20 +164,20 @@ class WhatIf:
             held = rig.parameters
             rig.change(self._logged.rig)
             rig.reset(initial)
-            return rig.change(held)
-        return []
+            return events_as_rows(rig.change(held))
+        return events_as_rows([])
 
 
 def _from_initial(
-    start: RecordedSnapshot,
+    start: Command,
     logged: Setting,
-    initial: InitialConditions | None,
     setting: Setting,
     held_initial: Mapping[str, Any],
 ) -> Rig | None:
     """Return a rig at its initial conditions, if the run begins at those of the logged one."""
-    if initial is None or start.time_ns != 0:
+    if start.time_ns != 0:
         return None
+    initial = start.initial
     try:
         fresh = Rig(logged.rig, initial, control=logged.control).snapshot()
         if motion_of(fresh) != motion_of(start.state):
@@ -225,68 +245,44 @@ class RecordedValues:
         }
 
 
-@dataclass(frozen=True)
-class Trace:
-    """Closely sampled motion of a rig, and the impacts meanwhile."""
-
-    samples: Sequence[Sample]
-    impacts: Sequence[Event]
-
-
 class Ending:
     """
-    The end of a replay and of its what-if, kept to be sampled closely afterwards.
+    The last parts of a run, kept to be sampled closely afterwards; they cover `span` s.
 
-    The what-if runs along with the replay; the end is `span` s of rig time.
+    `start` is the state of a rig at the beginning of the run.
     """
 
-    def __init__(self, replay: Replay, other: WhatIf, span: float) -> None:
-        self._replay = replay
-        self._other = other
-        self._span_ns = round(span * 1e9)
-        self._kept: deque[tuple[int, Rig, WhatIf]] = deque()
-        self._steps: deque[tuple[int, Step]] = deque()
-        self._time_ns = 0
+    def __init__(self, span: float) -> None:
+        self._span = span
+        self._kept: list[tuple[float, Mapping[str, Any], list[tuple[int, Step]]]] = []
+        self._end = 0.0
 
-    def look(self, tick: Tick) -> None:
-        """Take the next sample, which both rigs have reached."""
-        now_ns = self._time_ns = tick.time_ns
-        self._steps.extend(tick.steps)
-        kept = self._kept
-        if not kept or now_ns - kept[-1][0] >= self._span_ns // 4:
-            rig = Rig.restore(self._replay.replayed.rig.snapshot())
-            kept.append((now_ns, rig, self._other.copied()))
-        while len(kept) > 1 and kept[1][0] <= now_ns - self._span_ns:
-            kept.popleft()
-        while self._steps and self._steps[0][0] < kept[0][0]:
-            self._steps.popleft()
+    def look(self, rig: Rig, part: Part) -> None:
+        """Take the state of a rig before a part, and that part."""
+        if not len(part.samples) and not part.steps:
+            return
+        self._kept.append((rig.time, rig.snapshot(), part.steps))
+        self._end = max([self._end, *part.samples['time'][-1:]])
+        while len(self._kept) > 1 and self._kept[1][0] <= self._end - self._span:
+            self._kept.pop(0)
 
-    def traces(self, points: int) -> tuple[Trace, Trace]:
-        """Return the motion of recorded rig and what-if at a number of instants."""
+    def trace(self, other: WhatIf | None, points: int) -> tuple[Samples, Events]:
+        """Return the motion at a number of instants, and the impacts; of a what-if, if given."""
         if not self._kept:
-            return Trace((), ()), Trace((), ())
-        from_ns, rig, other = self._kept[0]
-        start_ns = max(from_ns, self._time_ns - self._span_ns)
-        instants = [
-            start_ns + (self._time_ns - start_ns) * k // max(1, points - 1) for k in range(points)
-        ]
-        # Steps of the very first instant were done before it was kept.
-        steps = [step for step in self._steps if step[0] > from_ns]
-        plain = other.copied()
-        plain.rig, plain._held, plain._held_initial = Rig.restore(rig.snapshot()), {}, {}
-        return trace(plain, steps, instants), trace(other.copied(), steps, instants)
-
-
-def trace(rig: WhatIf, steps: Sequence[tuple[int, Step]], instants: Sequence[int]) -> Trace:
-    """Run a rig through changes and resets, and sample it at instants in nanoseconds."""
-    samples, events = [], []
-    waiting = deque(steps)
-    for instant in instants:
-        while waiting and waiting[0][0] <= instant:
-            time_ns, step = waiting.popleft()
-            events += rig.advance(time_ns)
-            events += rig.carry_out(step)
-        events += rig.advance(instant)
-        samples.append(rig.rig.sample())
-    first = samples[0].time if samples else 0.0
-    return Trace(samples, [e for e in events if e.impulse > 0.0 and e.time >= first])
+            return NO_SAMPLES, events_as_rows([])
+        start, state, _ = self._kept[0]
+        rig = WhatIf.again(state, other)
+        instants = np.linspace(max(start, self._end - self._span), self._end, points)
+        steps = [step for _, _, found in self._kept for step in found]
+        cuts = [time_ns / 1e9 for time_ns, _ in steps]
+        found = []
+        for i, step in enumerate([*steps, None]):
+            low = cuts[i - 1] if i else -math.inf
+            high = cuts[i] if step is not None else math.inf
+            within = instants[(instants >= low) & (instants < high)]
+            samples = np.zeros(len(within), NO_SAMPLES.dtype)
+            samples['time'] = within
+            part = Part(samples, events_as_rows([]), steps=[] if step is None else [step])
+            found.append(rig.follow(part))
+        samples, events = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+        return samples, impacts_of(events[events['time'] >= instants[0]])

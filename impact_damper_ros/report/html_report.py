@@ -18,7 +18,7 @@ from os import strerror
 from pathlib import Path
 from string import Template
 
-from impact_damper_ros.compare import RunComparison, StretchComparison, Verdict
+from impact_damper_ros.compare import LogVerdict, RunComparison, StretchComparison, Verdict
 from impact_damper_ros.compare.periodic_motion import GapCurves
 from impact_damper_ros.outputs import write_texts
 from impact_damper_ros.rig.quoting import counted
@@ -62,12 +62,15 @@ def shown_stretches(
     """
     Return the `most` important stretches, in the order of the run.
 
-    Those that differ from theory come first, then those with findings, then the longest.
+    Those that differ from theory or whose log is wrong come first, then those with findings, then
+    the longest.
     """
 
     def rank(stretch: StretchComparison) -> tuple[int, bool, float]:
         length = stretch.end - stretch.start
-        return _URGENCY.get(stretch.verdict, 2), not stretch.findings, -length
+        wrong = stretch.log is LogVerdict.DIFFERS
+        urgency = 0 if wrong else _URGENCY.get(stretch.verdict, 2)
+        return urgency, not stretch.findings, -length
 
     chosen = sorted(stretches, key=rank)[:most]
     return tuple(sorted(chosen, key=lambda stretch: stretch.number))
@@ -127,8 +130,9 @@ def _tiles(stretch: StretchComparison) -> Html:
 
 def _findings(stretch: StretchComparison) -> Html:
     """Return what contradicts the log; empty if nothing does."""
-    texts = [f'{instant(f.time)} s: {f.text}' for f in stretch.findings[:_MOST_FINDINGS]]
-    left = len(stretch.findings) - len(texts)
+    findings = [*stretch.log_findings, *stretch.findings]
+    texts = [f'{instant(f.time)} s: {f.text}' for f in findings[:_MOST_FINDINGS]]
+    left = len(findings) - len(texts)
     if left > 0:
         texts.append(f'{left} more, see report.json')
     if stretch.missing_samples:
@@ -180,7 +184,7 @@ def _stretch_section(stretch: StretchComparison, before: StretchComparison | Non
         'section',
         element('h2', title, id=f'{key}-title'),
         element('p', verdict, class_='verdict'),
-        _judged(time),
+        _judged(f'{time}; log {stretch.log.value}'),
         _findings(stretch),
         _tiles(stretch),
         _pictures(stretch),

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from impact_damper_ros.replay.findings import Difference, Findings, ReplayVerdict
-from impact_damper_ros.replay.recorded_run import RecordedRun
+from impact_damper_ros.replay.run import RecordedRun
 from impact_damper_ros.rig.quoting import as_line, counted
 
 _VERDICTS = {
@@ -55,11 +55,6 @@ def _divergence_lines(findings: Findings) -> list[str]:
             f'            {number:>6}   {time:<14.6f} {x:> .3e}  {z:> .3e}'
             for number, time, x, z in divergence.marks
         ]
-    if findings.by_another_library:
-        lines.append(
-            'hint        the difference begins in the last digit: the bag may have been recorded '
-            'where the mathematical functions (C library) round differently'
-        )
     return lines
 
 

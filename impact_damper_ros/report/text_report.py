@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from impact_damper_ros.compare import (
     EnergyBalance,
     ImpactStates,
+    LogVerdict,
     Overall,
     RunComparison,
     StretchComparison,
@@ -97,8 +98,8 @@ def _overall_lines(overall: Overall) -> Iterator[str]:
     )
     work = '' if math.isnan(overall.force_work) else f'force {overall.force_work:.6g} J into M; '
     yield (
-        f'             {work}taken from M by impacts {overall.impact_energy:.6g} J, '
-        f'by the dashpot {overall.dashpot_energy:.6g} J'
+        f'             {work}taken from M by impacts {overall.impact_energy:.6g} J '
+        f'({overall.impact_loss:.6g} J of it lost), by the dashpot {overall.dashpot_energy:.6g} J'
     )
 
 
@@ -138,9 +139,12 @@ def _stretch_text(stretch: StretchComparison) -> str:
         state = orbit.stability.replace('unstable', 'not stable')
         state += ', viable' if orbit.viable else f', not viable: {orbit.reason}'
         lines.append(f'  theory     {state}; {stretch.solver}')
-    lines += [f'  finding    {finding.text}' for finding in stretch.findings[:_MOST_FINDINGS]]
-    if (left := len(stretch.findings) - _MOST_FINDINGS) > 0:
+    findings = [*stretch.log_findings, *stretch.findings]
+    lines += [f'  finding    {finding.text}' for finding in findings[:_MOST_FINDINGS]]
+    if (left := len(findings) - _MOST_FINDINGS) > 0:
         lines.append(f'             and {counted(left, "finding")} more')
+    log = stretch.log.value
+    lines.append(f'  log        {log.upper() if stretch.log is LogVerdict.DIFFERS else log}')
     word = stretch.verdict.value
     shown = word.upper() if stretch.verdict is Verdict.DIFFERS else word
     lines.append(f'  verdict    {shown}: {stretch.sentence}')

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.replay.replay import Replay, Tick
-from impact_damper_ros.replay.replayed_rig import Step, setting_of
-from impact_damper_ros.replay.what_if import Ending, RecordedValues, Trace, WhatIf
-from impact_damper_ros.rig import (
-    ALL_SPECS,
-    Event,
-    EventKind,
-    InitialConditions,
-    RigParameters,
-    Sample,
-)
+from impact_damper_ros.compare.measured_motion import cubic_swing, energies_of_impacts
+from impact_damper_ros.compare.recorded_stretch import RecordedImpacts
+from impact_damper_ros.control import Rig
+from impact_damper_ros.replay.replay import Part, Replay, Step
+from impact_damper_ros.replay.rows import Events, Samples, impacts_of
+from impact_damper_ros.replay.setting import setting_of
+from impact_damper_ros.replay.what_if import Ending, RecordedValues, WhatIf
+from impact_damper_ros.rig import ALL_SPECS, InitialConditions, RigParameters
 from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.quoting import counted, shown
-from impact_damper_ros.rig.swing import Swing
 
 from .formatting import setting, unit_for
 from .run_figures import SampledMotion, Side, draw_what_if
@@ -43,44 +39,41 @@ _MOST_PIECES, _FEW_CYCLES = 2000, 60
 
 
 class RunTotals:
-    """Largest and rms X, impacts and the energy lost in them, from samples in a row; SI units."""
+    """Largest and rms X, impacts and their energies, over the parts of a run; SI units."""
 
     def __init__(self) -> None:
         self.impacts = 0
-        self.energy = 0.0
-        self._squares = self._covered = 0.0
+        self.energy = self.taken = 0.0
+        self._squares = self._covered = self.largest = 0.0
         # The last instant, X and X' just after it
-        self._last: tuple[float, float, float] | None = None
-        self._swing = Swing()
+        self._last = np.empty((0, 4))
 
-    def look(self, sample: Sample, events: Sequence[Event]) -> None:
-        """Take the next sample, and the events since the one before."""
-        self._swing.look(sample, events)
-        for event in events:
-            self._reach(event.time, event.x, event.primary_velocity_before)
-            self._last = event.time, event.x, event.primary_velocity_after
-            if event.kind is EventKind.IMPACT:
-                self.impacts += 1
-                self.energy += lost_energy(event)
-        self._reach(sample.time, sample.x, sample.primary_velocity)
-        self._last = sample.time, sample.x, sample.primary_velocity
-
-    def _reach(self, time: float, x: float, velocity: float) -> None:
-        """Add the integral of X squared along the cubic from the last instant to this one."""
-        if self._last is None or time <= self._last[0]:
+    def look(self, samples: Samples, events: Events, rig: RigParameters) -> None:
+        """Take the next samples, and the events up to the end of their part."""
+        hits = impacts_of(events)
+        self.impacts += len(hits)
+        lost = energies_of_impacts(RecordedImpacts.of_rows(hits), rig)
+        self.energy += lost.both
+        self.taken += lost.primary
+        time = np.concatenate([samples['time'], events['time']])
+        x = np.concatenate([samples['x'], events['x']])
+        before, after = (
+            np.concatenate([samples['primary_velocity'], events[f'primary_velocity_{side}']])
+            for side in ('before', 'after')
+        )
+        # A sample shows the motion after an event at its instant.
+        order = np.lexsort((np.arange(len(time)) < len(samples), time))
+        knots = np.concatenate([self._last, np.column_stack([time, x, before, after])[order]])
+        if not len(knots):
             return
-        start, x0, velocity0 = self._last
-        step = time - start
-        u, v = velocity0 * step, velocity * step
-        squares = 156.0 * (x0 * x0 + x * x) + 4.0 * (u * u + v * v) + 108.0 * x0 * x
-        squares += 44.0 * (x0 * u - x * v) + 26.0 * (x * u - x0 * v) - 6.0 * u * v
-        self._squares += squares * step / 420.0
-        self._covered += step
-
-    @property
-    def largest(self) -> float:
-        """Largest |X|, m; also between the samples."""
-        return self._swing.largest
+        self._last = knots[-1:]
+        start, x0, _, v0 = knots[:-1].T
+        end, x1, v1, _ = knots[1:].T
+        step = end - start
+        swing = cubic_swing(step, x0, x1, v0 * step, v1 * step)
+        self.largest = max(self.largest, float(np.abs(knots[:, 1]).max()), swing.largest)
+        self._squares += swing.squares
+        self._covered += float(step.sum())
 
     @property
     def rms(self) -> float:
@@ -94,6 +87,7 @@ class RunTotals:
             'rms_x': None if math.isnan(self.rms) else self.rms,
             'impacts': self.impacts,
             'energy_lost_in_impacts': self.energy,
+            'energy_taken_from_primary_by_impacts': self.taken,
         }
 
     def text(self) -> str:
@@ -106,40 +100,30 @@ class RunTotals:
         )
 
 
-def lost_energy(event: Event) -> float:
-    """
-    Return the kinetic energy that an impact takes, J.
-
-    It is half the impulse times the difference between the speeds of approach and separation.
-    """
-    approach = abs(event.damper_velocity_before - event.primary_velocity_before)
-    separation = abs(event.damper_velocity_after - event.primary_velocity_after)
-    return 0.5 * event.impulse * (approach - separation)
-
-
 class _Envelope:
     """Least and greatest values of a long signal, in pieces of `size` samples."""
 
     def __init__(self, size: int) -> None:
         self._size = size
-        self._count = 0
-        self.time: list[float] = []
-        self.low: list[float] = []
-        self.high: list[float] = []
+        self._rest = np.empty((2, 0))
+        self._pieces: list[Array] = []
 
-    def look(self, time: float, value: float) -> None:
-        if self._count % self._size == 0:
-            self.time.append(time)
-            self.low.append(value)
-            self.high.append(value)
-        elif value < self.low[-1]:
-            self.low[-1] = value
-        elif value > self.high[-1]:
-            self.high[-1] = value
-        self._count += 1
+    def look(self, time: Array, value: Array) -> None:
+        self._rest = np.concatenate([self._rest, [time, value]], axis=1)
+        self._put(self._rest.shape[1] // self._size * self._size)
+
+    def _put(self, count: int) -> None:
+        if count:
+            starts = np.arange(0, count, self._size)
+            times, values = self._rest[:, :count]
+            low, high = (f.reduceat(values, starts) for f in (np.minimum, np.maximum))
+            self._pieces.append(np.stack([times[starts], low, high]))
+            self._rest = self._rest[:, count:]
 
     def arrays(self) -> tuple[Array, Array, Array]:
-        return np.array(self.time), np.array(self.low), np.array(self.high)
+        self._put(self._rest.shape[1])
+        time, low, high = np.concatenate(self._pieces or [np.empty((3, 0))], axis=1)
+        return time, low, high
 
 
 def _longest_cycle(rig: RigParameters) -> float:
@@ -185,19 +169,19 @@ class WhatIfReport:
         drawn: bool,
         budget: EventBudget | None = None,
     ) -> None:
-        start = replay.recorded.start
+        start = replay.start
+        self._replay = replay
         logged = setting_of(start.state)
         values = logged.as_dict()
         for name in held:
             if name not in values:
                 raise ValueError(f'held has {shown(name)}, which is no parameter of the rig')
-        initial = replay.replayed.first_initial
         self._was = {
             **{n: RecordedValues(values[n]) for n in held},
-            **{n: RecordedValues(getattr(initial, n, None)) for n in held_initial},
+            **{n: RecordedValues(getattr(start.initial, n, None)) for n in held_initial},
         }
         self._now = {**held, **held_initial}
-        self.other = WhatIf(start, initial, held, held_initial, budget)
+        self.other = WhatIf(start, held, held_initial, budget)
         self.recorded, self.what_if = RunTotals(), RunTotals()
         cycle = max(_longest_cycle(logged.rig), _longest_cycle(self.other.rig.parameters))
         reader = replay.recorded.reader
@@ -206,28 +190,32 @@ class WhatIfReport:
         pieces = int(_MOST_PIECES if cycles < _FEW_CYCLES else min(cycles, _MOST_PIECES))
         size = max(1, math.ceil(total / pieces))
         self._envelopes = _Envelope(size), _Envelope(size)
-        self._ending = Ending(replay, self.other, _CLOSEUP_CYCLES * cycle) if drawn else None
+        self._drawn = drawn
+        self._endings = [Ending(_CLOSEUP_CYCLES * cycle) for _ in range(2)]
+        self._was_at = Rig.restore(start.state)
         self._changes: list[tuple[float, str]] = []
         self._last = logged
 
-    def look(self, tick: Tick) -> tuple[Sample, list[Event]]:
-        """Take the next sample of the replay; return that of the what-if, and its events."""
-        sample, events = self.other.follow(tick)
-        # X as recorded; the velocity serves to find the largest |X| between samples
-        recorded = tick.sample._replace(x=tick.x, primary_velocity=tick.primary_velocity)
-        self.recorded.look(recorded, tick.events)
-        self.what_if.look(sample, events)
-        for time_ns, step in tick.steps:
+    def look(self, part: Part) -> tuple[Samples, Events]:
+        """Take the next part of the replay; return samples and events of the what-if."""
+        if self._drawn:
+            for ending, rig in zip(self._endings, (self._was_at, self.other.rig), strict=True):
+                ending.look(rig, part)
+            self._was_at = Rig.restore(self._replay.rig.snapshot())
+        rigs = self._last.rig, self.other.rig.parameters
+        samples, events = self.other.follow(part)
+        self.recorded.look(part.samples, part.events, rigs[0])
+        self.what_if.look(samples, events, rigs[1])
+        for time_ns, step in part.steps:
             for name, value in step.as_dict().items():
                 if name in self._was:
                     self._was[name].take(time_ns / 1e9, value)
-        if self._ending is not None:
-            for envelope, x in zip(self._envelopes, (tick.x, sample.x), strict=True):
-                envelope.look(tick.sample.time, x)
-            self._ending.look(tick)
-            for time_ns, step in tick.steps:
-                self._changes.append((time_ns / 1e9, self._label(step)))
-        return sample, events
+        if self._drawn:
+            for envelope, rows in zip(self._envelopes, (part.samples, samples), strict=True):
+                envelope.look(part.samples['time'], rows['x'])
+        for time_ns, step in part.steps:
+            self._changes.append((time_ns / 1e9, self._label(step)))
+        return samples, events
 
     def _label(self, step: Step) -> str:
         if isinstance(step, InitialConditions):
@@ -258,6 +246,7 @@ class WhatIfReport:
             ('rms X [m]', 'rms'),
             ('impacts', 'impacts'),
             ('energy lost in impacts [J]', 'energy'),
+            ('taken from M by impacts [J]', 'taken'),
         ):
             was, now = getattr(self.recorded, quantity), getattr(self.what_if, quantity)
             ratio = f'{now / was:.4f}' if was else '-'
@@ -276,7 +265,7 @@ class WhatIfReport:
 
     def figure(self) -> Figure:
         """Return the figure of both; needs `drawn`."""
-        assert self._ending is not None
+        assert self._drawn
         now = ', '.join(f'{name} = {_with_unit(v, name)}' for name, v in self._now.items())
         was = ', '.join(
             f'{name} = {values.described(partial(_with_unit, name=name), _MOST_IN_FIGURE)}'
@@ -287,13 +276,16 @@ class WhatIfReport:
             Side(
                 f'{textwrap.fill(head, 66)}\n{totals.text()}',
                 *envelope.arrays(),
-                _motion(trace),
+                _motion(*trace),
             )
             for head, totals, envelope, trace in zip(
                 (f'recorded: {was}', f'what if {now}'),
                 (self.recorded, self.what_if),
                 self._envelopes,
-                self._ending.traces(_CLOSEUP_POINTS),
+                [
+                    ending.trace(other, _CLOSEUP_POINTS)
+                    for ending, other in zip(self._endings, (None, self.other), strict=True)
+                ],
                 strict=True,
             )
         )
@@ -305,9 +297,14 @@ def _with_unit(value: Any, name: str) -> str:
     return f'{setting(value)} {ALL_SPECS[name].unit}'.rstrip()
 
 
-def _motion(trace: Trace) -> SampledMotion:
-    samples = np.array(trace.samples).reshape(-1, len(Sample._fields))
-    impacts = np.array([(e.time, e.x + e.y, e.stop) for e in trace.impacts], dtype=float)
-    time, x, _, z, _, stop_1, stop_2, *_ = samples.T
-    hit, where, stop = impacts.reshape(-1, 3).T
-    return SampledMotion(time, x, z, stop_1, stop_2, hit, where, stop.astype(np.int64))
+def _motion(samples: Samples, impacts: Events) -> SampledMotion:
+    return SampledMotion(
+        samples['time'],
+        samples['x'],
+        samples['z'],
+        samples['stop_1'],
+        samples['stop_2'],
+        impacts['time'],
+        impacts['x'] + impacts['y'],
+        impacts['stop'].astype(np.int64),
+    )

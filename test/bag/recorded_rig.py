@@ -6,8 +6,10 @@ import random
 
 from bag import samples
 
+from impact_damper_ros.bag.messages import decode
+from impact_damper_ros.bag.snapshots import mathematics, motion_of
 from impact_damper_ros.control import GapControlParameters, Rig
-from impact_damper_ros.replay.replayed_rig import Setting
+from impact_damper_ros.replay.setting import Setting
 from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, RigParameters
 
 LIVELY = RigParameters(
@@ -26,6 +28,8 @@ NOTES = {
     'gap_control': '/gap_control',
     'snapshot': '/snapshot',
 }
+TOPICS = {**NOTES, 'parameter_events': '/parameter_events'}
+del TOPICS['node']
 KINDS = {bool: 1, int: 2, float: 3, str: 4, tuple: 8}
 
 
@@ -54,6 +58,8 @@ class RecordedRig:
         self.rate, self.offset, self.tick, self.time_ns = rate, offset, 0, 0
         self.messages = []
         self.news = ''
+        self.done = []
+        self.number = 0
         self.recording = False
         self.faults = {}
 
@@ -85,13 +91,21 @@ class RecordedRig:
         self.write('/parameter_events', samples.serialise(samples.PARAMETER_EVENT, message))
 
     def announce(self, reason):
+        self.number += 1
         text = {
-            'format': 3,
+            'format': 4,
+            'number': self.number,
+            'node': NODE,
+            'topics': TOPICS,
             'stamp_offset_ns': self.offset,
             'time_ns': self.time_ns,
             'reason': reason,
-            'state': self.rig.snapshot(),
+            'mathematics': mathematics(),
+            'done': self.done,
+            'initial': self.initial.as_dict(),
+            'state': motion_of(self.rig.snapshot()),
         }
+        self.done = []
         message = samples.make(samples.STRING, json.dumps(text))
         self.write('/snapshot', samples.serialise(samples.STRING, message))
 
@@ -139,21 +153,27 @@ class RecordedRig:
             if kind == 'change':
                 known = {n: v for n, v in value.items() if n.startswith('initial')}
                 rig = {n: v for n, v in value.items() if n not in known}
+                before = Setting(self.rig.parameters, self.rig.control)
+                was = {**before.as_dict(), **self.initial.as_dict()}
+                new = {n: v for n, v in value.items() if v != was[n]}
                 self.initial = InitialConditions(**{**self.initial.as_dict(), **known})
                 self.event(value)
-                before = Setting(self.rig.parameters, self.rig.control)
+                if new:
+                    self.done.append(['change', new])
+                    self.news = self.news or 'change'
                 after = before.replaced(rig)
                 if after != before:
                     self.impacts(self.rig.change(*after))
-                    self.news = self.news or 'change'
             elif kind == 'reset':
                 try:
                     self.rig.reset(self.initial)
                 except ParameterError:
                     continue
+                self.done.append(['reset', self.initial.as_dict()])
                 self.news = 'reset'
             elif kind == 'resume':
                 self.offset += value
+                self.done += [['stamp_offset_ns', self.offset]] if value else []
                 self.news = 'resume'
         if self.news:
             self.announce(self.news)
@@ -173,6 +193,20 @@ class RecordedRig:
     def save(self, directory, **options):
         options = {'custom': NOTES, 'topics': samples.CONTROLLED, **options}
         return samples.record(directory, self.messages, **options)
+
+
+def renamed(messages, names, node=NODE):
+    """Return messages on other topics, as their snapshots name them."""
+    found = []
+    for topic, content, stamp in messages:
+        if topic == '/snapshot':
+            held = json.loads(decode(samples.STRING, content).data)
+            held['topics'] = {key: names.get(t, t) for key, t in held['topics'].items()}
+            held['node'] = node
+            text = samples.make(samples.STRING, json.dumps(held))
+            content = samples.serialise(samples.STRING, text)
+        found.append((names.get(topic, topic), content, stamp))
+    return found
 
 
 def random_requests(rng):

@@ -9,12 +9,12 @@ import lz4.frame
 import pytest
 import zstandard
 from bag import fuzz_bags, ros2_bags, samples
-from bag.recorded_rig import LIVELY, NOTES, RecordedRig
+from bag.recorded_rig import LIVELY, NOTES, RecordedRig, renamed
 from bag.test_bag_check import altered, records, write
 from mcap.opcode import Opcode
 
 from impact_damper_ros.bag import RecordingError, RunReader
-from impact_damper_ros.replay.recorded_run import RecordedRun
+from impact_damper_ros.replay.run import RecordedRun
 from impact_damper_ros.rig.quoting import as_line, shown
 
 #: Of the commands, beyond what they need at their start.
@@ -272,7 +272,7 @@ def test_no_escape_sequence_reaches_the_terminal(tmp_path, messages):
     }
     notes = {name: names.get(topic, '/n\x1b]0;x\x07') for name, topic in NOTES.items()}
     topics = [samples.Topic(names.get(t.name, t.name), t.type, t.qos) for t in samples.CONTROLLED]
-    changed = [(names.get(t, t), c, s) for t, c, s in [*messages, messages[-1]]]
+    changed = renamed([*messages, messages[-1]], names, notes['node'])
     path = samples.record(tmp_path / 'bag\x1b[31m', changed, topics, custom=notes)
     for command in fuzz_bags.COMMANDS:
         assert fuzz_bags.run(command, path, MEMORY) == ''

@@ -4,7 +4,7 @@ import json
 
 import pytest
 from bag import ros2_bags, samples
-from bag.recorded_rig import LIVELY, RecordedRig
+from bag.recorded_rig import LIVELY, RecordedRig, renamed
 from mcap.writer import CompressionType
 from replay.test_replay import places, replayed
 from replay.test_replay_gap_control import CONTROL
@@ -16,7 +16,7 @@ from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.recover_run import main as recover_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.replay.findings import ReplayVerdict
-from impact_damper_ros.replay.recorded_run import RecordedRun
+from impact_damper_ros.replay.run import RecordedRun
 
 
 @pytest.fixture(scope='module')
@@ -190,7 +190,7 @@ def test_sqlite(tmp_path, messages):
     assert again == arrived
 
 
-def test_the_node_is_named_by_its_parameter_events(tmp_path, messages, capsys):
+def test_the_node_is_named_by_its_snapshots(tmp_path, messages, capsys):
     rig = RecordedRig().start().run(200).run(200, ('change', {'gap': 0.007}))
     arrived = ros2_bags.joined(rig.messages, samples.START + 5 * 10**8)
     bag = ros2_bags.write_bag(tmp_path / 'named', arrived)
@@ -200,7 +200,7 @@ def test_the_node_is_named_by_its_parameter_events(tmp_path, messages, capsys):
     quiet = [m for m in ros2_bags.joined(messages, samples.START) if 'events' not in m[0]]
     bag = ros2_bags.write_bag(tmp_path / 'quiet', quiet)
     assert replay_run([str(bag)]) == 0
-    assert ', node of unknown name in the namespace /\n' in capsys.readouterr().out
+    assert ', node /sim_node\n' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -212,10 +212,8 @@ def test_the_node_is_named_by_its_parameter_events(tmp_path, messages, capsys):
         {'/joint_states': '/rig/motion'},
     ],
 )
-def test_remapped_topics_are_found_by_what_is_in_them(tmp_path, controlled, remapped):
-    arrived = [
-        (remapped.get(t, t), c, s) for t, c, s in ros2_bags.joined(controlled, samples.START)
-    ]
+def test_remapped_topics_are_named_by_the_snapshots(tmp_path, controlled, remapped):
+    arrived = renamed(ros2_bags.joined(controlled, samples.START), remapped)
     findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
     assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:1]
     assert [findings.impacts, findings.control] == counts(controlled, '/impacts', '/gap_control')
@@ -226,8 +224,8 @@ def test_two_rigs_with_remapped_impacts(tmp_path, messages):
     arrived = []
     for space, held in (('/a', messages), ('/b', other)):
         held = ros2_bags.joined(held, samples.START + 10**9)
-        names = {'/impacts': f'{space}/hits', '/parameter_events': '/parameter_events'}
-        arrived += [(names.get(t, f'{space}{t}'), c, s) for t, c, s in held]
+        names = {t: f'{space}{t}' for t in ('/joint_states', '/snapshot', '/gap_control')}
+        arrived += renamed(held, {**names, '/impacts': f'{space}/hits'}, f'{space}/sim_node')
     bag = ros2_bags.write_bag(tmp_path / 'bag', sorted(arrived, key=lambda m: m[2]))
     for space, held in (('/a/', messages), ('/b/', other)):
         findings = replayed(bag, space)

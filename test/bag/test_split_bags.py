@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -80,6 +81,12 @@ def faults(bag):
     return findings.faults
 
 
+def plain(message):
+    """Return topic, stamp and content; of a snapshot without its number."""
+    topic, _, stamp, content = message
+    return topic, stamp, re.sub(rb'"number": \d+', b'', content[8:])
+
+
 def test_the_files_together_are_the_run(one, split):
     names = [path.name for path in files_of(split)]
     assert names == ['run_0.mcap', 'run_1.mcap', 'run_2.mcap', 'run_3.mcap']
@@ -94,7 +101,8 @@ def test_the_files_together_are_the_run(one, split):
             assert before[-1][::2] == ('/joint_states', held[0][2])
         before = held
     (path,) = files_of(one)
-    assert [(t, s, d) for t, _, s, d in together] == [(t, s, d) for t, _, s, d in contents(path)]
+    pairs = zip(map(plain, together), map(plain, contents(path)), strict=True)
+    assert all(a == b for a, b in pairs)
     assert {path.name for path in split.iterdir()} == {*names, 'metadata.yaml', 'rig.urdf'}
 
 
@@ -193,7 +201,7 @@ def test_comparisons_and_what_ifs_are_those_of_one_file(one, split, tmp_path, ca
     assert len(found[0]) == 3
     # Sums are made of other parts.
     assert found[1] == close_to(found[0])
-    assert supposed[0] == supposed[1]
+    assert supposed[0] == close_to(supposed[1])
 
 
 @pytest.mark.parametrize('seed', range(4))

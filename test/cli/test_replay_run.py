@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from bag import samples
-from bag.recorded_rig import LIVELY, NOTES, RecordedRig
+from bag.recorded_rig import LIVELY, NOTES, TOPICS, RecordedRig, renamed
 
 import impact_damper_ros
 from impact_damper_ros.bag import recover_run
@@ -19,8 +19,9 @@ from impact_damper_ros.bag.messages import JointStateLayout
 from impact_damper_ros.cli.replay_run import main
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.control import Rig
+from impact_damper_ros.replay.rows import events_as_rows, samples_as_rows
 from impact_damper_ros.replay.what_if import RecordedValues
-from impact_damper_ros.report.what_if_report import RunTotals, lost_energy
+from impact_damper_ros.report.what_if_report import RunTotals
 from impact_damper_ros.rig import EventKind
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -109,7 +110,8 @@ def test_what_if_is_what_simulate_rig_says(tmp_path, capsys):
     # Measured independently
     other = RunTotals()
     rig = Rig(LIVELY)
-    energy = 0.0
+    samples, found = [], []
+    energy = taken = 0.0
     m_1, m_2 = LIVELY.primary_mass, LIVELY.damper_mass
     for k in range(401):
         events = rig.advance(k / 200)
@@ -117,16 +119,21 @@ def test_what_if_is_what_simulate_rig_says(tmp_path, capsys):
             if e.kind is EventKind.IMPACT:
                 before = m_1 * e.primary_velocity_before**2 + m_2 * e.damper_velocity_before**2
                 after = m_1 * e.primary_velocity_after**2 + m_2 * e.damper_velocity_after**2
-                assert lost_energy(e) == pytest.approx((before - after) / 2, rel=1e-9)
                 energy += (before - after) / 2
-        other.look(rig.sample(), events)
+                speeds = e.primary_velocity_before**2 - e.primary_velocity_after**2
+                taken += 0.5 * m_1 * speeds
+        samples.append(rig.sample())
+        found += events
+    other.look(samples_as_rows(samples), events_as_rows(found), LIVELY)
     recorded = result['what_if']['recorded']
     assert recorded['largest_x'] == other.largest
     assert recorded['rms_x'] == pytest.approx(other.rms, rel=1e-14)
     assert recorded['energy_lost_in_impacts'] == pytest.approx(energy, rel=1e-9)
+    assert recorded['energy_taken_from_primary_by_impacts'] == pytest.approx(taken, rel=1e-9)
     text = capsys.readouterr().out
     assert 'what if     gap = 0.006 (recorded: 0.01)' in text
     assert 'energy lost in impacts [J]' in text
+    assert 'taken from M by impacts [J]' in text
 
 
 def test_what_if_lists_what_was_recorded(tmp_path, capsys):
@@ -204,7 +211,7 @@ def test_bad_bags(bag, messages, tmp_path, capsys):
     text.write_text('no bag')
     refused(text, 'not an MCAP file')
     only = samples.record(tmp_path / 'only', [m for m in messages if m[0] == '/impacts'])
-    refused(only, 'no message on /snapshot')
+    refused(only, 'no message of a snapshot')
     refused(samples.record(tmp_path / 'nothing', []), 'no whole message')
     (file,) = bag.glob('*.mcap')
     cut = tmp_path / 'cut.mcap'
@@ -236,12 +243,16 @@ def test_several_rigs_in_a_bag(messages, tmp_path, capsys):
     ]
     names = {t.name for t in topics}
     with samples.RunWriter(tmp_path / 'two', topics) as writer:
-        for topic, content, stamp in messages:
-            for space in ('/left', '/right'):
-                if space + topic in names:
-                    writer.write(space + topic, content, stamp)
+        for space in ('/left', '/right'):
+            named = {t: space + t for t in TOPICS.values()}
+            for topic, content, stamp in renamed(messages, named, f'{space}/sim_node'):
+                if topic in names:
+                    writer.write(topic, content, stamp)
     assert run(tmp_path / 'two', tmp_path) == (2, None)
-    assert 'several rigs: /left/, /right/; choose one with --node' in capsys.readouterr().err
+    assert (
+        'several rigs: /left/sim_node, /right/sim_node; choose one with --node'
+        in capsys.readouterr().err
+    )
     for name in ('/left', '/right/sim_node'):
         code, result = run(tmp_path / 'two', tmp_path, '--node', name)
         assert (code, result['compared']['samples']) == (0, 801)

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from impact_damper_ros.compare.bag_stretches import LoggedRig, StretchBuilder
 from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from impact_damper_ros.compare.result import Beginning
+from impact_damper_ros.compare.stretches import LoggedRig, StretchBuilder
 from impact_damper_ros.compare.verdict import compare_stretch
 from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import EventKind, InitialConditions
@@ -34,18 +34,18 @@ def recorded(parameters, cycles, initial=DISPLACED, per_cycle=40):
 
 
 def metered(states, impacts, clock, *, part=3000, **options):
-    """Return a stretch as it is read, part by part, and the search for its faults."""
+    """Return a stretch as it is read, part by part."""
     rig = LoggedRig(clock.parameters, clock)
     builder = StretchBuilder(1, Beginning.START, 'start of the bag', 0.0, rig, **options)
     done = 0
     for begin in range(0, len(states), part):
         some = states[begin : begin + part]
         until = int(np.searchsorted(impacts.time, some.time[-1], side='right'))
-        builder.take(some, impacts[done:until], final=begin + part >= len(states))
+        builder.take(some, impacts[done:until])
         done = until
-    return builder.finish(), builder.search
+    return builder.finish()
 
 
 def compared(parameters, cycles, initial=DISPLACED, per_cycle=40):
     """Return what comes out of comparing a simulated run with theory."""
-    return compare_stretch(*metered(*recorded(parameters, cycles, initial, per_cycle)))
+    return compare_stretch(metered(*recorded(parameters, cycles, initial, per_cycle)))

@@ -95,7 +95,7 @@ class HeardRig(RecordedRig):
 def test_against_the_exact_motion(name, per_cycle):
     rig, initial = CASES[name]
     states, impacts, clock = recorded(rig, 60, initial, per_cycle)
-    overall = metered(states, impacts, clock)[0].overall
+    overall = metered(states, impacts, clock).overall
     squares, dashpot, force, there_and_back = exact(clock, initial, states.time).sum(axis=1)
     span = states.time[-1]
     assert overall.duration == span
@@ -121,7 +121,7 @@ def test_against_the_exact_motion(name, per_cycle):
 
 def test_however_it_is_read():
     run = recorded(BENCH, 40, AT_REST)
-    whole, parts = (metered(*run, part=part)[0].overall for part in (10**6, 7))
+    whole, parts = (metered(*run, part=part).overall for part in (10**6, 7))
     for name, value in vars(whole).items():
         assert getattr(parts, name) == pytest.approx(value, rel=1e-12), name
 
@@ -132,7 +132,7 @@ def test_the_closed_form_without_impacts():
     amplitude = rig.response_amplitude
     initial = InitialConditions(initial_primary_position=-amplitude)
     states, impacts, clock = recorded(rig, 30, initial)
-    overall = metered(states, impacts, clock)[0].overall
+    overall = metered(states, impacts, clock).overall
     span = 30.0 * math.tau
     assert overall.x_max == pytest.approx(amplitude, rel=1e-9)
     assert overall.x_rms == pytest.approx(amplitude / math.sqrt(2.0), rel=overall.accuracy)
@@ -148,7 +148,7 @@ def test_where_samples_are_missing():
     states, impacts, clock = recorded(BENCH, 60, AT_REST)
     kept = np.full(len(states), True)
     kept[700:760] = kept[1500] = kept[-5:-2] = False
-    stretch, _ = metered(states[kept], impacts, clock, part=500)
+    stretch = metered(states[kept], impacts, clock, part=500)
     assert (stretch.missing_states, len(stretch.gaps)) == (64, 3)
     used = kept[1:] & kept[:-1]
     squares, dashpot, force, there_and_back = exact(clock, AT_REST, states.time)[:, used].sum(
@@ -176,16 +176,16 @@ def test_over_several_stretches():
     """Two halves and the whole, whose rms goes by the time of each."""
     states, impacts, clock = recorded(FRICTION, 60)
     cut = 700
-    whole = metered(states, impacts, clock)[0].overall
+    whole = metered(states, impacts, clock).overall
     early = impacts.time <= states.time[cut]
-    one = metered(states[: cut + 1], impacts[early], clock)[0].overall
-    late, _ = metered(states[cut:], impacts[~early], clock)
+    one = metered(states[: cut + 1], impacts[early], clock).overall
+    late = metered(states[cut:], impacts[~early], clock)
     other = replace(late.overall, duration=late.end - states.time[cut])
     both = Overall.joined([one, other])
     for name, value in vars(whole).items():
         assert getattr(both, name) == pytest.approx(value, rel=1e-12), name
     # A stretch of which nothing is known takes no part in what is.
-    none = metered(states[:0], RecordedImpacts.none(), clock)[0].overall
+    none = metered(states[:0], RecordedImpacts.none(), clock).overall
     assert math.isnan(none.x_max)
     assert math.isnan(none.x_rms)
     assert vars(Overall.joined([none, whole])) == pytest.approx(vars(whole))
@@ -194,14 +194,14 @@ def test_over_several_stretches():
 def test_what_cannot_be_known():
     states, impacts, clock = recorded(BENCH, 20, AT_REST)
     # Without joint states there are impacts, and nothing between them.
-    alone = metered(states[:0], impacts, clock)[0].overall
-    meter = metered(states[:1], impacts, clock)[0].overall
+    alone = metered(states[:0], impacts, clock).overall
+    meter = metered(states[:1], impacts, clock).overall
     assert alone.covered == meter.covered == 0.0
     assert math.isnan(meter.x_rms)
     # A number that is no displacement of anything makes no warning.
     x = states.x.copy()
     x[100] = 1e300
-    wild = metered(replace(states, x=x), impacts, clock)[0].overall
+    wild = metered(replace(states, x=x), impacts, clock).overall
     assert wild.x_max >= 1e300
     assert not math.isfinite(wild.x_rms)
 
@@ -256,7 +256,8 @@ def test_a_bag_with_changes(tmp_path, capsys):
     assert printed.count('\n  overall    largest |X| ') == 5
     last = printed[printed.index('\nin all ') :]
     assert f'largest |X| {whole["x_max"]:.7g} m, rms X {whole["x_rms"]:.6g} m in 15 s' in last
-    assert f'taken from M by impacts {whole["impact_energy"]:.6g} J' in last
+    lost = f'({whole["impact_loss"]:.6g} J of it lost)'
+    assert f'taken from M by impacts {whole["impact_energy"]:.6g} J {lost}' in last
 
 
 def test_turning_points_of_a_cubic():

@@ -97,16 +97,6 @@ def test_short_recordings(name, cycles, kind):
         assert found.short
 
 
-def test_a_recording_that_is_not_sound_counts_alone():
-    """The rig of the theory is not the recorded one: how it would go on says nothing."""
-    case = known()['bench, angle 0.2']
-    run = Rig(case.parameters, case.initial)
-    impacts = motion_kinds.impacts_of(case, run.run(60 * case.cycle).events)
-    found = kind_of(ForceClock(case.parameters, 0.0, (0.0,)), impacts, sound=False)
-    assert found.kind is UNDECIDED
-    assert found.measures['carried_cycles'] == 0.0
-
-
 @pytest.mark.parametrize(
     ('name', 'cycles', 'kind'),
     [

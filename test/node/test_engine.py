@@ -21,8 +21,8 @@ from impact_damper_ros.node.motion_ahead import ticks_ahead
 from impact_damper_ros.node.pacing import CATCH_UP_NS
 from impact_damper_ros.node.publishing import TopicPublisher
 from impact_damper_ros.replay.findings import ReplayVerdict
-from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
+from impact_damper_ros.replay.run import RecordedRun
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from node.rig_client import DEADLINE_S, stamp_ns, until
 
@@ -409,7 +409,7 @@ def test_single_steps_of_a_paused_rig(clock, tmp_path):
     assert stamps == sorted(set(stamps))
     as_others_record(bench, tmp_path / 'bag')
     replay = Replay(RecordedRun(tmp_path / 'bag'))
-    assert sum(1 for _ in replay.ticks()) == len(samples)
+    assert sum(len(part.samples) for part in replay) == len(samples)
     assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
 
 
@@ -448,7 +448,7 @@ def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
         until(lambda: len(bench.samples()) > count + 30)
     as_others_record(bench, tmp_path / 'bag')
     replay = Replay(RecordedRun(tmp_path / 'bag'))
-    assert sum(1 for _ in replay.ticks()) == len(bench.samples())
+    assert sum(len(part.samples) for part in replay) == len(bench.samples())
     assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
 
 
@@ -580,7 +580,7 @@ def test_a_rig_that_takes_ever_so_long_answers_and_ends(name, tmp_path):
     assert bench.engine.failure is None
     assert log.close().error is None
     replay = Replay(RecordedRun(tmp_path / 'bag'))
-    count = sum(1 for _ in replay.ticks())
+    count = sum(len(part.samples) for part in replay)
     assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
     assert (count > 40, replay.findings.resets) == (True, 2)
 

@@ -14,8 +14,8 @@ from std_msgs.msg import String
 from impact_damper_ros.bag import RunReader, recover_run
 from impact_damper_ros.control import Rig
 from impact_damper_ros.replay.findings import ReplayVerdict
-from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
+from impact_damper_ros.replay.run import RecordedRun
 from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.description import robot_description
 from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from impact_damper_ros.bag import String
 from impact_damper_ros.bag.messages import CdrWriter, encode
 from impact_damper_ros.bag.rig_recorder import parameter_event
-from impact_damper_ros.bag.rig_topics import RigMessages, snapshot_text
+from impact_damper_ros.bag.rig_topics import RigMessages
+from impact_damper_ros.bag.snapshots import Snapshots
 from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.page.knobs import knobs_of
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
@@ -51,6 +52,7 @@ class FakeLink:
         self._tick = 0
         self._offset_ns = OFFSET_NS
         self._pattern = RigMessages()
+        self._snapshots = Snapshots(name, {}, {})
         self._announce(reason)
 
     @property
@@ -59,7 +61,8 @@ class FakeLink:
 
     def _announce(self, reason):
         state = self.rig.snapshot()
-        text = snapshot_text(self._offset_ns, self._now_ns, reason, state)
+        self._snapshots.move_stamps(self._offset_ns)
+        text = self._snapshots.text(self._now_ns, reason, state)
         self.messages.snapshots.append(encode(String(text)))
 
     def run(self, seconds):

@@ -80,6 +80,7 @@ def report(tmp_path_factory):
         impacts_on_stop_1=96,
         impacts_on_stop_2=95,
         impact_energy=812.5,
+        impact_loss=700.25,
         dashpot_energy=310.25,
         force_work=1130.5,
         accuracy=2e-6,

@@ -1,7 +1,8 @@
 """
-A recorded snapshot, checked before a rig is restored from it.
+Commands: what was done to a recorded rig, and its state after that, as its snapshots say.
 
-A state that no rig can have would otherwise show much later, as an error of arithmetic.
+A snapshot is checked before a rig is restored from it: a state that no rig can have would
+otherwise show much later, as an error of arithmetic.
 """
 
 from __future__ import annotations
@@ -15,20 +16,24 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.bag import RecordedMessage, RecordingError, String
 from impact_damper_ros.bag.messages import STRING, decode
-from impact_damper_ros.bag.rig_topics import FORMAT
-from impact_damper_ros.control import Rig
+from impact_damper_ros.bag.snapshots import FORMAT, motion_of
+from impact_damper_ros.control import GAP_CONTROL_SPECS, Rig
 from impact_damper_ros.control.controller import initial_state
-from impact_damper_ros.rig import RunawayError
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    InitialConditions,
+    RunawayError,
+)
 from impact_damper_ros.rig.quoting import as_line, shown
+from impact_damper_ros.rig.snapshot import FORMAT as STATE_FORMAT
 from impact_damper_ros.rig.snapshot import (
-    ARITHMETIC,
     LATEST,
     SAME_TIME,
     check_number,
     check_numbers,
     check_whole,
 )
-from impact_damper_ros.rig.snapshot import FORMAT as STATE_FORMAT
 
 #: Stamps of ROS have 32 bits of seconds, with a sign.
 _LATEST_NS = 2**31 * 10**9
@@ -61,20 +66,81 @@ def _finite(text: str) -> float:
     return number
 
 
-class RecordedSnapshot(NamedTuple):
-    """A snapshot of the rig: its state, and how rig time and stamps are related."""
+#: What is done to a rig: parameters that change together, a reset, or stamps that move.
+Deed = Mapping[str, Any] | InitialConditions | int
 
-    stamp_ns: int  # its stamp: `offset_ns` + `time_ns`
-    #: Stamp of rig time 0, and rig time.
+
+class Command(NamedTuple):
+    """
+    What was done to a rig at one instant, and the rig after it.
+
+    Attributes
+    ----------
+    stamp_ns, offset_ns, time_ns : int
+        Stamp, stamp of rig time 0 after it, and rig time.
+    reason : str
+        Why the snapshot was published.
+    number : int
+        Of the snapshots of this rig.
+    node : str
+        Full name of the node.
+    topics : mapping of str to str
+        Full names of its topics.
+    done : tuple
+        In order: a mapping of parameters to the values that they took together, the initial
+        conditions of a reset, or the stamp from then on of rig time 0.
+    initial : InitialConditions
+        To which a reset would put the rig.
+    state : dict
+        What the future of the rig depends on; see `Rig.restore`.
+    arithmetic, mathematics : int
+        Of the version that recorded it, see `rig.snapshot.ARITHMETIC`, and of its machine, see
+        `bag.snapshots.mathematics`.
+    """
+
+    stamp_ns: int
     offset_ns: int
     time_ns: int
-    reason: str  # why it was published
-    state: dict[str, Any]  # what the rig's future depends on; see `Rig.restore`
-    #: Arithmetic of the version that recorded it; see `rig.snapshot.ARITHMETIC`.
-    arithmetic: int = ARITHMETIC
+    reason: str
+    number: int
+    node: str
+    topics: Mapping[str, str]
+    done: tuple[Deed, ...]
+    initial: InitialConditions
+    state: dict[str, Any]
+    arithmetic: int
+    mathematics: int
+
+    @property
+    def time(self) -> float:
+        """Rig time, s."""
+        return self.time_ns / 1e9
+
+    @property
+    def resets(self) -> bool:
+        """Whether the rig was reset."""
+        return any(isinstance(deed, InitialConditions) for deed in self.done)
 
 
-def read_snapshot(record: RecordedMessage, path: Path, purpose: str) -> RecordedSnapshot:
+def parameters_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters as JSON has them with tuples in place of lists."""
+    return {n: tuple(value) if isinstance(value, list) else value for n, value in values.items()}
+
+
+def _deed(name: object, value: Any) -> Deed:
+    if name == 'change':
+        strange = sorted(value.keys() - {*PARAMETER_SPECS, *GAP_CONTROL_SPECS, *INITIAL_SPECS})
+        if strange:
+            raise ValueError(f'{shown(strange[0])} is no parameter of a rig')
+        return parameters_of(value)
+    if name == 'reset':
+        return InitialConditions(**value)
+    if name == 'stamp_offset_ns' and type(value) is int:
+        return value
+    raise ValueError(f'{shown(name)} with {shown(value)} is nothing that is done to a rig')
+
+
+def read_command(record: RecordedMessage, path: Path, purpose: str) -> Command:
     """Decode and check the snapshot of a bag at `path`, which is read for a purpose."""
     where = f'the snapshot of {record.topic} at {record.stamp_ns} ns'
     try:
@@ -98,7 +164,7 @@ def read_snapshot(record: RecordedMessage, path: Path, purpose: str) -> Recorded
         raise RecordingError(purpose, path, f'{where} {what}: {said}') from error
 
 
-def _checked(held: dict[str, Any]) -> RecordedSnapshot:
+def _checked(held: dict[str, Any]) -> Command:
     offset_ns, time_ns = held['stamp_offset_ns'], held['time_ns']
     text = f'stamp_offset_ns is {shown(offset_ns)} and time_ns {shown(time_ns)}'
     if type(offset_ns) is not int or type(time_ns) is not int or time_ns < 0:
@@ -106,11 +172,23 @@ def _checked(held: dict[str, Any]) -> RecordedSnapshot:
     if abs(offset_ns) + time_ns >= _LATEST_NS:
         raise ValueError(f'{text}: stamps of ROS end at {_LATEST_NS} ns')
     _check_time(held['state'], time_ns / 1e9)
-    arithmetic = held['state']['arithmetic']
-    if type(arithmetic) is not int:
-        raise ValueError(f'arithmetic is {shown(arithmetic)}: it must be a whole number')
-    reason, state = as_line(str(held['reason'])), _checked_state(held['state'])
-    return RecordedSnapshot(offset_ns + time_ns, offset_ns, time_ns, reason, state, arithmetic)
+    numbers = {name: held[name] for name in ('number', 'mathematics')}
+    numbers['arithmetic'] = held['state']['arithmetic']
+    for name, number in numbers.items():
+        if type(number) is not int:
+            raise ValueError(f'{name} is {shown(number)}: it must be a whole number')
+    return Command(
+        offset_ns + time_ns,
+        offset_ns,
+        time_ns,
+        as_line(str(held['reason'])),
+        node=str(held['node']),
+        topics={str(key): str(name) for key, name in held['topics'].items()},
+        done=tuple(_deed(name, value) for name, value in held['done']),
+        initial=InitialConditions(**held['initial']),
+        state=_checked_state(held['state']),
+        **numbers,
+    )
 
 
 def parsed(text: str) -> dict[str, Any]:
@@ -145,7 +223,7 @@ def _check_time(state: Mapping[str, Any], time: float) -> None:
 
 
 def _checked_state(state: dict[str, Any]) -> dict[str, Any]:
-    """Check that a rig can be restored from a state; return it as the rig then has it."""
+    """Check that a rig can be restored from a state, and return that."""
     control = state['gap_control']['state']
     try:
         _check_control('gap_control.state', control, initial_state())
@@ -160,18 +238,9 @@ def _checked_state(state: dict[str, Any]) -> dict[str, Any]:
                 f'{held["origin"]["time"]!r} s, cannot be searched from there to time, '
                 f'{rig.time!r} s'
             )
-        return held
+        return state
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
         raise ValueError(f'{type(error).__name__}: {error}') from error
-
-
-#: How far a flight is searched: not at all.
-_UNSEARCHED = {'searched': 0.0, 'crossing_side': 0, 'watched': 0.0, 'crossing': None}
-
-
-def motion_of(state: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a state as if its flight were not searched yet, which changes no motion."""
-    return {**state, 'origin': {**state['origin'], **_UNSEARCHED}}
 
 
 def _check_flight(rig: Rig) -> bool:

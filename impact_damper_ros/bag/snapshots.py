@@ -1,0 +1,126 @@
+"""
+Snapshots of a rig, as its node publishes them: what it is, and what was done to it.
+
+A snapshot has all that a bit-for-bit continuation needs, and in `done` what was done since the one
+before, in order, each as a name and its value:
+
+- ``['change', {parameter: value, ...}]``: parameters that took other values together,
+- ``['reset', {parameter: value, ...}]``: a reset to these initial conditions,
+- ``['stamp_offset_ns', stamp]``: the stamps moved on or back; from here on this is the stamp of
+  rig time 0.
+
+So a reader carries out what it reads, and searches nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Mapping
+from functools import cache
+from math import cos, expm1, sin
+from struct import pack
+from typing import Any
+
+#: Format of the messages of a rig, which its snapshots name.
+FORMAT = 4
+#: Arguments of the functions of which `mathematics` takes the bits.
+_ARGUMENTS = tuple(0.37 * k + 1e-3 * k * k for k in range(1, 1000))
+
+
+@cache
+def mathematics() -> int:
+    """
+    Return a number that stands for the last bits of the mathematical functions of this machine.
+
+    Other C libraries and processors round them differently, so that a rig has other last bits.
+    """
+    numbers = [f(s * a) for a in _ARGUMENTS for f, s in ((sin, 1.0), (cos, 1.0), (expm1, -0.02))]
+    return zlib.crc32(pack(f'<{len(numbers)}d', *numbers))
+
+
+#: How far a flight is searched: not at all.
+_UNSEARCHED = {'searched': 0.0, 'crossing_side': 0, 'watched': 0.0, 'crossing': None}
+
+
+def motion_of(state: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a state as if its flight were not searched yet, which changes no motion."""
+    return {**state, 'origin': {**state['origin'], **_UNSEARCHED}} if state else {}
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {n: list(value) if isinstance(value, tuple) else value for n, value in values.items()}
+
+
+class Snapshots:
+    """
+    Writes the snapshots of a rig.
+
+    Parameters
+    ----------
+    node : str
+        Full name of the node.
+    topics : mapping of str to str
+        Full names of its topics, by those of `RIG_TOPICS`.
+    initial : mapping
+        The initial conditions to which a reset puts the rig.
+    offset_ns : int, optional
+        Stamp of rig time 0.
+    """
+
+    #: Topics that a snapshot names.
+    TOPICS = ('joint_states', 'impacts', 'gap_control', 'snapshot', 'parameter_events')
+
+    def __init__(
+        self,
+        node: str,
+        topics: Mapping[str, str],
+        initial: Mapping[str, Any],
+        offset_ns: int = 0,
+    ) -> None:
+        self._node = node
+        self._topics = {key: topics[key] for key in self.TOPICS if key in topics}
+        self._initial = dict(initial)
+        self._offset_ns = offset_ns
+        self._done: list[list[Any]] = []
+        self._number = 0
+
+    def change(self, before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
+        """Note parameters that have other values now; return whether there are any."""
+        known = {**self._initial, **before}
+        values = {n: value for n, value in after.items() if value != known.get(n)}
+        self._initial |= {n: value for n, value in values.items() if n in self._initial}
+        if values:
+            self._done.append(['change', _plain(values)])
+        return bool(values)
+
+    def reset(self, initial: Mapping[str, Any]) -> None:
+        """Note a reset."""
+        self._initial = dict(initial)
+        self._done.append(['reset', _plain(initial)])
+
+    def move_stamps(self, offset_ns: int) -> None:
+        """Note the present stamp of rig time 0, if it is another one."""
+        if offset_ns != self._offset_ns:
+            self._offset_ns = offset_ns
+            self._done.append(['stamp_offset_ns', offset_ns])
+
+    def text(self, time_ns: int, reason: str, state: Mapping[str, Any]) -> str:
+        """Return the text of the next snapshot; `reason` is that of its publication."""
+        done, self._done = self._done, []
+        self._number += 1
+        return json.dumps(
+            {
+                'format': FORMAT,
+                'number': self._number,
+                'node': self._node,
+                'topics': self._topics,
+                'stamp_offset_ns': self._offset_ns,
+                'time_ns': time_ns,
+                'reason': reason,
+                'mathematics': mathematics(),
+                'done': done,
+                'initial': _plain(self._initial),
+                'state': motion_of(state),
+            }
+        )
