@@ -73,7 +73,7 @@ setup(
         # What benchmarks/peers.py holds the simulator against.
         'peers': ['heyoka>=7.0', 'mpmath>=1.3', 'mujoco>=3.2', 'numba>=0.59'],
         # sweep_rig: the table; and a cluster to run on
-        'sweep': ['pyarrow>=14.0.1'],
+        'sweep': ['pandas>=2.1', 'pyarrow>=14.0.1'],
         'dask': ['distributed>=2024.1'],
         'test': [
             'colcon-common-extensions>=0.3',

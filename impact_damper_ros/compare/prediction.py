@@ -15,7 +15,7 @@ from typing import Literal, TypeAlias
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits, orbit_near
-from impact_damper_ros.orbits.equations import check_forcing
+from impact_damper_ros.orbits.arguments import check_forcing
 from impact_damper_ros.orbits.recognition import LONGEST_RHYTHM, Rhythm, rhythm_of, turned_cycles
 from impact_damper_ros.orbits.search import counted_as
 from impact_damper_ros.orbits.settling import run_by_cycles, starting_points

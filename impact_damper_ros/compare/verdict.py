@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits
-from impact_damper_ros.orbits.equations import check_forcing
+from impact_damper_ros.orbits.arguments import check_forcing
 from impact_damper_ros.orbits.recognition import LONGEST_PERIOD, SETTLED, MotionKind
 from impact_damper_ros.rig.quoting import counted
 

@@ -14,14 +14,13 @@ out commands that still wait, and the steps of a stepped sine.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.rig.compiled import kernel
 from impact_damper_ros.rig.event import EventRow
 from impact_damper_ros.rig.flight import Lines, Waves, begin_flight, move_to
 from impact_damper_ros.rig.run import go_ahead
-from impact_damper_ros.rig.state import RigConstants, Run, copy_state, place
+from impact_damper_ros.rig.state import RigConstants, Run, copy_state
 from impact_damper_ros.rig.transition import move_stops
 
 from .actuator import Actuators
@@ -54,11 +53,6 @@ def energy_ahead(
     waves = control.trial_waves
     copy_state(control.start, control.start_waves, run, waves)
     end = run.time + p.horizon * control.observer.half_cycle
-    if not p.speed < inf:
-        # A stop that would pass m is placed at m.
-        offset = place(run)
-        stop_1 = max(stop_1, offset)
-        stop_2 = min(stop_2, offset)
     run.room = 0
     run.now = run.time
     begin_flight(rig, lines, run, waves)

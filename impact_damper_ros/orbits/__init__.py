@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from .arguments import OrbitError, plausible_stops
     from .branch import BestPoint, Branch, BranchPoint, Limit, SpecialKind, SpecialPoint
     from .continuation import continue_orbit, follow, grow_branch, switch_branch
-    from .optimum import OptimalGap, optimal_gap
     from .orbit import OrbitEvent, PeriodicOrbit, Rhythm
     from .recurrence import MotionKind, Period, Section, find_period
     from .search import OrbitSearch, StartReport, find_orbits
@@ -30,7 +29,6 @@ __all__ = [
     'ImpactEquations',
     'Limit',
     'MotionKind',
-    'OptimalGap',
     'OrbitError',
     'OrbitEvent',
     'OrbitSearch',
@@ -47,7 +45,6 @@ __all__ = [
     'find_period',
     'follow',
     'grow_branch',
-    'optimal_gap',
     'orbit_near',
     'plausible_stops',
     'settle',
@@ -61,7 +58,6 @@ __getattr__ = lazy_names(
         'arguments': ('OrbitError', 'plausible_stops'),
         'branch': ('BestPoint', 'Branch', 'BranchPoint', 'Limit', 'SpecialKind', 'SpecialPoint'),
         'continuation': ('continue_orbit', 'follow', 'grow_branch', 'switch_branch'),
-        'optimum': ('OptimalGap', 'optimal_gap'),
         'orbit': ('OrbitEvent', 'PeriodicOrbit', 'Rhythm'),
         'recurrence': ('MotionKind', 'Period', 'Section', 'find_period'),
         'search': ('OrbitSearch', 'StartReport', 'find_orbits'),

@@ -289,24 +289,6 @@ class PeriodicOrbit(Rhythm):
         later = list(self.turned_to(self.stops))[1:]
         return any(max(_apart(turn, self)) < tolerance for turn in later)
 
-    def differs(self, other: PeriodicOrbit, *, whole_period: bool = False) -> float:
-        """
-        Return the distance of two motions with the same stops, impact by impact.
-
-        The largest difference of the displacements, relative to the largest |X|, and of the
-        durations and phases, relative to the force's cycle; without regard to whole cycles.
-        With `whole_period` the phase of the first impact is left out, so that a motion can be
-        compared to itself.
-        """
-        size = max(self.x_max, other.x_max)
-        apart = [abs(a - b) / size for a, b in zip(self.x, other.x, strict=True)]
-        lasts = zip(self.durations, other.durations, strict=True)
-        apart += [abs(a - b) / self.cycle for a, b in lasts]
-        if not whole_period:
-            late = self.phases[0] - other.phases[0]
-            apart.append(abs(late - round(late)))
-        return max(apart)
-
     def as_dict(self) -> dict[str, Any]:
         """Return the orbit for JSON; multipliers as pairs of real and imaginary part."""
         left_out = ('parameters', 'events')

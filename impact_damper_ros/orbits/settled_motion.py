@@ -36,6 +36,8 @@ from .solved_orbits import orbit_near
 _LEAST_REPEATS = 10
 #: Distance that round-off alone makes.
 _ROUND_OFF = 1e-13
+#: A state that is farther than so many tolerances from all before it begins no period.
+_NEAR = 1e3
 #: A motion that repeats is unstable if deviations grow by more than this factor in a period.
 _GROWS = 1.001
 #: Fewest cycles of which an exponent is measured.
@@ -330,6 +332,11 @@ class _SettlingRig:
         if self.rig.acts:
             far = float(np.abs(self._section[-1, 4:]).max())
             size = np.append(size, [max(self._size, far)] * 2)
+        # Most looks at a motion that is not periodic end here.
+        recent = self._section[-1 - self.longest :] / size
+        nearest = np.abs(recent[:-1] - recent[-1]).max(axis=1).min()
+        if nearest > _NEAR * max(tolerance, _ROUND_OFF):
+            return None
         section = Section.stroboscopic(self._section, size)
         return find_period(section, tolerance, _ROUND_OFF, longest=self.longest)
 

@@ -24,7 +24,7 @@ from impact_damper_ros.orbits.irregularity import (
     zero_one_test,
 )
 from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.orbits.settling import Settling
+from impact_damper_ros.sweep import Settling
 from impact_damper_ros.sweep.steady_state import steady_state
 
 CHAOTIC, QUASI = MotionKind.CHAOTIC, MotionKind.QUASI_PERIODIC

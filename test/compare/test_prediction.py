@@ -33,7 +33,9 @@ def test_the_predicted_motion_is_the_stable_one_of_the_theory(rig, stops):
     assert last.complete
     assert (last.basis, last.reason) == ('run ahead', '')
     orbit = last.expected
-    (theory,) = (o for o in find_orbits(rig, stops).orbits if o.viable and orbit.differs(o) < 1e-9)
+    (theory,) = (
+        o for o in find_orbits(rig, stops).orbits if o.viable and orbit.distance(o) < 1e-9
+    )
     assert orbit.stops == stops
     assert orbit.stable
     assert orbit.x_max == pytest.approx(theory.x_max, rel=1e-9)
@@ -128,7 +130,7 @@ def test_stops_that_a_law_moves_are_not_predicted_but_where_they_come_to_rest():
     assert 'gap_control is amplitude' in only.reason
     rig.change(HORIZONTAL, law.replace(gap_control='off'))
     *_, last = predictions(rig)
-    assert last.expected.differs(find_orbits(HORIZONTAL, (1, 2)).orbits[0]) < 1e-9
+    assert last.expected.distance(find_orbits(HORIZONTAL, (1, 2)).orbits[0]) < 1e-9
 
 
 def test_two_harmonics_with_a_common_period():

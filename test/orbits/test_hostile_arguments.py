@@ -12,14 +12,14 @@ from impact_damper_ros.orbits import (
     OrbitError,
     continue_orbit,
     find_orbits,
-    optimal_gap,
     orbit_near,
     plausible_stops,
     switch_branch,
     value_of,
 )
-from impact_damper_ros.orbits.settling import Settling, starting_points
+from impact_damper_ros.orbits.search import starting_points
 from impact_damper_ros.rig import Event, EventKind, RigParameters
+from impact_damper_ros.sweep import Settling
 
 LEVEL = RigParameters(gravity=0.0)
 NO_NUMBERS = [None, 'x', math.nan, math.inf, -1, 0, 2.5, True, [], [1.0], 10**30, 1j]
@@ -114,23 +114,6 @@ def test_names_of_what_varies(orbit, name):
 def test_a_branch_that_leaves_in_no_range():
     with pytest.raises(OrbitError, match='gap from 2 to 1 is no range'):
         switch_branch(None, Continuation('gap', 2.0, 1.0))
-
-
-@pytest.mark.parametrize(
-    ('given', 'words'),
-    [
-        ({'gaps': 5}, 'gaps is 5: give the least and the largest'),
-        ({'gaps': (1.0,)}, r'gaps is \(1.0,\): give the least and the largest'),
-        ({'gaps': (30.0, 'x')}, 'gaps from 30 to nan m at 90 points: give 0 < low < high'),
-        ({'gaps': (30.0, math.inf)}, 'gaps from 30 to inf m'),
-        ({'gaps': (30.0, 80.0), 'points': 'x'}, "at 'x' points: give 0 < low < high and"),
-        ({'gaps': (30.0, 80.0), 'tolerance': math.nan}, 'tolerance is nan: give a number from 0'),
-        ({'gaps': (30.0, 80.0), 'tolerance': -1.0}, 'tolerance is -1.0: give a number from 0'),
-    ],
-)
-def test_gaps_to_look_at(given, words):
-    with pytest.raises(OrbitError, match=words):
-        optimal_gap(LEVEL, **given)
 
 
 @pytest.mark.parametrize('name', ['cycles', 'watch', 'events', 'section'])

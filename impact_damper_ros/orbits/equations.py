@@ -1,3 +1,0 @@
-"""What `compare` takes from here; see `arguments`."""
-
-from .arguments import check_forcing as check_forcing
