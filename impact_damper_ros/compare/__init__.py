@@ -9,7 +9,7 @@ predicts the motion of a rig that is running. Importable without ROS; needs nump
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.lazy_names import lazy_names
-from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.recurrence import MotionKind
 
 from .prediction import ObservedMotion, Prediction, predictions
 from .recorded_stretch import ForceClock

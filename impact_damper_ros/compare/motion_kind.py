@@ -27,16 +27,15 @@ from impact_damper_ros.orbits.irregularity import (
 )
 from impact_damper_ros.orbits.lyapunov import Exponent, deviations, growth_exponent
 from impact_damper_ros.orbits.multipliers import event_matrices, state_rates
-from impact_damper_ros.orbits.recognition import (
+from impact_damper_ros.orbits.recurrence import (
     LONGEST_PERIOD,
-    SETTLED,
-    ImpactTable,
+    NEAR,
     MotionKind,
-    Recurrence,
-    find_recurrence,
-    section_distance,
+    Period,
+    Section,
+    find_period,
 )
-from impact_damper_ros.orbits.settling import relative_states
+from impact_damper_ros.orbits.settled_motion import relative_states
 from impact_damper_ros.orbits.trajectory import follow_trajectory
 from impact_damper_ros.rig import EVENT_TYPE, EventKind, RigParameters
 from impact_damper_ros.rig.forcing import SteppedSine
@@ -45,6 +44,9 @@ from impact_damper_ros.rig.snapshot import LATEST, Snapshot
 
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates, largest_size
 from .result import Array
+
+#: A recorded motion nearer to its limit than this, relative to its size, is called settled.
+SETTLED = NEAR
 
 # Without impacts
 
@@ -151,16 +153,25 @@ def counted_impacts(impacts: RecordedImpacts) -> RecordedImpacts:
     return impacts[strength > NEGLIGIBLE_IMPULSE * strongest]
 
 
-def impact_table(impacts: RecordedImpacts, zero: float, cycle: float) -> ImpactTable:
-    """Return impacts scaled for comparison; phases from a zero of the force, s."""
-    return ImpactTable.of(
-        impacts.time - zero,
+#: What the rounding of stamps makes of a difference of two of them, s, and round-off of states.
+_STAMP_S, _ROUND_OFF = 1.5e-9, 1e-12
+
+
+def impact_section(impacts: RecordedImpacts, zero: float, cycle: float) -> Section:
+    """Return impacts for comparison; phases from a zero of the force, s."""
+    return Section.of_impacts(
+        (impacts.time - zero) / cycle,
         impacts.stop,
         impacts.x,
         impacts.velocity_after,
         impacts.damper_velocity_after,
-        cycle,
     )
+
+
+def period_of(impacts: RecordedImpacts, zero: float, cycle: float) -> Period | None:
+    """Find the period of impacts, as far as the rounding of their stamps shows it."""
+    floor = _STAMP_S / cycle + _ROUND_OFF
+    return find_period(impact_section(impacts, zero, cycle), 0.0, floor)
 
 
 @dataclass(frozen=True)
@@ -170,7 +181,7 @@ class StretchKind:
     kind: MotionKind
     evidence: str  # the numbers that show it, as a sentence
     measures: Mapping[str, float] = field(default_factory=dict)  # the same numbers by name
-    recurrence: Recurrence | None = None  # how the motion repeats
+    recurrence: Period | None = None  # how the motion repeats
     #: Those that repeat: recorded ones without the weak ones of chatters or, if `ahead`, of
     #: the rig that is run ahead from the end of a motion that does not repeat yet.
     impacts: RecordedImpacts = field(default_factory=RecordedImpacts.none)
@@ -210,7 +221,7 @@ class LaterMotion:
 
     cycles: int  # of the force that it was run
     impacts: RecordedImpacts  # without the weak ones of chatters, on the clock of the recording
-    recurrence: Recurrence | None  # how they repeat, or will
+    recurrence: Period | None  # how they repeat, or will
     settled_after: int | None  # cycles after which it repeats to within `SETTLED`
     period: int  # in cycles of the force, once settled; 0 if it is not, or without impacts
     quiet_after: int | None  # cycles after which there are no more impacts
@@ -254,14 +265,14 @@ def _as_recorded(events: Events, rig: RigParameters, begin: float) -> RecordedIm
     )
 
 
-def _period_of(section: Array) -> int:
+def _settled_period(section: Array) -> int:
     """Return the period of the states at the ends of cycles, or 0."""
     size = np.abs(section[-_BETWEEN_LOOKS:]).max() or 1.0
-    for period in range(1, min(_LONGEST, len(section) // 3) + 1):
-        count = min(max(2 * period, period + 3), len(section) - period)
-        if section_distance(section, period, count) <= _REPEATED * size:
-            return period
-    return 0
+    found = find_period(Section.stroboscopic(section, size), _REPEATED, longest=_LONGEST)
+    if found is None or not found.settled:
+        return 0
+    cycles = found.cycles
+    return cycles if found.repeated * cycles >= max(2 * cycles, cycles + 3) else 0
 
 
 class _RigAhead:
@@ -315,10 +326,10 @@ class _RigAhead:
         cycles = math.ceil(float(times[-1]) / self._clock.cycle) if len(times) else 0
         return cycles if self.cycles - cycles >= _QUIET else None
 
-    def recurrence(self, impacts: RecordedImpacts) -> Recurrence | None:
+    def recurrence(self, impacts: RecordedImpacts) -> Period | None:
         """Return how the last impacts repeat."""
         last, clock = impacts[-_SEARCHED:], self._clock
-        return find_recurrence(impact_table(last, clock.zero, clock.cycle))
+        return period_of(last, clock.zero, clock.cycle)
 
     def exponent(self, first: int, last: int) -> Exponent:
         """Return the exponent between the ends of two cycles."""
@@ -345,11 +356,11 @@ class _RigAhead:
         return Indications(cycle * found.value, cycle * found.standard_error, cycles, spread)
 
 
-def _settled_after(recurrence: Recurrence, impacts: RecordedImpacts, begin: float) -> float:
+def _settled_after(recurrence: Period, impacts: RecordedImpacts, begin: float) -> float:
     """Return the time from which on a motion that has settled repeats to within `SETTLED`."""
     far = np.flatnonzero(recurrence.distance > SETTLED)
     periods = len(recurrence.distance) - (int(far[-1]) + 1 if len(far) else 0)
-    first = max(0, len(impacts) - recurrence.impacts * (periods + 1))
+    first = max(0, len(impacts) - recurrence.rows * (periods + 1))
     return float(impacts.time[first]) - begin
 
 
@@ -371,7 +382,7 @@ def later_motion(
         quiet = rig.quiet_after()
         ahead = rig.impacts()
         recurrence = rig.recurrence(ahead) if quiet is None else None
-        period = _period_of(rig.section()) if quiet is None else 0
+        period = _settled_period(rig.section()) if quiet is None else 0
         # States repeat a little before the impacts are seen to
         seen = period > LONGEST_PERIOD or (
             period and recurrence is not None and recurrence.cycles == period
@@ -481,11 +492,11 @@ _SURE = 1e-6
 _NOT_REGULAR = 0.5
 
 
-def _period_text(recurrence: Recurrence) -> str:
-    return f'{counted(recurrence.cycles, "cycle")} ({counted(recurrence.impacts, "impact")})'
+def _period_text(recurrence: Period) -> str:
+    return f'{counted(recurrence.cycles, "cycle")} ({counted(recurrence.rows, "impact")})'
 
 
-def _recurring(recurrence: Recurrence, impacts: RecordedImpacts) -> StretchKind:
+def _recurring(recurrence: Period, impacts: RecordedImpacts) -> StretchKind:
     """Return the kind of a motion whose recorded impacts repeat, or will."""
     text = _period_text(recurrence)
     level = recurrence.level
@@ -669,9 +680,8 @@ def _doubt(found: Indications | None, ahead: LaterMotion | None, spent: float) -
 def kind_of(clock: ForceClock, impacts: RecordedImpacts) -> StretchKind:
     """Find the kind of a motion with impacts; it may be run ahead from its last impact."""
     counted = counted_impacts(impacts)
-    table = impact_table(counted, clock.zero, clock.cycle)
-    spent = float(table.phase[-1] - table.phase[0]) if len(table) else 0.0
-    recurrence = find_recurrence(table)
+    spent = float(np.ptp(counted.time)) / clock.cycle if len(counted) else 0.0
+    recurrence = period_of(counted, clock.zero, clock.cycle)
     if recurrence is not None and (recurrence.at_floor or recurrence.level <= _SURE):
         return _recurring(recurrence, counted)
     ahead = None
@@ -707,7 +717,7 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts) -> StretchKind:
     return StretchKind(kind, seen, measures)
 
 
-def _confirmed(recurrence: Recurrence, ahead: LaterMotion) -> bool:
+def _confirmed(recurrence: Period, ahead: LaterMotion) -> bool:
     """Return whether the rig, run ahead, reaches the period of its recorded impacts."""
     if ahead.period:
         return ahead.period == recurrence.cycles
@@ -719,7 +729,7 @@ def _confirmed(recurrence: Recurrence, ahead: LaterMotion) -> bool:
 def kind_without_force_phase(impacts: RecordedImpacts, cycle: float) -> StretchKind:
     """Find the kind of a motion if the phase of the force is not known."""
     counted = counted_impacts(impacts)
-    recurrence = find_recurrence(impact_table(counted, 0.0, cycle))
+    recurrence = period_of(counted, 0.0, cycle)
     if recurrence is not None:
         return _recurring(recurrence, counted)
     late = counted[len(counted) // 2 :]

@@ -26,12 +26,7 @@ from impact_damper_ros.orbits import (
 )
 from impact_damper_ros.orbits.flights import flight_at_impact, machine_of
 from impact_damper_ros.orbits.orbit import AT_IMPACTS
-from impact_damper_ros.orbits.recognition import (
-    SETTLED,
-    ImpactTable,
-    Recurrence,
-    last_period,
-)
+from impact_damper_ros.orbits.recurrence import Period, Section
 from impact_damper_ros.orbits.search import within_theory
 from impact_damper_ros.orbits.solved_orbits import impact_orbit_near
 from impact_damper_ros.orbits.trajectory import follow_trajectory
@@ -41,7 +36,7 @@ from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.state import place
 
-from .motion_kind import NEGLIGIBLE_IMPULSE, impact_table
+from .motion_kind import NEGLIGIBLE_IMPULSE, SETTLED, impact_section
 from .recorded_stretch import ForceClock, RecordedImpacts
 from .result import (
     Array,
@@ -92,7 +87,7 @@ def _without_weak_impacts(orbit: PeriodicOrbit) -> PeriodicOrbit:
     return replace(orbit, **columns)
 
 
-def _state_row(orbit: PeriodicOrbit, table: ImpactTable) -> Array:
+def _state_row(orbit: PeriodicOrbit, table: Section) -> Array:
     """Return the impacts of a motion as a row of `_period_states`, scaled by a table."""
     x = np.array(orbit.x) / table.length
     velocity = np.array(orbit.primary_velocity_after) / table.speed
@@ -102,7 +97,7 @@ def _state_row(orbit: PeriodicOrbit, table: ImpactTable) -> Array:
 
 
 def _nearest_turn(
-    orbit: PeriodicOrbit, measured: Array, stops: tuple[int, ...], table: ImpactTable
+    orbit: PeriodicOrbit, measured: Array, stops: tuple[int, ...], table: Section
 ) -> tuple[float, PeriodicOrbit] | None:
     """Return a motion begun where it is nearest to a measured row, and the distance."""
     n, found = len(stops), []
@@ -155,7 +150,7 @@ def _solutions(
 
 
 def _match_orbit(
-    clock: ForceClock, period: ImpactStates, measured: Array, cycles: int, table: ImpactTable
+    clock: ForceClock, period: ImpactStates, measured: Array, cycles: int, table: Section
 ) -> MatchedOrbit:
     """Solve the periodic problem of the logged rig from a measured period."""
     span = clock.cycle * cycles
@@ -205,9 +200,9 @@ def _impact_states(clock: ForceClock, impacts: RecordedImpacts, cycles: int) -> 
     )
 
 
-def _period_states(table: ImpactTable, recurrence: Recurrence, end: int) -> Array:
+def _period_states(table: Section, recurrence: Period, end: int) -> Array:
     """Return the states of the last periods, one row each; phases count from its period."""
-    n, k = recurrence.impacts, recurrence.cycles
+    n, k = recurrence.rows, recurrence.cycles
     begin = len(table) - (len(recurrence.distance) + 1) * n
     count = (end - begin) // n
     rows = slice(end - count * n, end)
@@ -282,8 +277,8 @@ class PeriodicMotion:
     #: Distance of the last period that the remaining transient and the stamps account for.
     allowed: float
     settled_at: float | None  # instant from which the distance is less than `SETTLED`, s
-    table: ImpactTable
-    recurrence: Recurrence
+    table: Section
+    recurrence: Period
 
     @property
     def predicted_factor(self) -> float:
@@ -298,12 +293,12 @@ class PeriodicMotion:
             predicted=self.predicted_factor,
             periods=self.decay.stop - self.decay.start,
             distance=float(self.distances[-1]),
-            floor=self.table.floor,
+            floor=self.recurrence.floor,
         )
 
     def as_curve(self) -> Convergence:
         """Return the approach to the periodic motion, for a plot."""
-        hidden = np.flatnonzero(self.distances < _HIDDEN * self.table.floor)
+        hidden = np.flatnonzero(self.distances < _HIDDEN * self.recurrence.floor)
         last = min(
             int(hidden[0]) + _PERIODS_BEYOND if len(hidden) else _MOST_SHOWN_PERIODS,
             _MOST_SHOWN_PERIODS,
@@ -311,7 +306,7 @@ class PeriodicMotion:
         return Convergence(
             time=self.times[:last],
             distance=self.distances[:last],
-            floor=self.table.floor,
+            floor=self.recurrence.floor,
             fitted_from=min(self.decay.start, last),
             fitted_to=min(self.decay.stop, last),
             measured=self.decay.factor,
@@ -351,12 +346,25 @@ class PeriodicMotion:
         return found
 
 
+def last_period(stops: Array, count: int) -> int:
+    """
+    Return the index at which the last whole period, of `count` impacts, begins.
+
+    On stop 1 after stop 2, if there is such an impact in the last two periods.
+    """
+    total = len(stops)
+    for i in range(total - count, max(total - 2 * count, 0), -1):
+        if stops[i] == 1 and stops[i - 1] == 2:
+            return i
+    return total - count
+
+
 def periodic_motion(
-    clock: ForceClock, impacts: RecordedImpacts, recurrence: Recurrence, *, predict: bool
+    clock: ForceClock, impacts: RecordedImpacts, recurrence: Period, *, predict: bool
 ) -> PeriodicMotion:
     """Measure a motion that repeats, and find the predicted one nearest to it if asked to."""
-    n = recurrence.impacts
-    table = impact_table(impacts, clock.zero, clock.cycle)
+    n = recurrence.rows
+    table = impact_section(impacts, clock.zero, clock.cycle)
     end = last_period(table.stop, n) + n
     rows = _period_states(table, recurrence, end)
     period = _impact_states(clock, impacts[end - n : end], recurrence.cycles)
@@ -372,14 +380,14 @@ def periodic_motion(
         first = reference[0]
         reference[:n] = first + (reference[:n] - first) % recurrence.cycles
         reference[:n] += whole + round(measured[0] - first)
-    decay = decay_rate(rows, table.floor)
+    decay = decay_rate(rows, recurrence.floor)
     distances = np.abs(rows - reference).max(axis=1)
     if match.orbit is None:
         distances = distances[:-1] if len(distances) > 1 else distances
     begins = end - n * np.arange(len(rows), 0, -1)
     factor = decay.factor if decay.factor < 1.0 else recurrence.factor
     recent = float(recurrence.distance[-6:].max())
-    allowed = _MARGIN * recent / (1.0 - min(factor, 0.999)) + _FLOORS * table.floor + _SOLVED
+    allowed = _MARGIN * recent / (1.0 - min(factor, 0.999)) + _FLOORS * recurrence.floor + _SOLVED
     far = np.flatnonzero(distances > SETTLED)
     settled = int(far[-1]) + 1 if len(far) else 0
     times = impacts.time[begins][: len(distances)]

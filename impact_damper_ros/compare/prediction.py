@@ -2,8 +2,8 @@
 The periodic motion into which a rig will settle from its present state.
 
 Theory gives the periodic motions; which of several stable ones a rig reaches depends on its state.
-The rig is therefore run ahead, in closed form, until its impacts repeat, and the nearest periodic
-motion is solved for, with its multipliers.
+The rig is therefore run ahead until its motion repeats, and the nearest periodic motion is solved
+for, with its multipliers.
 """
 
 from __future__ import annotations
@@ -14,17 +14,22 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits, orbit_near
+from impact_damper_ros.orbits import (
+    OrbitError,
+    PeriodicOrbit,
+    SettledMotion,
+    find_orbits,
+    orbit_near,
+    settle,
+)
 from impact_damper_ros.orbits.arguments import check_forcing
-from impact_damper_ros.orbits.recognition import LONGEST_RHYTHM, Rhythm, rhythm_of, turned_cycles
-from impact_damper_ros.orbits.search import counted_as
-from impact_damper_ros.orbits.settling import run_by_cycles, starting_points
+from impact_damper_ros.orbits.orbit import Rhythm
+from impact_damper_ros.orbits.recurrence import MotionKind
+from impact_damper_ros.orbits.search import counted_as, starting_points
 from impact_damper_ros.rig import Event, ParameterError, RigParameters
-from impact_damper_ros.rig.event_budget import REMEDY
 from impact_damper_ros.rig.quoting import counted
 
-from .motion_kind import later_motion
-from .recorded_stretch import ForceClock, RecordedImpacts
+from .recorded_stretch import ForceClock
 
 #: Why a motion is the predicted one: it is near the measured one, the rig reaches it when it is
 #: run ahead, or it is the first of those that exist.
@@ -33,17 +38,16 @@ Basis: TypeAlias = Literal['measured', 'run ahead', 'listed', '']
 #: Longest run ahead, in cycles of the force, and how often its impacts are examined.
 _MOST_CYCLES_AHEAD = 1500
 _CYCLES_BETWEEN_LOOKS = 25
-_PARTS_OF_CYCLE = 4
-_MOST_EVENTS = 30_000
+_MOST_EVENTS = 50_000
+#: It has settled if states a period apart agree to this, relative to the size of the motion.
+_SETTLED = 1e-5
 #: The same for other attractors, from other starts.
 _ELSEWHERE = 600
-_KEPT_IMPACTS = 512
-_RECENT = 100
-#: Recorded cycles that stand for those of a rig that was run ahead: it is run on for 1500 more.
-_RUN_FOR = 50.0
 #: A solution is the motion of the rig if it is as near to it as this.
 _NEAR = 1e-2
 _SAME = 1e-6
+#: Longest period of the force, in cycles of its first harmonic.
+_LONGEST_FORCE = 8
 #: Most impacts of a motion that is searched for without its states: with more, it takes minutes.
 _MOST_SOUGHT = 32
 
@@ -51,33 +55,21 @@ _MOST_SOUGHT = 32
 @dataclass(frozen=True)
 class ObservedMotion:
     """
-    The motion of a rig, as measured or as reached when it is run ahead.
+    The motion of a rig as measured.
 
     Attributes
     ----------
-    rhythm : Rhythm or None
-        The period of its impacts; None if they do not repeat.
-    impact : Event or None
+    rhythm : Rhythm
+        The period of its impacts.
+    impact : Event
         The last impact.
     phase : float
         Its instant in cycles of the force since its zero angle.
-    cycles : int, optional
-        Cycles of the force that it was run for that.
-    hits : bool, optional
-        Whether there were impacts in the last cycles.
-    recent : tuple of Event, optional
-        The last impacts, up to 100.
-    endless : bool, optional
-        Whether it was not run on because it has too many events.
     """
 
-    rhythm: Rhythm | None
-    impact: Event | None
+    rhythm: Rhythm
+    impact: Event
     phase: float
-    cycles: int = 0
-    hits: bool = True
-    recent: tuple[Event, ...] = ()
-    endless: bool = False
 
 
 @dataclass(frozen=True)
@@ -109,39 +101,24 @@ class Prediction:
     applies: bool = True
 
 
-def run_ahead(rig: Rig, most_cycles: int = _MOST_CYCLES_AHEAD) -> ObservedMotion:
-    """Run a rig on until its impacts repeat."""
-    frequency = rig.parameters.force_frequencies[0]
-    began, turned, cycle = rig.time, turned_cycles(rig.snapshot(), frequency), math.tau / frequency
-    impacts: list[Event] = []
-    total, looked, rhythm, hits = 0, 0, None, False
-    instants: list[float] = []
-    for look in run_by_cycles(
-        rig, _CYCLES_BETWEEN_LOOKS, most_cycles, base=began, parts=_PARTS_OF_CYCLE
-    ):
-        total, looked = total + len(look.events), look.cycles
-        impacts = [*impacts, *look.impacts][-_KEPT_IMPACTS:]
-        instants = [turned + (event.time - began) / cycle for event in impacts]
-        hits = bool(instants) and instants[-1] > turned + looked - LONGEST_RHYTHM
-        stops, x = [event.stop for event in impacts], [event.x for event in impacts]
-        rhythm = None
-        if hits and not look.endless:
-            rhythm = rhythm_of(instants, stops, x, look.largest)
-        if (rhythm is not None and rhythm.settled) or total > _MOST_EVENTS:
-            break
-    impact = impacts[-1] if impacts else None
-    phase = instants[-1] if instants else 0.0
-    recent = tuple(impacts[-_RECENT:])
-    return ObservedMotion(rhythm, impact, phase, looked, hits, recent, look.endless)
+def run_ahead(rig: Rig, most_cycles: int = _MOST_CYCLES_AHEAD) -> SettledMotion:
+    """Run a rig on until its motion repeats."""
+    return settle(
+        rig,
+        cycles=most_cycles,
+        tolerance=_SETTLED,
+        events=_MOST_EVENTS,
+        between=_CYCLES_BETWEEN_LOOKS,
+    )
 
 
 def _period_of_force(parameters: RigParameters) -> int:
     """Return the period of the force in cycles of its first harmonic."""
-    for cycles in range(1, LONGEST_RHYTHM + 1):
+    for cycles in range(1, _LONGEST_FORCE + 1):
         try:
             check_forcing(parameters, cycles)
         except OrbitError:
-            if cycles == LONGEST_RHYTHM:
+            if cycles == _LONGEST_FORCE:
                 raise
         else:
             break
@@ -161,7 +138,7 @@ class _Orbits:
 
     def add(self, orbit: PeriodicOrbit) -> PeriodicOrbit:
         """Keep a motion, unless it is known; return the one that is kept."""
-        if (known := self.nearest(Rhythm.of(orbit), _SAME)) is not None:
+        if (known := self.nearest(orbit, _SAME)) is not None:
             return known
         self.all.append(orbit)
         self.all.sort(key=lambda o: (not o.viable, not o.stable, o.x_max))
@@ -181,18 +158,12 @@ class _Orbits:
 
     def nearest(self, rhythm: Rhythm, limit: float) -> PeriodicOrbit | None:
         """Return the motion nearest to a rhythm, if it is within a limit."""
-        best, least = None, limit
-        for orbit in self.all:
-            turned = Rhythm.of(orbit).turned_to(rhythm)
-            if turned is not None and max(turned[1]) < least:
-                best, least = orbit, max(turned[1])
-        return best
+        near = [orbit for orbit in self.all if orbit.distance(rhythm) < limit]
+        return min(near, key=rhythm.distance, default=None)
 
     def like(self, parameters: RigParameters, motion: ObservedMotion) -> PeriodicOrbit | None:
         """Return the predicted motion that an observed one has reached, and keep it."""
         rhythm, impact = motion.rhythm, motion.impact
-        if rhythm is None or impact is None:
-            return None
         if (known := self.nearest(rhythm, _NEAR)) is not None:
             return known
         try:
@@ -206,6 +177,15 @@ class _Orbits:
             return None
         self.search(parameters, rhythm.stops, rhythm.cycles, simulate=True)
         return self.nearest(rhythm, _NEAR)
+
+    def reached(self, parameters: RigParameters, found: SettledMotion) -> PeriodicOrbit | None:
+        """Return the predicted motion into which a rig has settled, and keep it."""
+        if found.rhythm is None:
+            return None
+        # The strongest impact, which round-off least decides
+        impact = max(found.impacts, key=lambda event: abs(event.impulse))
+        motion = ObservedMotion(found.rhythm, impact, found.phase(impact.time))
+        return self.like(parameters, motion)
 
     def listed(self, reason: str) -> Prediction:
         """Predict the first of the motions that the rig can have."""
@@ -251,7 +231,7 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
     else:
         yield orbits.listed('')
     ahead = run_ahead(Rig.restore(rig.snapshot(), rig.own_law))
-    reached = orbits.like(parameters, ahead)
+    reached = orbits.reached(parameters, ahead)
     if expected is not None:
         prediction = Prediction(tuple(orbits.all), expected, 'measured')
     elif reached is not None:
@@ -264,40 +244,29 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
             start = Rig(parameters, initial)
         except ParameterError:
             continue
-        orbits.like(parameters, run_ahead(start, _ELSEWHERE))
-    reason = prediction.reason
-    if reason and ahead.rhythm is None and ahead.hits and not ahead.endless:
-        reason += _how_irregular(clock, ahead)
-    yield replace(prediction, orbits=tuple(orbits.all), reason=reason, complete=True)
+        orbits.reached(parameters, run_ahead(start, _ELSEWHERE))
+    yield replace(prediction, orbits=tuple(orbits.all), complete=True)
 
 
-def _how_irregular(clock: ForceClock, ahead: ObservedMotion) -> str:
-    """Return the kind of a motion that does not repeat, in the words of `compare_run`."""
-    later = later_motion(clock, RecordedImpacts.of_events(ahead.recent), _RUN_FOR)
-    if later is None or (found := later.indications) is None:
-        return ''
-    return (
-        f'; {found.kind().value}: Lyapunov exponent {found.exponent:+.3f} ± {found.error:.3f} per '
-        f'cycle over {found.cycles} cycles more'
-    )
-
-
-def _why_none(ahead: ObservedMotion) -> str:
-    if ahead.endless:
+def _why_none(ahead: SettledMotion) -> str:
+    if ahead.reason:
+        return f'run ahead from its state, the rig cannot be run further: {ahead.reason}'
+    if ahead.rhythm is not None:
+        stops = ','.join(map(str, ahead.rhythm.stops))
         return (
-            'run ahead from its state, the rig has too many impacts to continue after '
-            f'{ahead.cycles} cycles of the force: {REMEDY}'
+            f'run ahead, the rig reaches a motion with stops {stops} in '
+            f'{counted(ahead.rhythm.cycles, "cycle")} of the force, for which the solvers find no '
+            'motion'
         )
-    if not ahead.hits:
+    if ahead.kind in (MotionKind.NO_IMPACTS, MotionKind.AT_REST) or math.isinf(ahead.quiet):
         return f'run ahead from its state, the rig has no more impacts after {ahead.cycles} cycles'
-    if ahead.rhythm is None:
-        return (
-            f'run ahead from its state, the rig does not repeat within {ahead.cycles} cycles of '
-            'the force'
-        )
-    stops = ','.join(map(str, ahead.rhythm.stops))
-    return (
-        f'run ahead, the rig reaches a motion with stops {stops} in '
-        f'{counted(ahead.rhythm.cycles, "cycle")} of the force, '
-        'for which the solvers find no motion'
+    text = (
+        f'run ahead from its state, the rig does not repeat within {ahead.cycles} cycles of the '
+        'force'
     )
+    if (found := ahead.indications) is not None:
+        text += (
+            f'; {ahead.kind.value}: Lyapunov exponent {found.exponent:+.3f} ± {found.error:.3f} '
+            f'per cycle over {found.cycles} of them'
+        )
+    return text

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.rig import RigParameters
 
 Array = NDArray[np.float64]

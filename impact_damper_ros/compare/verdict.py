@@ -11,11 +11,12 @@ import numpy as np
 
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits
 from impact_damper_ros.orbits.arguments import check_forcing
-from impact_damper_ros.orbits.recognition import LONGEST_PERIOD, SETTLED, MotionKind
+from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind
 from impact_damper_ros.rig.quoting import counted
 
 from .measured_motion import energy_balance, impact_curve, measured_motion, motion_curve, spectrum
 from .motion_kind import (
+    SETTLED,
     Oscillation,
     StretchKind,
     kind_ahead,
@@ -295,7 +296,7 @@ class _Comparison:
         if recorded is not None:
             period, settled_at = recorded.period, recorded.settled_at
             cycles = recorded.recurrence.cycles
-            per_cycle = recorded.recurrence.impacts / cycles
+            per_cycle = recorded.recurrence.rows / cycles
             if recorded.match.orbit is not None:
                 decay = recorded.as_decay()
             if settled_at is not None:

@@ -30,7 +30,7 @@ from typing import Any, NoReturn
 from impact_damper_ros.compare import ObservedMotion, Prediction, predictions
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.orbits.recognition import Rhythm
+from impact_damper_ros.orbits.orbit import Rhythm
 from impact_damper_ros.rig import Event, EventKind
 
 NICENESS = 5

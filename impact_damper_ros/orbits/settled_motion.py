@@ -268,12 +268,14 @@ class _SettlingRig:
         self._watch, self._most = watch, most_events
         self._quiet = 0.5
         self._size = 0.0
+        # Stops that are sent back after the control was switched off come to rest on the way
+        self._controlled = rig.acts
         self._section: Array
         self.forget()
 
     def forget(self) -> None:
         """Discard the states so far, so that the detection of a period starts again."""
-        self._section = np.empty((0, 6 if self.rig.acts else 4))
+        self._section = np.empty((0, 6 if self._controlled else 4))
 
     @property
     def time(self) -> float:
@@ -309,7 +311,7 @@ class _SettlingRig:
         # A rig without force has settled once next to nothing of its start is left
         forced = bool(_active_rates(self.parameters))
         self._size = size if forced else max(size, self._size)
-        if rig.acts:
+        if self._controlled:
             # Stops that still move are not settled, whether m reaches them or not
             samples = result.samples[1::2]
             places = [samples[name] - samples['x'] for name in ('stop_1', 'stop_2')]
@@ -329,7 +331,7 @@ class _SettlingRig:
         if not (self.driven and self._size) or len(self._section) < 2:
             return None
         size = self._size * np.array([1.0, self.rate] * 2)
-        if self.rig.acts:
+        if self._controlled:
             far = float(np.abs(self._section[-1, 4:]).max())
             size = np.append(size, [max(self._size, far)] * 2)
         # Most looks at a motion that is not periodic end here.

@@ -37,8 +37,8 @@ from impact_damper_ros.control.rig import Events
 from impact_damper_ros.orbits.flights import machine_of
 from impact_damper_ros.orbits.irregularity import average_spread
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent
-from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.orbits.settling import relative_states
+from impact_damper_ros.orbits.recurrence import MotionKind
+from impact_damper_ros.orbits.settled_motion import relative_states
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, load_parameters
 
 CUTS = (30, 100, 300, 1000)

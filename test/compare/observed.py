@@ -1,7 +1,6 @@
 """Rigs that move as the theory says."""
 
 from impact_damper_ros.compare.prediction import ObservedMotion
-from impact_damper_ros.orbits.recognition import Rhythm
 from impact_damper_ros.rig import Event, EventKind
 
 
@@ -19,4 +18,4 @@ def motion_on(orbit):
         orbit.damper_velocity_after[-1],
         0.0,
     )
-    return ObservedMotion(Rhythm.of(orbit), impact, orbit.instants[-1] / orbit.cycle)
+    return ObservedMotion(orbit, impact, orbit.instants[-1] / orbit.cycle)

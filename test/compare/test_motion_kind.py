@@ -23,7 +23,7 @@ from impact_damper_ros.orbits.irregularity import (
     quiet_phase,
     zero_one_test,
 )
-from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.sweep import Settling
 from impact_damper_ros.sweep.steady_state import steady_state
 

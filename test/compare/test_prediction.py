@@ -12,7 +12,6 @@ from rigs import FRICTION, HORIZONTAL, VERTICAL
 from impact_damper_ros.compare.prediction import predictions, run_ahead
 from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.orbits.recognition import Rhythm, turned_cycles
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from impact_damper_ros.rig.swing import Swing
 
@@ -94,9 +93,8 @@ def test_a_rig_in_motion_is_run_ahead_from_its_own_phase():
         course = run_ahead(Rig.restore(rig.snapshot()))
         if course.rhythm is not None:
             break
-    turned = turned_cycles(rig.snapshot(), 1.05)
     impacts = [e for e in rig.advance(41.0 + 4000 * cycle) if e.kind is EventKind.IMPACT]
-    own = [(turned + (e.time - 41.0) / cycle) % 1.0 for e in impacts[-2:] if e.stop == 1]
+    own = [course.phase(e.time) % 1.0 for e in impacts[-2:] if e.stop == 1]
     assert course.rhythm.stops == (1, 2)
     assert course.rhythm.phases[0] == pytest.approx(own[0], abs=1e-4)
 
@@ -159,11 +157,10 @@ def test_a_harmonic_that_was_added_on_the_way_has_the_phase_of_then():
     assert last.expected.stable
     cycle = math.tau / 1.02
     course = run_ahead(rig)
-    assert max(Rhythm.of(last.expected).turned_to(course.rhythm)[1]) < 1e-2
+    assert last.expected.distance(course.rhythm) < 1e-2
     rig.advance(rig.time + 300 * cycle)
     course = run_ahead(rig)
-    _, apart = Rhythm.of(last.expected).turned_to(course.rhythm)
-    assert max(apart) < 1e-8
+    assert last.expected.distance(course.rhythm) < 1e-8
 
 
 def test_where_no_stop_is_hit_or_nothing_repeats_the_reason_is_given():
@@ -229,7 +226,5 @@ def test_a_rig_with_impacts_without_end_is_not_run_ahead(name):
     first, second = itertools.islice(predictions(Rig(parameters, initial)), 2)
     assert not first.complete
     assert second.expected is None
-    assert second.reason == (
-        'run ahead from its state, the rig has too many impacts to continue after 0 cycles of '
-        'the force: make the stops less elastic or the gap wider'
-    )
+    assert 'the rig cannot be run further: ' in second.reason
+    assert 'make the stops less elastic' in second.reason

@@ -8,7 +8,7 @@ from compare.recorded import DISPLACED, compared
 from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.compare import Verdict
-from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.rig import RigParameters
 
 SYMMETRIC = OFF_RESONANCE.replace(damping=0.05, damper_mass=0.3)

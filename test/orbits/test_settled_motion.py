@@ -123,3 +123,15 @@ def test_too_many_events_end_the_run():
     assert found.kind is MotionKind.UNDECIDED
     assert 'allow more events' in found.reason
     assert settle(Rig(HORIZONTAL)).reason == ''
+
+
+def test_stops_that_a_control_sends_back_come_to_rest_on_the_way():
+    """The control no longer acts in the end; it once ended the run with a ValueError."""
+    law = GapControlParameters(gap_control='amplitude', actuator_speed=0.5)
+    rig = Rig(HORIZONTAL, control=law)
+    rig.advance(100.0)
+    rig.change(HORIZONTAL, law.replace(gap_control='off'))
+    assert rig.acts
+    found = settle(rig)
+    assert not rig.acts
+    assert found.rhythm.distance(settle(Rig(HORIZONTAL)).rhythm) < 1e-6
