@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from impact_damper_ros.control import Outcome, Rig
+from impact_damper_ros.control import Rig
 from impact_damper_ros.control.rig import Events
 from impact_damper_ros.orbits.flights import Flight, Machine, flight_at_impact, machine_of
 from impact_damper_ros.orbits.irregularity import (
@@ -22,10 +22,9 @@ from impact_damper_ros.orbits.irregularity import (
     REGULAR_SPREAD,
     Indications,
     average_spread,
-    quiet_phase,
     zero_one_test,
 )
-from impact_damper_ros.orbits.lyapunov import Exponent, deviations, growth_exponent
+from impact_damper_ros.orbits.lyapunov import growth_exponent
 from impact_damper_ros.orbits.multipliers import event_matrices, state_rates
 from impact_damper_ros.orbits.recurrence import (
     LONGEST_PERIOD,
@@ -35,15 +34,14 @@ from impact_damper_ros.orbits.recurrence import (
     Section,
     find_period,
 )
-from impact_damper_ros.orbits.settled_motion import relative_states
+from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
 from impact_damper_ros.orbits.trajectory import follow_trajectory
-from impact_damper_ros.rig import EVENT_TYPE, EventKind, RigParameters
+from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.snapshot import LATEST, Snapshot
 
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates, largest_size
-from .result import Array
 
 #: A recorded motion nearer to its limit than this, relative to its size, is called settled.
 SETTLED = NEAR
@@ -265,97 +263,6 @@ def _as_recorded(events: Events, rig: RigParameters, begin: float) -> RecordedIm
     )
 
 
-def _settled_period(section: Array) -> int:
-    """Return the period of the states at the ends of cycles, or 0."""
-    size = np.abs(section[-_BETWEEN_LOOKS:]).max() or 1.0
-    found = find_period(Section.stroboscopic(section, size), _REPEATED, longest=_LONGEST)
-    if found is None or not found.settled:
-        return 0
-    cycles = found.cycles
-    return cycles if found.repeated * cycles >= max(2 * cycles, cycles + 3) else 0
-
-
-class _RigAhead:
-    """The rig that is run ahead, and its motion so far."""
-
-    def __init__(self, clock: ForceClock, impacts: RecordedImpacts) -> None:
-        self._clock = clock
-        self._rig = clock.counted_from_zero()
-        self._begin = float(impacts.time[-1])
-        self._flight = _after_impact(machine_of(self._rig), clock, impacts, len(impacts) - 1)
-        phases = clock.phase(impacts.time[-_PHASES:])
-        # Phase of the section in cycles that count from the last impact
-        self._strobe = (quiet_phase(phases) - float(phases[-1])) % 1.0
-        self._angles = tuple(wave.angle for wave in self._flight.waves)
-        state = Snapshot(self._rig, self._flight.run, self._angles, (), SteppedSine(0.0))
-        # Plain Python: compiling would take longer than the run.
-        self._run = Rig.resume(state)
-        self._events: list[Events] = [np.empty(0, EVENT_TYPE)]
-        self._sections: list[Array] = [np.empty((0, 4))]
-        self.cycles = self.event_count = 0
-
-    def go_on(self, cycles: int, most_events: int) -> bool:
-        """Run on; return whether it was possible within that number of events in all."""
-        ends = (self.cycles + np.arange(1, cycles + 1)) * self._clock.cycle
-        left = max(1, most_events - self.event_count)
-        instants = ends - (1.0 - self._strobe) * self._clock.cycle
-        stretch = self._run.run(float(ends[-1]), instants, most_events=left)
-        self._events.append(stretch.events)
-        self._sections.append(
-            relative_states(stretch.samples)
-            / np.array([1.0, self._rig.omega, 1.0, self._rig.omega])
-        )
-        self.cycles += len(stretch.samples)
-        self.event_count += stretch.event_count
-        return stretch.outcome is Outcome.COMPLETE
-
-    def events(self) -> Events:
-        return np.concatenate(self._events)
-
-    def section(self) -> Array:
-        """Return X, X', Y and Y' once in each cycle, rates over the natural frequency."""
-        return np.concatenate(self._sections)
-
-    def impacts(self) -> RecordedImpacts:
-        return counted_impacts(_as_recorded(self.events(), self._rig, self._begin))
-
-    def quiet_after(self) -> int | None:
-        """Return after how many cycles the impacts ended; None if they have not."""
-        events = self.events()
-        times = events['time'][events['kind'] == EventKind.IMPACT]
-        cycles = math.ceil(float(times[-1]) / self._clock.cycle) if len(times) else 0
-        return cycles if self.cycles - cycles >= _QUIET else None
-
-    def recurrence(self, impacts: RecordedImpacts) -> Period | None:
-        """Return how the last impacts repeat."""
-        last, clock = impacts[-_SEARCHED:], self._clock
-        return period_of(last, clock.zero, clock.cycle)
-
-    def exponent(self, first: int, last: int) -> Exponent:
-        """Return the exponent between the ends of two cycles."""
-        cycle = self._clock.cycle
-        along = deviations(
-            self._flight.machine,
-            self._angles,
-            self.events(),
-            self._flight.run.mode,
-            self._flight.run.last_stop,
-            first * cycle,
-            last * cycle,
-        )
-        return growth_exponent(along, self._rig.omega)
-
-    def indications(self) -> Indications | None:
-        """Return the evidence of the later cycles."""
-        first, cycle = self.cycles // _LEFT_OUT, self._clock.cycle
-        if self.cycles - first < _LEAST_MEASURED:
-            return None
-        found = self.exponent(first, self.cycles)
-        spread = average_spread(self.section()[first:])
-        cycles = self.cycles - first
-        return Indications(cycle * found.value, cycle * found.standard_error, cycles, spread)
-
-
 def _settled_after(recurrence: Period, impacts: RecordedImpacts, begin: float) -> float:
     """Return the time from which on a motion that has settled repeats to within `SETTLED`."""
     far = np.flatnonzero(recurrence.distance > SETTLED)
@@ -370,45 +277,56 @@ def later_motion(
     """Run the logged rig ahead from its last impact, longer if more cycles were recorded."""
     if not len(impacts):
         return None
-    rig = _RigAhead(clock, impacts)
-    begin = float(impacts.time[-1])
+    parameters, begin = clock.counted_from_zero(), float(impacts.time[-1])
+    flight = _after_impact(machine_of(parameters), clock, impacts, len(impacts) - 1)
+    angles = tuple(wave.angle for wave in flight.waves)
     most = int(min(max(_TIMES_RECORDED * recorded, _LEAST), _MOST))
     most = max(most, int(min(recorded, _MOST_OF_ALL)))
-    events = min(max(_MOST_EVENTS, 2 * len(impacts)), _MOST_EVENTS_OF_ALL)
-    ahead = RecordedImpacts.none()
-    recurrence, quiet, period = None, None, 0
-    while rig.cycles < most:
-        whole = rig.go_on(min(_BETWEEN_LOOKS, most - rig.cycles), events)
-        quiet = rig.quiet_after()
-        ahead = rig.impacts()
-        recurrence = rig.recurrence(ahead) if quiet is None else None
-        period = _settled_period(rig.section()) if quiet is None else 0
-        # States repeat a little before the impacts are seen to
-        seen = period > LONGEST_PERIOD or (
-            period and recurrence is not None and recurrence.cycles == period
-        )
-        if seen or quiet is not None or not whole:
-            break
-    if rig.cycles < 3:
-        return None
-    settled = None
-    if period and recurrence is not None and recurrence.cycles == period:
-        settled = math.ceil(_settled_after(recurrence, ahead, begin) / clock.cycle)
-    elif period:
-        settled = rig.cycles - 3 * period
-    growth = 0.0
-    if settled:
-        growth = rig.exponent(0, settled).value * settled * clock.cycle
-    return LaterMotion(
-        cycles=rig.cycles,
-        impacts=ahead,
-        recurrence=recurrence,
-        settled_after=settled,
-        period=period,
-        quiet_after=quiet,
-        indications=None if period or quiet is not None else rig.indications(),
-        growth=growth,
+    found = settle(
+        # Plain Python: compiling would take longer than the run.
+        Rig.resume(Snapshot(parameters, flight.run, angles, (), SteppedSine(0.0))),
+        cycles=most,
+        watch=most,
+        tolerance=_REPEATED,
+        events=min(max(_MOST_EVENTS, 2 * len(impacts)), _MOST_EVENTS_OF_ALL),
+        between=_BETWEEN_LOOKS,
+        quiet=_QUIET,
+        longest=_LONGEST,
     )
+    if found.cycles < 3:
+        return None
+    hits = found.events['time'][found.events['kind'] == EventKind.IMPACT]
+    ahead = counted_impacts(_as_recorded(found.events, parameters, begin))
+    if found.kind is MotionKind.NO_IMPACTS:
+        quiet = math.ceil(float(hits[-1]) / clock.cycle) if len(hits) else 0
+        return LaterMotion(found.cycles, ahead, None, None, 0, quiet, None)
+    recurrence = period_of(ahead[-_SEARCHED:], clock.zero, clock.cycle)
+    period = 0 if found.period is None else found.period.cycles
+    if not period:
+        indications = _indications(found)
+        return LaterMotion(found.cycles, ahead, recurrence, None, 0, None, indications)
+    settled = found.cycles - 3 * period
+    if recurrence is not None and recurrence.cycles == period:
+        settled = math.ceil(_settled_after(recurrence, ahead, begin) / clock.cycle)
+    growth = 0.0
+    if settled > 0:
+        until = settled * clock.cycle
+        along = found.deviations(found.start, found.start + until)
+        growth = growth_exponent(along, parameters.omega).value * until
+    return LaterMotion(found.cycles, ahead, recurrence, settled, period, None, None, growth)
+
+
+def _indications(found: SettledMotion) -> Indications | None:
+    """Return the evidence of the later cycles of a run; None if they are too few."""
+    first = found.cycles // _LEFT_OUT
+    count = found.cycles - first
+    if count < _LEAST_MEASURED:
+        return None
+    along = found.deviations(found.start + first * found.cycle, found.end)
+    exponent = growth_exponent(along, found.parameters.omega)
+    spread = average_spread(found.section[first:])
+    rates = found.cycle * exponent.value, found.cycle * exponent.standard_error
+    return Indications(*rates, count, spread)
 
 
 # The exponent along the recorded motion

@@ -40,6 +40,8 @@ _ROUND_OFF = 1e-13
 _NEAR = 1e3
 #: A motion that repeats is unstable if deviations grow by more than this factor in a period.
 _GROWS = 1.001
+#: States are taken at one phase as long as it has this part of the widest gap between impacts.
+_STILL_QUIET = 0.3
 #: Fewest cycles of which an exponent is measured.
 _FEWEST = 21
 #: Angle by which harmonics are shifted, rad; impacts from which the motion of the theory is
@@ -245,6 +247,15 @@ class SettledMotion:
         return deviations(machine, self._angles, self.events, mode, last_stop, start, end)
 
 
+def _kept_quiet(phases: Array, before: float) -> float:
+    """Return a phase without impacts: the one before, unless impacts have come near to it."""
+    if not len(phases):
+        return before
+    best = quiet_phase(phases)
+    clear = [float(np.abs((phases - place + 0.5) % 1.0 - 0.5).min()) for place in (before, best)]
+    return before if clear[0] > _STILL_QUIET * clear[1] else best
+
+
 class _SettlingRig:
     """A rig that is run by whole cycles of its force, and what is known of its last ones."""
 
@@ -319,7 +330,7 @@ class _SettlingRig:
         self._section = np.concatenate([self._section, section])
         self.stretches.append(_Stretch(begun, snapshot, first, result.events, quiet))
         hits = result.impacts()['time']
-        self._quiet = quiet_phase((hits - self.start) / self.cycle) or 0.5
+        self._quiet = _kept_quiet((hits - self.start) / self.cycle, self._quiet)
         self.cycles += cycles
         oldest = self.start + (self.cycles - self._watch) * self.cycle
         while len(self.stretches) > 1 and self.stretches[1].start <= oldest:
