@@ -365,9 +365,18 @@ def stepped(bench, *, to_impact=False):
     return ticket.result.time_ns
 
 
+#: The topics of a `Bench`.
+TOPICS = {
+    'joint_states': 'states',
+    **{name: name for name in ('impacts', 'gap_control', 'snapshot')},
+    'parameter_events': 'events',
+    'diagnostics': 'diagnostics',
+}
+
+
 def as_others_record(bench, place):
     """Record all that is published as `ros2 bag record` does, with the time of arrival."""
-    log = recording(place)
+    log = RunWriter(place, recorded_topics(TOPICS))
     for number, (name, data) in enumerate(bench.sent):
         if name != 'clock':
             log.write(name, data, 10**18 + 1_000_003 * number)
@@ -533,9 +542,7 @@ def recording(directory):
     """Return the recording of an engine whose topics are those of a `Bench`."""
     names = {name: name for name in ('impacts', 'gap_control', 'snapshot')}
     notes = {'node': '/rig', 'joint_states': 'states', **names}
-    others = {'parameter_events': 'events', 'diagnostics': 'diagnostics'}
-    topics = recorded_topics({'joint_states': 'states', **names, **others})
-    return RunWriter(directory, topics, custom=notes)
+    return RunWriter(directory, recorded_topics(TOPICS), custom=notes)
 
 
 def change_event(before, after):

@@ -59,8 +59,8 @@ def messages():
     return rig.run(200, ('change', {'gap_control': 'amplitude'})).messages
 
 
-def save(directory, messages):
-    return samples.record(directory, messages, samples.CONTROLLED, custom=NOTES)
+def save(directory, messages, notes=NOTES):
+    return samples.record(directory, messages, samples.CONTROLLED, custom=notes)
 
 
 @pytest.mark.parametrize('seed', range(8))
@@ -75,7 +75,7 @@ def test_random_switching_comes_out_bit_for_bit(tmp_path, seed):
 
 
 def test_what_ros2_bag_record_makes_of_it(tmp_path, messages):
-    findings = replayed(save(tmp_path / 'bag', with_arrival_times(messages)))
+    findings = replayed(save(tmp_path / 'bag', with_arrival_times(messages), {}))
     assert findings.difference_count == 0
     assert findings.control == len(places(messages, '/gap_control'))
 
@@ -119,8 +119,9 @@ def test_the_same_act_twice_while_paused(tmp_path):
     assert acts[-1] == acts[-2]
     rig.run(100)
     count = len(places(rig.messages, '/gap_control'))
-    for name, messages in (('bag', rig.messages), ('ros2', with_arrival_times(rig.messages))):
-        findings = replayed(save(tmp_path / name, messages))
+    arrived = with_arrival_times(rig.messages)
+    for name, messages, notes in (('bag', rig.messages, NOTES), ('ros2', arrived, {})):
+        findings = replayed(save(tmp_path / name, messages, notes))
         assert findings.verdict is ReplayVerdict.IDENTICAL
         assert findings.control == findings.recorded_control == count
         assert not findings.faults
