@@ -114,7 +114,7 @@ def test_snapshots(tmp_path, messages, change, words):
 
 def test_a_flight_that_takes_hours_to_search(tmp_path, quiet):
     path = with_snapshots(tmp_path / 'bag', quiet, put('state.origin.time', -1e9))
-    with pytest.raises(RecordingError, match='from origin.time to time, .* s, takes too long'):
+    with pytest.raises(RecordingError, match=r'from origin.time to time, .* s, takes too long'):
         RecordedRun(path)
 
 
