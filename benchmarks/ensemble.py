@@ -21,18 +21,20 @@ from golden_cases import CASES
 from timing import in_turns, options, table, write_results
 
 from impact_damper_ros.control import run_ensemble
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig import GapControlParameters, RigParameters
 
 GAPS = 10.0, 60.0
-#: The golden cases, and the first one with eight harmonics more.
+#: The golden cases, and the first one with eight harmonics more, and under control.
 NINE = {
     'force_amplitudes': (1.0,) + (0.05,) * 8,
     'force_frequencies': tuple(1.0 + 0.1 * k for k in range(9)),
     'force_phases': (0.0,) * 9,
 }
 RIGS = {case.name: case.changes for case in CASES} | {
-    'nine harmonics': {**CASES[0].changes, **NINE}
+    'nine harmonics': {**CASES[0].changes, **NINE},
+    'timed law': CASES[0].changes,
 }
+TIMED = GapControlParameters(gap_control='timed', gap_control_rate=5.0)
 
 
 def main() -> int:
@@ -49,11 +51,14 @@ def main() -> int:
         rig = RigParameters(**changes)
         gaps = {'gap': np.linspace(*GAPS, count)}
         end = arguments.cycles * tau / rig.force_frequencies[0]
+        law = TIMED if name == 'timed law' else None
 
-        def calls(end: float, rig: RigParameters = rig, gaps: Any = gaps) -> dict[str, Any]:
+        def calls(
+            end: float, rig: RigParameters = rig, gaps: Any = gaps, law: Any = law
+        ) -> dict[str, Any]:
             return {
                 f'{n} thread{"s" * (n > 1)}': partial(
-                    run_ensemble, rig, gaps, end, [end], threads=n
+                    run_ensemble, rig, gaps, end, [end], control=law, threads=n
                 )
                 for n in arguments.threads
             }
