@@ -83,18 +83,6 @@ def impact_numbers(event: Event, deflection: float) -> tuple[_Numbers, _Numbers,
     )
 
 
-#: Where the frame of a header begins, with its length.
-_FRAME_AT = 12
-_PAUSED = PAUSED_FRAME.encode() + b'\0'
-_PAUSED_AT = slice(_FRAME_AT, _FRAME_AT + 4 + len(_PAUSED))
-_PAUSED_FRAMES = tuple(len(_PAUSED).to_bytes(4, order) + _PAUSED for order in ('little', 'big'))
-
-
-def is_paused(content: bytes) -> bool:
-    """Return whether joint states repeat the position of a rig that is paused."""
-    return content[_PAUSED_AT] in _PAUSED_FRAMES
-
-
 class RigMessages:
     """Encodes joint states, impacts and acts of the gap control."""
 

@@ -156,17 +156,6 @@ def add_json_option(parser: argparse._ActionsContainer, what: str = 'the result'
     add_path_option(parser, '--json', f'write {what} as JSON (- : stdout)')
 
 
-def add_directory_option(parser: argparse.ArgumentParser, default: str) -> None:
-    """Let a command take ``--output``, the directory of its files."""
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path(default),
-        metavar='DIR',
-        help=f'directory of the files [{default}]',
-    )
-
-
 def add_quiet_option(parser: argparse.ArgumentParser, what: str) -> None:
     """Let a command take ``--quiet``, which leaves something out."""
     parser.add_argument('--quiet', action='store_true', help=f'no progress bar and no {what}')

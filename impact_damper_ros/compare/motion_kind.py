@@ -200,8 +200,6 @@ _BETWEEN_LOOKS = 100
 _QUIET = 200
 #: The first part of the cycles, not measured as a transient, and the least that are measured.
 _LEFT_OUT, _LEAST_MEASURED = 4, 100
-#: Impacts from which the phase without impacts is found.
-_PHASES = 100
 #: Impacts that are searched for a period, and the longest period of the states looked for.
 _SEARCHED, _LONGEST = 1500, 64
 #: Two periods of a settled motion agree to this.

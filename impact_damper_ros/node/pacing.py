@@ -45,7 +45,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-NS_PER_S = 1_000_000_000
 #: Lateness, in wall time, beyond which the lost time is given up instead of made up for.
 CATCH_UP_NS = 250_000_000
 # Longest uninterrupted sleep: a request between two ticks far apart waits no longer.
