@@ -25,6 +25,7 @@ from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_directory
 from impact_damper_ros.replay import RecordedRun, Replay
 from impact_damper_ros.replay.rows import impacts_of
+from impact_damper_ros.report.drawing import print_style
 from impact_damper_ros.report.run_figures import Closeup, SampledMotion, draw_motion
 from impact_damper_ros.rig import load_parameters
 
@@ -254,7 +255,8 @@ def _draw(bag: Path, preset: Path, picture: Path, rows: Sequence[Row]) -> None:
     figure = draw_motion(
         motion, closeups, labels, 'Impact damper, 5 Hz bench rig, recorded live from ROS 2'
     )
-    figure.savefig(picture, dpi=110)
+    with print_style():
+        figure.savefig(picture, dpi=110)
 
 
 def _compare(bag: Path, directory: Path) -> int:

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Any
 from impact_damper_ros.orbits import Branch, SpecialKind
 from impact_damper_ros.rig import PARAMETER_SPECS
 
-from .drawing import BLUE, COLORS, DASHED, DOTTED, ORANGE, blank_figure, finish_panel, legend_below
+from .drawing import (
+    BLUE,
+    COLORS,
+    DASHED,
+    DOTTED,
+    ORANGE,
+    blank_figure,
+    finish_panel,
+    legend_below,
+    print_style,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,6 +55,7 @@ def _words(one: Any, other: Any) -> str:
     return 'stable' if one.stable or other.stable else 'neutral'
 
 
+@print_style()
 def branch_figure(branches: Sequence[Branch], title: str = '') -> Figure:
     """
     Draw the largest |X| along branches: stable, unstable, not viable, and the special points.

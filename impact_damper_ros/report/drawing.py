@@ -89,12 +89,19 @@ def page_style() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def print_style() -> Iterator[None]:
+    """Draw, or write, in the style of print, and restore the style afterwards."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(_PRINT):
+        yield
+
+
 def blank_figure(width: float, height: float) -> Figure:
     """Return an empty figure for print, its size in inches."""
-    import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    mpl.rcParams.update(_PRINT)
     return Figure(figsize=(width, height), layout='constrained', dpi=180)
 
 
@@ -127,6 +134,7 @@ def legend_below(figure: Figure, handles: Sequence[Any], columns: int, **look: A
         legend.remove()
 
 
+@print_style()
 def save_figure(figure: Figure, path: Path) -> None:
     """
     Write a figure, whole or not at all, without a date.

@@ -17,6 +17,7 @@ from .drawing import (
     finish_panel,
     legend_below,
     legend_handles,
+    print_style,
 )
 from .formatting import Unit, unit_for
 
@@ -142,6 +143,7 @@ def _legend(figure: Figure, lines: Sequence[tuple[str, str, str]], *, band: bool
     legend_below(figure, handles, len(handles))
 
 
+@print_style()
 def draw_motion(
     motion: SampledMotion,
     closeups: Sequence[Closeup],
@@ -200,6 +202,7 @@ def _draw_envelopes(axes: Any, sides: Sequence[Side], unit: Unit) -> None:
     axes.set_ylim(-1.15 * largest or -1.0, 1.45 * largest or 1.0)
 
 
+@print_style()
 def draw_what_if(
     recorded: Side,
     what_if: Side,

@@ -18,6 +18,7 @@ from impact_damper_ros.report.drawing import (
     blank_figure,
     finish_panel,
     legend_below,
+    print_style,
     save_figure,
 )
 from impact_damper_ros.rig import PARAMETER_SPECS
@@ -185,6 +186,7 @@ _COLORS = (
 _OTHERS, _NONE = '#555555', '#DDDDDD'
 
 
+@print_style()
 def basin_figure(table: pd.DataFrame) -> Figure:
     """Draw the attractor that each pair of initial conditions leads to."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
@@ -421,6 +423,7 @@ def _draw_optimum(axes: Any, axis: Axis, optimum: Optimum) -> None:
         )
 
 
+@print_style()
 def bifurcation_figure(
     table: pd.DataFrame, measure: str, optimum: Optimum | None, branches: Sequence[Branch] = ()
 ) -> Figure:
@@ -604,6 +607,7 @@ def _legend(table: pd.DataFrame, grid: Grid, optimum: Optimum | None) -> list[An
     return handles
 
 
+@print_style()
 def surface_figure(table: pd.DataFrame, measure: str, optimum: Optimum | None) -> Figure:
     """Draw a measure as colours over two axes."""
     grid = Grid.from_inputs(table.attrs['inputs'])

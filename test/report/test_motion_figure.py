@@ -5,9 +5,11 @@ import pytest
 
 pytest.importorskip('matplotlib', reason='it draws')
 
+import matplotlib as mpl
 from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
 
+from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.report.run_figures import Closeup, SampledMotion, draw_motion
 
 
@@ -19,6 +21,12 @@ def figure(closeups):
     stops = np.array([1, 2, 1])
     motion = SampledMotion(time, x, 2.0 * x, x + edge, x - edge, hits, 0.0 * hits, stops)
     return draw_motion(motion, closeups)
+
+
+def test_a_figure_leaves_the_style_of_others_alone(tmp_path):
+    before = dict(mpl.rcParams)
+    save_figure(figure([]), tmp_path / 'run.png')
+    assert dict(mpl.rcParams) == before
 
 
 def test_the_bands_are_in_the_legend():
