@@ -11,8 +11,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.replay.rows import Events, Samples
-from impact_damper_ros.rig import RigParameters, Sample
+from impact_damper_ros.replay.rows import Events, Samples, events_as_rows
+from impact_damper_ros.rig import Event, RigParameters, Sample
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.snapshot import LATEST
 
@@ -164,6 +164,11 @@ class RecordedImpacts(_Table):
         damper_after = impacts['damper_velocity_after']
         place = impacts['time'], impacts['stop'].astype(float), x, x + impacts['y']
         return cls(*place, after, damper_after, impulse, -impulse)
+
+    @classmethod
+    def of_events(cls, impacts: Sequence[Event]) -> Self:
+        """Return impacts of a simulator, their instants not rounded."""
+        return cls.of_rows(events_as_rows(impacts))
 
     def velocity_before(self, parameters: RigParameters) -> Array:
         """Return X' just before, from the impulse and the logged mass, m/s."""
