@@ -21,7 +21,7 @@ def options(doc: str) -> argparse.Namespace:
     """Read --out and --quick; make the directory."""
     parser = argparse.ArgumentParser(description=doc.strip().partition('\n\n')[0])
     parser.add_argument('--out', type=Path, default=Path(), metavar='DIR', help='write there [.]')
-    parser.add_argument('--quick', action='store_true', help='a coarse look, in seconds')
+    parser.add_argument('--quick', action='store_true', help='a coarse look, much sooner')
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     return arguments
