@@ -15,10 +15,11 @@ import time
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
-
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.orbits import find_orbits, follow, settle
+
+sys.path.insert(1, str(Path(__file__).resolve().parents[1] / 'test'))
+from rig.random_rigs import any_rig
 
 GOLDEN = {
     'horizontal, r=1': RigParameters(gravity=0.0),
@@ -61,26 +62,6 @@ def branch_of(rig: RigParameters, repeats: int) -> dict:
         'special': {special.kind.value: special.value for special in branch.special},
         'milliseconds': 1e3 * min(seconds),
     }
-
-
-def any_rig(seed: int) -> RigParameters:
-    """Return a rig of any kind, as `test/orbits/test_settled_rigs.py` draws it."""
-    draw = np.random.default_rng(seed)
-
-    def between(low: float, high: float) -> float:
-        return round(float(draw.uniform(low, high)), 2)
-
-    return RigParameters(
-        gravity=float(draw.choice([0.0, 1.0, 9.8])),
-        friction=float(draw.choice([0.0, 0.0, 0.1, 0.5])),
-        angle=between(-1, 1) * float(draw.integers(0, 2)),
-        gap=between(2, 60),
-        damper_mass=between(0.02, 0.4),
-        restitution_1=between(0, 0.9),
-        restitution_2=between(0, 0.9),
-        force_frequencies=between(0.6, 1.6),
-        damping=between(0.01, 0.2),
-    )
 
 
 def settled_motions(rigs: int) -> dict:

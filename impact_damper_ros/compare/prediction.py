@@ -158,8 +158,8 @@ class _Orbits:
 
     def nearest(self, rhythm: Rhythm, limit: float) -> PeriodicOrbit | None:
         """Return the motion nearest to a rhythm, if it is within a limit."""
-        near = [orbit for orbit in self.all if orbit.distance(rhythm) < limit]
-        return min(near, key=rhythm.distance, default=None)
+        best = min(self.all, key=rhythm.distance, default=None)
+        return best if best is not None and rhythm.distance(best) < limit else None
 
     def like(self, parameters: RigParameters, motion: ObservedMotion) -> PeriodicOrbit | None:
         """Return the predicted motion that an observed one has reached, and keep it."""

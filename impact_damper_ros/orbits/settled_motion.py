@@ -345,7 +345,7 @@ class _SettlingRig:
         if self._controlled:
             far = float(np.abs(self._section[-1, 4:]).max())
             size = np.append(size, [max(self._size, far)] * 2)
-        # Most looks at a motion that is not periodic end here.
+        # A motion that is not periodic rarely comes back so near: the search would be in vain.
         recent = self._section[-1 - self.longest :] / size
         nearest = np.abs(recent[:-1] - recent[-1]).max(axis=1).min()
         if nearest > _NEAR * max(tolerance, _ROUND_OFF):

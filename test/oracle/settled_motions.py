@@ -17,8 +17,9 @@ from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from rig.random_rigs import any_rig
 
-from impact_damper_ros import Rig, RigParameters
+from impact_damper_ros import Rig
 from impact_damper_ros.orbits import PeriodicOrbit, settle
 from oracle.hybrid_oracle import DEFAULTS, OracleEvent, run
 from oracle.precise_motion import mp
@@ -44,26 +45,6 @@ class Trial(NamedTuple):
     def good(self) -> bool:
         """Whether theory and oracle agree."""
         return self.phases < PHASES and self.multipliers < MULTIPLIERS
-
-
-def any_rig(seed: int) -> RigParameters:
-    """Return a rig of any kind near its resonance."""
-    draw = np.random.default_rng(seed)
-
-    def between(low: float, high: float) -> float:
-        return round(float(draw.uniform(low, high)), 2)
-
-    return RigParameters(
-        gravity=float(draw.choice([0.0, 1.0, 9.8])),
-        friction=float(draw.choice([0.0, 0.0, 0.1, 0.5])),
-        angle=between(-1, 1) * float(draw.integers(0, 2)),
-        gap=between(2, 60),
-        damper_mass=between(0.02, 0.4),
-        restitution_1=between(0, 0.9),
-        restitution_2=between(0, 0.9),
-        force_frequencies=(between(0.6, 1.6),),
-        damping=between(0.01, 0.2),
-    )
 
 
 def period_of(orbit: PeriodicOrbit, late: Any, moved: Any) -> list[OracleEvent]:

@@ -52,7 +52,7 @@ def test_it_may_begin_at_any_instant_and_after_changes():
 
 
 def test_the_largest_displacement_is_exact():
-    """Against samples so dense that the parabola between them is."""
+    """Against the largest of 100,001 samples of a period."""
     two = DETUNED.replace(
         force_amplitudes=(1.0, 0.4), force_frequencies=(1.02, 3.06), force_phases=(0.0, 0.3)
     )
@@ -65,7 +65,7 @@ def test_the_largest_displacement_is_exact():
 
 
 def test_an_unstable_motion_is_left():
-    """Started on it to eleven digits, a rig stays near it for long, and settles elsewhere."""
+    """A rig that starts on it, to eleven digits, stays near it for long and settles elsewhere."""
     rig = HORIZONTAL.replace(gap=12.0)
     unstable = [o for o in find_orbits(rig, (1, 2)).orbits if o.viable and not o.stable]
     (orbit,) = unstable[:1]

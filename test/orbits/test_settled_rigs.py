@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from rig.random_rigs import any_rig
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import find_orbits, settle
@@ -95,26 +96,6 @@ def test_the_rigs_are_of_all_kinds():
         ((1, 2, 1, 2), 2),
         ((1, 1, 1), 3),
     }
-
-
-def any_rig(seed):
-    """Return a rig of any kind: from light to heavy, plastic to elastic, level to steep."""
-    draw = np.random.default_rng(seed)
-
-    def between(low, high):
-        return round(float(draw.uniform(low, high)), 2)
-
-    return RigParameters(
-        gravity=float(draw.choice([0.0, 1.0, 9.8])),
-        friction=float(draw.choice([0.0, 0.0, 0.1, 0.5])),
-        angle=between(-1, 1) * float(draw.integers(0, 2)),
-        gap=between(2, 60),
-        damper_mass=between(0.02, 0.4),
-        restitution_1=between(0, 0.9),
-        restitution_2=between(0, 0.9),
-        force_frequencies=between(0.6, 1.6),
-        damping=between(0.01, 0.2),
-    )
 
 
 REVERSAL, STICK, RELEASE, REST = (

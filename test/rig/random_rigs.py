@@ -7,6 +7,8 @@ import math
 import random
 from typing import Any
 
+import numpy as np
+
 from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import EVENT_TYPE, Event, InitialConditions, RigParameters
 
@@ -111,3 +113,23 @@ def run(rig: Rig, until: float, most: int = 4000) -> list[Event]:
         if len(events) > most:
             break
     return events
+
+
+def any_rig(seed: int) -> RigParameters:
+    """Return a rig near its resonance: light or heavy, plastic or elastic, level or steep."""
+    draw = np.random.default_rng(seed)
+
+    def between(low: float, high: float) -> float:
+        return round(float(draw.uniform(low, high)), 2)
+
+    return RigParameters(
+        gravity=float(draw.choice([0.0, 1.0, 9.8])),
+        friction=float(draw.choice([0.0, 0.0, 0.1, 0.5])),
+        angle=between(-1, 1) * float(draw.integers(0, 2)),
+        gap=between(2, 60),
+        damper_mass=between(0.02, 0.4),
+        restitution_1=between(0, 0.9),
+        restitution_2=between(0, 0.9),
+        force_frequencies=(between(0.6, 1.6),),
+        damping=between(0.01, 0.2),
+    )
