@@ -387,20 +387,7 @@ def run_each(
         while status == FULL:
             run.written = 0
             if controls is None:
-                status, count = run_through(
-                    rigs[k],
-                    lines[k],
-                    run,
-                    waves[k],
-                    log,
-                    in_mode[k],
-                    None,
-                    None,
-                    end,
-                    instants,
-                    count,
-                    samples[k],
-                )
+                control = None
             else:
                 # Here, as no compiled function can return it
                 control = Control(
@@ -420,20 +407,20 @@ def run_each(
                     controls.trial[k],
                     controls.trial_waves[k],
                 )
-                status, count = run_through(
-                    rigs[k],
-                    lines[k],
-                    run,
-                    waves[k],
-                    log,
-                    in_mode[k],
-                    control,
-                    acts,
-                    end,
-                    instants,
-                    count,
-                    samples[k],
-                )
+            status, count = run_through(
+                rigs[k],
+                lines[k],
+                run,
+                waves[k],
+                log,
+                in_mode[k],
+                control,
+                acts,
+                end,
+                instants,
+                count,
+                samples[k],
+            )
             if not anew:
                 break
         if anew:
