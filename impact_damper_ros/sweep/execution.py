@@ -328,6 +328,10 @@ def _run(
                 hand_out(task._replace(rigs=left, done=done))
     except CancelledError as error:
         raise WorkersError('the work was cancelled: has the scheduler ended?') from error
+    except BrokenExecutor:
+        # It ends its calls itself, in another thread, which stumbles over a cancelled one
+        under_way.clear()
+        raise
     finally:
         for future in under_way:
             future.cancel()
