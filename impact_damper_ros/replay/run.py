@@ -309,7 +309,7 @@ class _Tables:
         self._run = run
         self._topics = {key: getattr(run.topics, key) for key in _LAYOUTS}
         self._columns = {
-            key: JointStateColumns((joints,), counts) for key, (joints, counts) in _LAYOUTS.items()
+            key: JointStateColumns(joints, counts) for key, (joints, counts) in _LAYOUTS.items()
         }
         self._waiting: dict[str, list[RecordedMessage]] = {t: [] for t in self._topics.values()}
         self._last: dict[str, tuple[int, bytes]] = {}
@@ -330,15 +330,13 @@ class _Tables:
         columns, topic, disorder = self._columns[key], self._topics[key], self._run.disorder
         records = self._waiting[topic] if topic else []
         self._waiting[topic] = []
-        found = columns.read([record.content for record in records])
         log_ns = np.array([record.stamp_ns for record in records], dtype=np.int64)
-        if found.unreadable:
-            bad = [index for index, _ in found.unreadable]
-            disorder.note(disorder.unreadable, topic, log_ns[bad])
-            log_ns = np.delete(log_ns, bad)
-            records = [r for i, r in enumerate(records) if i not in set(bad)]
-        frame = np.array(columns.frames or [''])[found.frames]
-        table = Table(log_ns, found.stamps_ns, frame, found.numbers)
+        stamps, frames, numbers, readable = columns.read([record.content for record in records])
+        table = Table(log_ns, stamps, frames, numbers)
+        if not readable.all():
+            disorder.note(disorder.unreadable, topic, log_ns[~readable])
+            table = table[readable]
+            records = [r for r, good in zip(records, readable, strict=True) if good]
         if not table.size:
             return table
         if self._run.stamped:
