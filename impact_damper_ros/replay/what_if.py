@@ -18,7 +18,7 @@ from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import InitialConditions, ParameterError, Sample
 from impact_damper_ros.rig.event_budget import EventBudget
 
-from .command import Command
+from .command import Command, Setting
 from .replay import Part, Step
 from .rows import (
     NO_EVENTS,
@@ -29,7 +29,6 @@ from .rows import (
     impacts_of,
     samples_as_rows,
 )
-from .setting import Setting, setting_of
 
 #: Values of a parameter that are kept with their times.
 _MOST_VALUES = 100
@@ -80,7 +79,7 @@ class WhatIf:
         self._held = dict(held)
         self.reached: tuple[Samples, Events] = NO_SAMPLES, NO_EVENTS
         self._held_initial = dict(held_initial or {})
-        self._logged = setting_of(start.state)
+        self._logged = Setting.of(start.state)
         setting = self._logged.replaced(held)
         rig = _from_initial(start, self._logged, setting, self._held_initial)
         self._early: list[Events] = []
@@ -100,7 +99,7 @@ class WhatIf:
         """Return a rig in a state, held as another what-if is, or not at all."""
         other = cls.__new__(cls)
         other.rig, other._early, other.from_initial = Rig.restore(dict(state)), [], False
-        other._logged, other._budget = setting_of(state), EventBudget()
+        other._logged, other._budget = Setting.of(state), EventBudget()
         other._held = {} if like is None else like._held
         other._held_initial = {} if like is None else like._held_initial
         return other

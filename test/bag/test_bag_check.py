@@ -253,16 +253,6 @@ def faults_of(bag):
     return run.faults() + run.remarks()
 
 
-def test_a_whole_bag_has_no_faults(bag, tmp_path):
-    assert faults_of(bag) == []
-    assert faults_of(next(bag.glob('*.mcap'))) == []
-    findings = replayed(bag)
-    assert findings.verdict is ReplayVerdict.IDENTICAL
-    assert findings.faults == findings.remarks == []
-    assert recover_run([str(bag), '--output', str(tmp_path / 'copy')]) == 0
-    assert faults_of(tmp_path / 'copy') == []
-
-
 @pytest.mark.parametrize('share', [0.37, 0.5, 0.77, 0.9, 0.995])
 def test_a_cut_bag_has_no_fault_but_that(bag, tmp_path, share):
     content = next(bag.glob('*.mcap')).read_bytes()

@@ -22,13 +22,11 @@ from replay.test_replay import replayed
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
-from small_disk import mounted
 
 from impact_damper_ros.bag import RunReader, RunWriter, Topic
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.recover_run import main as recover_run
 from impact_damper_ros.cli.replay_run import main as replay_run
-from impact_damper_ros.cli.simulate_rig import _parser
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.replay.findings import ReplayVerdict
 
@@ -267,14 +265,6 @@ def test_a_missing_file_is_a_fault(copy, tmp_path, number, listing, capsys):
     assert (replayed(tmp_path / 'saved').faults != []) is (number < 3)
 
 
-def test_two_missing_files_are_counted(copy):
-    for number in (1, 2):
-        (copy / f'run_{number}.mcap').unlink()
-    found = faults(copy)
-    assert any('2 files of it missing before run_3.mcap' in fault for fault in found)
-    assert any('800 joint states are missing' in fault for fault in found)
-
-
 @pytest.mark.parametrize('left', [0, 5, 9000, 20_000, -3])
 def test_the_last_file_is_cut(copy, tmp_path, left, capsys):
     """As after `kill -9`: no metadata.yaml, and a part of the last file, or nothing of it."""
@@ -358,35 +348,6 @@ def test_a_name_that_is_taken_ends_the_recording(tmp_path):
     assert not reader.complete
 
 
-def test_a_disk_that_fills_after_some_files(tmp_path):
-    with mounted(tmp_path / 'disk', 512) as disk:
-        bag = disk / 'bag'
-        writer = RunWriter(bag, [NOTE], max_size=100_000, flush_period=0.05)
-        given = 0
-        while writer.error is None:
-            content = samples.serialise(
-                samples.STRING, samples.make(samples.STRING, os.urandom(500).hex())
-            )
-            writer.write('/note', content, given * 10**8)
-            if writer.split_due(given * 10**8):
-                writer.split(given * 10**8)
-            while (writer.splitting or writer.backlog > 20) and writer.error is None:
-                time.sleep(0.001)
-            given += 1
-        summary = writer.close()
-        assert 'the disk is full' in str(summary.error)
-        whole = files_of(bag)[:-1]
-        assert len(whole) >= 2
-        numbers = [number for path in whole for _, number, *_ in contents(path)]
-        assert numbers == list(range(len(numbers)))
-        reader = RunReader(bag)
-        assert len(list(reader)) == summary.message_count
-        assert summary.message_count >= len(numbers)
-        assert summary.message_count + summary.dropped == given
-        assert recover_run([str(bag), '--output', str(tmp_path / 'saved')]) == 0
-    assert RunReader(tmp_path / 'saved').message_count == summary.message_count
-
-
 KILLED = """
     import sys, time
     from impact_damper_ros.bag import RunWriter
@@ -421,40 +382,6 @@ def test_kill_loses_nothing_of_the_files_before(tmp_path):
 
 
 # Limits
-
-
-@pytest.mark.parametrize(
-    'limits', [{'max_size': 99_999}, {'max_size': -1}, {'max_duration': 0.5}], ids=str
-)
-def test_limits_too_small_are_refused(tmp_path, limits):
-    with pytest.raises(ValueError, match=r'must be 0 \(no limit\) or from'):
-        RunWriter(tmp_path / 'bag', [NOTE], **limits)
-    assert not (tmp_path / 'bag').exists()
-
-
-@pytest.mark.parametrize(
-    ('option', 'value', 'allowed'),
-    [
-        ('--max-bag-size', '5', 'whole number from 100000 to 1e+15 B'),
-        ('--max-bag-size', '150000.5', 'whole number from 100000 to 1e+15 B'),
-        ('--max-bag-size', 'inf', 'whole number from 100000 to 1e+15 B'),
-        ('--max-bag-duration', '0.5', 'number from 1 to 1e+09 s'),
-        ('--max-bag-duration', 'nan', 'number from 1 to 1e+09 s'),
-        ('--max-bag-duration', '-3', 'number from 1 to 1e+09 s'),
-    ],
-)
-def test_options_out_of_range(option, value, allowed, capsys):
-    with pytest.raises(SystemExit) as end:
-        simulate_rig(['bench_rig', '--duration', '1', '--bag', 'bag', f'{option}={value}'])
-    assert end.value.code == 2
-    text = capsys.readouterr().err
-    assert f"'{value}': give 0 (no limit) or a" in text
-    assert allowed in text
-
-
-def test_a_whole_number_may_be_written_with_an_exponent():
-    options = _parser().parse_args(['bench_rig', '--duration', '1', '--max-bag-size', '1e6'])
-    assert (options.max_bag_size, type(options.max_bag_size)) == (1_000_000, int)
 
 
 def test_what_a_file_begins_with_may_be_larger_than_the_limit(tmp_path):

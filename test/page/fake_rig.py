@@ -51,7 +51,7 @@ class FakeLink:
         self._tick = 0
         self._offset_ns = OFFSET_NS
         self._pattern = RigMessages()
-        self._snapshots = Snapshots(name, {}, {})
+        self._snapshots = Snapshots(name, {}, {}, RATE)
         self._announce(reason)
 
     @property
