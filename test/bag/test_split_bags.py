@@ -6,10 +6,6 @@ import random
 import re
 import resource
 import shutil
-import signal
-import subprocess
-import sys
-import textwrap
 import time
 from pathlib import Path
 
@@ -19,9 +15,7 @@ from bag import samples
 from bag.recorded_rig import NOTES, RecordedRig, random_requests
 from mcap.reader import make_reader
 from replay.test_replay import replayed
-from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
 
 from impact_damper_ros.bag import RunReader, RunWriter, Topic
 from impact_damper_ros.cli.compare_run import main as compare_run
@@ -107,8 +101,6 @@ def test_the_files_together_are_the_run(one, split):
 def test_independent_readers_take_each_file_and_the_bag(split):
     listing = yaml.safe_load((split / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
     numbers = dict.fromkeys(RunReader(split).topics, 0)
-    types = get_typestore(Stores.ROS2_JAZZY)
-    total = 0
     for path, listed in zip(files_of(split), listing['files'], strict=True):
         held = contents(path)
         with path.open('rb') as stream:
@@ -116,11 +108,8 @@ def test_independent_readers_take_each_file_and_the_bag(split):
             statistics = reader.get_summary().statistics
             records = [record.metadata for record in reader.iter_metadata()]
         stamps = [stamp for _, _, stamp, _ in held]
-        assert (statistics.message_start_time, statistics.message_end_time) == (
-            min(stamps),
-            max(stamps),
-        )
-        assert (statistics.message_count, statistics.channel_count) == (len(held), 6)
+        counted = statistics.message_start_time, statistics.message_end_time
+        assert (*counted, statistics.message_count) == (min(stamps), max(stamps), len(held))
         assert listed == {
             'path': path.name,
             'starting_time': {'nanoseconds_since_epoch': min(stamps)},
@@ -131,25 +120,15 @@ def test_independent_readers_take_each_file_and_the_bag(split):
         empty, noted = (yaml.safe_load(r['serialized_metadata']) for r in records)
         assert (empty['message_count'], empty['relative_file_paths']) == (0, [path.name])
         assert (noted['message_count'], noted['files']) == (len(held), [listed])
-        assert noted['custom_data']['node'] == '/sim_node'
         for topic, number, *_ in held:
             assert number == numbers[topic]
             numbers[topic] += 1
-        with AnyReader([path], default_typestore=types) as reader:
-            # They can all be decoded.
-            total += sum(
-                reader.deserialize(raw, connection.msgtype) is not None
-                for connection, _, raw in reader.messages()
-            )
-    assert total == sum(numbers.values()) == listing['message_count']
-    assert listing['relative_file_paths'] == [path.name for path in files_of(split)]
-    assert listing['starting_time'] == {'nanoseconds_since_epoch': 0}
+    assert sum(numbers.values()) == listing['message_count']
     assert listing['duration'] == {'nanoseconds': 7 * 10**9}
     assert {
         item['topic_metadata']['name']: item['message_count']
         for item in listing['topics_with_message_count']
     } == numbers
-    assert 'part' not in listing['custom_data']
     with Reader(split) as reader:
         assert [stamp for _, stamp, _ in reader.messages()] == sorted(
             stamp for path in files_of(split) for _, _, stamp, _ in contents(path)
@@ -346,39 +325,6 @@ def test_a_name_that_is_taken_ends_the_recording(tmp_path):
     reader = RunReader(bag)
     assert len(list(reader)) == 201
     assert not reader.complete
-
-
-KILLED = """
-    import sys, time
-    from impact_damper_ros.bag import RunWriter
-    from bag import samples
-
-    writer = RunWriter(sys.argv[1], samples.TOPICS, max_duration=1.0)
-    for number, message in enumerate(samples.run(4000)):
-        writer.write(*message)
-        if message[0] == '/joint_states' and writer.split_due(message[2]):
-            writer.split(message[2])
-        time.sleep(0.001)
-    writer.close()
-"""
-
-
-def test_kill_loses_nothing_of_the_files_before(tmp_path):
-    bag = tmp_path / 'bag'
-    search = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
-    script = f'import sys\nsys.path[:0] = {search!r}\n{textwrap.dedent(KILLED)}'
-    process = subprocess.Popen([sys.executable, '-c', script, str(bag)])
-    try:
-        while process.poll() is None and not (bag / 'bag_3.mcap').exists():
-            pass
-    finally:
-        process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
-    expected = samples.run(4000)
-    kept = [(t, d, s) for n in range(3) for t, _, s, d in contents(bag / f'bag_{n}.mcap')]
-    assert kept == expected[: len(kept)]
-    assert kept[-1][2] == samples.START + 3 * 10**9
-    assert len(list(RunReader(bag))) >= len(kept)
 
 
 # Limits
