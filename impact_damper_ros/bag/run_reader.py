@@ -237,8 +237,7 @@ class RunReader:
         if self._listing_error:
             found.append(self._listing_error)
         if self._listing is not None and self.complete:
-            types = {topic.name: topic.type for topic in self.topics.values()}
-            texts = [*listing_faults(self._listing, self._counts(), types)]
+            texts = listing_faults(self._listing, self._counts())
             found += [f'the bag is not whole: {text}' for text in texts]
         return found
 

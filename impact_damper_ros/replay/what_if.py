@@ -30,7 +30,7 @@ from .rows import (
     samples_as_rows,
 )
 
-#: Values of a parameter that are kept with their times.
+#: Values of a parameter that are listed in JSON.
 _MOST_VALUES = 100
 
 
@@ -197,28 +197,22 @@ class RecordedValues:
     """
 
     def __init__(self, value: Any) -> None:
-        self.value = self._last = value
-        #: The first values after that one, each with the rig time of its change, s
-        self.first: list[tuple[float, Any]] = []
-        #: How many there are after that one
-        self.count = 0
-        #: Rig time of the last change, s
-        self.last_time = -math.inf
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        #: The smallest and the largest of all; None if they are no numbers
-        self.range = (value, value) if number else None
+        self.value = value
+        #: The others in order, each with the rig time of its change, s
+        self.changes: list[tuple[float, Any]] = []
 
     def take(self, time: float, value: Any) -> None:
         """Take the value from an instant on, s, if it differs from the last one."""
-        if value == self._last:
-            return
-        self._last = value
-        self.last_time = time
-        self.count += 1
-        if self.count <= _MOST_VALUES:
-            self.first.append((time, value))
-        if self.range is not None:
-            self.range = min(self.range[0], value), max(self.range[1], value)
+        if value != (self.changes[-1][1] if self.changes else self.value):
+            self.changes.append((time, value))
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """The smallest and the largest value; None if they are no numbers."""
+        if not isinstance(self.value, int | float) or isinstance(self.value, bool):
+            return None
+        values = [self.value, *(value for _, value in self.changes)]
+        return min(values), max(values)
 
     def described(self, shown: Callable[[Any], str], most: int) -> str:
         """
@@ -226,10 +220,10 @@ class RecordedValues:
 
         At most `most` are listed with their times, the others by number and range.
         """
-        listed = self.first[:most]
+        listed = self.changes[:most]
         parts = [shown(self.value), *(f'{shown(v)} from {t:.9g} s' for t, v in listed)]
-        if more := self.count - len(listed):
-            parts.append(f'and {more} more until {self.last_time:.9g} s')
+        if more := len(self.changes) - len(listed):
+            parts.append(f'and {more} more until {self.changes[-1][0]:.9g} s')
             if self.range is not None:
                 parts.append('all within {} to {}'.format(*map(shown, self.range)))
         return ', '.join(parts)
@@ -238,8 +232,8 @@ class RecordedValues:
         """Return the values for JSON; times in s."""
         return {
             'at_first': self.value,
-            'changes': [list(entry) for entry in self.first],
-            'change_count': self.count,
+            'changes': [list(entry) for entry in self.changes[:_MOST_VALUES]],
+            'change_count': len(self.changes),
             'range': self.range,
         }
 

@@ -288,14 +288,6 @@ def test_an_unlogged_change_is_found_where_it_was_made(tmp_path):
     assert divergence.largest_x > 1e-4
 
 
-def test_a_change_without_its_event_is_told_but_followed(tmp_path, messages):
-    del messages[places(messages, '/parameter_events')[1]]
-    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
-    (found,) = findings.differences
-    assert (found.topic, found.quantity, found.replayed) == ('/parameter_events', 'gap', 0.009)
-    assert found.time == 1.005
-
-
 def test_missing_samples_are_a_fault_unless_the_recorder_dropped_them(tmp_path, messages):
     kept = [m for m in messages if not 600_000_000 < m[2] - samples.START < 700_000_000]
     findings = replayed(samples.record(tmp_path / 'bag', kept, custom=NOTES))
@@ -385,14 +377,6 @@ def test_a_cut_bag_is_compared_as_far_as_it_goes(tmp_path, messages):
         assert findings.impacts > 0
 
 
-@pytest.mark.parametrize('lost', range(1, 8))
-def test_a_bag_may_end_anywhere(tmp_path, messages, lost):
-    end = places(messages, '/impacts')[-lost] + 1
-    findings = replayed(samples.record(tmp_path / 'bag', messages[:end], custom=NOTES))
-    assert findings.verdict is ReplayVerdict.IDENTICAL
-    assert findings.impacts == len(places(messages[:end], '/impacts'))
-
-
 def of_format(message, version, name='format'):
     """Return a snapshot as one of another format, or with a state of another one."""
     topic, content, stamp = message
@@ -405,7 +389,8 @@ def of_format(message, version, name='format'):
 def test_other_formats_are_refused(tmp_path, messages):
     for name, version in (('format', 7), ('format', 4), ('state', 2), ('state', None)):
         others = [of_format(messages[0], version, name), *messages[1:]]
-        words = f'of format {version}; this version reads format 5'
+        read = 4 if name == 'state' else 5
+        words = f'of format {version}; this version reads format {read}'
         with pytest.raises(RecordingError, match=words) as caught:
             replayed(samples.record(tmp_path / f'{name}_{version}', others, custom=NOTES))
         assert 'use the version of impact_damper_ros that recorded the bag' in str(caught.value)

@@ -78,23 +78,6 @@ def test_what_ros2_bag_record_makes_of_it(tmp_path, messages):
     assert findings.control == len(places(messages, '/gap_control'))
 
 
-def test_the_same_act_twice_while_paused(tmp_path):
-    """Stop 2 taken away and put back: both times the law orders the same."""
-    rig = RecordedRig(control=CONTROL).start().run(300)
-    for one_sided in (True, False):
-        rig.serve(('change', {'one_sided': one_sided}))
-    acts = [m for m in rig.messages if m[0] == '/gap_control']
-    assert acts[-1] == acts[-2]
-    rig.run(100)
-    count = len(places(rig.messages, '/gap_control'))
-    arrived = with_arrival_times(rig.messages)
-    for name, messages, notes in (('bag', rig.messages, NOTES), ('ros2', arrived, {})):
-        findings = replayed(save(tmp_path / name, messages, notes))
-        assert findings.verdict is ReplayVerdict.IDENTICAL
-        assert findings.control == findings.recorded_control == count
-        assert not findings.faults
-
-
 def test_a_bag_may_end_anywhere(tmp_path):
     rig = RecordedRig(control=CONTROL).start().run(200)
     messages = rig.run(40, ('change', {'gap_control': 'amplitude'})).messages
