@@ -325,6 +325,7 @@ class JointStateLayout:
         sizes = [f'{len(part)}s' for part in self._same]
         numbers = ''.join(f'{n}d{size}' for n, size in zip(counts, sizes[2:], strict=True))
         self._whole = struct.Struct(f'{reader.order}{sizes[0]}iI{sizes[1]}{numbers}')
+        self._pack = self._whole.pack
         # The places of the parts that are the same among the values of `_whole`
         self._at = [0, 3, *(3 + i + sum(counts[:i]) for i in (1, 2, 3))]
         self._no_efforts = (0.0,) * counts[2]
@@ -358,7 +359,7 @@ class JointStateLayout:
         head, names, after_positions, after_velocities, after_efforts = self._same
         # In one go: this is what a rig sends at every tick.
         seconds, nanoseconds = divmod(stamp_ns, _NS_PER_S)
-        return self._whole.pack(
+        return self._pack(
             head,
             seconds,
             nanoseconds,

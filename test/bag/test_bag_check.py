@@ -157,25 +157,6 @@ def test_any_flipped_bit_is_noticed(bag, tmp_path):
         assert run.faults() or not run.complete, at
 
 
-def test_a_file_that_ends_within_the_indexes_of_a_chunk_is_only_cut(bag, tmp_path):
-    (path,) = bag.glob('*.mcap')
-    content, ends = path.read_bytes(), [8]
-    found = records(content)
-    for _, held in found:
-        ends.append(ends[-1] + 9 + len(held))
-    codes = [code for code, _ in found]
-    # Up to the chunk, and a bit further into each of its indexes
-    chunk = len(codes) - 1 - codes[::-1].index(Opcode.CHUNK)
-    indexes = codes[chunk:].count(Opcode.MESSAGE_INDEX)
-    assert indexes > 1
-    cut = tmp_path / 'run_0.mcap'
-    for index in range(indexes + 1):
-        for more in (0, 5):
-            cut.write_bytes(content[: ends[chunk + 1 + index] + more])
-            (fault,) = replayed(cut).faults
-            assert 'the bag is not complete' in fault
-
-
 @pytest.mark.parametrize(
     ('field', 'value', 'words'),
     [
@@ -212,31 +193,6 @@ def test_samples_taken_out_with_consistent_statistics(messages, tmp_path):
         (fault,) = findings.faults
         lost = len(messages) - len(kept)
         assert abs(lost - int(fault.split()[5].replace(',', ''))) <= 20, fault
-
-
-def test_a_topic_taken_out_with_consistent_statistics(messages, tmp_path):
-    topics = [topic for topic in samples.CONTROLLED if topic.name != '/impacts']
-    kept = [m for m in messages if m[0] != '/impacts']
-    findings = replayed(samples.record(tmp_path / 'bag', kept, topics, custom=NOTES))
-    assert findings.verdict is ReplayVerdict.PARTIAL
-    (fault,) = findings.faults
-    assert fault.endswith('its notes name the topic /impacts, which is not in it')
-
-
-def test_dropped_messages_are_noted_in_the_bag(messages, tmp_path):
-    """As many as did not fit into the queue; the reader accounts for them."""
-    writer = samples.RunWriter(tmp_path / 'bag', samples.CONTROLLED, custom=NOTES, queue_limit=400)
-    writer._flush_interval = writer._poll_period = 0.05
-    while writer.dropped == 0:
-        for message in messages:
-            writer.write(*message)
-    summary = writer.close()
-    assert summary.dropped > 0
-    run = RunReader(tmp_path / 'bag')
-    assert run.dropped == summary.dropped
-    assert f'it has dropped {summary.dropped:,} messages' in run.remarks()[0]
-    list(run)
-    assert run.faults() == []
 
 
 # No false alarms

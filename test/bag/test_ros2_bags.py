@@ -157,26 +157,6 @@ def test_comparison_reads_them_too(tmp_path, messages):
     assert results[0] == results[1] == results[2]
 
 
-def test_a_compressed_file_by_itself(tmp_path, messages):
-    arrived = ros2_bags.joined(messages, samples.START)
-    bag = ros2_bags.write_bag(tmp_path / 'bag', arrived, file_zstd=True)
-    (file,) = bag.glob('*.mcap.zstd')
-    assert replayed(file).verdict is ReplayVerdict.IDENTICAL
-    assert [(r.topic, r.content, r.stamp_ns) for r in RunReader(file)] == arrived
-
-
-def test_a_recorder_killed_at_the_beginning_of_a_file(tmp_path, messages, capsys):
-    arrived = ros2_bags.joined(messages[:1500], samples.START)
-    bag = ros2_bags.write_bag(tmp_path / 'bag', arrived, files=3)
-    (bag / 'bag_3.mcap').touch()
-    (bag / 'metadata.yaml').unlink()
-    assert replay_run([str(bag)]) == 3
-    assert 'bag_3.mcap is empty: the recording was cut short there' in capsys.readouterr().out
-    assert recover_run([str(bag)]) == 0
-    assert RunReader(tmp_path / 'bag_recovered').message_count == len(arrived)
-    assert replay_run([str(tmp_path / 'bag_recovered'), '--quiet']) == 0
-
-
 def test_sqlite(tmp_path, messages):
     arrived = ros2_bags.joined(messages, samples.START + 10**9)
     ros2_bags.write_database(tmp_path / 'bag', arrived)

@@ -193,6 +193,9 @@ def test_a_full_queue_drops_and_counts(tmp_path):
     summary = writer.close()
     assert (summary.message_count, summary.dropped, summary.complete) == (100, 50, True)
     assert 'more than 100 messages waited' in str(writer.drop_reason)
+    run = RunReader(tmp_path / 'bag')
+    assert run.dropped == 50
+    assert 'it has dropped 50 messages' in run.remarks()[0]
 
 
 def test_two_topics_of_one_name_are_refused(tmp_path):
