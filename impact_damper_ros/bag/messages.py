@@ -1,8 +1,9 @@
 """
 The recorded messages as typed Python objects, and their encoding in CDR.
 
-Plain CDR (XCDR version 1), as of DDS-XTypes 1.3, section 7.4.3: four bytes that name the
-encoding, then the fields, each aligned to its own size counted from there. Everything here works
+Plain CDR (XCDR version 1), as of DDS-XTypes 1.3, section 7.4.3, little-endian as on all machines
+of ROS 2: four bytes that name the encoding, then the fields, each aligned to its own size counted
+from there. Everything here works
 without ROS, and the bytes are those of the middleware with zeros for padding. `_FIELDS` lists the
 fields of each type; reading and writing follow it.
 
@@ -26,6 +27,10 @@ JOINT_STATE = 'sensor_msgs/msg/JointState'
 STRING = 'std_msgs/msg/String'
 PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
 DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
+
+
+#: How a message in plain CDR begins.
+_PLAIN = b'\x00\x01\x00\x00'
 
 
 class CdrError(ValueError):
@@ -139,10 +144,8 @@ class CdrReader:
     """
 
     def __init__(self, content: bytes) -> None:
-        try:
-            self.order = {b'\x00\x01': '<', b'\x00\x00': '>'}[bytes(content[:2])]
-        except KeyError:
-            raise CdrError(f'encapsulation {content[:2].hex()!r} is not plain CDR') from None
+        if content[:2] != _PLAIN[:2]:
+            raise CdrError(f'encapsulation {content[:2].hex()!r} is not plain CDR')
         self._content = content
         self.position = 4
 
@@ -157,7 +160,7 @@ class CdrReader:
     def _numbers(self, count: int, letter: str) -> tuple[Any, ...]:
         size = struct.calcsize(f'<{letter}')
         start = self._pass(count * size, size if count else 1)
-        return struct.unpack_from(f'{self.order}{count}{letter}', self._content, start)
+        return struct.unpack_from(f'<{count}{letter}', self._content, start)
 
     def read(self, kind: _Kind) -> Any:
         """Read a field."""
@@ -199,7 +202,7 @@ class CdrWriter:
 
     def __init__(self) -> None:
         #: The message so far, with its encapsulation header
-        self.content = bytearray(b'\x00\x01\x00\x00')
+        self.content = bytearray(_PLAIN)
 
     def _numbers(self, letter: str, values: Sequence[float]) -> None:
         if values:
@@ -274,8 +277,7 @@ def encode(message: Message) -> bytes:
 #: A message begins after the four bytes that name the encoding; alignment counts from there.
 _STAMP_AT = 4
 _STAMP_END = 12
-_LITTLE = struct.Struct('<iI')
-_BIG = struct.Struct('>iI')
+_STAMP = struct.Struct('<iI')
 _NS_PER_S = 10**9
 
 
@@ -283,19 +285,18 @@ def header_ns(content: bytes) -> int:
     """Return the stamp of a message that begins with it, ns; `CdrError` if it is too short."""
     if len(content) < _STAMP_END:
         raise CdrError(f'the message ends at byte {len(content)}, in its header')
-    layout = _LITTLE if content[1] == 1 else _BIG
-    seconds, nanoseconds = layout.unpack_from(content, _STAMP_AT)
+    seconds, nanoseconds = _STAMP.unpack_from(content, _STAMP_AT)
     return int(seconds) * _NS_PER_S + int(nanoseconds)
 
 
 def restamped(content: bytes, stamp_ns: int) -> bytes:
     """Return an encoded message that begins with its stamp with another stamp."""
-    return content[:_STAMP_AT] + _LITTLE.pack(*divmod(stamp_ns, _NS_PER_S)) + content[_STAMP_END:]
+    return content[:_STAMP_AT] + _STAMP.pack(*divmod(stamp_ns, _NS_PER_S)) + content[_STAMP_END:]
 
 
 def clock_message(stamp_ns: int) -> bytes:
     """Return a rosgraph_msgs/Clock."""
-    return b'\x00\x01\x00\x00' + _LITTLE.pack(*divmod(stamp_ns, _NS_PER_S))
+    return _PLAIN + _STAMP.pack(*divmod(stamp_ns, _NS_PER_S))
 
 
 class JointStateLayout:
@@ -324,14 +325,14 @@ class JointStateLayout:
         self._same = [content[:_STAMP_AT], *(content[begin:end] for begin, end in same)]
         sizes = [f'{len(part)}s' for part in self._same]
         numbers = ''.join(f'{n}d{size}' for n, size in zip(counts, sizes[2:], strict=True))
-        self._whole = struct.Struct(f'{reader.order}{sizes[0]}iI{sizes[1]}{numbers}')
+        self._whole = struct.Struct(f'<{sizes[0]}iI{sizes[1]}{numbers}')
         self._pack = self._whole.pack
         # The places of the parts that are the same among the values of `_whole`
         self._at = [0, 3, *(3 + i + sum(counts[:i]) for i in (1, 2, 3))]
         self._no_efforts = (0.0,) * counts[2]
         # The same as a row
-        order, names = reader.order, ('seconds', 'rest', 'position', 'velocity', 'effort')
-        formats = [f'{order}i4', f'{order}u4', *(f'{n}{order}f8' for n in counts)]
+        names = ('seconds', 'rest', 'position', 'velocity', 'effort')
+        formats = ['<i4', '<u4', *(f'{n}<f8' for n in counts)]
         offsets = [_STAMP_AT, _STAMP_AT + 4, *begins]
         self._row = np.dtype(
             {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': len(content)}

@@ -43,7 +43,7 @@ from .rows import (
     published_states,
     samples_as_rows,
 )
-from .run import RecordedRun, Rows, StatedParameters
+from .run import LATE, TWICE, RecordedRun, Rows, StatedParameters
 from .shadowing import Shadowing, near
 
 #: A longer time without samples, and without so many of them, counts as a wrong stamp.
@@ -392,10 +392,10 @@ class Replay:
         disorder = self.recorded.disorder
         assert last is not None
         if command == last:
-            disorder.note(disorder.doubled, topic, [command.stamp_ns])
+            disorder.note(TWICE, topic, [command.stamp_ns])
             return
         if command.time_ns < self._time_ns:
-            disorder.note(disorder.late, topic, [command.stamp_ns])
+            disorder.note(LATE, topic, [command.stamp_ns])
             return
         self._command = command
         findings.snapshots += 1

@@ -168,15 +168,6 @@ def test_joint_states_of_any_shape(seed):
         np.testing.assert_array_equal(peer.effort, expected.effort)
 
 
-def test_big_endian():
-    message = samples.STORE.deserialize_cdr(samples.parameter_event(5), samples.PARAMETER_EVENT)
-    swapped = samples.STORE.serialize_cdr(message, samples.PARAMETER_EVENT, little_endian=False)
-    assert bytes(swapped) != samples.parameter_event(5)
-    assert decode(samples.PARAMETER_EVENT, bytes(swapped)) == decode(
-        samples.PARAMETER_EVENT, samples.parameter_event(5)
-    )
-
-
 @pytest.mark.parametrize('interface_name', ['JOINT_STATE', 'PARAMETER_EVENT', 'DIAGNOSTIC_ARRAY'])
 def test_cut_or_garbled_messages_raise_only_cdr_errors(interface_name):
     name = getattr(samples, interface_name)
