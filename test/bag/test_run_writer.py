@@ -134,17 +134,6 @@ def test_no_message_waits_longer_than_the_flush_period(tmp_path, monkeypatch, pe
     assert time.late == []
 
 
-def test_the_first_bytes_tell_the_topics(tmp_path):
-    writer = RunWriter(tmp_path / 'bag', samples.TOPICS)
-    try:
-        head = writer.path.read_bytes()
-        assert head.startswith(b'\x89MCAP0\r\n')
-        for topic in samples.TOPICS:
-            assert topic.name.encode() in head
-    finally:
-        writer.close()
-
-
 def test_close_is_idempotent_and_says_what_the_bag_holds(tmp_path):
     writer = RunWriter(tmp_path / 'bag', samples.TOPICS)
     messages = samples.run(300)
