@@ -88,6 +88,16 @@ setup(
             'xacro>=2.1',
             'xarray>=2023.1',
         ],
+        # make docs
+        'docs': [
+            'furo>=2024.8',
+            'myst-parser>=4.0',
+            'sphinx>=8.0',
+            'sphinx-copybutton>=0.5',
+            'sphinx-design>=0.6',
+            'sphinx-gallery>=0.18',
+            'sphinx-mathjax-offline>=0.0.2',
+        ],
         'dev': [
             'mypy>=1.11',
             'pre-commit>=3.7',
