@@ -27,11 +27,11 @@ import warnings
 from collections.abc import Iterator
 from typing import Any, NoReturn
 
-from impact_damper_ros.compare import ObservedMotion, Prediction, predictions
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.orbits.orbit import Rhythm
 from impact_damper_ros.rig import Event, EventKind
+from impact_damper_ros.theory import ObservedMotion, Prediction, predictions
 
 NICENESS = 5
 #: Without a first answer after this time, or the last one after the second, a fork of ordinary

@@ -8,7 +8,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from compare.observed import motion_on
+from theory.observed import motion_on
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.node import prediction as module
