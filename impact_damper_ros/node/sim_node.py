@@ -159,7 +159,7 @@ REPORT_PERIOD_S = 1.0
 #: Time after which the process of the theory is asked for more, while more is to come.
 THEORY_PERIOD_S = 0.1
 #: Longest wait of a service call for the engine.
-ANSWER_TIMEOUT_S = 2.0
+ANSWER_TIMEOUT_S = 10.0
 #: Least time between two warnings of a rig that falls behind.
 WARNING_PERIOD_S = 5.0
 
