@@ -3,15 +3,15 @@ The engine: the thread that moves the rig from tick to tick and publishes its me
 
 As soon as a tick is published, the rig is moved to the next one and the messages are encoded: the
 search for the next impact, which takes many times as long as a sample, must not delay a tick. At
-the tick they only have to be sent. Impacts on the way are sent at their own instants, if the
-clock allows. At a tick, the waiting requests are carried out before the joint states are
-published. So the joint states of a tick show a change that took effect at it.
+the tick they only have to be sent. Impacts on the way are sent at their own instants. At a tick,
+the waiting requests are carried out before the joint states are published. So the joint states of
+a tick show a change that took effect at it.
 
 All requests to the engine go through a queue and take effect at the tick the rig is at, a whole
-number of nanoseconds. A rig that takes long from one tick to the next is moved in slices
-(`motion_ahead`); requests take effect between these, at whole nanoseconds, too. A rig that cannot
-continue, or has too many events on the way to the next tick, is held until a change or a reset.
-Everything in a recording is written by this thread, in order.
+number of nanoseconds. Where ticks are far apart the rig is moved in strides, and where it takes
+long from one tick to the next in slices (`motion_ahead`); requests take effect between these, at
+whole nanoseconds, too. A rig that cannot continue, or has too many events on the way, is held
+until a change or a reset. Everything in a recording is written by this thread, in order.
 """
 
 from __future__ import annotations
@@ -30,15 +30,7 @@ from impact_damper_ros.rig.event_budget import fastest_rate
 from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .motion_ahead import RIG_FAILURES, MotionAhead, MotionTrace, ticks_ahead
-from .pacing import (
-    CATCH_UP_NS,
-    ORDINARY,
-    Pacer,
-    PacingCounts,
-    Scheduling,
-    StampClock,
-    sleep_first_in_line,
-)
+from .pacing import ORDINARY, Pacer, PacingCounts, StampClock, take_priority
 from .publishing import Emitter, Log, OutgoingMessage, RigPublishers
 
 
@@ -125,8 +117,8 @@ class EngineCallbacks(NamedTuple):
     on_failure : callable
         Called if the engine fails; its `failure` is set then.
     on_course : callable
-        Called at the start and after every change and reset, with the snapshot of the rig as
-        JSON; must return at once.
+        Called at the start and after every change and reset, with the state of the rig; must
+        return at once.
     on_trouble : callable
         Called with a text if the rig falls behind the wall clock or cannot continue, or if the
         system clock was set.
@@ -137,7 +129,7 @@ class EngineCallbacks(NamedTuple):
 
     alive: Callable[[], bool]
     on_failure: Callable[[], object]
-    on_course: Callable[[str], object] = lambda _: None
+    on_course: Callable[[dict[str, Any]], object] = lambda _: None
     on_trouble: Callable[[str], object] = lambda _: None
     on_set_back: Callable[[], object] = lambda: None
 
@@ -238,8 +230,8 @@ class RequestQueue:
 
 PAUSED_NAP_S = 0.02
 PAUSED_PERIOD_NS = 100_000_000
-#: Time for which the pace must be held before the thread gets its priority again.
-STEADY_AGAIN_NS = 10_000_000_000
+#: Longest stride in wall time: impacts are sent, and requests served, at least so often.
+STRIDE_NS = 20_000_000
 #: Messages by which a recording may be behind before a free-running rig waits for it.
 LOG_BACKLOG = 20_000
 
@@ -281,14 +273,11 @@ class Engine:
         self._publishers = publishers
         self._callbacks = callbacks
         self._grid = TickGrid(settings.state_rate)
-        self._scheduling = Scheduling(settings.real_time_priority)
-        self._pacer = Pacer(
-            self._grid.instant(1),
-            settings.real_time_factor,
-            sleep=sleep_first_in_line,
-            on_slip=self._slip,
-        )
+        self._priority = settings.real_time_priority
+        self._scheduling = ORDINARY
+        self._pacer = Pacer(self._grid.instant(1), settings.real_time_factor, on_slip=self._slip)
         self._free_running = not settings.real_time_factor
+        self._stride_ns = max(1, round(STRIDE_NS * settings.real_time_factor))
         self._stamps = StampClock(simulated=settings.publish_clock)
         topics = {key: publisher.topic for key, publisher in publishers.items()}
         self._snapshots = Snapshots(settings.node, topics, initial.as_dict(), settings.state_rate)
@@ -352,7 +341,7 @@ class Engine:
             self._out.recorded,
             self._pacer.counts(),
             ControlStatus(self._rig.control, self._motion.commands, self._motion.last_act),
-            self._scheduling.text,
+            self._scheduling,
             self._held,
             self._load(),
         )
@@ -424,7 +413,7 @@ class Engine:
 
     def _run(self) -> None:
         try:
-            self._scheduling.take()
+            self._scheduling = take_priority(self._priority)
             self._run_ticks()
         except Exception as error:
             self.failure = error
@@ -453,8 +442,6 @@ class Engine:
             self._follow_clock()
             if self._slipped:
                 self._catch_up()
-            elif self._scheduling.given_up and self._pacer.steady_ns > STEADY_AGAIN_NS:
-                self._scheduling.take()
             self._serve()
             self._publish_states()
             if self._step_done is not None and self._step_done():
@@ -464,26 +451,26 @@ class Engine:
 
     def _move_to(self, due_ns: int) -> bool:
         """
-        Move the rig to the next tick and send what happens on the way.
+        Move the rig to the next tick, or by a stride, and send what happens on the way.
 
-        Returns false if it stops before the tick, for a request or because the rig takes long.
+        Returns whether that tick is reached.
         """
-        if not self._pacer.approach(due_ns, self._interrupted):
-            return False
+        target_ns = due_ns
+        if not self._free_running:
+            target_ns = min(due_ns, self._time_ns + self._stride_ns)
+        offset_ns = self._stamps.offset_ns
         try:
-            moved = self._motion.move_to(self._time_ns, self._tick + 1, self._stamps.offset_ns)
+            moved = self._motion.move_to(self._time_ns, target_ns, self._tick + 1, offset_ns)
         except RIG_FAILURES as error:
             self._give_up(error)
             return False
-        if moved.messages:
-            last_ns = max(message.stamp_ns for message in moved.messages)
-            self._pacer.pause_until(last_ns - self._stamps.offset_ns)
-            self._emit_all(moved.messages)
+        for message in moved.messages:
+            self._pacer.pause_until(message.stamp_ns - offset_ns)
+            self._out.emit(*message)
         if moved.time_ns == due_ns:
             return True
+        self._pacer.pause_until(moved.time_ns)
         self._time_ns = moved.time_ns
-        if self._pacer.lateness(due_ns) > CATCH_UP_NS:
-            self._scheduling.give_up()
         self._serve()
         return False
 
@@ -505,7 +492,8 @@ class Engine:
                 self._publish_clock()
                 data = self._motion.paused_states(self._stamps.now(self._time_ns))
                 self._out.publish(self._publishers['joint_states'], data)
-                due_ns += PAUSED_PERIOD_NS
+                # Not what was missed while the process was stopped
+                due_ns = max(due_ns + PAUSED_PERIOD_NS, time.monotonic_ns())
             time.sleep(PAUSED_NAP_S)
             self._serve()
 
@@ -532,7 +520,6 @@ class Engine:
                 self._go_on()
 
     def _slip(self) -> None:
-        self._scheduling.give_up()
         self._slipped = True
 
     def _follow_clock(self) -> None:
@@ -713,7 +700,7 @@ class Engine:
         if self._new_course:
             self._new_course = False
             self._motion.trace = MotionTrace.at(self._rig.parameters, state)
-            self._callbacks.on_course(text)
+            self._callbacks.on_course(state)
 
     def _record_event(self, event: bytes) -> None:
         stamp_ns = self.stamp_ns()

@@ -16,6 +16,7 @@ from std_msgs.msg import String
 from impact_damper_ros.bag import RunWriter
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME, recorded_topics
 from impact_damper_ros.control import Rig
+from impact_damper_ros.node import engine
 from impact_damper_ros.node.engine import LOG_BACKLOG, Engine, EngineCallbacks, EngineSettings
 from impact_damper_ros.node.motion_ahead import ticks_ahead
 from impact_damper_ros.node.pacing import CATCH_UP_NS
@@ -504,17 +505,6 @@ def test_a_slip_moves_wall_stamps_on(clock):
     assert stamps[at - 1] == before_ns + first['time_ns'] - 10_000_000
 
 
-def test_a_priority_comes_back_once_the_pace_has_held(monkeypatch):
-    monkeypatch.setattr('impact_damper_ros.node.engine.STEADY_AGAIN_NS', 100_000_000)
-    with Bench(factor=1.0, priority=2).started() as bench:
-        until(lambda: len(bench.samples()) > 3)
-        first = bench.engine.status().scheduling
-        if 'SCHED_FIFO' in first and 'no permission' not in first:
-            bench.engine._requests.submit(bench.engine._slip).wait(DEADLINE_S)
-            until(lambda: 'could not be held' in bench.engine.status().scheduling)
-        until(lambda: bench.engine.status().scheduling == first)
-
-
 SLOW = {
     'spring': ({'stiffness': 1e15}, ()),
     'force': ({'force_frequencies': 1e6, 'friction': 0.1}, ()),
@@ -641,13 +631,39 @@ def test_a_step_of_a_rig_that_cannot_go_on_ends_in_a_pause():
         assert (status.held, status.paused) == ('', True)
 
 
-def test_a_request_between_two_far_ticks_is_answered_at_once():
-    with Bench(factor=0.001, rate=1.0).started() as bench:
-        # The next one is a quarter of an hour away.
+def test_between_two_far_ticks_impacts_are_sent_and_requests_answered():
+    """The next tick is minutes away."""
+    with Bench(factor=10.0, rate=1e-3).started() as bench:
+        until(lambda: bench.messages('impacts'))
         ticket = done(bench.engine.change(LIVELY.replace(gap=2.0), event_bytes()))
-        assert ticket.time_ns == 0
+        assert len(bench.samples()) == 1
+        (impact, *_) = bench.messages('impacts')
+        assert stamp_ns(impact.header.stamp) < ticket.time_ns < 1e12
+        last = bench.snapshots()[-1]
+        assert (last['reason'], last['time_ns']) == ('change', ticket.time_ns)
         bench.engine.stop(DEADLINE_S)
         assert not bench.engine._thread.is_alive()
+
+
+def test_paused_states_that_were_missed_are_not_made_up_for(monkeypatch):
+    """The process stands still for a minute while the rig is paused."""
+    clock = [time.monotonic_ns()]
+    naps = []
+
+    def sleep(seconds):
+        naps.append(len(bench.paused()))
+        clock[0] += 60 * 10**9 if len(naps) == 1 else round(seconds * 1e9)
+        if len(naps) > 50:
+            bench.engine._stopping.set()
+
+    with Bench(factor=1.0) as bench:
+        monkeypatch.setattr(engine.time, 'monotonic_ns', lambda: clock[0])
+        monkeypatch.setattr(engine.time, 'sleep', sleep)
+        bench.engine.pause(True)
+        bench.engine.start()
+        bench.engine._thread.join(DEADLINE_S)
+    # Fifty naps of 20 ms are a second: ten joint states, and one just after that minute.
+    assert 9 <= naps[-1] <= 12
 
 
 def test_a_failure_is_reported_and_requests_are_turned_away(monkeypatch):

@@ -126,20 +126,6 @@ def test_the_force_arrays_are_set_one_at_a_time(rig):
     assert 'entries' in rig.parameters.set(force_amplitudes=[])
 
 
-@pytest.mark.parametrize('kind', [10, 200])
-def test_a_type_that_ros_does_not_have_is_rejected(rig, kind):
-    """Of several parameters that are not set all or none, the others are set."""
-    bad = Parameter(name='gap', value=ParameterValue(type=kind))
-    reason = f'gap has the parameter type {kind}: give one from 0 to 9'
-    assert rig.parameters.set(gap=bad).startswith(reason)
-    assert rig.parameters.set_atomically(stiffness=2000.0, gap=bad).startswith(reason)
-    assert rig.parameters.get('stiffness', 'gap') == [1000.0, 0.01]
-    first, second, third = rig.parameters.set(stiffness=1500.0, gap=bad, friction=700)
-    assert (first, second.startswith(reason)) == ('', True)
-    assert 'friction' in third
-    assert rig.parameters.get('stiffness', 'gap') == [1500.0, 0.01]
-
-
 def test_bad_parameters_at_start_end_the_node(launch):
     cases = {
         'write stiffness': {'stifness': 3},

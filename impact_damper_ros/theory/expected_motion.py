@@ -9,9 +9,8 @@ for, with its multipliers.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import (
@@ -26,14 +25,10 @@ from impact_damper_ros.orbits.arguments import check_forcing
 from impact_damper_ros.orbits.orbit import Rhythm
 from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.orbits.search import counted_as, starting_points
-from impact_damper_ros.rig import Event, ParameterError, RigParameters
+from impact_damper_ros.rig import ParameterError, RigParameters
 from impact_damper_ros.rig.quoting import counted
 
-from .recorded_stretch import ForceClock
-
-#: Why a motion is the predicted one: it is near the measured one, the rig reaches it when it is
-#: run ahead, or it is the first of those that exist.
-Basis: TypeAlias = Literal['measured', 'run ahead', 'listed', '']
+from .prediction import ObservedMotion, Prediction
 
 #: Longest run ahead, in cycles of the force, and how often its impacts are examined.
 _MOST_CYCLES_AHEAD = 1500
@@ -50,55 +45,6 @@ _SAME = 1e-6
 _LONGEST_FORCE = 8
 #: Most impacts of a motion that is searched for without its states: with more, it takes minutes.
 _MOST_SOUGHT = 32
-
-
-@dataclass(frozen=True)
-class ObservedMotion:
-    """
-    The motion of a rig as measured.
-
-    Attributes
-    ----------
-    rhythm : Rhythm
-        The period of its impacts.
-    impact : Event
-        The last impact.
-    phase : float
-        Its instant in cycles of the force since its zero angle.
-    """
-
-    rhythm: Rhythm
-    impact: Event
-    phase: float
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """
-    The periodic motions of a rig, as far as they are known.
-
-    Attributes
-    ----------
-    orbits : tuple of PeriodicOrbit
-        Different motions; stable and viable ones first, then viable, then the others.
-    expected : PeriodicOrbit or None
-        The predicted one of them.
-    basis : str
-        Why that one.
-    reason : str
-        Why there is none, or a limitation of the choice.
-    complete : bool
-        Whether this is the last answer.
-    applies : bool
-        Whether the theory covers such a rig at all.
-    """
-
-    orbits: tuple[PeriodicOrbit, ...] = ()
-    expected: PeriodicOrbit | None = None
-    basis: Basis = ''
-    reason: str = ''
-    complete: bool = False
-    applies: bool = True
 
 
 def run_ahead(rig: Rig, most_cycles: int = _MOST_CYCLES_AHEAD) -> SettledMotion:
@@ -125,9 +71,30 @@ def _period_of_force(parameters: RigParameters) -> int:
     return cycles
 
 
-def _clock_of(rig: Rig) -> ForceClock:
+def zero_of_force(rig: Rig) -> float:
+    """Return the last rig time at which the angle of the first harmonic was zero, s."""
     state = rig.state()
-    return ForceClock(state.parameters, state.run.time, state.angles)
+    turned = state.angles[0] % math.tau
+    return state.run.time + state.run.time_low - turned / state.parameters.force_frequencies[0]
+
+
+def counted_from_zero(parameters: RigParameters, angles: Sequence[float]) -> RigParameters:
+    """
+    Return a rig with the phases that its harmonics have when the angle of the first is zero.
+
+    The periodic theory counts time from an instant at which all angles are zero; after a change of
+    frequencies on a live rig there may be none. `angles` are those of one instant, without the
+    phases, rad. The lines of a multisine, for which there is no periodic theory, stay as they are.
+    """
+    first = parameters.force_frequencies[0]
+    back = (angles[0] % math.tau) / first if len(parameters.force_phases) > 1 else 0.0
+    phases = [
+        math.remainder(phase + angle - frequency * back, math.tau)
+        for phase, angle, frequency in zip(
+            parameters.force_phases, angles, parameters.force_frequencies, strict=False
+        )
+    ]
+    return parameters.replace(force_phases=(parameters.force_phases[0], *phases[1:]))
 
 
 class _Orbits:
@@ -220,8 +187,7 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
     except OrbitError as error:
         yield Prediction(reason=str(error), complete=True, applies=False)
         return
-    clock = _clock_of(rig)
-    parameters = clock.counted_from_zero()
+    parameters = counted_from_zero(rig.parameters, rig.state().angles)
     orbits = _Orbits()
     stops = (1,) if parameters.one_sided else (1, 2)
     orbits.search(parameters, stops, period, simulate=False)

@@ -5,15 +5,15 @@ import math
 import re
 
 import pytest
-from compare.observed import motion_on
 from rig.endless_rigs import ENDLESS
 from rigs import FRICTION, HORIZONTAL, VERTICAL
 
-from impact_damper_ros.compare.prediction import predictions, run_ahead
 from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from impact_damper_ros.rig.swing import Swing
+from impact_damper_ros.theory.expected_motion import predictions, run_ahead
+from theory.observed import motion_on
 
 THREE = RigParameters(gravity=0.0, gap=18.0, force_frequencies=1.02)
 
