@@ -387,10 +387,11 @@ def _check(arguments: argparse.Namespace, parameters: RigParameters) -> None:
         check_figure(arguments.figure)
     if arguments.follow is not None:
         name, low, high = arguments.follow
-        if not low <= value_of(parameters, name) <= high:
+        value = value_of(parameters, name)
+        if not low <= value <= high:
             raise ValueError(
-                f'--follow {name}={low:.9g}:{high:.9g}: {name} is {value_of(parameters, name):.9g} '
-                'where the branch begins: give a range around that'
+                f'{name} is {value:.9g} where the branch begins: give a range around that, not '
+                f'{low:.9g} to {high:.9g}'
             )
     elif arguments.csv is not None or arguments.figure is not None:
         raise ValueError('--csv and --figure are for --follow: give a parameter and its range')

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import cached_property
+from itertools import groupby
 from typing import NamedTuple
 
 from .orbit import PeriodicOrbit
@@ -134,10 +136,35 @@ class Branch:
         """The parameter at the points."""
         return tuple(point.value for point in self.points)
 
-    @property
+    @cached_property
     def orbits(self) -> tuple[PeriodicOrbit, ...]:
         """The motions at the points."""
         return tuple(point.orbit for point in self.points)
+
+    def parts(self) -> Iterator[tuple[str, slice]]:
+        """
+        Yield the parts of the branch between changes of stability or viability.
+
+        Yields
+        ------
+        status : str
+            'stable', 'neutral', 'unstable', or 'not viable'.
+        part : slice
+            The points of it; each part begins with the last point of the one before.
+        """
+        special = {id(point.orbit) for point in self.special}
+
+        def status(first: int) -> str:
+            both = self.orbits[first : first + 2]
+            # A special point belongs to both sides
+            known = [orbit for orbit in both if id(orbit) not in special] or both
+            if not all(orbit.viable for orbit in known):
+                return 'not viable'
+            return max(known, key=lambda orbit: abs(orbit.multipliers[0])).stability
+
+        for found, steps in groupby(range(len(self.points) - 1), key=status):
+            first, *others = steps
+            yield found, slice(first, first + len(others) + 2)
 
     def at(self, values: Sequence[float]) -> list[tuple[PeriodicOrbit, ...]]:
         """

@@ -22,10 +22,10 @@ and Chaos 1 (1991).
 from __future__ import annotations
 
 import itertools
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -284,13 +284,19 @@ def _with_special_points(branch: Branch, between: Sequence[Piece]) -> Branch:
     special: list[SpecialPoint] = []
     points, pieces = [*branch.points[:1]], []
     for piece, after in zip(between, branch.points[1:], strict=True):
+        found = _special_points(piece)
+        special += [located.special for located in found]
+        inside = [(located.share, located.point) for located in found]
+        for one, other in itertools.pairwise(found):
+            # Between two of them the motion is of another kind than on both sides
+            share = 0.5 * (one.share + other.share)
+            inside.append((share, piece.at(share) or other.point))
         start = piece.start
-        for located in _special_points(piece):
-            special.append(located.special)
-            if located.point.orbit not in (piece.start.orbit, piece.end.orbit):
-                points.append(BranchPoint(located.special.value, located.point.orbit))
-                pieces.append(Piece(piece.curve, start, located.point))
-                start = located.point
+        for _, point in sorted(inside, key=itemgetter(0)):
+            if point.orbit not in (start.orbit, piece.end.orbit):
+                points.append(BranchPoint(piece.curve.value(point.place), point.orbit))
+                pieces.append(Piece(piece.curve, start, point))
+                start = point
         points.append(after)
         pieces.append(Piece(piece.curve, start, piece.end))
     return replace(branch, points=tuple(points), special=tuple(special), _pieces=tuple(pieces))

@@ -201,9 +201,7 @@ def _parts(start: PeriodicOrbit, *, upwards: bool) -> Iterator[_Part]:
         here = known[-1].orbits[-1] if known else start
         gap = here.parameters.gap
         ends = gap / span, gap * span
-        ways.append(
-            grow_branch(here, 'gap', *ends, upwards=upwards, most_points=_MOST_POINTS)
-        )
+        ways.append(grow_branch(here, 'gap', *ends, upwards=upwards, most_points=_MOST_POINTS))
         known.append(next(ways[-1]))
         while known[-1].points and not known[-1].ended:
             yield _Part(reduce(Branch.extended, known))

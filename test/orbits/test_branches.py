@@ -425,3 +425,16 @@ def test_friction_comes_and_goes_along_a_branch():
     for value, (orbit,) in zip((0.2, 0.5), branch.at([0.2, 0.5]), strict=True):
         rig = FRICTION.replace(friction=value)
         assert nearest_at(orbit, rig, simulate=False).distance(orbit) < 1e-9
+
+
+def test_a_window_narrower_than_a_step():
+    """Two special points in one step, between which alone the motion is stable."""
+    rig = OFF_RESONANCE.replace(gravity=1.0, angle=0.25 * math.pi, gap=12.6)
+    found = find_orbits(rig, (1, 2, 2, 2), simulate=False).orbits
+    orbit = min((o for o in found if o.viable), key=lambda orbit: orbit.x_max)
+    branch = follow(orbit, 'gap', 12.5, 12.83, largest_step=0.3)
+    (window,) = (branch.values[part] for status, part in branch.parts() if status == 'stable')
+    assert (window[0], window[-1]) == pytest.approx((12.7705036, 12.7900414), abs=1e-6)
+    for gap, stable in ((12.7704, False), (12.7706, True), (12.7899, True), (12.7901, False)):
+        nearest = nearest_at(orbit, rig.replace(gap=gap), (1, 2, 2, 2), simulate=False)
+        assert nearest.stable is stable
