@@ -102,6 +102,7 @@ setup(
             'recover_run = impact_damper_ros.entry_points:recover_run',
             'replay_run = impact_damper_ros.entry_points:replay_run',
             'rig_page = impact_damper_ros.entry_points:rig_page',
+            'set_rig = impact_damper_ros.entry_points:set_rig',
             'sim_node = impact_damper_ros.entry_points:sim_node',
             'simulate_rig = impact_damper_ros.entry_points:simulate_rig',
             'solve_periodic = impact_damper_ros.entry_points:solve_periodic',

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
 
-from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_file
 from impact_damper_ros.replay import RecordedRun, Replay, Setting
 from impact_damper_ros.replay.setting import setting_of
@@ -173,4 +172,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run('replay_run', main))
+    sys.exit(main())

@@ -50,7 +50,6 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.messages import Parameter as RecordedParameter
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.topics import QosProfile
-from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
 from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
@@ -618,4 +617,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run('sim_node', main))
+    sys.exit(main())

@@ -20,6 +20,7 @@ COMMANDS = [
     'recover_run',
     'replay_run',
     'rig_page',
+    'set_rig',
     'sim_node',
     'simulate_rig',
     'solve_periodic',
