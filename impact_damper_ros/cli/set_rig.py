@@ -68,15 +68,13 @@ class RigParameterClient:
 
     def _only_rig(self) -> str:
         """Return the node that offers the services of a rig."""
-        known_from, end = time.monotonic() + DISCOVERY_S, time.monotonic() + PATIENCE_S
+        start = time.monotonic()
         rigs: list[str] = []
-        while time.monotonic() < (end if not rigs else known_from):
+        # Those that are there are found one after the other.
+        while time.monotonic() < start + (DISCOVERY_S if rigs else PATIENCE_S) and len(rigs) < 2:
             services = dict(self._node.get_service_names_and_types())
-            rigs = sorted(
-                name.removesuffix('/step_to_impact')
-                for name in services
-                if name.endswith('/step_to_impact')
-            )
+            found = (name for name in services if name.endswith('/step_to_impact'))
+            rigs = sorted(name.removesuffix('/step_to_impact') for name in found)
             time.sleep(0.05)
         if not rigs:
             raise CommandError(
