@@ -2,6 +2,7 @@
 
 import signal
 import time
+from shutil import which
 
 import pytest
 from sensor_msgs.msg import JointState
