@@ -47,9 +47,9 @@ setup(
         (SHARE, ['package.xml']),
         (f'{SHARE}/config', sorted(glob('config/*'))),
         *((f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.py'))) for folder in EXAMPLES),
+        (f'{SHARE}/layouts', sorted(glob('layouts/*'))),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
         (f'{SHARE}/rviz', sorted(glob('rviz/*.rviz'))),
-        (f'{SHARE}/urdf', sorted(glob('urdf/*'))),
     ],
     # The console scripts look their modules up by path, so the package is never run from a zip.
     zip_safe=False,
@@ -88,7 +88,6 @@ setup(
             'pytest>=7.4',
             'rosbags>=0.10.11',
             'tornado>=6.1',
-            'xacro>=2.1',
             'xarray>=2023.1',
         ],
         # make docs
