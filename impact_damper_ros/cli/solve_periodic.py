@@ -13,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits import (
     Branch,
     MotionKind,
@@ -423,4 +422,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run('solve_periodic', main))
+    sys.exit(main())

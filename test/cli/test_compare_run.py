@@ -15,7 +15,6 @@ from rigs import BENCH
 
 from impact_damper_ros.bag import recover_run
 from impact_damper_ros.bag.messages import JointStateLayout, decode
-from impact_damper_ros.cli.command_line import outcome
 from impact_damper_ros.cli.compare_run import main
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
@@ -453,14 +452,6 @@ def test_a_mixed_bag_is_used_up_to_the_other_version(messages, tmp_path):
     code, result = run(samples.record(tmp_path / 'bag', mixed, custom=NOTES), tmp_path)
     assert (code, verdicts(result)) == (3, ['agrees'])
     assert 'is of format 9' in result['faults'][0]
-
-
-def test_interrupted(capsys):
-    def work():
-        raise KeyboardInterrupt
-
-    assert outcome('compare_run', work) == 130
-    assert 'compare_run: interrupted' in capsys.readouterr().err
 
 
 def test_a_log_that_contradicts_itself_is_said_to(tmp_path):

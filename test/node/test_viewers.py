@@ -176,7 +176,7 @@ def paths_of(tree):
 
 
 def test_all_that_the_layouts_show_is_there(heard, namespace, tmp_path):
-    names = Path('config', 'lichtblick.json'), Path('config', 'plotjuggler.xml')
+    names = Path('layouts', 'lichtblick.json'), Path('layouts', 'plotjuggler.xml')
     texts = [
         in_namespace((SOURCE / name).read_text(encoding='utf-8'), namespace, tmp_path)
         for name in names
