@@ -1,6 +1,7 @@
 """Installation with colcon (`ros.ament_python`) and with pip."""
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -12,6 +13,8 @@ setup(
     name=NAME,
     version='0.1.0',
     description='An exact, live digital rig of an impact damper on ROS 2, recorded to MCAP',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     author='Impact Damper ROS maintainers',
     author_email='maintainers@example.com',
     maintainer='Impact Damper ROS maintainers',
