@@ -76,9 +76,9 @@ def draw_step(axes, start, end, bound, labelled):
     axes.plot(places, [f_a, *inner, f_b], 'o', color=color, markersize=4.5)
     if labelled:
         for name, place, value in zip(
-            ('$f_a$', '$c_1$', '$c_2$', '$f_b$'), places, (f_a, *inner, f_b), strict=True
+            ('$h_a$', '$c_1$', '$c_2$', '$h_b$'), places, (f_a, *inner, f_b), strict=True
         ):
-            left = -20 if name == '$f_b$' else 7
+            left = -20 if name == '$h_b$' else 7
             axes.annotate(name, (place, value), (left, -2), textcoords='offset points')
     return certain
 
@@ -183,7 +183,7 @@ def saltation():
     axes.plot(t - hit, paths[1], color=COLORS['damper'], linewidth=1.6, linestyle=DASHED)
     before, after = np.searchsorted(t - hit, [-0.2, 0.12])
     for place, name, shift in (
-        (before, '$\\delta Y_b$', (-25, -18)),
+        (before, '$\\delta Y_b$', (-27, -24)),
         (after, '$\\delta Y_a$', (6, -16)),
     ):
         ends = [path[place] for path in paths]
