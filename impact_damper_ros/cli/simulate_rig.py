@@ -17,7 +17,8 @@ from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, OwnLaw, Rig
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
-from impact_damper_ros.report.formatting import markdown_table, mode_words, setting
+from impact_damper_ros.report.formatting import mode_words, setting
+from impact_damper_ros.report.table import Table
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -164,7 +165,8 @@ def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
         for group in groups
         for spec in group.values()
     ]
-    return markdown_table(('parameter', 'unit', 'range', 'default', 'meaning'), rows) + '\n'
+    head = ('parameter', 'unit', 'range', 'default', 'meaning')
+    return Table.of_rows(head, rows).markdown() + '\n'
 
 
 def _number(low: float, high: float, unit: str) -> Callable[[str], float]:

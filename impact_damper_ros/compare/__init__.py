@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 from impact_damper_ros.orbits.recurrence import MotionKind
 
+from .force_clock import ForceClock
 from .prediction import ObservedMotion, Prediction, predictions
-from .recorded_stretch import ForceClock
 from .result import (
     Beginning,
     Decay,
@@ -30,7 +30,7 @@ from .result import (
 
 if TYPE_CHECKING:
     from .comparison import compare_bag
-    from .periodic_motion import predicted_curve
+    from .predicted import predicted_curve
     from .stretches import LoggedRig
 
 __all__ = [
@@ -61,7 +61,7 @@ __getattr__ = lazy_names(
     __name__,
     {
         'comparison': ('compare_bag',),
-        'periodic_motion': ('predicted_curve',),
+        'predicted': ('predicted_curve',),
         'stretches': ('LoggedRig',),
     },
 )

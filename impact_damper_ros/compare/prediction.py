@@ -29,7 +29,7 @@ from impact_damper_ros.orbits.search import counted_as, starting_points
 from impact_damper_ros.rig import Event, ParameterError, RigParameters
 from impact_damper_ros.rig.quoting import counted
 
-from .recorded_stretch import ForceClock
+from .force_clock import ForceClock
 
 #: Why a motion is the predicted one: it is near the measured one, the rig reaches it when it is
 #: run ahead, or it is the first of those that exist.
