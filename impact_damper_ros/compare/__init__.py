@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 from impact_damper_ros.orbits.recurrence import MotionKind
 
-from .recorded_stretch import ForceClock
+from .force_clock import ForceClock
 from .result import (
     Beginning,
     Decay,
@@ -29,7 +29,7 @@ from .result import (
 
 if TYPE_CHECKING:
     from .comparison import compare_bag
-    from .periodic_motion import predicted_curve
+    from .predicted import predicted_curve
     from .stretches import LoggedRig
 
 __all__ = [
@@ -57,7 +57,7 @@ __getattr__ = lazy_names(
     __name__,
     {
         'comparison': ('compare_bag',),
-        'periodic_motion': ('predicted_curve',),
+        'predicted': ('predicted_curve',),
         'stretches': ('LoggedRig',),
     },
 )

@@ -26,17 +26,17 @@ from impact_damper_ros.orbits import (
 from impact_damper_ros.orbits.flights import flight_at_impact, machine_of
 from impact_damper_ros.orbits.orbit import AT_IMPACTS
 from impact_damper_ros.orbits.recurrence import Period, Section
-from impact_damper_ros.orbits.search import within_theory
-from impact_damper_ros.orbits.solved_orbits import impact_orbit_near
 from impact_damper_ros.orbits.trajectory import follow_trajectory
-from impact_damper_ros.rig import Event, EventKind, RigParameters
+from impact_damper_ros.replay.rows import Events
+from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.event import events_of_table
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.state import place
 
-from .motion_kind import NEGLIGIBLE_IMPULSE, SETTLED, impact_section
-from .recorded_stretch import ForceClock, RecordedImpacts
+from .force_clock import ForceClock
+from .kind import NEGLIGIBLE_IMPULSE, SETTLED, section_of
 from .result import (
     Array,
     Convergence,
@@ -55,6 +55,8 @@ from .result import (
 #: Nearer than this, the motion that Newton's method leads to is taken without a further search.
 _NEAR = 0.05
 _MOST_SEARCHED_IMPACTS = 4
+#: Impacts from which it is sought, the strongest first, which round-off least decides.
+_STARTS = 3
 
 
 @dataclass(frozen=True)
@@ -112,35 +114,14 @@ def _nearest_turn(
 
 
 def _solutions(
-    rig: RigParameters, period: ImpactStates, cycles: int, instants: Array
+    rig: RigParameters, clock: ForceClock, period: Events, cycles: int
 ) -> Iterator[tuple[PeriodicOrbit | None, str]]:
-    """Yield motions that Newton's method leads to from the measured one, and what found them."""
-    stops = period.stops
-    if not any(rig.force_amplitudes[1:]) and within_theory(rig, stops):
-        first = rig.replace(
-            force_amplitudes=rig.force_amplitudes[:1],
-            force_frequencies=rig.force_frequencies[:1],
-            force_phases=rig.force_phases[:1],
-        )
-        found = impact_orbit_near(first, stops, cycles, np.array(period.x), instants)
-        yield found, 'impact equations'
-    last = len(stops) - 1
-    impact = Event(
-        float(instants[last]),
-        EventKind.IMPACT,
-        stops[last],
-        period.x[last],
-        0.0,
-        period.primary_velocity_before[last],
-        period.primary_velocity_after[last],
-        period.damper_velocity_before[last],
-        period.damper_velocity_after[last],
-        period.impulse[last],
-    )
-    yield (
-        orbit_near(rig, impact, period.phases[last], cycles),
-        'boundary-value problem of its events',
-    )
+    """Yield motions near a measured period, and what found them."""
+    strongest = np.argsort(-period['impulse'], kind='stable')[:_STARTS]
+    for impact in events_of_table(period[strongest]):
+        phase = (impact.time - clock.zero) / clock.cycle
+        yield orbit_near(rig, impact, phase, cycles), 'boundary-value problem of its events'
+    stops = tuple(period['stop'].tolist())
     if len(stops) <= _MOST_SEARCHED_IMPACTS:
         search = find_orbits(rig, stops, cycles)
         method = 'impact equations' if search.report.method == 'scan' else 'search'
@@ -149,17 +130,14 @@ def _solutions(
 
 
 def _match_orbit(
-    clock: ForceClock, period: ImpactStates, measured: Array, cycles: int, table: Section
+    clock: ForceClock, period: Events, measured: Array, cycles: int, table: Section
 ) -> MatchedOrbit:
     """Solve the periodic problem of the logged rig from a measured period."""
-    span = clock.cycle * cycles
-    instants = clock.cycle * np.array(period.phases)
-    instants[1:] += span * np.ceil((instants[0] - instants[1:]) / span)
     best: tuple[float, PeriodicOrbit] | None = None
-    how = ''
+    how, stops = '', tuple(period['stop'].tolist())
     try:
-        for orbit, solver in _solutions(clock.counted_from_zero(), period, cycles, instants):
-            turn = orbit and _nearest_turn(orbit, measured, period.stops, table)
+        for orbit, solver in _solutions(clock.counted_from_zero(), clock, period, cycles):
+            turn = orbit and _nearest_turn(orbit, measured, stops, table)
             if turn and (
                 best is None or (not turn[1].viable, turn[0]) < (not best[1].viable, best[0])
             ):
@@ -169,34 +147,20 @@ def _match_orbit(
     except OrbitError as error:
         return MatchedOrbit(None, np.inf, str(error))
     if best is None:
-        stops = ','.join(map(str, period.stops))
-        text = f'no motion with the stops {stops} in {counted(cycles, "cycle")} was found'
-        return MatchedOrbit(None, np.inf, text)
+        text = f'no motion with the stops {",".join(map(str, stops))} in '
+        return MatchedOrbit(None, np.inf, f'{text}{counted(cycles, "cycle")} was found')
     return MatchedOrbit(best[1], best[0], how)
 
 
 # The recorded periods
 
 
-def _impact_states(clock: ForceClock, impacts: RecordedImpacts, cycles: int) -> ImpactStates:
+def _impact_states(clock: ForceClock, impacts: Events, cycles: int) -> ImpactStates:
     """Return the impacts of one period."""
-    phases = clock.phase(impacts.time)
-    phases = phases - math.floor(phases[0])
-    rig = clock.parameters
-
-    def row(values: Array) -> tuple[float, ...]:
-        return tuple(float(value) for value in values)
-
-    return ImpactStates(
-        stops=tuple(int(stop) for stop in impacts.stop),
-        phases=row(phases % cycles),
-        x=row(impacts.x),
-        primary_velocity_before=row(impacts.velocity_before(rig)),
-        primary_velocity_after=row(impacts.velocity_after),
-        damper_velocity_before=row(impacts.damper_velocity_before(rig)),
-        damper_velocity_after=row(impacts.damper_velocity_after),
-        impulse=row(np.abs(impacts.primary_impulse)),
-    )
+    phases = clock.phase(impacts['time'])
+    named = {name: tuple(impacts[name].tolist()) for name in ('x', *AT_IMPACTS[1:], 'impulse')}
+    inside = tuple(((phases - math.floor(phases[0])) % cycles).tolist())
+    return ImpactStates(stops=tuple(impacts['stop'].tolist()), phases=inside, **named)
 
 
 def _period_states(table: Section, recurrence: Period, end: int) -> Array:
@@ -359,11 +323,11 @@ def last_period(stops: Array, count: int) -> int:
 
 
 def periodic_motion(
-    clock: ForceClock, impacts: RecordedImpacts, recurrence: Period, *, predict: bool
+    clock: ForceClock, impacts: Events, recurrence: Period, *, predict: bool
 ) -> PeriodicMotion:
     """Measure a motion that repeats, and find the predicted one nearest to it if asked to."""
     n = recurrence.rows
-    table = impact_section(impacts, clock.zero, clock.cycle)
+    table = section_of(impacts, clock.zero, clock.cycle)
     end = last_period(table.stop, n) + n
     rows = _period_states(table, recurrence, end)
     period = _impact_states(clock, impacts[end - n : end], recurrence.cycles)
@@ -372,7 +336,8 @@ def periodic_motion(
     measured[:n] -= whole
     match = MatchedOrbit(None, np.inf, '')
     if predict:
-        match = _match_orbit(clock, period, measured, recurrence.cycles, table)
+        rows_of_period = impacts[end - n : end]
+        match = _match_orbit(clock, rows_of_period, measured, recurrence.cycles, table)
     reference = rows[-1]
     if match.orbit is not None:
         reference = _state_row(match.orbit, table)
@@ -389,10 +354,10 @@ def periodic_motion(
     allowed = _MARGIN * recent / (1.0 - min(factor, 0.999)) + _FLOORS * recurrence.floor + _SOLVED
     far = np.flatnonzero(distances > SETTLED)
     settled = int(far[-1]) + 1 if len(far) else 0
-    times = impacts.time[begins][: len(distances)]
+    times = impacts['time'][begins][: len(distances)]
     return PeriodicMotion(
         period=period,
-        time=float(impacts.time[end - n]),
+        time=float(impacts['time'][end - n]),
         match=match,
         decay=decay,
         times=times,
@@ -472,15 +437,21 @@ def predicted_curve(
 
 
 _GAP_RANGE = 3.0
-_GAP_POINTS = 150
+#: Points in each direction, and curves: of all stretches closely, or of the first ones only.
+_GAP_POINTS, _FEW_GAP_POINTS, _FEW_GAP_CURVES = 150, 24, 3
 #: How near a curve a predicted motion must be to lie on it, in Xmax/A.
 _ON_CURVE = 1e-3
 
 
 class GapCurves:
-    """Follows predicted motions in the gap, and keeps the curves for other stretches."""
+    """
+    Follows predicted motions in the gap, and keeps the curves for other stretches.
 
-    def __init__(self) -> None:
+    A few coarse curves, or one of each motion.
+    """
+
+    def __init__(self, *, closely: bool = False) -> None:
+        self._closely = closely
         self._known: list[tuple[PeriodicOrbit, GapCurve]] = []
 
     def added(self, stretch: StretchComparison) -> StretchCurves:
@@ -491,7 +462,9 @@ class GapCurves:
         ratio = stretch.measured.amplitude_ratio
         curve = self._found(orbit)
         if curve is None:
-            curve = _followed(orbit)
+            if len(self._known) >= _FEW_GAP_CURVES and not self._closely:
+                return stretch.curves
+            curve = _followed(orbit, _GAP_POINTS if self._closely else _FEW_GAP_POINTS)
             if curve is None:
                 return stretch.curves
             self._known.append((orbit, curve))
@@ -518,12 +491,12 @@ class GapCurves:
         return None
 
 
-def _followed(orbit: PeriodicOrbit) -> GapCurve | None:
+def _followed(orbit: PeriodicOrbit, points: int) -> GapCurve | None:
     """Follow a motion in the gap; None if that cannot be done."""
     gap = orbit.parameters.gap
     ends = gap / _GAP_RANGE, gap * _GAP_RANGE
     try:
-        branch = follow(orbit, 'gap', *ends, most_points=_GAP_POINTS)
+        branch = follow(orbit, 'gap', *ends, most_points=points)
     except (ValueError, ArithmeticError):
         return None
     orbits, special = branch.orbits, branch.special
