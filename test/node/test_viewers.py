@@ -144,7 +144,8 @@ def heard(client, launch, namespace):
     def known():
         heard.look()
         values = heard.series()
-        share = f'/diagnostics/{namespace[1:]}/sim_node/{namespace[1:]}/sim_node: {{}} motion/Largest X / A'
+        node = f'{namespace[1:]}/sim_node'
+        share = f'/diagnostics/{node}/{node}: {{}} motion/Largest X / A'
         return all(values.get(share.format(kind)) for kind in ('measured', 'predicted'))
 
     until(known, lambda: process.output)
