@@ -23,7 +23,7 @@ help:  ## this list
 
 demo:  ## run the live rig for half a minute, record it, hold it against theory: see demo_run/
 	@$(VENV) ros,plot
-	@$(PY) -u -m impact_damper_ros.cli.demo
+	@$(PY) -u examples/demo.py $(ARGS)
 
 page:  ## the live rig in a browser: starts node and page, prints and opens the address
 	@$(VENV) ros,plot,page

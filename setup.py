@@ -47,9 +47,9 @@ setup(
         (SHARE, ['package.xml']),
         (f'{SHARE}/config', sorted(glob('config/*'))),
         *((f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.py'))) for folder in EXAMPLES),
+        (f'{SHARE}/layouts', sorted(glob('layouts/*'))),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
         (f'{SHARE}/rviz', sorted(glob('rviz/*.rviz'))),
-        (f'{SHARE}/urdf', sorted(glob('urdf/*'))),
     ],
     # The console scripts look their modules up by path, so the package is never run from a zip.
     zip_safe=False,
@@ -88,7 +88,6 @@ setup(
             'pytest>=7.4',
             'rosbags>=0.10.11',
             'tornado>=6.1',
-            'xacro>=2.1',
             'xarray>=2023.1',
         ],
         # make docs
@@ -115,6 +114,7 @@ setup(
             'recover_run = impact_damper_ros.entry_points:recover_run',
             'replay_run = impact_damper_ros.entry_points:replay_run',
             'rig_page = impact_damper_ros.entry_points:rig_page',
+            'set_rig = impact_damper_ros.entry_points:set_rig',
             'sim_node = impact_damper_ros.entry_points:sim_node',
             'simulate_rig = impact_damper_ros.entry_points:simulate_rig',
             'solve_periodic = impact_damper_ros.entry_points:solve_periodic',

@@ -203,7 +203,7 @@ class Engine:
         self._stride_ns = max(1, round(STRIDE_NS * settings.real_time_factor))
         self._stamps = StampClock(simulated=settings.publish_clock)
         topics = {key: publisher.topic for key, publisher in publishers.items()}
-        self._snapshots = Snapshots(settings.node, topics, initial.as_dict())
+        self._snapshots = Snapshots(settings.node, topics, initial.as_dict(), settings.state_rate)
         self._time_ns = 0
         self._tick = 0
         # Between a tick and its joint states

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from impact_damper_ros.compare.measured_motion import cubic_swing, energies_of_impacts
 from impact_damper_ros.compare.recorded_stretch import RecordedImpacts
 from impact_damper_ros.control import Rig
-from impact_damper_ros.replay.replay import Part, Replay, Step
+from impact_damper_ros.replay import Part, Replay, Setting
+from impact_damper_ros.replay.replay import Step
 from impact_damper_ros.replay.rows import Events, Samples, impacts_of
-from impact_damper_ros.replay.setting import setting_of
 from impact_damper_ros.replay.what_if import Ending, RecordedValues, WhatIf
 from impact_damper_ros.rig import ALL_SPECS, InitialConditions, RigParameters
 from impact_damper_ros.rig.event_budget import EventBudget
@@ -171,7 +171,7 @@ class WhatIfReport:
     ) -> None:
         start = replay.start
         self._replay = replay
-        logged = setting_of(start.state)
+        logged = Setting.of(start.state)
         values = logged.as_dict()
         for name in held:
             if name not in values:

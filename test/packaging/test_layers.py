@@ -77,13 +77,13 @@ def test_imports_point_downwards(path):
 
 
 def test_only_nodes_and_their_clients_import_ros():
-    """The demo and the page are clients of the node; the page is one in a single module."""
+    """`set_rig` and the page are clients of the node; the page is one in a single module."""
     users = {
         path.relative_to(PACKAGE)
         for path in modules(*LEVEL)
         if any(name.split('.')[0] in ROS for name in imports(path))
     }
-    clients = {Path('cli', 'demo.py'), Path('page', 'ros_client.py')}
+    clients = {Path('cli', 'set_rig.py'), Path('page', 'ros_client.py')}
     assert {path for path in users if path.parts[0] != 'node'} == clients
 
 

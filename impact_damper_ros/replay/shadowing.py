@@ -2,8 +2,8 @@
 A replay where the last bits cannot agree: on another C library, processor or version.
 
 Differences of round-off grow from impact to impact, in chaotic motions without bound. The replay
-is therefore seated anew at each recorded impact: it takes the numbers after it, and is held
-against the recorded motion up to the next impact only. How far round-off leads astray on the way
+therefore shadows the recorded motion: at each recorded impact it takes the numbers after it, and
+is held against the recording up to the next impact only. How far round-off leads astray on the way
 is not estimated but tried: a second rig, which differs by `_NUDGE` and `_STAMP_S`, runs along.
 What is recorded must be as near to the replay as some times that rig. Where the two have other
 events, as at a grazing impact or at the end of a chatter, the flight is not decided, and counted.
@@ -84,8 +84,8 @@ def near(recorded: Any, replayed: Any, size: float = 0.0) -> bool:
     return bool(recorded == replayed)
 
 
-class Seats:
-    """Holds the rows of a replay's run against it, from seat to seat."""
+class Shadowing:
+    """Holds the rows of a replay's run against it, from impact to impact."""
 
     def __init__(self, replay: Replay, matcher: Matcher) -> None:
         self._replay, self._matcher = replay, matcher
@@ -93,7 +93,7 @@ class Seats:
         self._waiting: list[Table] = []
         self._sizes = np.zeros(2)  # largest position and velocity so far
 
-    def sit(self) -> None:
+    def restart(self) -> None:
         """Take the present state of the replay for that of the second rig."""
         self._near = _nudged(self._replay.rig)
 
@@ -116,10 +116,10 @@ class Seats:
         begin = 0
         for i in range(due):
             end = int(np.searchsorted(instants, times[i], side='left'))
-            found.append(self._leg(states[begin:end], instants[begin:end]))
+            found.append(self._flights(states[begin:end], instants[begin:end]))
             found.append(self._impact(waiting[i : i + 1], float(times[i])))
             begin = end
-        found.append(self._leg(states[begin:], instants[begin:]))
+        found.append(self._flights(states[begin:], instants[begin:]))
         samples, events, numbers, differs = (np.concatenate(c) for c in zip(*found, strict=True))
         replay.findings.impacts += due
         return samples, events, numbers, differs
@@ -142,7 +142,7 @@ class Seats:
             float(_FLOOR * speed + 2.0 * _STAMP_S * acceleration),
         )
 
-    def _leg(
+    def _flights(
         self, states: Table, instants: Numbers
     ) -> tuple[Samples, Events, Numbers, NDArray[np.bool_]]:
         """Run on through joint states without an impact."""
@@ -180,7 +180,7 @@ class Seats:
     def _impact(
         self, recorded: Table, time: float
     ) -> tuple[Samples, Events, Numbers, NDArray[np.bool_]]:
-        """Run on to a recorded impact, and sit down on it."""
+        """Run on to a recorded impact, and begin anew there."""
         replay, rig = self._replay, self._replay.rig
         events, others = (self._to_impact(one, time + _LATE_S) for one in (rig, self._near))
         offset_ns = replay.findings.offset_ns
@@ -205,11 +205,11 @@ class Seats:
                 numbers = (float(t.numbers[0, wrong[0]]) for t in (recorded, here))
                 self._matcher.differ(stamp_ns, *self._matcher.fields[2 + wrong[0]], *numbers)
         if here.size:
-            self._seat(recorded.numbers[0], time, float(events['time'][-1]))
+            self._begin(recorded.numbers[0], time, float(events['time'][-1]))
         nothing = published_states(NO_SAMPLES, rig.parameters)
         return NO_SAMPLES, events, nothing, np.empty(0, np.bool_)
 
-    def _seat(self, numbers: Numbers, time: float, here: float) -> None:
+    def _begin(self, numbers: Numbers, time: float, here: float) -> None:
         """Go on from the numbers recorded after an impact, which the replay had at `here`."""
         replay, rig = self._replay, self._replay.rig
         state = rig.snapshot()
