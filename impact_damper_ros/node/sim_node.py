@@ -15,8 +15,6 @@ import sys
 import time
 import traceback
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import suppress
-from itertools import pairwise
 from pathlib import Path
 from shutil import which
 from types import coroutine
@@ -54,12 +52,11 @@ from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.topics import LATCHED, QosProfile
 from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
-from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
 from impact_damper_ros.rig.quoting import printable, shown
 from impact_damper_ros.theory import TheoryProcess
 
 from .diagnostics import Diagnostics
-from .engine import Engine, EngineCallbacks, EngineSettings, Ticket
+from .engine import Done, Engine, EngineCallbacks, EngineSettings, Request
 from .motion_report import MotionMonitor
 from .pacing import EndRequest, take_priority
 from .parameters import (
@@ -99,22 +96,6 @@ def answer_foreign(arguments: Sequence[str]) -> int | None:
         f'unknown argument {shown(arguments[0])}; parameters and remappings follow --ros-args, as '
         'in: sim_node --ros-args -p gap:=30'
     )
-
-
-def check_params_files(arguments: Sequence[str]) -> None:
-    """
-    Check the files that follow ``--params-file``, before ROS reads them.
-
-    Its parser refuses aliases, but takes a minute for some ten thousand entries, and the last
-    value of a name that is given twice.
-    """
-    for option, name in pairwise(arguments):
-        if option == '--params-file':
-            with suppress(OSError):  # reported by ROS
-                try:
-                    guarded_yaml(Path(name))
-                except YamlError as error:
-                    raise ValueError(f'{name}: {error}') from None
 
 
 def in_words(error: Exception) -> str:
@@ -162,6 +143,8 @@ REPORT_PERIOD_S = 1.0
 THEORY_PERIOD_S = 0.1
 #: Longest wait of a service call for the engine.
 ANSWER_TIMEOUT_S = 10.0
+#: Longest wait for the end of a step.
+STEP_TIMEOUT_S = 2.0
 #: Least time between two warnings of a rig that falls behind.
 WARNING_PERIOD_S = 5.0
 
@@ -412,44 +395,50 @@ class SimNode(Node):
             f'{initial.initial_damper_offset:g} m in the gap with '
             f'{initial.initial_damper_velocity:g} m/s'
         )
-        return self._answer(response, self.engine.reset(initial), f'reset to {where}')
+        self._answer(response, self.engine.reset(initial), f'reset to {where}')
+        return response
 
     def _on_pause(self, request: Any, response: Any) -> Any:
-        ticket = self.engine.pause(request.data)
-        self._answer(response, ticket, 'paused' if request.data else 'running on')
-        if response.success and ticket.result is False:
+        done = self._answer(
+            response, self.engine.pause(request.data), 'paused' if request.data else 'running on'
+        )
+        if done is not None and not done.result:
             state = 'paused' if request.data else 'running'
             response.message = f'was {state} already'
         return response
 
     async def _on_step(self, _request: Any, response: Any) -> Any:
-        ticket = self.engine.step(on_done=self.wake)
-        if ticket.wait(ANSWER_TIMEOUT_S) and ticket.error is None:
+        done = self._answer(response, self.engine.step(), 'on the way to the next joint states')
+        if done is not None:
             # The caller may rely on the rig being paused again; others are served meanwhile.
-            end = time.monotonic() + ANSWER_TIMEOUT_S
-            while not ticket.result.wait(0.0) and time.monotonic() < end:
+            end = time.monotonic() + STEP_TIMEOUT_S
+            done.result.add_done_callback(lambda _: self.wake())
+            while not done.result.done() and time.monotonic() < end:
                 await _turn()
-            if ticket.result.wait(0.0):
-                return self._answer(response, ticket.result, 'paused after a step')
-            return self._answer(response, ticket, 'on the way to the next joint states')
-        return self._answer(response, ticket, '')
+            if done.result.done():
+                self._answer(response, done.result, 'paused after a step')
+        return response
 
     def _on_step_to_impact(self, _request: Any, response: Any) -> Any:
         # There may be none for a long time.
         text = 'running on until after the next impact'
-        return self._answer(response, self.engine.step(to_impact=True), text)
+        self._answer(response, self.engine.step(to_impact=True), text)
+        return response
 
-    def _answer(self, response: Any, ticket: Ticket, text: str) -> Any:
-        if not ticket.wait(ANSWER_TIMEOUT_S):
-            response.success = False
+    def _answer(self, response: Any, request: Request, text: str) -> Done | None:
+        """Fill in the response to a request; return what was done, or None if it failed."""
+        response.success = False
+        try:
+            done = request.result(ANSWER_TIMEOUT_S)
+        except TimeoutError:
             response.message = f'the rig has not answered within {ANSWER_TIMEOUT_S:g} s'
-        elif ticket.error is not None:
-            response.success = False
-            response.message = str(ticket.error)
+        except Exception as error:
+            response.message = str(error)
         else:
             response.success = True
-            response.message = f'{text}, at rig time {ticket.time_ns * 1e-9:.9g} s'
-        return response
+            response.message = f'{text}, at rig time {done.time_ns * 1e-9:.9g} s'
+            return done
+        return None
 
     # Reports
 
@@ -589,7 +578,6 @@ def _run(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> in
 def _serve(arguments: Sequence[str], end: EndRequest) -> int:
     """Run the node until it ends; return the exit code."""
     try:
-        check_params_files(arguments)
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         return refuse(in_words(error))

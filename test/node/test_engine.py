@@ -4,6 +4,7 @@ import json
 import threading
 import time
 from itertools import pairwise
+from typing import NamedTuple
 
 import pytest
 from rcl_interfaces.msg import ParameterEvent
@@ -92,10 +93,17 @@ class Bench:
         self.engine.stop()
 
 
-def done(ticket):
-    """Wait until a request is carried out or rejected; return its ticket."""
-    assert ticket.wait(DEADLINE_S)
-    return ticket
+class Answer(NamedTuple):
+    time_ns: int
+    result: object
+    error: object
+
+
+def done(request):
+    """Wait until a request is carried out or rejected; return its time, result and error."""
+    if (error := request.exception(DEADLINE_S)) is not None:
+        return Answer(0, None, error)
+    return Answer(*request.result(), None)
 
 
 class KeptLog:
@@ -361,9 +369,7 @@ def stepped(bench, *, to_impact=False):
     """Make a step; return the rig time that it ends at, ns."""
     ticket = done(bench.engine.step(to_impact=to_impact))
     assert ticket.error is None
-    assert ticket.result.wait(DEADLINE_S)
-    assert ticket.result.error is None
-    return ticket.result.time_ns
+    return ticket.result.result(DEADLINE_S).time_ns
 
 
 #: The topics of a `Bench`.
@@ -438,13 +444,11 @@ def test_steps_that_are_refused_or_ended():
             assert 'under way' in str(again.error)
             end = done(bench.engine.pause(hold))
             assert end.result is True
-            assert step.result.wait(DEADLINE_S)
-            assert 'ended' in str(step.result.error)
+            assert 'ended' in str(step.result.exception(DEADLINE_S))
             assert bench.engine.status().paused is hold
         done(bench.engine.pause(True))
         step = done(bench.engine.step(to_impact=True))
-    assert step.result.wait(DEADLINE_S)
-    assert 'shutting down' in str(step.result.error)
+    assert 'shutting down' in str(step.result.exception(DEADLINE_S))
 
 
 @pytest.mark.parametrize('clock', [True, False])
@@ -481,8 +485,7 @@ def test_a_slip_moves_wall_stamps_on(clock):
         bench.engine.start()
         until(lambda: len(bench.samples()) > 3)
         before_ns = bench.engine._stamps.offset_ns
-        ticket = bench.engine._requests.submit(lambda: time.sleep(2.0 * CATCH_UP_NS * 1e-9))
-        assert ticket.wait(DEADLINE_S)
+        done(bench.engine._submit(lambda: time.sleep(2.0 * CATCH_UP_NS * 1e-9)))
         until(lambda: bench.engine.status().pacing.slips)
         count = len(bench.samples())
         until(lambda: len(bench.samples()) > count + 3)
@@ -563,13 +566,12 @@ def test_a_rig_that_takes_ever_so_long_answers_and_ends(name, tmp_path):
         busy_ns = 0
         until(stuck)
         # In one go, the answer would take from half a minute to for ever.
-        assert bench.engine.change(calm, change_event(slow, calm)).wait(20.0)
-        reset = bench.engine.reset(InitialConditions())
-        assert reset.wait(20.0)
+        done(bench.engine.change(calm, change_event(slow, calm)))
+        reset = done(bench.engine.reset(InitialConditions()))
         until(lambda: bench.engine.status().time_ns > reset.time_ns + 50_000_000)
         assert bench.engine.status().held == ''
-        assert bench.engine.change(slow, change_event(calm, slow)).wait(20.0)
-        assert bench.engine.reset(initial).wait(20.0)
+        done(bench.engine.change(slow, change_event(calm, slow)))
+        done(bench.engine.reset(initial))
         busy_ns = bench.engine.status().load.busy_ns
         until(stuck)
         bench.engine.stop(20.0)
@@ -623,8 +625,7 @@ def test_a_step_of_a_rig_that_cannot_go_on_ends_in_a_pause():
         done(bench.engine.change(LIVELY.replace(**values), event_bytes()))
         done(bench.engine.reset(InitialConditions(**initial)))
         step = done(bench.engine.step())
-        assert step.result.wait(DEADLINE_S)
-        assert 'give a wider gap' in str(step.result.error)
+        assert 'give a wider gap' in str(step.result.exception(DEADLINE_S))
         # What sets a held rig going again leaves a paused one where it is.
         done(bench.engine.change(LIVELY, event_bytes()))
         status = bench.engine.status()

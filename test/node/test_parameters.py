@@ -166,30 +166,6 @@ def _plain(value):
 HEAD = '/**:\n  ros__parameters:\n'
 
 
-def test_parameters_files_that_ros_would_take_long_for(launch, tmp_path):
-    """Or would take the last of two values from."""
-    cases = {
-        'more than 20000 names and values': HEAD
-        + f'    force_amplitudes: [{", ".join(["1.0"] * 100_000)}]\n',
-        'longer than 1 MB': HEAD + '    gap: 3.0\n' + '# no\n' * 300_000,
-        "line 4: 'gap' stands there twice": HEAD + '    gap: 3.0\n    gap: 4.0\n',
-        'line 1: &a is an anchor or alias': '&a {/**: *a}',
-        'nested more than 16 deep': '/**: ' + '[' * 100_000,
-        'cannot start': '\x00',
-    }
-    processes = {}
-    for number, (words, text) in enumerate(cases.items()):
-        path = tmp_path / f'case_{number}.yaml'
-        path.write_text(text)
-        processes[words] = launch(parameters_file=path)
-    for words, process in processes.items():
-        assert process.wait() == 1
-        (line,) = [line for line in process.output.splitlines() if 'cannot start' in line]
-        assert words in line
-        assert len(line) < 700
-        assert 'Traceback' not in process.output
-
-
 def test_a_thousand_parameters_of_other_nodes_are_warned_of_in_a_few_lines(launch, tmp_path):
     path = tmp_path / 'many.yaml'
     lines = ''.join(f'    p{k}: {k}\n' for k in range(1000))
