@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from orbits.begun_rigs import begun_on
 from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
-from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import (
     Limit,
     OrbitError,
@@ -19,7 +19,7 @@ from impact_damper_ros.orbits import (
     value_of,
 )
 from impact_damper_ros.orbits.solution_curve import with_value
-from impact_damper_ros.rig import EventKind, InitialConditions
+from impact_damper_ros.rig import EventKind
 
 #: A W^2/g of the vertical rig for a force of 1 N
 LOUDNESS = 100.0 * VERTICAL.response_amplitude / 0.8
@@ -150,14 +150,8 @@ def test_branch_of_twice_the_period(vertical):
     # What the rig does there
     assert orbit.stable
     assert orbit.viable
-    start = InitialConditions(
-        initial_primary_position=orbit.x[0] * 1.01,
-        initial_primary_velocity=orbit.primary_velocity_after[0],
-        initial_damper_offset=0.5 * orbit.parameters.gap,
-        initial_damper_velocity=orbit.damper_velocity_after[0],
-    )
-    rig = orbit.parameters.replace(force_phases=(math.tau * orbit.phases[0],))
-    reached = settle(Rig(rig, start), tolerance=1e-11)
+    moved = {'initial_primary_position': 0.01 * orbit.x[0]}
+    reached = settle(begun_on(orbit, **moved), tolerance=1e-11)
     assert (reached.rhythm.stops, reached.rhythm.cycles) == ((1, 1), 2)
     assert sorted(reached.rhythm.x) == pytest.approx(sorted(orbit.x), rel=1e-8)
 

@@ -171,3 +171,5 @@ def test_how_long_a_rig_may_settle(name, number):
     """2.5 cycles were once refused for the instants of samples, and 2.5 events taken."""
     with pytest.raises(ValueError, match=f'{name} is .*: give a whole number from'):
         Settling(**{name: number})
+    with pytest.raises(ValueError, match=r'tolerance is 1\.0: give a number'):
+        Settling(tolerance=1.0)
