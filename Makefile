@@ -16,7 +16,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: bench clean colcon demo env format help lint page test types
+.PHONY: bench clean colcon demo docs env format help lint page test types
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
@@ -32,6 +32,11 @@ page:  ## the live rig in a browser: starts node and page, prints and opens the 
 test:  ## run all tests
 	@$(VENV) ros,plot,test
 	@$(PY) -m pytest $(ARGS)
+
+docs:  ## build the documentation into docs/_build/html, without network
+	@$(VENV) ros,plot,page,sweep,docs
+	@$(PY) -m sphinx -q -W --keep-going -b html docs docs/_build/html
+	@echo "The documentation is in docs/_build/html/index.html"
 
 lint:  ## check the style (ruff)
 	@$(VENV) ros,plot,test,dev
@@ -62,5 +67,5 @@ env:  ## only make .venv, with all tools for development
 	@$(VENV) ros,plot,test,dev
 
 clean:  ## remove .venv, builds, caches and the demo's run
-	rm -rf .venv build install log demo_run *.egg-info .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv build docs/_build install log demo_run *.egg-info .mypy_cache .pytest_cache .ruff_cache
 	find impact_damper_ros test benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,6 +1,7 @@
 """Installation with colcon (`ros.ament_python`) and with pip."""
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -12,6 +13,8 @@ setup(
     name=NAME,
     version='0.1.0',
     description='An exact, live digital rig of an impact damper on ROS 2, recorded to MCAP',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     author='Impact Damper ROS maintainers',
     author_email='maintainers@example.com',
     maintainer='Impact Damper ROS maintainers',
@@ -87,6 +90,16 @@ setup(
             'tornado>=6.1',
             'xacro>=2.1',
             'xarray>=2023.1',
+        ],
+        # make docs
+        'docs': [
+            'furo>=2024.8',
+            'myst-parser>=4.0',
+            'sphinx>=8.0',
+            'sphinx-copybutton>=0.5',
+            'sphinx-design>=0.6',
+            'sphinx-gallery>=0.18',
+            'sphinx-mathjax-offline>=0.0.2',
         ],
         'dev': [
             'mypy>=1.11',

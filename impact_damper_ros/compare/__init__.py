@@ -2,8 +2,8 @@
 Recorded runs compared with the periodic theory.
 
 `compare_bag` divides a bag into stretches with constant parameters, checks the log of each,
-measures its motion, finds the motion that theory predicts, and gives a verdict. `predictions`
-predicts the motion of a rig that is running. Importable without ROS; needs numpy.
+measures its motion, finds the motion that theory predicts, and gives a verdict. Importable without
+ROS; needs numpy.
 """
 
 from typing import TYPE_CHECKING
@@ -12,7 +12,6 @@ from impact_damper_ros.lazy_names import lazy_names
 from impact_damper_ros.orbits.recurrence import MotionKind
 
 from .force_clock import ForceClock
-from .prediction import ObservedMotion, Prediction, predictions
 from .result import (
     Beginning,
     Decay,
@@ -45,18 +44,15 @@ __all__ = [
     'LoggedRig',
     'MeasuredMotion',
     'MotionKind',
-    'ObservedMotion',
     'Overall',
-    'Prediction',
     'RunComparison',
     'StretchComparison',
     'Verdict',
     'compare_bag',
     'predicted_curve',
-    'predictions',
 ]
 
-#: Imported on first use: the node predicts without them.
+#: Imported on first use.
 __getattr__ = lazy_names(
     __name__,
     {

@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.compare import (
     ForceClock,
     LoggedRig,
-    Prediction,
     predicted_curve,
-    predictions,
 )
 from impact_damper_ros.compare.result import PredictedCurve
 from impact_damper_ros.control import Rig
@@ -36,6 +34,7 @@ from impact_damper_ros.orbits import (
 )
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.theory import Prediction, predictions
 
 from .knobs import as_json
 
