@@ -34,7 +34,7 @@ test:  ## run all tests
 	@$(PY) -m pytest $(ARGS)
 
 docs:  ## build the documentation into docs/_build/html, without network
-	@$(VENV) ros,plot,page,sweep,docs
+	@$(VENV) ros,plot,page,sweep,compiled,docs
 	@$(PY) -m sphinx -q -W --keep-going -b html docs docs/_build/html
 	@echo "The documentation is in docs/_build/html/index.html"
 

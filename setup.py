@@ -7,7 +7,7 @@ from setuptools import find_packages, setup
 
 NAME = 'impact_damper_ros'
 SHARE = f'share/{NAME}'
-EXAMPLES = ('examples', 'examples/paper', 'examples/gap_control')
+EXAMPLES = ('examples', 'examples/paper', 'examples/gap_control', 'examples/gallery')
 
 setup(
     name=NAME,
@@ -46,7 +46,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),
         (f'{SHARE}/config', sorted(glob('config/*'))),
-        *((f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.py'))) for folder in EXAMPLES),
+        *((f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in EXAMPLES),
         (f'{SHARE}/layouts', sorted(glob('layouts/*'))),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
         (f'{SHARE}/rviz', sorted(glob('rviz/*.rviz'))),
@@ -69,7 +69,7 @@ setup(
             'ros-jazzy-rclpy>=7.1.6,<8',
             'ros-jazzy-rmw-fastrtps-cpp>=8.4.3,<9',
         ],
-        'plot': ['matplotlib>=3.6'],
+        'plot': ['jinja2>=3.0', 'matplotlib>=3.6'],
         # rig_page: the rig in a browser
         'page': ['tornado>=6.1'],
         'compiled': ['llvmlite', 'numba>=0.59'],
@@ -81,6 +81,7 @@ setup(
         'test': [
             'colcon-common-extensions>=0.3',
             'distributed>=2024.1',
+            'mcap-ros2-support>=0.5',
             'mpmath>=1.3',
             'numba>=0.59',
             'pandas>=2.1',

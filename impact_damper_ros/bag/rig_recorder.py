@@ -25,13 +25,11 @@ from impact_damper_ros.rig.tick_grid import TickGrid
 from .messages import Parameter, ParameterEvent, String, encode
 from .rig_topics import RIG_TOPICS, RigMessages, recorded_topics, recording_notes
 from .run_writer import RunWriter
-from .snapshots import Snapshots
+from .snapshots import RATES, Snapshots
 
 #: Messages that may wait for the disk before the rig waits for them.
 _BACKLOG = 50_000
 _NAP = 0.01
-#: Least and greatest rate of joint states, Hz; their stamps are whole nanoseconds.
-_RATES = 1e-12, 1e9
 
 
 def parameter_event(
@@ -95,7 +93,7 @@ class RigRecorder(Observer):
         max_size: int = 0,
         max_duration: float = 0.0,
     ) -> None:
-        rate = number_between('rate', rate, *_RATES)
+        rate = number_between('rate', rate, *RATES)
         duration = number_between('duration', duration, 0.0, LATEST)
         self._rig = rig
         self._grid = TickGrid(rate)
@@ -117,7 +115,7 @@ class RigRecorder(Observer):
             max_duration=max_duration,
         )
         initial = {n: value for n, value in parameters.items() if n in INITIAL_SPECS}
-        self._snapshots = Snapshots(node, names, initial)
+        self._snapshots = Snapshots(node, names, initial, rate)
         self._values = {**parameters, 'state_rate': rate, 'record': True}
         self._begin_file(0)
         write_description(self._writer.directory, self._description)

@@ -25,12 +25,13 @@ from impact_damper_ros.control import (
 )
 from impact_damper_ros.report.csv_tables import (
     IMPACT_COLUMNS,
-    Table,
+    CsvTable,
     impact_rows,
     open_table,
     row,
 )
-from impact_damper_ros.report.formatting import markdown_table, mode_words, setting
+from impact_damper_ros.report.formatting import mode_words, setting
+from impact_damper_ros.report.table import Table
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -177,7 +178,8 @@ def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
         for group in groups
         for spec in group.values()
     ]
-    return markdown_table(('parameter', 'unit', 'range', 'default', 'meaning'), rows) + '\n'
+    head = ('parameter', 'unit', 'range', 'default', 'meaning')
+    return Table.of_rows(head, rows).markdown() + '\n'
 
 
 def _cycle(parameters: RigParameters) -> float:
@@ -267,7 +269,7 @@ class _Progress(Observer):
 class _ImpactTable(Observer):
     """The impacts as CSV."""
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: CsvTable) -> None:
         self._table = table
 
     def happened(self, events: Sequence[Event]) -> None:
@@ -277,7 +279,7 @@ class _ImpactTable(Observer):
 class _EventTable(Observer):
     """All events as CSV, each with the frequency after it."""
 
-    def __init__(self, rig: Rig, table: Table) -> None:
+    def __init__(self, rig: Rig, table: CsvTable) -> None:
         self._rig, self._table = rig, table
         self._sweep: list[Any] = []
         # Of the present stepped sine
@@ -297,7 +299,7 @@ class _EventTable(Observer):
 class _StateTable(Observer):
     """Samples of the motion as CSV."""
 
-    def __init__(self, rig: Rig, table: Table, rate: float) -> None:
+    def __init__(self, rig: Rig, table: CsvTable, rate: float) -> None:
         self._rig, self._table, self._rate = rig, table, rate
         self._written = 0
 

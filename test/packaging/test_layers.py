@@ -19,6 +19,7 @@ LEVEL = {
     'control': 1,
     'orbits': 2,
     'bag': 2,
+    'theory': 3,
     'replay': 3,
     'compare': 4,
     'report': 5,
@@ -110,8 +111,8 @@ LEAN = {
     'import impact_damper_ros.node.sim_node': (
         *('matplotlib', 'mcap', 'numba', 'scipy', 'tqdm', 'zstandard'),
     ),
-    'import impact_damper_ros.node.prediction_worker': ROS,
-    'from impact_damper_ros.compare import predictions': ('impact_damper_ros.bag', 'mcap'),
+    'import impact_damper_ros.theory.worker': ROS,
+    'from impact_damper_ros.theory import predictions': ('impact_damper_ros.bag', 'mcap'),
     'from impact_damper_ros.bag import RunReader, RunWriter, recover_run': (
         *(*ROS, 'numpy', 'rosbags'),
     ),
