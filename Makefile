@@ -23,7 +23,7 @@ help:  ## this list
 
 demo:  ## run the live rig for half a minute, record it, hold it against theory: see demo_run/
 	@$(VENV) ros,plot
-	@$(PY) -u -m impact_damper_ros.cli.demo
+	@$(PY) -u examples/demo.py $(ARGS)
 
 page:  ## the live rig in a browser: starts node and page, prints and opens the address
 	@$(VENV) ros,plot,page
@@ -34,7 +34,7 @@ test:  ## run all tests
 	@$(PY) -m pytest $(ARGS)
 
 docs:  ## build the documentation into docs/_build/html, without network
-	@$(VENV) ros,plot,page,sweep,docs
+	@$(VENV) ros,plot,page,sweep,compiled,docs
 	@$(PY) -m sphinx -q -W --keep-going -b html docs docs/_build/html
 	@echo "The documentation is in docs/_build/html/index.html"
 

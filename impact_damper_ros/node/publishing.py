@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping
+from concurrent.futures import wait
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS, recorded_topics, recording_notes
@@ -172,7 +173,7 @@ class Recorder:
         writer, self._writer = self._writer, None
         if writer is None:
             return ''
-        self._engine.stop_recording().wait(RELEASE_TIMEOUT_S)
+        wait([self._engine.stop_recording()], RELEASE_TIMEOUT_S)
         summary = writer.close()
         if summary.error is not None:
             self.error = str(summary.error)

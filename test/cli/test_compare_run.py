@@ -15,7 +15,6 @@ from rigs import BENCH
 
 from impact_damper_ros.bag import recover_run
 from impact_damper_ros.bag.messages import JointStateLayout, decode
-from impact_damper_ros.cli.command_line import outcome
 from impact_damper_ros.cli.compare_run import main
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
@@ -152,10 +151,7 @@ def test_what_has_no_theory_is_measured(tmp_path, settings, kind, reason):
     assert reason in stretch['sentence']
     assert stretch['measured']['impacts'] > 20
     energy = stretch['energy']
-    if 'sweep' in settings[0]:
-        assert energy is None
-    else:
-        assert abs(energy['residual']) < energy['tolerance'] < 1e-4 * energy['force']
+    assert abs(energy['residual']) < energy['tolerance'] < 1e-4 * abs(energy['force'])
 
 
 def test_a_recording_of_ros2_bag(messages, tmp_path):
@@ -339,7 +335,7 @@ def test_bad_bags(messages, tmp_path, capsys):
         writer.write('/chatter', samples.snapshot(5), 5)
     refused(tmp_path / 'foreign', '/chatter', 'of format 3', 'this version reads format 4')
     other = [
-        (t, c.replace(b'"format": 4, "number', b'"format": 9, "number'), s) for t, c, s in messages
+        (t, c.replace(b'"format": 5, "number', b'"format": 9, "number'), s) for t, c, s in messages
     ]
     refused(samples.record(tmp_path / 'other', other, custom=NOTES), 'format 9', 'version')
     wrong = params_file(tmp_path / 'params.yaml', BENCH)
@@ -447,20 +443,12 @@ def test_a_mixed_bag_is_used_up_to_the_other_version(messages, tmp_path):
     mixed = list(messages)
     mixed[later] = (
         topic,
-        content.replace(b'"format": 4, "number', b'"format": 9, "number'),
+        content.replace(b'"format": 5, "number', b'"format": 9, "number'),
         stamp,
     )
     code, result = run(samples.record(tmp_path / 'bag', mixed, custom=NOTES), tmp_path)
     assert (code, verdicts(result)) == (3, ['agrees'])
     assert 'is of format 9' in result['faults'][0]
-
-
-def test_interrupted(capsys):
-    def work():
-        raise KeyboardInterrupt
-
-    assert outcome('compare_run', work) == 130
-    assert 'compare_run: interrupted' in capsys.readouterr().err
 
 
 def test_a_log_that_contradicts_itself_is_said_to(tmp_path):

@@ -10,7 +10,6 @@ from small_disk import mounted
 import impact_damper_ros
 from impact_damper_ros import outputs
 from impact_damper_ros.cli.compare_run import main as compare_run
-from impact_damper_ros.cli.demo import main as demo
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.cli.solve_periodic import main as solve_periodic
@@ -37,17 +36,6 @@ def test_told_before_the_work(main, words, tmp_path, capsys):
     assert f'cannot write {place}: Not a directory: a part of the path is a file' in said.err
     assert len(said.err.splitlines()) == 1
     assert said.out == ''
-
-
-def test_a_file_in_place_of_the_directory(tmp_path, monkeypatch, capsys):
-    pytest.importorskip('matplotlib')
-    pytest.importorskip('rclpy')
-    monkeypatch.chdir(tmp_path)
-    Path('file').write_text('in the way')
-    assert demo(['file']) == 1
-    assert 'cannot write' in (said := capsys.readouterr().err)
-    assert 'file: Not a directory' in said
-    assert Path('file').read_text() == 'in the way'
 
 
 @pytest.mark.parametrize('name', ['figure', 'figure.gif'])

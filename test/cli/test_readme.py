@@ -24,7 +24,7 @@ from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, load_parameter
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 README = ROOT / 'README.md'
 PAGES = [README, *sorted((ROOT / 'docs').rglob('*.md'))]
-COMMANDS = [name for name in entry_points.__all__ if not name.startswith(('begin', 'run'))]
+COMMANDS = entry_points.__all__
 #: The recording that the pages speak of.
 BAG = 'runs/run_20261120_221707'
 #: The one that a command of the README makes, for others after it.

@@ -19,6 +19,7 @@ LEVEL = {
     'control': 1,
     'orbits': 2,
     'bag': 2,
+    'theory': 3,
     'replay': 3,
     'compare': 4,
     'report': 5,
@@ -76,13 +77,13 @@ def test_imports_point_downwards(path):
 
 
 def test_only_nodes_and_their_clients_import_ros():
-    """The demo and the page are clients of the node; the page is one in a single module."""
+    """`set_rig` and the page are clients of the node; the page is one in a single module."""
     users = {
         path.relative_to(PACKAGE)
         for path in modules(*LEVEL)
         if any(name.split('.')[0] in ROS for name in imports(path))
     }
-    clients = {Path('cli', 'demo.py'), Path('page', 'ros_client.py')}
+    clients = {Path('cli', 'set_rig.py'), Path('page', 'ros_client.py')}
     assert {path for path in users if path.parts[0] != 'node'} == clients
 
 
@@ -109,8 +110,8 @@ LEAN = {
     'import impact_damper_ros.node.sim_node': (
         *('matplotlib', 'mcap', 'numba', 'scipy', 'tqdm', 'zstandard'),
     ),
-    'import impact_damper_ros.node.prediction_worker': ROS,
-    'from impact_damper_ros.compare import predictions': ('impact_damper_ros.bag', 'mcap'),
+    'import impact_damper_ros.theory.worker': ROS,
+    'from impact_damper_ros.theory import predictions': ('impact_damper_ros.bag', 'mcap'),
     'from impact_damper_ros.bag import RunReader, RunWriter, recover_run': (
         *(*ROS, 'numpy', 'rosbags'),
     ),
