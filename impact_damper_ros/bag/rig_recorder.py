@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from impact_damper_ros.control import Rig
+from impact_damper_ros.control import Observer, Rig
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.rig import INITIAL_SPECS, Event, EventKind
 from impact_damper_ros.rig.description import robot_description
@@ -54,7 +54,7 @@ def write_description(directory: Path, text: str) -> None:
         write_text(directory / 'rig.urdf', text)
 
 
-class RigRecorder:
+class RigRecorder(Observer):
     """
     Records a rig tick by tick, on whole nanoseconds as the node does.
 

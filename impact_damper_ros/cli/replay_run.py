@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
 
-from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_file
 from impact_damper_ros.replay import RecordedRun, Replay, Setting
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
@@ -172,4 +171,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run('replay_run', main))
+    sys.exit(main())
