@@ -626,7 +626,6 @@ def test_colours_can_be_told_apart():
         for text, back in (
             ('ink', 'page'),
             ('ink', 'panel'),
-            ('ink', 'mark'),
             ('ink', 'bad-back'),
             ('ink', 'none-back'),
             ('quiet', 'page'),
