@@ -30,7 +30,7 @@ LONGEST = (
     'oracle/test_oracle.py',
     'page/test_live_page.py',
     'page/test_player.py',
-    'orbits/test_continuation.py',
+    'orbits/test_branches.py',
     'orbits/test_enumeration.py',
     'sweep/test_sweep_dask.py',
     'cli/test_sweep_rig.py',
