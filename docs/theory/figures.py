@@ -123,7 +123,6 @@ def chatter():
     finish_panel(path, 'a', 'time [s]', 'distance from the stop [m]')
     finish_panel(decay, 'b', 'time left until the rest [s]', 'speed after the impact [m/s]')
     save_figure(figure, HERE / 'chatter.png')
-    print('chatter:', len(hits), 'impacts, rest at', rest)
 
 
 def condition(rig, second):
@@ -150,7 +149,6 @@ def two_impacts():
             color = COLORS['primary'] if orbit.viable else COLORS['special']
             face = color if orbit.stable and orbit.viable else 'white'
             axes.plot(place, 0.0, 'o', color=color, markerfacecolor=face, markersize=6)
-            print('two impacts:', panel, place, orbit.viable, orbit.stable)
         axes.set_xlim(*((0.45, 0.55) if panel == 'a' else (0.0, 1.0)))
         finish_panel(axes, panel, '$(t_2 - t_1)/T_0$', '')
     figure.axes[0].set_ylabel('$C^2 + S^2 - W^2$')
@@ -220,10 +218,13 @@ def best_gap():
     axes.set_ylim(0.0, 12.0)
     finish_panel(axes, '', 'gap $d$ [m]', 'largest $|X|$ [m]')
     save_figure(figure, HERE / 'best_gap.png')
-    print('best gap:', branch.best('x_max').value, branch.best('x_max').orbit.x_max)
-    print([(s.kind.value, s.value) for s in branch.special])
+
+
+def draw_all():
+    """Draw all figures."""
+    for draw in (release, bernstein, chatter, two_impacts, saltation, best_gap):
+        draw()
 
 
 if __name__ == '__main__':
-    for draw in (release, bernstein, chatter, two_impacts, saltation, best_gap):
-        draw()
+    draw_all()

@@ -242,10 +242,10 @@ class Flights:
             else:
                 driven, angle = self.frequency[index], self.angle[index]
             turned = np.exp(1j * (np.remainder(angle, math.tau) + phase))
-            place, rate = forced_response(decay, frequency, driven, tau)
-            x += amplitude * share * (turned * place).imag
-            velocity += amplitude * share * (turned * rate).imag
-            force += amplitude * (turned * np.exp(1j * driven * tau)).imag
+            place, speed = forced_response(decay, frequency, driven, tau)
+            x = x + amplitude * share * (turned * place).imag
+            velocity = velocity + amplitude * share * (turned * speed).imag
+            force += np.imag(amplitude * turned * np.exp(1j * driven * tau))
         rate = push + share * force
         acceleration = rate - 2.0 * decay * velocity - omega_squared * x
         return x, velocity, acceleration, force
@@ -393,9 +393,9 @@ class Flights:
             )
             return rows['time'], rows['x'], speed, rows['y'], damper - speed
         count = np.ceil(self.spans * per_second).astype(np.int64) + 1
-        index = np.repeat(np.arange(len(self)), count)
+        index: NDArray[np.intp] = np.repeat(np.arange(len(self), dtype=np.intp), count)
         number = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
-        tau = number * np.repeat(self.spans / np.maximum(count - 1, 1), count)
+        tau = np.repeat(self.spans / np.maximum(count - 1, 1), count) * number
         x, velocity, _, _ = self.motion(index, tau)
         return self.starts[index] + tau, x, velocity, *self.damper(index, tau, x, velocity)
 

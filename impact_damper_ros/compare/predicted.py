@@ -23,17 +23,15 @@ from impact_damper_ros.orbits import (
     follow,
     orbit_near,
 )
-from impact_damper_ros.orbits.flights import flight_at_impact, machine_of
 from impact_damper_ros.orbits.orbit import AT_IMPACTS
 from impact_damper_ros.orbits.recurrence import Period, Section
-from impact_damper_ros.orbits.trajectory import follow_trajectory
 from impact_damper_ros.replay.rows import Events
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.event import events_of_table
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.snapshot import LATEST
-from impact_damper_ros.rig.state import place
+from impact_damper_ros.theory import orbit_curve
 
 from .force_clock import ForceClock
 from .kind import NEGLIGIBLE_IMPULSE, SETTLED, section_of
@@ -372,9 +370,6 @@ def periodic_motion(
 # Curves for plots
 
 
-_PER_CYCLE = 250
-
-
 def predicted_curve(
     clock: ForceClock, orbit: PeriodicOrbit, period: ImpactStates | None, time: float
 ) -> PredictedCurve | None:
@@ -393,37 +388,14 @@ def predicted_curve(
         Instant of the first impact of that period, or any other, rig time, s.
     """
     time = number_between('time', time, -LATEST, LATEST)
-    if not orbit.viable or not orbit.impacts:
+    rows = orbit_curve(orbit)
+    if rows is None:
         return None
     # The zero of the force before the measured period, from which both count their phases
     first = period.phases[0] if period is not None else float(clock.phase(np.array(time)) % 1.0)
-    late = round(orbit.phases[0] - first) if period is not None else 0
+    late = round(float(rows[0, 0]) - first) if period is not None else 0
     zero = time - (first + late) * clock.cycle
-    flight = flight_at_impact(
-        machine_of(clock.counted_from_zero()),
-        zero + orbit.phases[0] * clock.cycle - clock.zero,
-        orbit.stops[0],
-        orbit.x[0],
-        orbit.primary_velocity_after[0],
-        orbit.damper_velocity_after[0],
-    )
-    trajectory = follow_trajectory(flight, orbit.period)
-    if trajectory is None:
-        return None
-    rows = []
-    for part in trajectory.flights:
-        run = part.flight.run
-        count = max(2, math.ceil(_PER_CYCLE * part.duration / clock.cycle))
-        for tau in np.linspace(0.0, part.duration, count):
-            motion = part.flight.motion(float(tau))
-            phase = orbit.phases[0] + (part.start + float(tau)) / clock.cycle
-            # M and m move as one in a joint flight.
-            travel = 0.0 if run.joint else motion.travel
-            relative = 0.0 if run.joint else motion.relative_velocity
-            rows.append((phase, motion.x, motion.velocity, place(run) + travel, relative))
-    # The period ends with the same state as that with which it begins, after the impact.
-    rows.append((max(rows[-1][0], orbit.phases[0] + orbit.cycles), *rows[0][1:]))
-    phase, x, velocity, y, relative_velocity = np.array(rows).T
+    phase, x, velocity, y, relative_velocity = rows.T
     return PredictedCurve(
         phase=phase,
         x=x,

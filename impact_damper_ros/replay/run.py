@@ -162,13 +162,15 @@ class RecordedRun:
         self.disorder = Disorder()
         self.early = 0
         self.damage: RecordingError | None = None
-        self.start = None if first is None else read_command(first, self.reader.path, purpose)
+        self.start, at_once = None, True
+        if first is not None:
+            self.start = read_command(first, self.reader.path, purpose)
+            at_once = self.start.stamp_ns == first.stamp_ns
         if not self.reader.topics[self.topics.joint_states].message_count:
             cause = f'there is no message on {self.topics.joint_states}: nothing to compare'
             raise RecordingError(purpose, path, cause)
         noted = self.reader.custom.get('joint_states') == self.topics.joint_states
-        own = noted or first is None or self.start.stamp_ns == first.stamp_ns  # type: ignore[union-attr]
-        self.stamped = own and (self.reader.own or self._has_rig_stamps())
+        self.stamped = (noted or at_once) and (self.reader.own or self._has_rig_stamps())
 
     def _has_rig_stamps(self) -> bool:
         """

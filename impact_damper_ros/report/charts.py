@@ -294,7 +294,7 @@ def _occurrences(curve: PredictedCurve, phase: float, start: float, end: float) 
     return once + period * np.arange(first, last + 1.0)
 
 
-def _predicted_motion(
+def predicted_motion(
     curve: PredictedCurve, start: float, end: float
 ) -> tuple[Array, Array, Array]:
     """Return the predicted motion over a stretch of time."""
@@ -309,9 +309,7 @@ def _predicted_motion(
     return time[inside], x, y
 
 
-def _predicted_impacts(
-    stretch: StretchComparison, start: float, end: float
-) -> tuple[Array, Array]:
+def predicted_impacts(stretch: StretchComparison, start: float, end: float) -> tuple[Array, Array]:
     """Return the predicted impacts from `start` to `end`, s."""
     orbit, curve = stretch.predicted, stretch.curves.predicted
     if orbit is None or curve is None:
@@ -325,7 +323,7 @@ def _predicted_impacts(
     return np.concatenate([[], *instants]), np.concatenate([[], *places])
 
 
-def _predicted_lines(curve: PredictedCurve, highest: float) -> tuple[Array, Array]:
+def predicted_lines(curve: PredictedCurve, highest: float) -> tuple[Array, Array]:
     """Return the lines of the spectrum of the predicted X."""
     period = curve.cycles * curve.cycle
     if not (len(curve.phase) > 2 and highest * period >= 1.0):
@@ -366,10 +364,16 @@ def _draw_impacts(
             label = ''
 
 
+def _motion_of(stretch: StretchComparison) -> MotionCurve | None:
+    motion = stretch.curves.motion
+    known = motion is not None and len(motion.time) > 1 and np.isfinite(motion.time).all()
+    return motion if known else None
+
+
 def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | None:
     """Draw the end of a stretch as recorded, with the predicted motion and impacts over it."""
-    motion, theory = stretch.curves.motion, stretch.curves.predicted
-    if motion is None or len(motion.time) < 2:
+    motion, theory = _motion_of(stretch), stretch.curves.predicted
+    if motion is None:
         return None
     if not wide:
         motion = _end_of(motion)
@@ -388,11 +392,11 @@ def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | 
     start, end = float(motion.time[0]), float(motion.time[-1])
     caption = 'The end of the stretch as recorded.'
     if theory is not None:
-        time, x, y = _predicted_motion(theory, start, end)
+        time, x, y = predicted_motion(theory, start, end)
         chart.line(time, unit.factor * x, 'theory', 1.0, look='dashed', zorder=3.5)
         label = _predicted_label(stretch)
         chart.line(time, unit.factor * (x + y), 'theory', 1.0, label, 'dashed', zorder=3.5)
-        hit, place = _predicted_impacts(stretch, start, end)
+        hit, place = predicted_impacts(stretch, start, end)
         for at in hit:
             chart.axes.axvline(at, color=COLORS['quiet'], linewidth=0.6, zorder=1)
         chart.rings(hit, unit.factor * place, 10.0, 'its impacts')
@@ -425,7 +429,7 @@ def _portrait(
 
 
 def _draw_primary_portrait(stretch: StretchComparison) -> Picture | None:
-    motion = stretch.curves.motion
+    motion = _motion_of(stretch)
     if motion is None or not np.any(motion.velocity):
         return None
     chart, _ = _portrait(stretch, (motion.x, motion.velocity), 'primary', ('X', 'X′'))
@@ -434,7 +438,7 @@ def _draw_primary_portrait(stretch: StretchComparison) -> Picture | None:
 
 
 def _draw_damper_portrait(stretch: StretchComparison) -> Picture | None:
-    motion = stretch.curves.motion
+    motion = _motion_of(stretch)
     if motion is None or not np.any(motion.relative_velocity):
         return None
     measured = (motion.y, motion.relative_velocity)
@@ -621,7 +625,7 @@ def _draw_spectrum(stretch: StretchComparison) -> Picture | None:
         return None
     unit, rate = unit_for('m', largest), unit_for('Hz', highest)
     chart = _Chart(f'frequency [{rate.name}]', f'amplitude of X [{unit.name}]')
-    at, lines = (np.empty(0),) * 2 if theory is None else _predicted_lines(theory, highest)
+    at, lines = (np.empty(0),) * 2 if theory is None else predicted_lines(theory, highest)
     top = max(largest, float(np.nanmax(lines, initial=0.0)))
     chart.log_axis(_DEPTH * unit.factor * largest, 5.0 * unit.factor * top)
     inside = finite & (curve.frequency <= highest) & (curve.amplitude > 0.0)

@@ -284,6 +284,7 @@ def report_page(
 ) -> str:
     """Return the page; the parameters are those of `write_report`."""
     import jinja2
+    from markupsafe import Markup
 
     folder = files('impact_damper_ros.report') / 'template'
     environment = jinja2.Environment(
@@ -298,7 +299,7 @@ def report_page(
             detailed.append(_detail(stretch, before.get(stretch.number)))
             if drawn is not None:
                 drawn(count, len(chosen))
-    style = jinja2.filters.Markup((folder / 'report.css').read_text('utf-8').strip())
+    style = Markup((folder / 'report.css').read_text('utf-8').strip())
     template = environment.from_string((folder / 'report.html').read_text('utf-8'))
     page: str = template.render(
         **_head(comparison, command),

@@ -136,7 +136,7 @@ def overall_table(
 
 def _pair(
     name: str, unit: str, measured: float, predicted: float, apart: float | None = None
-) -> tuple[str, str, str, str, str]:
+) -> tuple[str, ...]:
     """Return a row with a measured and a predicted value."""
     factor, handy = 1.0, unit
     if unit not in ('', 'cycles'):
@@ -264,6 +264,6 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
     changed = [name for name, value in values.items() if earlier.get(name) != value]
     if not changed:
         return None
-    rows = [(n, values[n], units[n], earlier.get(n, NONE)) for n in changed]
+    lines = [(n, values[n], units[n], earlier.get(n, NONE)) for n in changed]
     note = f'All others are those of stretch {before.number}.'
-    return Table([*columns, Column('before')], [('', rows)], 'Changed parameters', note)
+    return Table([*columns, Column('before')], [('', lines)], 'Changed parameters', note)

@@ -387,19 +387,15 @@ def test_a_change_to_the_same_value_under_a_multisine(tmp_path):
     assert result['log']['differences'] == 0
 
 
-def test_joint_states_that_are_too_far_apart(tmp_path):
-    """What X is between them is estimated, with a bound that is reported where it matters."""
-    found, notes = {}, {}
-    for rate in (1.0, 20.0, 50.0, 400.0):
+def test_joint_states_that_are_far_apart(tmp_path):
+    """The numbers are those of the replayed motion, however few samples there are."""
+    found = {}
+    for rate in (1.0, 20.0, 400.0):
         bag = RecordedRig(BENCH, rate=rate).start().run(int(3 * rate)).save(tmp_path / str(rate))
-        _, result = run(bag, tmp_path)
-        found[rate], notes[rate] = result['stretches'][0], ' '.join(result['remarks'])
-    assert 'rms X and the energies of force and dashpot are not known in stretch 1' in notes[1.0]
-    share = float(re.search(r'off by about (\S+) %', notes[20.0])[1]) / 100.0
-    assert notes[50.0] == notes[400.0] == ''
-    for rate, most in ((20.0, share), (50.0, 0.01)):
+        (found[rate],) = run(bag, tmp_path)[1]['stretches']
+    for rate in (1.0, 20.0):
         for part, key in (('overall', 'x_max'), ('overall', 'x_rms'), ('measured', 'x_max')):
-            assert found[rate][part][key] == pytest.approx(found[400.0][part][key], rel=most)
+            assert found[rate][part][key] == pytest.approx(found[400.0][part][key], rel=1e-9)
 
 
 @pytest.mark.parametrize(('part', 'joint'), [(0, 0), (0, 3), (1, 1)])

@@ -1,5 +1,6 @@
 """What the pages of the theory state: the paper's equations as corrected, and some others."""
 
+import importlib.util
 import math
 import random
 import re
@@ -375,3 +376,17 @@ def test_files_that_a_page_names_are_there(page):
     for name in named:
         folder = ROOT if name.startswith(('test/', 'config/')) else ROOT / 'impact_damper_ros'
         assert (folder / name).is_file(), name
+
+
+def test_figures_are_those_of_the_pages(tmp_path):
+    pytest.importorskip('matplotlib')
+    script = ROOT / 'docs' / 'theory' / 'figures.py'
+    spec = importlib.util.spec_from_file_location('figures', script)
+    figures = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(figures)
+    figures.HERE = tmp_path
+    figures.draw_all()
+    text = '\n'.join(page.read_text(encoding='utf-8') for page in PAGES)
+    shown = set(re.findall(r'\]\((\w+\.png)\)', text))
+    drawn = {path.name for path in tmp_path.iterdir()}
+    assert shown == drawn == {path.name for path in script.parent.glob('*.png')}

@@ -10,7 +10,6 @@ from impact_damper_ros.compare.result import (
     EnergyBalance,
     Finding,
     GapCurve,
-    ImpactCurve,
     ImpactStates,
     MeasuredMotion,
     MotionCurve,
@@ -25,13 +24,8 @@ from impact_damper_ros.compare.result import (
 )
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import find_orbits, follow
+from impact_damper_ros.replay.rows import events_as_rows
 from impact_damper_ros.rig import EventKind
-
-
-def _impact_curve(hits, cycle):
-    columns = np.array([(e.time, e.stop, e.x, *e[5:]) for e in hits]).T
-    time, stop = columns[0], columns[1].astype(np.int64)
-    return ImpactCurve(time, time / cycle % 1.0, stop, *columns[2:])
 
 
 def _motion(parameters, start, end):
@@ -72,6 +66,7 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
     orbit = find_orbits(FRICTION, (1, 2)).orbits[0]
     end, cycle = 600.0, orbit.cycle
     motion, hits = _motion(FRICTION, end - 6 * cycle, end)
+    impacts = events_as_rows(hits)
     impulse = tuple(e.impulse for e in hits[-2:])
     last = ImpactStates(
         orbit.stops,
@@ -113,7 +108,8 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
     curves = StretchCurves(
         SwingEnvelope(envelope_time, -swing, swing),
         motion,
-        _impact_curve(hits, cycle),
+        impacts,
+        impacts['time'] / cycle % 1.0,
         _predicted(orbit),
         Convergence(periods * cycle, distance, 1e-9, 10, 80, 0.9411, abs(orbit.multipliers[0])),
         Spectrum(frequency, orbit.x_max * line * np.exp(-3.0 * frequency), 0.1624, 0.0025, 'Hann'),
@@ -179,7 +175,7 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
             'predicted': None,
             'predicted_impulse': (),
             'decay': None,
-            'curves': StretchCurves(curves.envelope, motion, curves.impacts),
+            'curves': StretchCurves(curves.envelope, motion, impacts, curves.phases),
         },
     )
     return RunComparison(
