@@ -3,8 +3,8 @@ The gap curve: stable and unstable branches
 ===========================================
 
 Each periodic motion is the solution of a boundary-value problem, so it can be followed through the
-gap where it is unstable and no rig settles into it. Motions with one, two and three impacts per
-cycle of the frictionless rig, and the bifurcations on their way.
+gap where it is unstable and no rig settles into it. Motions with two and three impacts per cycle
+of the frictionless rig a little above its resonance, and the bifurcations on their way.
 """
 
 import matplotlib.pyplot as plt
