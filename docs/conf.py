@@ -36,6 +36,11 @@ nitpicky = False
 myst_enable_extensions = ['dollarmath', 'amsmath', 'colon_fence', 'deflist']
 myst_heading_anchors = 4
 
+# Equations have the number of their page in the theory: (3.2).
+numfig = True
+numfig_secnum_depth = 1
+math_numfig = True
+
 autodoc_member_order = 'bysource'
 autodoc_typehints = 'none'
 napoleon_google_docstring = False

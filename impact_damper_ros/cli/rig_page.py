@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig.parameters_file import load_parameters, preset_file
 
 from .command_line import command_parser, end_node, outcome, say
@@ -194,4 +193,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run(COMMAND, main))
+    sys.exit(main())

@@ -20,15 +20,12 @@ from numpy.typing import NDArray
 from impact_damper_ros.compare import (
     ForceClock,
     LoggedRig,
-    Prediction,
     predicted_curve,
-    predictions,
 )
 from impact_damper_ros.compare.result import PredictedCurve
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import (
     Branch,
-    Continuation,
     OrbitError,
     PeriodicOrbit,
     SpecialPoint,
@@ -36,6 +33,7 @@ from impact_damper_ros.orbits import (
 )
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.theory import Prediction, predictions
 
 from .knobs import as_json
 
@@ -201,8 +199,8 @@ def _parts(start: PeriodicOrbit, *, upwards: bool) -> Iterator[_Part]:
     while not ways or (bound and len(ways) <= _MOST_FURTHER):
         here = known[-1].orbits[-1] if known else start
         gap = here.parameters.gap
-        along = Continuation('gap', gap / span, gap * span, most_points=_MOST_POINTS)
-        ways.append(grow_branch(here, along, upwards=upwards))
+        ends = gap / span, gap * span
+        ways.append(grow_branch(here, 'gap', *ends, upwards=upwards, most_points=_MOST_POINTS))
         known.append(next(ways[-1]))
         while known[-1].points and not known[-1].ended:
             yield _Part(reduce(Branch.extended, known))
@@ -211,7 +209,6 @@ def _parts(start: PeriodicOrbit, *, upwards: bool) -> Iterator[_Part]:
         if len(whole.points) < 2:
             break
         last, end = whole.values[-2:]
-        ends = along.low, along.high
         cut = len(known[-1].points) >= _MOST_POINTS or any(math.isclose(end, e) for e in ends)
         span, upwards = _FURTHER, end > last
         best = whole.best(_ratio)

@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.replay import RecordedRun, Replay, WhatIf
+from impact_damper_ros.replay import RecordedRun, Replay, Setting, WhatIf
 from impact_damper_ros.replay.rows import Events, Samples, impacts_of
-from impact_damper_ros.replay.setting import setting_of
 from impact_damper_ros.rig import INITIAL_SPECS, RigParameters, RunawayError
 
 _NICENESS = 10
@@ -65,7 +64,7 @@ def _samples(samples: Samples, rig: RigParameters) -> NDArray[np.float64]:
 def _run(path: Path, values: dict[str, Any]) -> str:
     """Run the rig; return a text on how it started."""
     replay = Replay(RecordedRun(path))
-    known = setting_of(replay.start.state).as_dict()
+    known = Setting.of(replay.start.state).as_dict()
     strange = [name for name in values if name not in known and name not in INITIAL_SPECS]
     if strange:
         raise ValueError(f'{strange[0][:80]} is not a parameter of the rig or of its control')

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from impact_damper_ros.bag import String
-from impact_damper_ros.bag.messages import CdrWriter, encode
+from impact_damper_ros.bag import DiagnosticArray, DiagnosticStatus, String
+from impact_damper_ros.bag.messages import encode
 from impact_damper_ros.bag.rig_recorder import parameter_event
 from impact_damper_ros.bag.rig_topics import RigMessages
 from impact_damper_ros.bag.snapshots import Snapshots
@@ -30,12 +30,11 @@ class Messages:
 
 def diagnostics(*statuses):
     """Return a DiagnosticArray of (level, name, message, values)."""
-    writer = CdrWriter().time_ns(OFFSET_NS).string('').put('I', len(statuses))
-    for level, name, message, values in statuses:
-        writer.put('B', level).string(name).string(message).string('').put('I', len(values))
-        for key, value in values.items():
-            writer.string(key).string(value)
-    return bytes(writer.content)
+    parts = [
+        DiagnosticStatus(level, name, message, '', tuple(values.items()))
+        for level, name, message, values in statuses
+    ]
+    return encode(DiagnosticArray(OFFSET_NS, '', tuple(parts)))
 
 
 class FakeLink:
@@ -52,7 +51,7 @@ class FakeLink:
         self._tick = 0
         self._offset_ns = OFFSET_NS
         self._pattern = RigMessages()
-        self._snapshots = Snapshots(name, {}, {})
+        self._snapshots = Snapshots(name, {}, {}, RATE)
         self._announce(reason)
 
     @property
