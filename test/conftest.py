@@ -24,6 +24,7 @@ LONGEST = (
     'node/test_absurd_rigs.py',
     'benchmarks/test_verdicts.py',
     'cli/test_readme.py',
+    'docs/test_tutorials.py',
     'bag/test_bag_check.py',
     'replay/test_replay.py',
     'report/test_comparison_report.py',
