@@ -161,7 +161,7 @@ async def test_scrub_and_jumps(runs, recorded):
 
 
 @in_loop
-async def test_what_if_shows_another_rig(runs, recorded):
+async def test_what_if_shows_another_rig(runs):
     async with serving(runs / 'run') as server, opened(server) as page:
         await page.next('hello', mode='player')
         await page.send(type='play', speed=0)
@@ -183,8 +183,10 @@ async def test_what_if_shows_another_rig(runs, recorded):
         hits = [e for e in other.advance(3.0) if e.kind is EventKind.IMPACT]
         sample, row = other.sample(), frame.ghost_samples[frame.ghost_samples[:, 0] <= 0.0][-1]
         assert row[1:7] == pytest.approx(
-            [sample.x, sample.primary_velocity, sample.z, sample.damper_velocity]
-            + [sample.stop_1, sample.stop_2],
+            [
+                *(sample.x, sample.primary_velocity, sample.z, sample.damper_velocity),
+                *(sample.stop_1, sample.stop_2),
+            ],
             rel=1e-5,
         )
         assert frame.ghost_impacts[frame.ghost_impacts[:, 0] <= 0.0][:, 8] == pytest.approx(

@@ -70,8 +70,9 @@ async def test_foreign_origin_is_refused(tmp_path):
 
 @in_loop
 async def test_open_address_asks_for_its_token(tmp_path):
-    async with serving(tmp_path, FakeNetwork(FakeLink()), host='0.0.0.0') as server:
-        gate, link = server.gate, server.sources
+    link = FakeLink()
+    async with serving(tmp_path, FakeNetwork(link), host='0.0.0.0') as server:
+        gate = server.gate
         for path in ('/', '/static/app.js', '/?token=wrong'):
             assert (await get(server, path)).code == 403
         with pytest.raises(HTTPClientError) as refused:
