@@ -122,9 +122,9 @@ async def _serve(arguments: argparse.Namespace) -> int:
     gate = Gate(arguments.host, arguments.name)
     recordings = Recordings(arguments.bag or arguments.recordings, listed=arguments.bag is None)
     if arguments.bag is None:
-        from impact_damper_ros.page.ros_client import NoAnswerError, RosClient
+        from impact_damper_ros.page.ros_client import RosClient
 
-        server = PageServer(gate, recordings, RosClient(), NoAnswerError, arguments.node)
+        server = PageServer(gate, recordings, RosClient(), arguments.node)
     else:
         server = PageServer(gate, recordings)
     end = asyncio.Event()

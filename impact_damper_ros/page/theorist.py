@@ -8,10 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from impact_damper_ros.rig import RigParameters
-
 from .child import Child
-from .measures import estimated_optimum
 
 _PROCESS = 'impact_damper_ros.page.theory_process'
 #: Time after which a process that has ended is started again, s.
@@ -58,14 +55,6 @@ class Theorist:
         self.optimum: float | None = None
         self.bound = ''
         self.complete = self.failed = False
-
-    def best_gap(self, rig: RigParameters | None) -> tuple[float | None, str]:
-        """Return the best gap found so far, and its source."""
-        if self.optimum is not None:
-            return self.optimum, self.bound or 'curve' if self.complete else 'part of the curve'
-        if rig is None or self.complete or self.failed:
-            return None, ''
-        return estimated_optimum(rig), 'formula'
 
     def ask(self, state: dict[str, Any]) -> None:
         """Request the theory of a rig, and discard that of the one before."""

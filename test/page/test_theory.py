@@ -19,8 +19,8 @@ from impact_damper_ros.page.theory import theory
 from impact_damper_ros.rig import RigParameters, load_parameters
 from impact_damper_ros.rig.parameters_file import preset_file
 
-from .browser import in_loop, live_page
 from .fake_rig import FakeLink
+from .served import in_loop, live_page
 
 INCLINED = RigParameters(angle=0.7853981633974483, gravity=1.0, friction=0.5).replace(
     force_frequencies=(1.02,)
