@@ -2,8 +2,8 @@
 Recorded runs compared with the periodic theory.
 
 `compare_bag` divides a bag into stretches with constant parameters, checks the log of each,
-measures its motion, finds the motion that theory predicts, and gives a verdict. `predictions`
-predicts the motion of a rig that is running. Importable without ROS; needs numpy.
+measures its motion, finds the motion that theory predicts, and gives a verdict. Importable without
+ROS; needs numpy.
 """
 
 from typing import TYPE_CHECKING
@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 from impact_damper_ros.orbits.recurrence import MotionKind
 
-from .prediction import ObservedMotion, Prediction, predictions
-from .recorded_stretch import ForceClock
+from .force_clock import ForceClock
 from .result import (
     Beginning,
     Decay,
@@ -30,7 +29,7 @@ from .result import (
 
 if TYPE_CHECKING:
     from .comparison import compare_bag
-    from .periodic_motion import predicted_curve
+    from .predicted import predicted_curve
     from .stretches import LoggedRig
 
 __all__ = [
@@ -45,23 +44,20 @@ __all__ = [
     'LoggedRig',
     'MeasuredMotion',
     'MotionKind',
-    'ObservedMotion',
     'Overall',
-    'Prediction',
     'RunComparison',
     'StretchComparison',
     'Verdict',
     'compare_bag',
     'predicted_curve',
-    'predictions',
 ]
 
-#: Imported on first use: the node predicts without them.
+#: Imported on first use.
 __getattr__ = lazy_names(
     __name__,
     {
         'comparison': ('compare_bag',),
-        'periodic_motion': ('predicted_curve',),
+        'predicted': ('predicted_curve',),
         'stretches': ('LoggedRig',),
     },
 )

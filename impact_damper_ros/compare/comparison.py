@@ -14,7 +14,6 @@ from impact_damper_ros.replay import Difference, Findings, RecordedRun, Replay
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.quoting import counted
 
-from .force_phase import with_fitted_clock
 from .result import Finding, LogCheck, LogVerdict, RunComparison, StretchComparison
 from .stretches import RecordedPieces, Stretches
 from .verdict import compare_stretch
@@ -157,7 +156,7 @@ def compare_bag(
             said = 0
             for stretch in found:
                 reached(stretch.end)
-                kept = replay.findings.kept
+                kept = replay.findings.differences
                 mine = [d for d in kept[said:] if d.time < stretch.end or stretch.last]
                 said += len(mine)
                 log = LogVerdict.DIFFERS if mine else LogVerdict.REPRODUCED
@@ -172,13 +171,12 @@ def compare_bag(
             found = Stretches(pieces)
             for stretch in found:
                 reached(stretch.end)
-                timed = with_fitted_clock(stretch) if stretch.clock is None else stretch
-                if timed is not stretch:
+                if stretch.clock is not None:
                     remarks.append(
                         f'the phase of the force in stretch {stretch.number} is not in the bag; '
                         'it was found from the motion'
                     )
-                stretches.append(compare_stretch(timed))
+                stretches.append(compare_stretch(stretch))
             if pieces.rig is None:
                 cause = 'it does not hold the parameters of the rig: no snapshot, no list of all'
                 remedy = 'record the topic snapshot too, or give the rig with --params FILE.yaml'

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import MotionKind
+from impact_damper_ros.replay.rows import Events
 from impact_damper_ros.rig import RigParameters
 
 Array = NDArray[np.float64]
@@ -96,8 +97,8 @@ class Overall:
     """
     Swing, impacts and energy over a whole stretch or run, whatever the motion.
 
-    They come from the log alone: between two recorded instants X is the cubic through the recorded
-    positions and velocities. Intervals with missing samples are left out of the integrals.
+    Of a replayed run they are exact. Of one that cannot be replayed, they are those of the flights
+    that the recorded states begin; intervals with missing samples are left out of the integrals.
 
     Attributes
     ----------
@@ -112,20 +113,18 @@ class Overall:
     impacts, impacts_on_stop_1, impacts_on_stop_2 : int
         Number of recorded impacts.
     impact_energy : float
-        Kinetic energy that M lost in the impacts, J, from velocities and impulses: exact. Contact
-        with a resting m is no impact.
+        Kinetic energy that M lost in the impacts, J. Contact with a resting m is no impact.
     impact_loss : float
         Kinetic energy that M and m together lost in them, J; the remainder of `impact_energy` was
         given to m.
     dashpot_energy : float
         Energy that the dashpot took from M, J.
     force_work : float
-        Work of the force on M, J; NaN if its phase is not known or its frequency is swept.
+        Work of the force on M, J; NaN if its phase is not known.
     accuracy : float
-        Estimate of the relative error of `x_max`, `x_rms` and `dashpot_energy` (and of
-        `force_work`, relative to the work there and back):
-        (W h)^4/200 + mu (W h)^3/50 with the longest interval h, the highest circular frequency W
-        of natural vibration and force, and the mass ratio mu; the second term with friction only.
+        Estimate of the relative error of `x_max`, `x_rms`, `dashpot_energy` and `force_work`: 0 of
+        a replayed run, else mu (W h)^3/50 with friction, with the longest interval h, the highest
+        circular frequency W of natural vibration and force, and the mass ratio mu.
     """
 
     duration: float
@@ -177,13 +176,13 @@ class EnergyBalance:
     force, air : float
         Work of the force on M, and of the compressed air on both masses.
     dashpot, friction, impacts : float
-        Energy lost in each.
+        Energy lost in each; the bounces that end a chatter count as impacts.
     stored : float
         Change of kinetic and potential energy.
     residual : float
         The unexplained remainder.
     tolerance : float
-        Largest residual that interpolation between the samples explains.
+        Largest residual that round-off, or the steps of friction between samples, explain.
     """
 
     start: float
@@ -215,7 +214,7 @@ class Decay:
     distance : float
         Distance from the periodic motion at the end, relative.
     floor : float
-        Smallest distance that stamps on whole nanoseconds resolve.
+        Smallest distance that the digits of the instants resolve.
     """
 
     measured: float
@@ -300,9 +299,9 @@ class SwingEnvelope:
 
 @dataclass(frozen=True)
 class MotionCurve:
-    """The recorded motion in detail: joint states, and both sides of each impact."""
+    """The motion in detail, with both sides of each event."""
 
-    #: Instants, s, not falling, shape (n,). Each impact is there twice, just before and after.
+    #: Instants, s, not falling, shape (n,). Each event is there twice, just before and after.
     time: Array
     #: X in m, and X' in m/s, shape (n,).
     x: Array
@@ -313,23 +312,6 @@ class MotionCurve:
     #: Positions of the stops relative to M, m; NaN if there is no stop 2, shape (n,).
     stop_1: Array
     stop_2: Array
-
-
-@dataclass(frozen=True)
-class ImpactCurve:
-    """Impacts as arrays; the states just after them are the points of the Poincare section."""
-
-    #: Instants, s, and phases of the force, cycles in [0, 1); NaN if not known. Shape (n,).
-    time: Array
-    phase: Array
-    #: The others as of `ImpactStates`.
-    stop: NDArray[np.int64]
-    x: Array
-    primary_velocity_before: Array
-    primary_velocity_after: Array
-    damper_velocity_before: Array
-    damper_velocity_after: Array
-    impulse: Array
 
 
 @dataclass(frozen=True)
@@ -404,8 +386,9 @@ class StretchCurves:
     envelope: SwingEnvelope | None = None  # X over the whole stretch
     #: The end of the stretch in detail: the last periods, or the last cycles of the force.
     motion: MotionCurve | None = None
-    #: The latest impacts, those of `motion` and more before them.
-    impacts: ImpactCurve | None = None
+    #: The latest impacts, rows of EVENT_TYPE; their phases in cycles, in [0, 1), if known.
+    impacts: Events | None = None
+    phases: Array | None = None
     predicted: PredictedCurve | None = None  # one period of the predicted motion
     convergence: Convergence | None = None  # the approach to the periodic motion
     spectrum: Spectrum | None = None
@@ -589,38 +572,29 @@ class RunComparison:
         parts = [s.overall for s in self.stretches if s.overall is not None]
         return Overall.joined(parts) if parts else None
 
-    def as_dict(self, *, curves: bool = False) -> dict[str, Any]:
-        """
-        Return everything in types of JSON; numbers that are not finite become None.
-
-        Parameters
-        ----------
-        curves : bool, optional
-            Whether to include the arrays for plots, as lists.
-        """
-        plain = _plain(self, curves=curves)
+    def as_dict(self) -> dict[str, Any]:
+        """Return all but the curves in types of JSON; numbers that are not finite become None."""
+        plain = _plain(self)
         assert isinstance(plain, dict)
-        overall = _plain(self.overall, curves=curves)
-        return {**plain, 'overall': overall, 'exit_code': self.exit_code}
+        return {**plain, 'overall': _plain(self.overall), 'exit_code': self.exit_code}
 
 
-def _plain(value: Any, *, curves: bool) -> Any:
+def _plain(value: Any) -> Any:
     if isinstance(value, PeriodicOrbit | RigParameters):
-        return _plain(value.as_dict(), curves=curves)
+        return _plain(value.as_dict())
     if is_dataclass(value) and not isinstance(value, type):
-        names = [f.name for f in fields(value) if curves or f.name != 'curves']
-        plain = {name: _plain(getattr(value, name), curves=curves) for name in names}
+        plain = {
+            f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name != 'curves'
+        }
         if isinstance(value, Finding):
-            plain['difference'] = _plain(value.difference, curves=curves)
+            plain['difference'] = _plain(value.difference)
         return plain
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, Mapping):
-        return {str(name): _plain(entry, curves=curves) for name, entry in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist(), curves=curves)
+        return {str(name): _plain(entry) for name, entry in value.items()}
     if isinstance(value, tuple | list):
-        return [_plain(entry, curves=curves) for entry in value]
+        return [_plain(entry) for entry in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -1,13 +1,12 @@
 """
-A run as stretches with constant parameters, in arrays.
+A run as stretches with constant parameters.
 
 A run is cut where its parameters change and where it is reset. A pause is no cut: rig time stands
 still during it. The motion is that of the replay, with the full digits; of a bag without a
 snapshot, which cannot be replayed, it is that of the recorded numbers.
 
-Memory stays bounded: of the joint states the last ones are kept, of very many impacts the first
-and the last ones. The envelope of X and the numbers over the whole stretch see all of them, part
-by part.
+Memory stays bounded: the last flights and samples are kept. The envelope of X and the numbers over
+the whole stretch see all of them, part by part.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS
+from impact_damper_ros.control import GAP_CONTROL_SPECS, Rig
 from impact_damper_ros.replay import RecordedRun, Replay, Rows
 from impact_damper_ros.replay.command import Command
 from impact_damper_ros.replay.rows import (
@@ -30,183 +29,156 @@ from impact_damper_ros.replay.rows import (
     impacts_of,
     recorded_impacts,
     recorded_samples,
+    samples_as_rows,
 )
 from impact_damper_ros.replay.run import StatedParameters
-from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
+from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, ParameterError, RigParameters
+from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
 from impact_damper_ros.rig.snapshot import Snapshot
+from impact_damper_ros.rig.state import STICK
 
-from .measured_motion import SwingAndEnergy
-from .recorded_stretch import (
-    ForceClock,
-    RecordedImpacts,
-    RecordedStates,
-    RecordedStretch,
-    knots_of,
-)
-from .result import Array, Beginning, SwingEnvelope
+from .flights import SAMPLE, STATE, Drive, Flights, Integrals, rows_of_samples
+from .force_clock import ForceClock, fitted_clock
+from .result import Array, Beginning, LoggedStretch, Overall, SwingEnvelope
 
 # The rig
 
 
-_OFF = 'off'
-_NO_CONTROL = {'gap_control': _OFF}
-
-
 @dataclass(frozen=True)
 class LoggedRig:
-    """
-    A rig as logged.
-
-    Attributes
-    ----------
-    parameters : RigParameters
-        The rig.
-    clock : ForceClock or None
-        The force; None if its phase is not known, or its frequency is swept.
-    last_stop : int
-        Stop hit last, 0 for none.
-    control : mapping of str to value
-        Gap-control parameters.
-    stops_move : bool
-        Whether stops are moving, by a control or back to the gap.
-    """
+    """A rig as logged."""
 
     parameters: RigParameters
-    clock: ForceClock | None = None
-    last_stop: int = 0
-    control: Mapping[str, Any] = field(default_factory=lambda: dict(_NO_CONTROL))
-    stops_move: bool = False
+    control: Mapping[str, Any] = field(default_factory=lambda: {'gap_control': 'off'})
+    #: Its snapshot; None if the bag has none.
+    state: Mapping[str, Any] | None = None
 
     @classmethod
     def of_listing(cls, values: Mapping[str, Any]) -> Self | None:
         """Return the rig of a list of all parameters; None if it lacks some."""
         if not values.keys() >= PARAMETER_SPECS.keys():
             return None
-        rig = RigParameters(**{n: values[n] for n in PARAMETER_SPECS})
-        return cls(rig, control=_control_of(values))
+        return cls(RigParameters(**{n: values[n] for n in PARAMETER_SPECS}), _control_of(values))
 
     @classmethod
     def of_snapshot(cls, state: Mapping[str, Any]) -> Self:
         """Return the rig of a snapshot."""
-        snapshot = Snapshot.from_dict(dict(state))
-        run, clock = snapshot.run, None
-        if snapshot.parameters.sweep_mode == 'off':
-            clock = ForceClock(snapshot.parameters, run.time + run.time_low, snapshot.angles)
-        held = state['gap_control']
-        control = _control_of(held['parameters'])
-        moving = _active(control) or held['state']['returning']
-        return cls(snapshot.parameters, clock, run.last_stop, control, moving)
-
-    def changed(self, values: Mapping[str, Any], time: float) -> LoggedRig:
-        """Return the rig after a change at an instant, s; the harmonics keep their angles."""
-        named = {name: value for name, value in values.items() if name in PARAMETER_SPECS}
-        parameters = self.parameters.replace(**named)
-        clock = self.clock
-        if clock is not None:
-            turned = clock.angles_at(np.array([time]))[:, 0] - self.parameters.harmonics[2]
-            before, own = len(self.parameters.force_phases), len(parameters.force_phases)
-            lines = len(parameters.harmonics[2]) - own
-            # By the index in the force arrays, and among the lines of a multisine
-            parts = (turned[:before], own), (turned[before:], lines)
-            angles = [(*part.tolist(), *[0.0] * count)[:count] for part, count in parts]
-            swept = parameters.sweep_mode != 'off'
-            clock = None if swept else ForceClock(parameters, time, angles[0] + angles[1])
-        return replace(self, parameters=parameters, clock=clock)
+        parameters = Snapshot.from_dict(dict(state)).parameters
+        return cls(parameters, _control_of(state['gap_control']['parameters']), state)
 
     def changed_names(self, other: LoggedRig) -> set[str]:
         """Return the names of the parameters in which another rig differs."""
         before, after = self.parameters.as_dict(), other.parameters.as_dict()
         names = {name for name in before if before[name] != after[name]}
-        if not (_active(self.control) or _active(other.control)):
+        if self.control['gap_control'] == other.control['gap_control'] == 'off':
             # The parameters of a control that is off do not matter.
             return names
         # A list of all parameters of an older version knows no control.
         known = self.control.keys() & other.control.keys()
-        return names | {n for n in known if self.control[n] != other.control[n]}
+        return names | {name for name in known if self.control[name] != other.control[name]}
 
     def differences(self, other: LoggedRig) -> str:
         """Return in words how another rig differs from this one."""
+        before = {**self.control, **self.parameters.as_dict()}
+        after = {**other.control, **other.parameters.as_dict()}
         parts = []
         for name in sorted(self.changed_names(other)):
-            if name in PARAMETER_SPECS:
-                unit = PARAMETER_SPECS[name].unit
-                was, now = getattr(self.parameters, name), getattr(other.parameters, name)
-            else:
-                unit, was, now = '', self.control.get(name), other.control.get(name)
-            unit = f' {unit}' if unit else ''
-            parts.append(f'{name} = {_shown(now)}{unit} (was {_shown(was)}{unit})')
+            spec = PARAMETER_SPECS.get(name)
+            unit = f' {spec.unit}' if spec is not None and spec.unit else ''
+            was, now = _shown(before.get(name)), _shown(after.get(name))
+            parts.append(f'{name} = {now}{unit} (was {was}{unit})')
         return ', '.join(parts)
 
 
 def _control_of(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the gap control in a set of parameters; off if they do not name it."""
-    return {**_NO_CONTROL, **{n: values[n] for n in GAP_CONTROL_SPECS if n in values}}
-
-
-def _active(control: Mapping[str, Any]) -> bool:
-    return bool(control['gap_control'] != _OFF)
+    return {'gap_control': 'off', **{n: values[n] for n in GAP_CONTROL_SPECS if n in values}}
 
 
 def _shown(value: Any) -> str:
     if isinstance(value, tuple):
-        return f'[{", ".join(_shown(entry) for entry in value)}]'
+        return f'[{", ".join(map(_shown, value))}]'
     return f'{value:.9g}' if isinstance(value, float) else str(value).lower()
 
 
 # One stretch
 
 
-_MOST_STATES = 200_000
-_FIRST_IMPACTS, _LAST_IMPACTS = 100_000, 200_000
+_MOST_SAMPLES = _MOST_ROWS = 200_000
 _MOST_PIECES = 2000
-_MOST_GAPS = 1000
 #: An interval longer than the usual one by this factor has missing samples.
 _WIDE = 1.5
 _LEARNT_FROM = 20
+#: Error by the steps of the friction between samples, in (W h)^3.
+_STEPS = 1.0 / 50.0
+
+_least, _most = np.minimum.reduceat, np.maximum.reduceat
 
 
-class _Envelope:
+class Envelope:
     """Range of X in consecutive pieces; pairs are merged when there are too many."""
 
     def __init__(self) -> None:
         self._size = 1
-        self._time, self._low, self._high = (np.empty(0) for _ in range(3))
-        self._rest: list[tuple[Array, Array]] = []
-        self._waiting = 0
+        self._pieces, self._rest = np.empty((3, 0)), np.empty((2, 0))
 
     def take(self, time: Array, x: Array) -> None:
-        self._rest.append((time, x))
-        self._waiting += len(time)
-        if self._waiting >= self._size:
-            self._put(self._waiting // self._size * self._size)
-
-    def _put(self, count: int) -> None:
-        time = np.concatenate([t for t, _ in self._rest])
-        x = np.concatenate([x for _, x in self._rest])
-        self._rest = [(time[count:], x[count:])]
-        self._waiting = len(time) - count
-        starts = np.arange(0, count, self._size)
-        self._time = np.concatenate([self._time, time[starts]])
-        self._low = np.concatenate([self._low, np.minimum.reduceat(x[:count], starts)])
-        self._high = np.concatenate([self._high, np.maximum.reduceat(x[:count], starts)])
-        while len(self._time) > _MOST_PIECES:
-            starts = np.arange(0, len(self._time), 2)
-            self._time = self._time[starts]
-            self._low = np.minimum.reduceat(self._low, starts)
-            self._high = np.maximum.reduceat(self._high, starts)
+        """Take the next samples."""
+        self._rest = np.concatenate([self._rest, [time, x]], axis=1)
+        whole = self._rest.shape[1] // self._size * self._size
+        if not whole:
+            return
+        (time, x), self._rest = self._rest[:, :whole], self._rest[:, whole:]
+        starts = np.arange(0, whole, self._size)
+        pieces = [time[starts], _least(x, starts), _most(x, starts)]
+        self._pieces = np.concatenate([self._pieces, pieces], axis=1)
+        while self._pieces.shape[1] > _MOST_PIECES:
+            time, low, high = self._pieces
+            starts = np.arange(0, len(time), 2)
+            self._pieces = np.array([time[starts], _least(low, starts), _most(high, starts)])
             self._size *= 2
 
     def finish(self) -> SwingEnvelope:
-        if self._waiting:
-            self._put(self._waiting)
-        return SwingEnvelope(self._time, self._low, self._high)
+        """Return the ranges; what does not fill a piece belongs to the last one."""
+        (time, low, high), (times, x) = self._pieces, self._rest
+        if not len(time):
+            return SwingEnvelope(times[:1], x[:1], x[:1])
+        if len(x):
+            low[-1], high[-1] = min(low[-1], x.min()), max(high[-1], x.max())
+        return SwingEnvelope(time, low, high)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedStretch(LoggedStretch):
+    """A stretch of a run, with its motion."""
+
+    clock: ForceClock | None  # the force; None if its phase is not known, or it is swept
+    flights: Flights  # the last ones
+    samples: Samples  # the last ones
+    counts: tuple[int, int, int]  # samples, missing samples, impacts
+    envelope: SwingEnvelope
+    overall: Overall
+    #: State of the rig at the end; empty if it was not replayed.
+    at_end: Mapping[str, Any] = field(default_factory=dict)
+    last: bool = False  # whether the run ends with it
+
+    @property
+    def duration(self) -> float:
+        """Length, s."""
+        return self.end - self.start
+
+    @property
+    def controlled(self) -> bool:
+        """Whether a control may move the stops."""
+        return bool(self.control['gap_control'] != 'off')
 
 
 class StretchBuilder:
     """
-    Builds a stretch from its records, part by part.
+    Builds a stretch from its samples and events, part by part.
 
-    The period of the joint states, in s, is learnt if it is 0.
+    A rig without a state is one as recorded: its samples begin flights, and the phase of its force
+    is found from the first of them. The period of the samples, s, is learnt if it is 0.
     """
 
     def __init__(
@@ -216,68 +188,109 @@ class StretchBuilder:
         cause: str,
         start: float,
         rig: LoggedRig,
-        state_period: float = 0.0,
+        period: float = 0.0,
     ) -> None:
         self._number, self._begins, self._cause, self._start = number, begins, cause, start
-        self._rig, self._last_stop, self._end = rig, rig.last_stop, start
-        self._states: list[RecordedStates] = []
-        self._impacts: list[RecordedImpacts] = []
-        self._first_impacts: list[RecordedImpacts] = []
-        self._kept = self._kept_impacts = self._kept_first = 0
-        self._state_count = self._impact_count = self._missing = 0
-        self._state_period = state_period
-        self._last_state: float | None = None
-        self._gaps: list[tuple[float, float]] = []
-        self._envelope = _Envelope()
-        self._totals = SwingAndEnergy(rig.parameters, rig.clock)
+        self._rig, self._period, self._end = rig, period, start
+        self._replayed = rig.state is not None
+        self._samples: list[Samples] = []
+        self._parts: list[Flights] = []
+        self._count = self._missing = 0
+        self._hits = [0, 0]
+        self._last_time = math.nan
+        self._envelope = Envelope()
+        self._totals = Integrals(*[0.0] * len(Integrals._fields))
+        self._largest, self._longest = math.nan, 0.0
+        self._clock: ForceClock | None = None
+        self._drive: Drive | None = None
+        self._step = 0
+        self._row = NO_EVENTS
+        if rig.state is not None:
+            snapshot = Snapshot.from_dict(dict(rig.state))
+            self._step = snapshot.sweep.step
+            self._row = _state_row(rig.state)
+            self._drive = _drive_of(snapshot, float(self._row['time'][0]))
+            if rig.parameters.sweep_mode == 'off':
+                self._clock = ForceClock(rig.parameters, self._drive.time, self._drive.angles)
 
-    def take(self, states: RecordedStates, impacts: RecordedImpacts) -> None:
+    def take(self, samples: Samples, events: Events) -> None:
         """Take the next part."""
-        knots = knots_of(self._rig.parameters, states, impacts, self._last_stop)
-        if len(impacts):
-            self._last_stop = int(impacts.stop[-1])
-        self._state_count += len(states)
-        self._impact_count += len(impacts)
-        self._look_for_gaps(states.time)
-        self._totals.take(knots, impacts, _WIDE * self._state_period or math.inf)
-        self._envelope.take(states.time, states.x)
-        ends = [float(part.time[-1]) for part in (states, impacts) if len(part)]
+        hits = impacts_of(events)
+        self._count += len(samples)
+        for stop in (1, 2):
+            self._hits[stop - 1] += int((hits['stop'] == stop).sum())
+        self._look_for_gaps(samples['time'])
+        self._envelope.take(samples['time'], samples['x'])
+        ends = [float(rows['time'][-1]) for rows in (samples, events) if len(rows)]
         self._end = max([self._end, *ends])
-        self._keep(states, impacts)
+        if self._replayed:
+            # The last sample ends a part without events.
+            since = max(float(rows['time'][-1]) for rows in (events, self._row) if len(rows))
+            late = samples[-1:][samples['time'][-1:] > since]
+            self._follow(np.concatenate([events, rows_of_samples(late, STATE)]))
+        else:
+            if not self._parts and (clock := fitted_clock(self._rig.parameters, samples)):
+                self._clock = clock
+                rates = self._rig.parameters.harmonics[1]
+                self._drive = Drive(clock.time, clock.angles, rates)
+            rows = np.concatenate([hits, rows_of_samples(samples)])
+            # A sample shows the motion after an impact at the same instant.
+            self._follow(rows[np.lexsort((rows['kind'] == SAMPLE, rows['time']))])
+        self._samples.append(samples)
+        _forget(self._samples, _MOST_SAMPLES)
+
+    def _follow(self, rows: Events) -> None:
+        """Take the flights up to the next rows."""
+        rows = np.concatenate([self._row, rows])
+        if len(rows) < 2:
+            self._row = rows
+            return
+        parameters = self._rig.parameters
+        more = range(self._step + 1, frequency_steps(parameters) + 1)
+        steps = np.array([frequency_at(parameters, step) for step in more])
+        flights = Flights.between(parameters, rows, self._drive, steps)
+        if self._replayed and rows['time'][0] < self._start:
+            # A recorder that joined later got an earlier snapshot.
+            flights = flights.cut(self._start, math.inf)
+        longest = math.inf
+        if self._period and not self._replayed:
+            longest = _WIDE * self._period
+        found, largest = flights.measured(longest)
+        self._totals = Integrals(*map(sum, zip(self._totals, found, strict=True)))
+        self._largest = largest if math.isnan(self._largest) else max(self._largest, largest)
+        spans = flights.spans[flights.spans <= longest]
+        self._longest = max(self._longest, float(spans.max(initial=0.0)))
+        self._parts.append(flights)
+        _forget(self._parts, _MOST_ROWS)
+        self._row = rows[-1:].copy()
+        self._row['kind'] = STATE if self._replayed else SAMPLE
+        self._row['mode'] = max(rows['mode'][-1], STICK * flights.together[-1])
+        self._row['stop'] = flights.stop[-1]
+        if len(steps):
+            self._step += int((rows['kind'] == EventKind.FREQUENCY_STEP).sum())
+            self._drive = flights.drive_after()
 
     def _look_for_gaps(self, time: Array) -> None:
-        if not self._state_period and len(time) >= _LEARNT_FROM:
-            self._state_period = float(np.median(np.diff(time)))
-        if self._last_state is not None:
-            time = np.concatenate([[self._last_state], time])
-        if not self._state_period or not len(time):
-            return
-        self._last_state = float(time[-1])
-        steps = np.diff(time)
-        wide = np.flatnonzero(steps > _WIDE * self._state_period)
-        self._missing += int((np.round(steps[wide] / self._state_period) - 1).sum())
-        for index in wide[: _MOST_GAPS - len(self._gaps)]:
-            self._gaps.append((float(time[index]), float(time[index + 1])))
-
-    def _keep(self, states: RecordedStates, impacts: RecordedImpacts) -> None:
-        self._states.append(states)
-        self._kept += len(states)
-        while self._kept - len(self._states[0]) >= _MOST_STATES:
-            self._kept -= len(self._states.pop(0))
-        if self._kept_first < _FIRST_IMPACTS:
-            self._first_impacts.append(impacts)
-            self._kept_first += len(impacts)
-            return
-        self._impacts.append(impacts)
-        self._kept_impacts += len(impacts)
-        while self._kept_impacts - len(self._impacts[0]) >= _LAST_IMPACTS:
-            self._kept_impacts -= len(self._impacts.pop(0))
+        if not self._period and len(time) >= _LEARNT_FROM:
+            self._period = float(np.median(np.diff(time)))
+        steps = np.diff(time, prepend=self._last_time)
+        self._last_time = float(time[-1]) if len(time) else self._last_time
+        if self._period:
+            wide = steps[steps > _WIDE * self._period]
+            self._missing += int((np.round(wide / self._period) - 1).sum())
 
     def finish(
         self, end: float | None = None, at_end: Mapping[str, Any] | None = None
     ) -> RecordedStretch:
         """Return the stretch, up to an instant, s, at which the rig had a state if it is known."""
+        if at_end and self._replayed:
+            row = _state_row(at_end)
+            if row['time'][0] > self._row['time'][0]:
+                self._follow(row)
+        elif self._replayed and end is not None and end > self._row['time'][0]:
+            self._go_on(end)
         end = self._end if end is None else end
+        parts = self._parts or [Flights.between(self._rig.parameters, self._row, self._drive)]
         return RecordedStretch(
             number=self._number,
             start=self._start,
@@ -286,18 +299,72 @@ class StretchBuilder:
             cause=self._cause,
             parameters=self._rig.parameters,
             control=dict(self._rig.control),
-            clock=self._rig.clock,
-            states=RecordedStates.joined(self._states),
-            impacts=RecordedImpacts.joined([*self._first_impacts, *self._impacts]),
-            last_stop=self._rig.last_stop,
-            state_count=self._state_count,
-            impact_count=self._impact_count,
-            missing_states=self._missing,
-            gaps=tuple(self._gaps),
+            clock=self._clock,
+            flights=Flights.joined(parts),
+            samples=np.concatenate([NO_SAMPLES, *self._samples]),
+            counts=(self._count, self._missing, sum(self._hits)),
             envelope=self._envelope.finish(),
-            overall=self._totals.overall(end - self._start),
+            overall=self._overall(end - self._start),
             at_end=at_end or {},
         )
+
+    def _go_on(self, end: float) -> None:
+        """Go on with the last flight to an instant, s."""
+        rows = np.concatenate([self._row, self._row])
+        rows['time'][1] = end
+        flights = Flights.between(self._rig.parameters, rows, self._drive)
+        first = np.zeros(1, np.intp)
+        x, velocity, _, _ = flights.motion(first, flights.spans)
+        y, relative = flights.damper(first, flights.spans, x, velocity)
+        for side in ('before', 'after'):
+            rows[f'primary_velocity_{side}'][1] = velocity[0]
+            rows[f'damper_velocity_{side}'][1] = velocity[0] + relative[0]
+        rows['x'][1], rows['y'][1], rows['kind'][1] = x[0], y[0], STATE
+        self._follow(rows[1:])
+
+    def _overall(self, duration: float) -> Overall:
+        rig, totals = self._rig.parameters, self._totals
+        accuracy = 0.0
+        if not self._replayed and rig.friction * rig.gravity > 0.0:
+            turned = max([rig.omega, *rig.harmonics[1]]) * self._longest
+            accuracy = _STEPS * rig.mass_ratio * turned**3
+        known = totals.covered > 0.0
+        return Overall(
+            duration=duration,
+            covered=totals.covered,
+            x_max=self._largest,
+            x_rms=math.sqrt(totals.squares / totals.covered) if known else math.nan,
+            impacts=sum(self._hits),
+            impacts_on_stop_1=self._hits[0],
+            impacts_on_stop_2=self._hits[1],
+            impact_energy=totals.impact_energy,
+            impact_loss=totals.impact_loss,
+            dashpot_energy=totals.dashpot,
+            force_work=totals.force,
+            accuracy=accuracy,
+        )
+
+
+def _drive_of(snapshot: Snapshot, time: float) -> Drive:
+    """Return the force of a snapshot at an instant of its flight, s."""
+    parameters, origin = snapshot.parameters, snapshot.run.time + snapshot.run.time_low
+    rates = (frequency_at(parameters, snapshot.sweep.step), *parameters.harmonics[1][1:])
+    pairs = zip(snapshot.angles, rates, strict=True)
+    return Drive(time, tuple(angle + rate * (time - origin) for angle, rate in pairs), rates)
+
+
+def _state_row(state: Mapping[str, Any]) -> Events:
+    """Return the state of a snapshot as a row."""
+    rig = Rig.restore(dict(state))
+    row = rows_of_samples(samples_as_rows([rig.sample()]), STATE)
+    row['mode'], row['stop'] = rig.mode, rig.state().run.last_stop
+    return row
+
+
+def _forget(parts: list[Any], most: int) -> None:
+    """Forget the first parts, as long as the others have enough rows."""
+    while sum(map(len, parts[1:])) >= most:
+        parts.pop(0)
 
 
 # The run
@@ -365,8 +432,9 @@ class RecordedPieces:
 
     def _change(self, stated: StatedParameters) -> Iterator[_Piece]:
         assert self.rig is not None
+        named = {n: value for n, value in stated.values.items() if n in PARAMETER_SPECS}
         try:
-            rig = self.rig.changed(stated.values, stated.stamp_ns / 1e9)
+            rig = replace(self.rig, parameters=self.rig.parameters.replace(**named))
         except ParameterError as error:
             self.faults.append(f'the change at stamp {stated.stamp_ns} ns: {error}')
             return
@@ -443,8 +511,7 @@ class Stretches:
         self._begins, self._rig, self._cut = piece.begins, rig, time
 
     def _take(self, samples: Samples, events: Events) -> None:
-        hits = impacts_of(events)
-        first = [float(rows['time'][0]) for rows in (samples, hits) if len(rows)]
+        first = [float(rows['time'][0]) for rows in (samples, events) if len(rows)]
         if not first:
             return
         if len(samples):
@@ -461,4 +528,4 @@ class Stretches:
                 self._rig,
                 self._source.period,
             )
-        self._builder.take(RecordedStates.of_samples(samples), RecordedImpacts.of_rows(hits))
+        self._builder.take(samples, events)

@@ -11,21 +11,14 @@ import numpy as np
 
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits
 from impact_damper_ros.orbits.arguments import check_forcing
-from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind
+from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind, Period
+from impact_damper_ros.replay.rows import Samples
 from impact_damper_ros.rig.quoting import counted
 
-from .measured_motion import energy_balance, impact_curve, measured_motion, motion_curve, spectrum
-from .motion_kind import (
-    SETTLED,
-    Oscillation,
-    StretchKind,
-    kind_ahead,
-    kind_of,
-    kind_without_force_phase,
-    oscillation,
-)
-from .periodic_motion import PeriodicMotion, impulses_of, periodic_motion, predicted_curve
-from .recorded_stretch import ForceClock, RecordedStates, RecordedStretch
+from .force_clock import ForceClock
+from .kind import SETTLED, StretchKind, kind_by_impacts, kind_of, run_on, settled_after
+from .measures import energy_balance, measured_motion, motion_curve, spectrum
+from .predicted import PeriodicMotion, impulses_of, periodic_motion, predicted_curve
 from .result import (
     EnergyBalance,
     Finding,
@@ -35,6 +28,7 @@ from .result import (
     StretchCurves,
     Verdict,
 )
+from .stretches import RecordedStretch
 
 _LISTED_STOPS = 12
 
@@ -67,10 +61,6 @@ def _judged_period(kind: StretchKind, motion: PeriodicMotion) -> _Judgement:
     if orbit is None:
         return _Judgement(Verdict.NO_PREDICTION, motion.match.solver)
     name = _motion_name(orbit)
-    if kind.ahead:
-        cycles = kind.measures['settles_after_cycles']
-        text = f'run ahead, it comes to {name} ({_stability(orbit)}) after {cycles:.0f} cycles'
-        return _Judgement(Verdict.NOT_SETTLED, text)
     rate = ''
     if not math.isnan(motion.decay.factor):
         rate = (
@@ -140,26 +130,66 @@ def _beside(
     return _Judgement(Verdict.NO_PREDICTION, text)
 
 
-def _judged_oscillation(found: Oscillation | None, x_max: float, cycle: float) -> _Judgement:
-    """Judge a motion without impacts; `cycle` is that of the force, s."""
-    if found is None:
+#: Change of Y, as a share of X and Y, with which m keeps its place in M.
+_KEPT = 1e-9
+
+
+def _vibration(stretch: RecordedStretch, *, joined: bool) -> float | None:
+    """Return a bound of |X| in steady vibration without impacts, m; exact for one harmonic."""
+    rig = stretch.parameters
+    mass = rig.primary_mass + (rig.damper_mass if joined else 0.0)
+    frequencies, amplitudes = np.array(rig.harmonics[1]), np.array(rig.harmonics[0])
+    stiffness = np.abs(rig.stiffness - mass * frequencies**2 + 1j * rig.damping * frequencies)
+    active = amplitudes != 0.0
+    if (stiffness[active] == 0.0).any():
+        return None
+    air = rig.air_force * (0.0, -1.0, 1.0)[int(stretch.flights.stop[-1])]
+    weight = rig.damper_mass * rig.gravity * math.sin(rig.angle)
+    rest = abs(weight if joined else air) / rig.stiffness
+    return float((np.abs(amplitudes[active]) / stiffness[active]).sum()) + rest
+
+
+def _judged_vibration(stretch: RecordedStretch, x_max: float, cycle: float) -> _Judgement:
+    """Judge a motion without impacts by the rig that is run on from its end."""
+    rig = stretch.parameters
+    late = stretch.flights.cut(stretch.end - 0.5 * stretch.duration, stretch.end)
+    joined = bool(late.together[:-1].all())
+    expected = _vibration(stretch, joined=joined)
+    later = run_on(stretch, cycle, math.inf)
+    if expected is None or later is None or (not joined and rig.friction * rig.gravity > 0.0):
         text = 'm slides without impacts: theory does not cover such a motion'
         return _Judgement(Verdict.NO_PREDICTION, text)
-    how = 'with m on it' if found.joined else 'without m'
+    section = later.section
+    scale = expected * np.array([1.0, math.tau / cycle])
+    hits = later.impacts if later.period is None else []
+    last = section[-1] if not hits else section[0]
+    left = float(np.abs((section[0] - last)[:2] / scale).max()) if expected else math.inf
+    how = 'with m on it' if joined else 'without m'
     text = (
-        f'M vibrates {how}: largest |X| {x_max:.7g} m, predicted {found.x_max:.7g} m; the free '
-        f'vibration left is {found.distance:.2g} of it'
+        f'M vibrates {how}: largest |X| {x_max:.7g} m, predicted {expected:.7g} m; the free '
+        f'vibration left is {left:.2g} of it'
     )
-    if found.stop:
+    drift = float(section[-1, 2] - section[0, 2])
+    size = float(np.abs(section[:, 2]).max()) + expected
+    moves = hits or abs(drift) > _KEPT * size
+    if hits:
+        after = (hits[0].time - stretch.end) / cycle
         text += (
-            f'; m does not keep its place, and hits stop {found.stop} after about '
-            f'{found.until / cycle:.3g} more cycles'
+            f'; m does not keep its place, and hits stop {hits[0].stop} after about {after:.3g} '
+            'more cycles'
         )
-    return _Judgement(Verdict.AGREES if found.settled else Verdict.NOT_SETTLED, text)
+    elif moves and not (rig.one_sided and drift < 0.0):
+        stop = 1 if drift > 0.0 else 2
+        text += f'; m does not keep its place, and drifts towards stop {stop}'
+    else:
+        moves = False
+    settled = left <= SETTLED and not moves
+    return _Judgement(Verdict.AGREES if settled else Verdict.NOT_SETTLED, text)
 
 
 #: Periods, or cycles, of which the energy is balanced, and which the plots show in detail.
 _BALANCED, _SHOWN = 50, 8
+_MOST_IMPACTS = 20_000
 #: Periods of a settled motion that are measured.
 _MEASURED = 20
 #: Cycles without an impact at the end of a stretch, after which it counts as one without.
@@ -198,13 +228,11 @@ def _cycle(stretch: RecordedStretch) -> float:
     return math.tau / (rig.force_frequencies[0] if forced else rig.omega)
 
 
-def _at_rest(states: RecordedStates) -> bool:
-    """Return whether nothing moves in the last quarter of some joint states."""
-    late = states[-max(len(states) // 4, 2) :]
-    speeds = np.concatenate([late.velocity, late.damper_velocity])
-    every = np.concatenate([states.velocity, states.damper_velocity])
-    largest = float(np.abs(every).max(initial=0.0))
-    return float(np.abs(speeds).max(initial=0.0)) <= _STILL * largest
+def _at_rest(samples: Samples) -> bool:
+    """Return whether nothing moves in the last quarter of some samples."""
+    speeds = np.abs([samples['primary_velocity'], samples['damper_velocity']]).max(axis=0)
+    late = speeds[-max(len(speeds) // 4, 2) :]
+    return float(late.max(initial=0.0)) <= _STILL * float(speeds.max(initial=0.0))
 
 
 class _Comparison:
@@ -217,7 +245,6 @@ class _Comparison:
         self.cycle = _cycle(stretch)
         self.reason = _why_no_theory(stretch)
         self.log, self.log_findings = log, tuple(findings)
-        self.impacts = stretch.impacts
         self.motion: PeriodicMotion | None = None
         self.orbit: PeriodicOrbit | None = None
         self.solver = ''
@@ -225,72 +252,81 @@ class _Comparison:
     def run(self) -> StretchComparison:
         stretch = self.stretch
         cycles = stretch.duration / self.cycle
-        if cycles < _LEAST_CYCLES or len(stretch.states) + len(stretch.impacts) < 3:
+        impacts = stretch.flights.impacts
+        if cycles < _LEAST_CYCLES or len(stretch.samples) + len(impacts) < 3:
             text = f'{cycles:.2g} cycles of the force are too few for a comparison'
             kind = StretchKind(MotionKind.UNDECIDED, text, short=True)
             return self._result(kind, _Judgement(Verdict.TOO_SHORT, text))
         quiet = max(0.5 * stretch.duration, min(_QUIET_CYCLES * self.cycle, stretch.duration))
-        late = bool((self.impacts.time > stretch.end - quiet).any())
-        if len(stretch.states) and not late:
-            return self._without_impacts(stretch.end - quiet)
+        if len(stretch.samples) and not (impacts['time'] > stretch.end - quiet).any():
+            return self._without_impacts(quiet)
         return self._with_impacts()
 
-    def _without_impacts(self, start: float) -> StretchComparison:
+    def _without_impacts(self, quiet: float) -> StretchComparison:
         stretch = self.stretch
-        states = stretch.states[stretch.states.time >= start]
-        if len(states) >= 2 and _at_rest(stretch.states):
+        if len(stretch.samples) >= 2 and _at_rest(stretch.samples):
             kind = StretchKind(MotionKind.AT_REST, 'nothing moves any more')
-            text = 'nothing moves, and no force acts'
-            if any(stretch.parameters.force_amplitudes):
-                text = 'nothing moves'
+            forced = any(stretch.parameters.force_amplitudes)
+            text = 'nothing moves' if forced else 'nothing moves, and no force acts'
             return self._result(kind, _Judgement(Verdict.NO_PREDICTION, text))
-        text = f'm has hit no stop for {(stretch.end - start) / self.cycle:.0f} cycles'
+        text = f'm has hit no stop for {quiet / self.cycle:.0f} cycles'
         kind = StretchKind(MotionKind.NO_IMPACTS, text)
-        found = None
-        if stretch.clock is not None and not self.reason and len(states):
-            found = oscillation(stretch.clock, states, stretch.stop_before(math.inf))
-            self.solver = 'closed form' if found is not None else ''
         if self.reason:
-            judgement = _Judgement(Verdict.NO_PREDICTION, self.reason)
-        elif found is None and stretch.duration < _QUIET_CYCLES * self.cycle:
-            judgement = _Judgement(Verdict.TOO_SHORT, f'{text}, and the stretch is short')
-        else:
-            end = stretch.end
-            measured = measured_motion(stretch, end - 0.2 * stretch.duration, end)
-            judgement = _judged_oscillation(found, measured.x_max, self.cycle)
+            return self._result(kind, _Judgement(Verdict.NO_PREDICTION, self.reason))
+        end = stretch.end
+        measured = measured_motion(stretch, end - 0.2 * stretch.duration, end)
+        judgement = _judged_vibration(stretch, measured.x_max, self.cycle)
+        short = stretch.duration < _QUIET_CYCLES * self.cycle
+        if short and judgement.verdict is Verdict.NO_PREDICTION:
+            text = f'{text}, and the stretch is short'
+            return self._result(kind, _Judgement(Verdict.TOO_SHORT, text))
+        self.solver = 'closed form'
         return self._result(kind, judgement)
 
     def _with_impacts(self) -> StretchComparison:
-        clock = self.stretch.clock
+        stretch, clock = self.stretch, self.stretch.clock
         if clock is None or self.reason:
-            kind = kind_without_force_phase(self.impacts, self.cycle)
-            driven = clock is None and self.stretch.parameters.sweep_mode == 'off'
+            kind = kind_by_impacts(stretch, self.cycle)
+            driven = clock is None and stretch.parameters.sweep_mode == 'off'
             if self.reason and not driven and kind.recurrence is None:
-                kind = StretchKind(MotionKind.NOT_PERIODICALLY_DRIVEN, self.reason, kind.measures)
+                kind = StretchKind(MotionKind.NOT_PERIODICALLY_DRIVEN, self.reason)
             self.solver = self.reason
             if kind.recurrence is not None and clock is not None:
                 self.motion = periodic_motion(clock, kind.impacts, kind.recurrence, predict=False)
             return self._result(kind, _Judgement(Verdict.NO_PREDICTION, self.reason))
-        kind = kind_of(clock, self.impacts)
-        if kind.recurrence is None:
-            judgement, self.orbit = _judged_irregular(clock, kind)
-            self.solver = 'impact equations, one cycle of the force'
-            return self._result(kind, judgement)
-        motion = periodic_motion(clock, kind.impacts, kind.recurrence, predict=True)
-        if motion.match.orbit is None and kind.kind is MotionKind.TRANSIENT:
-            further = kind_ahead(clock, self.impacts)
-            if further is not None and further.recurrence is not None:
-                kind = further
-                motion = periodic_motion(clock, kind.impacts, further.recurrence, predict=True)
-        near = motion.match.distance <= SETTLED and not kind.ahead
-        if kind.kind is MotionKind.TRANSIENT and near:
-            kind = replace(kind, kind=MotionKind.PERIODIC)
+        kind = kind_of(stretch, self.cycle)
+        if kind.recurrence is not None:
+            return self._repeating(clock, kind, kind.recurrence)
+        later = kind.later
+        if later is not None and (orbit := later.orbit) is not None:
+            self.orbit, self.solver = orbit, 'boundary-value problem of its events'
+            text = f'run on, it comes to {_motion_name(orbit)} ({_stability(orbit)}) after '
+            text += counted(settled_after(later), 'cycle')
+            return self._result(kind, _Judgement(Verdict.NOT_SETTLED, text))
+        judgement, self.orbit = _judged_irregular(clock, kind)
+        self.solver = 'impact equations, one cycle of the force'
+        return self._result(kind, judgement)
+
+    def _repeating(
+        self, clock: ForceClock, kind: StretchKind, recurrence: Period
+    ) -> StretchComparison:
+        """Compare a motion whose recorded impacts repeat, or will."""
+        motion = periodic_motion(clock, kind.impacts, recurrence, predict=True)
         self.motion, self.orbit, self.solver = motion, motion.match.orbit, motion.match.solver
+        if motion.match.orbit is None and kind.kind is MotionKind.TRANSIENT:
+            later = run_on(self.stretch, self.cycle)
+            if later is not None and later.orbit is not None:
+                self.orbit, self.solver = later.orbit, 'boundary-value problem of its events'
+                text = f'run on, it comes to {_motion_name(later.orbit)} '
+                text += f'({_stability(later.orbit)})'
+                return self._result(kind, _Judgement(Verdict.NOT_SETTLED, text))
+        if kind.kind is MotionKind.TRANSIENT and motion.match.distance <= SETTLED:
+            kind = replace(kind, kind=MotionKind.PERIODIC)
         return self._result(kind, _judged_period(kind, motion))
 
     def _result(self, kind: StretchKind, judgement: _Judgement) -> StretchComparison:
-        stretch, motion, orbit = self.stretch, self.motion, self.orbit
-        recorded = motion if not kind.ahead else None
+        stretch, recorded, orbit = self.stretch, self.motion, self.orbit
+        samples, missing, impacts = stretch.counts
         steady = begin = stretch.start + 0.5 * stretch.duration
         period, per_cycle, decay, settled_at = None, math.nan, None, None
         if recorded is not None:
@@ -304,13 +340,13 @@ class _Comparison:
                 begin = max(steady, stretch.end - _MEASURED * cycles * self.cycle)
         return StretchComparison(
             **{f.name: getattr(stretch, f.name) for f in fields(LoggedStretch)},
-            samples=stretch.state_count,
-            impacts=stretch.impact_count,
-            missing_samples=stretch.missing_states,
+            samples=samples,
+            impacts=impacts,
+            missing_samples=missing,
             kind=kind.kind,
             evidence=kind.evidence,
             measures=kind.measures,
-            cycles=motion.recurrence.cycles if motion is not None else 0,
+            cycles=recorded.recurrence.cycles if recorded is not None else 0,
             settled_at=settled_at,
             overall=stretch.overall,
             measured=measured_motion(stretch, begin, stretch.end, period, per_cycle),
@@ -329,20 +365,17 @@ class _Comparison:
 
     def _energy(self, motion: PeriodicMotion | None) -> EnergyBalance | None:
         """Balance the energy over whole periods, or cycles of the force, at the end."""
-        stretch, clock = self.stretch, self.stretch.clock
-        if clock is None or not len(stretch.states):
+        stretch = self.stretch
+        if stretch.flights.drive is None or not len(stretch.flights):
             return None
-        first = max(float(stretch.states.time[0]), stretch.start)
+        first = float(stretch.flights.rows['time'][0])
         if motion is not None:
             times = motion.times[motion.times >= first][-1 - _BALANCED :]
             if len(times) > 1:
-                knots = stretch.knots(float(times[0]), float(times[-1]))
-                return energy_balance(clock, knots, len(times) - 1)
+                return energy_balance(stretch, float(times[0]), float(times[-1]), len(times) - 1)
         cycles = min(_BALANCED, int((stretch.end - first) / self.cycle))
-        if cycles < 1:
-            return None
-        knots = stretch.knots(stretch.end - cycles * self.cycle, stretch.end)
-        return energy_balance(clock, knots, cycles)
+        start = stretch.end - cycles * self.cycle
+        return energy_balance(stretch, start, stretch.end, cycles) if cycles else None
 
     def _curves(self, motion: PeriodicMotion | None, steady: float) -> StretchCurves:
         stretch, clock, orbit = self.stretch, self.stretch.clock, self.orbit
@@ -355,11 +388,13 @@ class _Comparison:
         forced = rig.force_amplitudes[0] != 0.0
         cycles = max(1, motion.recurrence.cycles if motion is not None else 1)
         shown = stretch.end - _SHOWN * self.cycle * cycles
-        settled = stretch.states[stretch.states.time >= steady]
+        settled = stretch.samples[stretch.samples['time'] >= steady]
+        impacts = stretch.flights.impacts[-_MOST_IMPACTS:]
         return StretchCurves(
             envelope=stretch.envelope if len(stretch.envelope.time) else None,
-            motion=motion_curve(stretch, max(stretch.start, shown)),
-            impacts=impact_curve(stretch),
+            motion=motion_curve(stretch, max(stretch.start, shown), self.cycle),
+            impacts=impacts if len(impacts) else None,
+            phases=clock.phase(impacts['time']) % 1.0 if clock is not None and forced else None,
             predicted=predicted,
             convergence=motion.as_curve() if motion is not None else None,
             spectrum=spectrum(settled, rig.force_frequencies[0] / math.tau if forced else 0.0),

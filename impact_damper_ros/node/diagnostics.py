@@ -20,7 +20,6 @@ from .motion_report import MotionReport
 from .pacing import CATCH_UP_NS
 from .publishing import RecordingStatus
 
-HARDWARE_ID = 'impact damper rig'
 #: The rig itself slows the engine down from this computing time per rig time on, if the computing
 #: time per wall time exceeds the second number.
 BUSY, AT_WORK = 0.5, 0.05
@@ -226,6 +225,6 @@ class Diagnostics:
             level=level,
             name=f'{self._node_name}: {task}',
             message=message,
-            hardware_id=HARDWARE_ID,
+            hardware_id=self._node_name,
             values=tuple((key, str(value)) for key, value in values.items()),
         )

@@ -3,24 +3,26 @@ The engine: the thread that moves the rig from tick to tick and publishes its me
 
 As soon as a tick is published, the rig is moved to the next one and the messages are encoded: the
 search for the next impact, which takes many times as long as a sample, must not delay a tick. At
-the tick they only have to be sent. Impacts on the way are sent at their own instants, if the
-clock allows. At a tick, the waiting requests are carried out before the joint states are
-published. So the joint states of a tick show a change that took effect at it.
+the tick they only have to be sent. Impacts on the way are sent at their own instants. At a tick,
+the waiting requests are carried out before the joint states are published. So the joint states of
+a tick show a change that took effect at it.
 
 All requests to the engine go through a queue and take effect at the tick the rig is at, a whole
-number of nanoseconds. A rig that takes long from one tick to the next is moved in slices
-(`motion_ahead`); requests take effect between these, at whole nanoseconds, too. A rig that cannot
-continue, or has too many events on the way to the next tick, is held until a change or a reset.
-Everything in a recording is written by this thread, in order.
+number of nanoseconds. Where ticks are far apart the rig is moved in strides, and where it takes
+long from one tick to the next in slices (`motion_ahead`); requests take effect between these, at
+whole nanoseconds, too. A rig that cannot continue, or has too many events on the way, is held
+until a change or a reset. Everything in a recording is written by this thread, in order.
 """
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
 from impact_damper_ros.bag.snapshots import Snapshots
@@ -30,16 +32,11 @@ from impact_damper_ros.rig.event_budget import fastest_rate
 from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .motion_ahead import RIG_FAILURES, MotionAhead, MotionTrace, ticks_ahead
-from .pacing import (
-    CATCH_UP_NS,
-    ORDINARY,
-    Pacer,
-    PacingCounts,
-    Scheduling,
-    StampClock,
-    sleep_first_in_line,
-)
-from .publishing import Emitter, Log, OutgoingMessage, RigPublishers
+from .pacing import ORDINARY, Pacer, PacingCounts, StampClock, take_priority
+from .publishing import Emitter, RigPublishers
+
+if TYPE_CHECKING:
+    from impact_damper_ros.bag import RunWriter
 
 
 class ControlStatus(NamedTuple):
@@ -51,25 +48,12 @@ class ControlStatus(NamedTuple):
 
 
 class Load(NamedTuple):
-    """
-    How much work the rig causes the engine.
+    """How much work the rig causes the engine."""
 
-    Attributes
-    ----------
-    events : int
-        Events so far, impacts among them.
-    busy_ns : int
-        Computing time of the engine's thread so far.
-    fastest : float
-        Circular frequency of the fastest of spring and harmonics, rad/s.
-    harmonics : int
-        How many the force has.
-    """
-
-    events: int = 0
-    busy_ns: int = 0
-    fastest: float = 0.0
-    harmonics: int = 1
+    events: int = 0  # so far, impacts among them
+    busy_ns: int = 0  # computing time of the engine's thread so far
+    fastest: float = 0.0  # circular frequency of the fastest of spring and harmonics, rad/s
+    harmonics: int = 1  # how many the force has
 
 
 class EngineStatus(NamedTuple):
@@ -88,57 +72,28 @@ class EngineStatus(NamedTuple):
 
 
 class EngineSettings(NamedTuple):
-    """
-    Pace and stamps of an engine.
+    """Pace and stamps of an engine."""
 
-    Attributes
-    ----------
-    state_rate : float
-        Ticks per second of rig time.
-    real_time_factor : float
-        Rig seconds per wall second; 0 runs as fast as possible.
-    publish_clock : bool
-        Publish /clock and count stamps from 0, as a simulator does. Otherwise stamps count from
-        the system time at the start, and a pause, a slip or a step of the system clock moves them.
-    real_time_priority : int
-        Priority of the thread, if it is permitted; 0, as for a rig that runs as fast as possible,
-        for ordinary scheduling.
-    node : str
-        Full name of the node, for its snapshots.
-    """
-
-    state_rate: float
-    real_time_factor: float
+    state_rate: float  # ticks per second of rig time
+    real_time_factor: float  # rig seconds per wall second; 0 runs as fast as possible
+    #: Publish /clock and count stamps from 0, as a simulator does. Otherwise stamps count from the
+    #: system time at the start, and a pause, a slip or a step of the system clock moves them.
     publish_clock: bool
-    real_time_priority: int = 0
-    node: str = ''
+    real_time_priority: int = 0  # of the thread, if it is permitted; 0: ordinary scheduling
+    node: str = ''  # full name of the node, for its snapshots
 
 
 class EngineCallbacks(NamedTuple):
-    """
-    What an engine calls, from its own thread.
+    """What an engine calls, from its own thread; each must return at once."""
 
-    Attributes
-    ----------
-    alive : callable
-        Whether ROS still runs; publishing fails once it does not.
-    on_failure : callable
-        Called if the engine fails; its `failure` is set then.
-    on_course : callable
-        Called at the start and after every change and reset, with the snapshot of the rig as
-        JSON; must return at once.
-    on_trouble : callable
-        Called with a text if the rig falls behind the wall clock or cannot continue, or if the
-        system clock was set.
-    on_set_back : callable
-        Called if the system clock was set back during a recording. As stamps of a recording only
-        increase, they follow once it has ended.
-    """
-
-    alive: Callable[[], bool]
-    on_failure: Callable[[], object]
-    on_course: Callable[[str], object] = lambda _: None
+    alive: Callable[[], bool]  # whether ROS still runs; publishing fails once it does not
+    on_failure: Callable[[], object]  # if the engine fails; its `failure` is set then
+    #: At the start and after every change and reset, with the state of the rig
+    on_course: Callable[[dict[str, Any]], object] = lambda _: None
+    #: With a text, if the rig falls behind or cannot continue, or the system clock was set
     on_trouble: Callable[[str], object] = lambda _: None
+    #: If the system clock was set back during a recording. As stamps of a recording only increase,
+    #: they follow once it has ended.
     on_set_back: Callable[[], object] = lambda: None
 
 
@@ -146,100 +101,21 @@ class NotNowError(Exception):
     """A request that the engine cannot carry out as things are."""
 
 
-class Ticket:
-    """
-    A request: done once it has taken effect, or failed with an error.
+class Done(NamedTuple):
+    """A request that was carried out: rig time at which it took effect, and its result."""
 
-    Attributes
-    ----------
-    time_ns : int
-        Rig time at which it took effect.
-    result : object
-        What the action returned.
-    error : Exception or None
-        Why it had no effect.
-    """
-
-    def __init__(
-        self, action: Callable[[], Any], on_done: Callable[[], object] = lambda: None
-    ) -> None:
-        self.time_ns = 0
-        self.result: Any = None
-        self.error: Exception | None = None
-        self._action = action
-        self._on_done = on_done
-        self._done = threading.Event()
-
-    def wait(self, timeout: float) -> bool:
-        """Wait until the request is done; False if it is not within the time-out."""
-        return self._done.wait(timeout)
-
-    def carry_out(self, time_ns: int) -> None:
-        """Carry out the request; a rejection by the rig is not a failure of the engine."""
-        self.time_ns = time_ns
-        try:
-            self.result = self._action()
-        except (NotNowError, ParameterError) as error:
-            self.error = error
-        except Exception as error:
-            self.error = error
-            raise
-        finally:
-            self._done.set()
-            self._on_done()
-
-    def turn_away(self, reason: str = 'the rig is shutting down') -> None:
-        """Reject the request, with the reason."""
-        self.error = NotNowError(reason)
-        self._done.set()
-        self._on_done()
+    time_ns: int
+    result: Any = None
 
 
-class RequestQueue:
-    """Requests in the order in which they were made."""
-
-    def __init__(self) -> None:
-        self._tickets: deque[Ticket] = deque()
-        self._closed = threading.Event()
-
-    def submit(self, action: Callable[[], Any]) -> Ticket:
-        """Ask for an action, from any thread."""
-        ticket = Ticket(action)
-        self._tickets.append(ticket)
-        if self._closed.is_set():
-            self._turn_away()
-        return ticket
-
-    @property
-    def waiting(self) -> bool:
-        """Whether there is anything to carry out."""
-        return bool(self._tickets)
-
-    def serve(self, time_ns: int) -> None:
-        """Carry out the requests made so far, at an instant of rig time."""
-        # Not those that arrive meanwhile: a flood of requests must not stop the rig.
-        for _ in range(len(self._tickets)):
-            self._tickets.popleft().carry_out(time_ns)
-
-    def close(self) -> None:
-        """Turn away all waiting and later requests."""
-        self._closed.set()
-        self._turn_away()
-
-    def _turn_away(self) -> None:
-        while self._tickets:
-            try:
-                ticket = self._tickets.popleft()
-            except IndexError:
-                # Another thread turned it away.
-                break
-            ticket.turn_away()
+#: A request to the engine; it fails with the reason why it had no effect.
+Request: TypeAlias = 'Future[Done]'
 
 
 PAUSED_NAP_S = 0.02
 PAUSED_PERIOD_NS = 100_000_000
-#: Time for which the pace must be held before the thread gets its priority again.
-STEADY_AGAIN_NS = 10_000_000_000
+#: Longest stride in wall time: impacts are sent, and requests served, at least so often.
+STRIDE_NS = 20_000_000
 #: Messages by which a recording may be behind before a free-running rig waits for it.
 LOG_BACKLOG = 20_000
 
@@ -281,17 +157,14 @@ class Engine:
         self._publishers = publishers
         self._callbacks = callbacks
         self._grid = TickGrid(settings.state_rate)
-        self._scheduling = Scheduling(settings.real_time_priority)
-        self._pacer = Pacer(
-            self._grid.instant(1),
-            settings.real_time_factor,
-            sleep=sleep_first_in_line,
-            on_slip=self._slip,
-        )
+        self._priority = settings.real_time_priority
+        self._scheduling = ORDINARY
+        self._pacer = Pacer(self._grid.instant(1), settings.real_time_factor, on_slip=self._slip)
         self._free_running = not settings.real_time_factor
+        self._stride_ns = max(1, round(STRIDE_NS * settings.real_time_factor))
         self._stamps = StampClock(simulated=settings.publish_clock)
         topics = {key: publisher.topic for key, publisher in publishers.items()}
-        self._snapshots = Snapshots(settings.node, topics, initial.as_dict())
+        self._snapshots = Snapshots(settings.node, topics, initial.as_dict(), settings.state_rate)
         self._time_ns = 0
         self._tick = 0
         # Between a tick and its joint states
@@ -299,7 +172,7 @@ class Engine:
         self._paused = False
         # A step of the paused rig that is under way: whether it is done, and who waits for it
         self._step_done: Callable[[], bool] | None = None
-        self._stepping = Ticket(lambda: None)
+        self._stepping: Request = Future()
         # Why the rig cannot continue
         self._held = ''
         self._slipped = False
@@ -317,7 +190,9 @@ class Engine:
         self._new_course = True
         # All parameters, as an encoded ParameterEvent, while there is a recording
         self._listing = b''
-        self._requests = RequestQueue()
+        # In the order in which they were made
+        self._requests: deque[tuple[Request, Callable[[], Any]]] = deque()
+        self._closed = threading.Event()
         self._stopping = threading.Event()
         self._out = Emitter(callbacks.alive, self._stopping.set)
         self._thread = threading.Thread(target=self._run, name='engine', daemon=True)
@@ -352,7 +227,7 @@ class Engine:
             self._out.recorded,
             self._pacer.counts(),
             ControlStatus(self._rig.control, self._motion.commands, self._motion.last_act),
-            self._scheduling.text,
+            self._scheduling,
             self._held,
             self._load(),
         )
@@ -375,61 +250,73 @@ class Engine:
         control: GapControlParameters | None = None,
         initial: InitialConditions | None = None,
         listing: bytes = b'',
-    ) -> Ticket:
+    ) -> Request:
         """
         Change the rig, its control or the conditions of a reset, and record the event.
 
         What is not given stays as it is.
         """
-        return self._requests.submit(
-            lambda: self._change(parameters, event, control, initial, listing)
-        )
+        return self._submit(lambda: self._change(parameters, event, control, initial, listing))
 
-    def reset(self, initial: InitialConditions) -> Ticket:
+    def reset(self, initial: InitialConditions) -> Request:
         """Reset the rig to initial conditions; rig time continues."""
-        return self._requests.submit(lambda: self._reset(initial))
+        return self._submit(lambda: self._reset(initial))
 
-    def pause(self, paused: bool) -> Ticket:
+    def pause(self, paused: bool) -> Request:
         """Pause the rig, or resume it; the result is whether that changed anything."""
-        return self._requests.submit(lambda: self._pause(paused))
+        return self._submit(lambda: self._pause(paused))
 
-    def step(
-        self, *, to_impact: bool = False, on_done: Callable[[], object] = lambda: None
-    ) -> Ticket:
+    def step(self, *, to_impact: bool = False) -> Request:
         """
         Let a paused rig run on to its next joint states, at its pace, and pause it again there.
 
         With `to_impact`, to the first joint states after its next impact. The result is a second
-        ticket, done when the rig is paused again; `on_done` is called then.
+        request, done when the rig is paused again.
         """
-        return self._requests.submit(lambda: self._step(to_impact, on_done))
+        return self._submit(lambda: self._step(to_impact))
 
-    def record_to(self, log: Log, event: bytes) -> Ticket:
+    def record_to(self, log: RunWriter, event: bytes) -> Request:
         """
         Record from now on; `event` is an encoded ParameterEvent with all parameters.
 
         The log may ask for a new file. That begins with a tick, as the recording did.
         """
-        return self._requests.submit(lambda: self._record_to(log, event))
+        return self._submit(lambda: self._record_to(log, event))
 
-    def stop_recording(self) -> Ticket:
+    def stop_recording(self) -> Request:
         """End the recording; the result is its log, if any."""
-        return self._requests.submit(self._stop_recording)
+        return self._submit(self._stop_recording)
 
-    def record(self, topic: str, data: bytes) -> Ticket:
+    def record(self, topic: str, data: bytes) -> Request:
         """Record an encoded message that another thread has published."""
-        return self._requests.submit(lambda: self._out.record(topic, data, self.stamp_ns()))
+        return self._submit(lambda: self._out.record(topic, data, self.stamp_ns()))
+
+    def _submit(self, action: Callable[[], Any]) -> Request:
+        request: Request = Future()
+        self._requests.append((request, action))
+        if self._closed.is_set():
+            self._turn_away()
+        return request
+
+    def _turn_away(self) -> None:
+        """Reject all waiting requests."""
+        # Another thread may do so at the same time.
+        with contextlib.suppress(IndexError):
+            while True:
+                request, _ = self._requests.popleft()
+                request.set_exception(NotNowError('the rig is shutting down'))
 
     # The engine's thread
 
     def _run(self) -> None:
         try:
-            self._scheduling.take()
+            self._scheduling = take_priority(self._priority)
             self._run_ticks()
         except Exception as error:
             self.failure = error
         finally:
-            self._requests.close()
+            self._closed.set()
+            self._turn_away()
             self._end_step('the rig is shutting down')
         if self.failure is not None:
             self._callbacks.on_failure()
@@ -453,8 +340,6 @@ class Engine:
             self._follow_clock()
             if self._slipped:
                 self._catch_up()
-            elif self._scheduling.given_up and self._pacer.steady_ns > STEADY_AGAIN_NS:
-                self._scheduling.take()
             self._serve()
             self._publish_states()
             if self._step_done is not None and self._step_done():
@@ -464,26 +349,26 @@ class Engine:
 
     def _move_to(self, due_ns: int) -> bool:
         """
-        Move the rig to the next tick and send what happens on the way.
+        Move the rig to the next tick, or by a stride, and send what happens on the way.
 
-        Returns false if it stops before the tick, for a request or because the rig takes long.
+        Returns whether that tick is reached.
         """
-        if not self._pacer.approach(due_ns, self._interrupted):
-            return False
+        target_ns = due_ns
+        if not self._free_running:
+            target_ns = min(due_ns, self._time_ns + self._stride_ns)
+        offset_ns = self._stamps.offset_ns
         try:
-            moved = self._motion.move_to(self._time_ns, self._tick + 1, self._stamps.offset_ns)
+            moved = self._motion.move_to(self._time_ns, target_ns, self._tick + 1, offset_ns)
         except RIG_FAILURES as error:
             self._give_up(error)
             return False
-        if moved.messages:
-            last_ns = max(message.stamp_ns for message in moved.messages)
-            self._pacer.pause_until(last_ns - self._stamps.offset_ns)
-            self._emit_all(moved.messages)
+        for message in moved.messages:
+            self._pacer.pause_until(message.stamp_ns - offset_ns)
+            self._out.emit(*message)
         if moved.time_ns == due_ns:
             return True
+        self._pacer.pause_until(moved.time_ns)
         self._time_ns = moved.time_ns
-        if self._pacer.lateness(due_ns) > CATCH_UP_NS:
-            self._scheduling.give_up()
         self._serve()
         return False
 
@@ -505,7 +390,8 @@ class Engine:
                 self._publish_clock()
                 data = self._motion.paused_states(self._stamps.now(self._time_ns))
                 self._out.publish(self._publishers['joint_states'], data)
-                due_ns += PAUSED_PERIOD_NS
+                # Not what was missed while the process was stopped
+                due_ns = max(due_ns + PAUSED_PERIOD_NS, time.monotonic_ns())
             time.sleep(PAUSED_NAP_S)
             self._serve()
 
@@ -532,7 +418,6 @@ class Engine:
                 self._go_on()
 
     def _slip(self) -> None:
-        self._scheduling.give_up()
         self._slipped = True
 
     def _follow_clock(self) -> None:
@@ -579,9 +464,18 @@ class Engine:
                 break
 
     def _serve(self) -> None:
-        if self._requests.waiting:
+        if self._requests:
             self._motion.stand_at(self._time_ns)
-            self._requests.serve(self._time_ns)
+        # Not those that arrive meanwhile: a flood of requests must not stop the rig.
+        for _ in range(len(self._requests)):
+            request, action = self._requests.popleft()
+            try:
+                request.set_result(Done(self._time_ns, action()))
+            except (NotNowError, ParameterError) as error:
+                request.set_exception(error)
+            except Exception as error:
+                request.set_exception(error)
+                raise
         if self._news:
             self._announce(self._news)
             self._news = ''
@@ -603,7 +497,8 @@ class Engine:
         if parameters is not None or control is not None:
             self._motion.discard()
             events = rig.change(parameters or rig.parameters, control)
-            self._emit_all(self._motion.passed(events, rig.records, self._stamps.offset_ns))
+            for message in self._motion.passed(events, rig.records, self._stamps.offset_ns):
+                self._out.emit(*message)
             self._release()
             self._news = self._news or 'change'
             self._new_course = True
@@ -626,7 +521,9 @@ class Engine:
     def _pause(self, paused: bool) -> bool:
         stepping, self._step_done = self._step_done, None
         if stepping is not None:
-            self._stepping.turn_away('the step was ended by a pause or by running on')
+            self._stepping.set_exception(
+                NotNowError('the step was ended by a pause or by running on')
+            )
         if paused == self._paused:
             return stepping is not None
         # The messages made ahead have other stamps.
@@ -638,7 +535,7 @@ class Engine:
             self._news = 'resume'
         return True
 
-    def _step(self, to_impact: bool, on_done: Callable[[], object]) -> Ticket:
+    def _step(self, to_impact: bool) -> Request:
         """Run on as after a pause, so that nothing of the motion depends on the steps."""
         if self._step_done is not None:
             raise NotNowError('a step is under way')
@@ -649,7 +546,7 @@ class Engine:
         self._pause(False)
         motion, tick, impacts = self._motion, self._tick, self._motion.impacts
         self._step_done = lambda: motion.impacts > impacts if to_impact else self._tick > tick
-        self._stepping = Ticket(lambda: None, on_done)
+        self._stepping = Future()
         return self._stepping
 
     def _end_step(self, failure: str = '') -> None:
@@ -660,23 +557,23 @@ class Engine:
         self._motion.stand_at(self._time_ns)
         self._pause(True)
         if failure:
-            self._stepping.turn_away(failure)
+            self._stepping.set_exception(NotNowError(failure))
         else:
-            self._stepping.carry_out(self._time_ns)
+            self._stepping.set_result(Done(self._time_ns))
 
-    def _record_to(self, log: Log, event: bytes) -> None:
+    def _record_to(self, log: RunWriter, event: bytes) -> None:
         self._out.log, self._out.recorded, self._listing = log, 0, event
         self._announce('record')
         self._record_event(event)
 
-    def _split(self, log: Log) -> None:
+    def _split(self, log: RunWriter) -> None:
         """Begin a new file of the recording, with all that a reader of it alone needs."""
         if log.split(self.stamp_ns()):
             self._motion.stand_at(self._time_ns)
             self._announce('record')
             self._record_event(self._listing)
 
-    def _stop_recording(self) -> Log | None:
+    def _stop_recording(self) -> RunWriter | None:
         if self._within_tick:
             # A bag ends with a whole tick.
             data = self._motion.states(self._time_ns, self._stamps.offset_ns)
@@ -686,10 +583,6 @@ class Engine:
         return log
 
     # Publishing
-
-    def _emit_all(self, messages: Sequence[OutgoingMessage]) -> None:
-        for message in messages:
-            self._out.emit(*message)
 
     def _publish_states(self) -> None:
         data = self._motion.take_states(self._time_ns, self._stamps.offset_ns)
@@ -713,7 +606,7 @@ class Engine:
         if self._new_course:
             self._new_course = False
             self._motion.trace = MotionTrace.at(self._rig.parameters, state)
-            self._callbacks.on_course(text)
+            self._callbacks.on_course(state)
 
     def _record_event(self, event: bytes) -> None:
         stamp_ns = self.stamp_ns()

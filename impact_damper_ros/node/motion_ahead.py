@@ -219,38 +219,47 @@ class MotionAhead:
         # Of the events on the way to the next tick
         self._budget = EventBudget(MOST_TO_TICK)
 
-    def move_to(self, time_ns: int, tick: int, offset_ns: int) -> Moved:
-        """Move the rig to the next tick without known joint states, at most by one slice."""
+    def move_to(self, time_ns: int, target_ns: int, tick: int, offset_ns: int) -> Moved:
+        """
+        Move the rig to an instant, at most by one slice.
+
+        That instant is the next tick without known joint states, or one before it.
+        """
         mark = self._rig.mark()
         try:
-            return self._move(time_ns, tick, offset_ns, _slice())
+            return self._move(time_ns, target_ns, tick, offset_ns, _slice())
         except RIG_FAILURES:
             self._rig.go_back(mark)
             raise
 
     def _move(
-        self, time_ns: int, tick: int, offset_ns: int, interrupted: Callable[[], bool]
+        self,
+        time_ns: int,
+        target_ns: int,
+        tick: int,
+        offset_ns: int,
+        interrupted: Callable[[], bool],
     ) -> Moved:
-        rig, due_ns = self._rig, self._grid.instant(tick)
-        events, records = rig.advance(due_ns / 1e9, interrupted=interrupted), rig.records
-        reached_ns = due_ns
-        if rig.time < due_ns / 1e9:
+        rig = self._rig
+        events, records = rig.advance(target_ns / 1e9, interrupted=interrupted), rig.records
+        reached_ns = target_ns
+        if rig.time < target_ns / 1e9:
             # Beyond the present instant, even if the events so far round to it: a change after
             # some of them could not be replayed.
             later = max(rig.time, nextafter(time_ns / 1e9, inf))
-            reached_ns = min(due_ns, ceil(later * 1e9))
+            reached_ns = min(target_ns, ceil(later * 1e9))
             while reached_ns / 1e9 < later:
                 reached_ns += 1
             events += rig.advance(reached_ns / 1e9, MOST_WITHIN_NS)
             records = [*records, *rig.records]
             if rig.time < reached_ns / 1e9:
                 raise RunawayError(MOST_WITHIN_NS, rig.time)
-        if reached_ns < due_ns:
+        if reached_ns < target_ns:
             self._budget.take(rig, len(events))
         else:
             self._budget.restart(rig)
         instants, samples = [], []
-        if reached_ns == due_ns:
+        if reached_ns == self._grid.instant(tick):
             most = min(self._most, AFTER_EVENT) if events else self._most
             instants = [self._grid.instant(tick + i) for i in range(most)]
             samples = rig.preview([instant / 1e9 for instant in instants], interrupted)

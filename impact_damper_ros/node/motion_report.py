@@ -9,18 +9,16 @@ from __future__ import annotations
 
 import json
 import math
-import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import NamedTuple
 
-from impact_damper_ros.orbits.orbit import NEUTRAL, Rhythm
+from impact_damper_ros.orbits.orbit import PeriodicOrbit, Rhythm
 from impact_damper_ros.orbits.recurrence import MotionKind, Period, Section, find_period
 from impact_damper_ros.rig import Event, RigParameters
 from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.theory import ObservedMotion, Prediction, TheoryProcess
 
 from .motion_ahead import KEPT, MotionTrace
-from .prediction import Answer, PredictedMotion, Predictor, PredictorStatus
 
 #: The last cycles of the force that are measured where there is no rhythm; a motion with no impact
 #: in as many cycles is one without impacts.
@@ -36,43 +34,23 @@ SETTLED_PERIODS = 3
 LEAST_SAMPLES_PER_CYCLE = 6.0
 
 
-@dataclass(frozen=True)
-class RecentMotion:
-    """
-    The measured motion of a rig.
+class RecentMotion(NamedTuple):
+    """The measured motion of a rig."""
 
-    Attributes
-    ----------
-    kind : MotionKind
-        `PERIODIC`: settled; `TRANSIENT`: its impacts repeat ever more closely;
-        `UNDECIDED`: neither; `NO_IMPACTS`; or `NOT_PERIODICALLY_DRIVEN`, if the force has no
-        first harmonic, or a multisine besides.
-    cycles : float
-        Cycles of the force since the last change or reset.
-    impacts_per_cycle : float or None
-        Impacts per cycle of the force in the last period, or without a rhythm in the last
-        `MEASURED_CYCLES` cycles.
-    rhythm : Rhythm or None
-        The repeated sequence of impacts, settled or not.
-    period : Period or None
-        How closely it repeats.
-    impact : Event or None
-        The last impact.
-    phase : float
-        Its instant in cycles of the force since its zero angle.
-    x_max : float or None
-        Largest |X| in the same part, m; None if the samples are too few for it.
-    amplitude_ratio : float or None
-        The same as a share of the amplitude A without impacts.
-    """
-
+    #: `PERIODIC`: settled; `TRANSIENT`: its impacts repeat ever more closely; `UNDECIDED`:
+    #: neither; `NO_IMPACTS`; or `NOT_PERIODICALLY_DRIVEN`, if the force has no first harmonic, or
+    #: a multisine besides.
     kind: MotionKind
-    cycles: float = 0.0
+    cycles: float = 0.0  # of the force since the last change or reset
+    #: Impacts per cycle of the force in the last period, or without a rhythm in the last
+    #: `MEASURED_CYCLES` cycles.
     impacts_per_cycle: float | None = None
-    rhythm: Rhythm | None = None
-    period: Period | None = None
-    impact: Event | None = None
-    phase: float = 0.0
+    rhythm: Rhythm | None = None  # the repeated sequence of impacts, settled or not
+    period: Period | None = None  # how closely it repeats
+    impact: Event | None = None  # the last impact
+    phase: float = 0.0  # its instant in cycles of the force since its zero angle
+    #: Largest |X| in the same part, m, and as a share of the amplitude A without impacts; None if
+    #: the samples are too few for it.
     x_max: float | None = None
     amplitude_ratio: float | None = None
 
@@ -156,62 +134,49 @@ TOLERANCE, X_MAX_TOLERANCE = 1e-3, 5e-3
 MOVING = (MotionKind.TRANSIENT, MotionKind.UNDECIDED)
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """
-    Measured and predicted motion side by side.
+class Agreement(NamedTuple):
+    """Measured and predicted motion side by side."""
 
-    Attributes
-    ----------
-    verdict : str
-        'agrees', 'disagrees', 'not settled', or empty where there is nothing to compare.
-    motion : PredictedMotion or None
-        The predicted motion; it begins with the same impact as the measured one if that has the
-        same stops.
-    basis : str
-        Why this one: 'measured', 'run ahead' or 'listed'.
-    phase, x, x_max : float or None
-        Largest differences of the instants of the impacts (in cycles of the force), of X at the
-        impacts and of the largest |X| (relative to that).
-    tolerance : float
-        Tolerance of the first two, including the rest of the transient.
-    """
-
+    #: 'agrees', 'disagrees', 'not settled', or empty where there is nothing to compare.
     verdict: str = ''
-    motion: PredictedMotion | None = None
-    basis: str = ''
+    #: The predicted motion; it begins with the same impact as the measured one if that has the
+    #: same stops.
+    motion: PeriodicOrbit | None = None
+    basis: str = ''  # why this one: 'measured', 'run ahead' or 'listed'
+    #: Largest differences of the instants of the impacts (in cycles of the force), of X at the
+    #: impacts and of the largest |X| (relative to that).
     phase: float | None = None
     x: float | None = None
     x_max: float | None = None
-    tolerance: float = TOLERANCE
+    tolerance: float = TOLERANCE  # of the first two, including the rest of the transient
 
 
-def compare(measured: RecentMotion, answer: Answer) -> Agreement:
+def compare(measured: RecentMotion, prediction: Prediction) -> Agreement:
     """Compare a measured motion with the nearest predicted one."""
     rhythm = measured.rhythm
-    near = answer.nearest(rhythm) if rhythm is not None else None
-    if rhythm is None or near is None:
+    near = prediction.nearest(rhythm) if rhythm is not None else None
+    if near is None:
         verdict = ''
-        if measured.settled and answer.complete and answer.applies:
+        if rhythm is not None and measured.settled and prediction.complete and prediction.applies:
             verdict = 'disagrees'
-        elif answer.expected is not None and measured.kind in MOVING:
+        elif prediction.expected is not None and measured.kind in MOVING:
             verdict = 'not settled'
-        return Agreement(verdict, answer.expected, answer.basis)
+        return Agreement(verdict, prediction.expected, prediction.basis)
     motion, apart = near
     # The rest of a transient that fades by the multiplier in each period
-    rest = 1.0 - motion.largest_multiplier
+    rest = 1.0 - abs(motion.multipliers[0])
     drift = 0.0 if measured.period is None else measured.period.level
     tolerance = TOLERANCE + (drift / rest if rest > 0.0 else 0.0)
     largest = None
     if measured.x_max is not None:
-        largest = abs(measured.x_max - motion.rhythm.x_max) / motion.rhythm.x_max
+        largest = abs(measured.x_max - motion.x_max) / motion.x_max
     if not measured.settled:
         verdict = 'not settled'
     elif max(apart) <= tolerance and (largest or 0.0) <= X_MAX_TOLERANCE - TOLERANCE + tolerance:
         verdict = 'agrees'
     else:
         # A nearer motion may be found yet.
-        verdict = 'disagrees' if answer.complete else ''
+        verdict = 'disagrees' if prediction.complete else ''
     return Agreement(verdict, motion, 'measured', apart.phase, apart.x, largest, tolerance)
 
 
@@ -231,42 +196,34 @@ class MotionMonitor:
     """Measures the motion of the rig at each report and compares it with the prediction."""
 
     def __init__(
-        self, trace: Callable[[], MotionTrace], predictor: Predictor, state_rate: float
+        self, trace: Callable[[], MotionTrace], theory: TheoryProcess, state_rate: float
     ) -> None:
         self._trace = trace
-        self._predictor = predictor
+        self._theory = theory
         self._state_rate = state_rate
-        self._looked = 0.0
-        # Motions that were asked for again, and the course and worker they are of
-        self._asked_of = (0, 0)
+        # Motions that were asked for again, and the course that they are of
+        self._asked_of = 0
         self._asked: set[tuple[tuple[int, ...], int]] = set()
-
-    def may_look(self, period: float) -> bool:
-        """Return whether the last report was at least so long ago, s."""
-        return time.monotonic() - self._looked >= period
 
     def look(self) -> list[MotionReport]:
         """Return reports on the measured and the predicted motion."""
-        self._looked = time.monotonic()
-        # In this order, so that a new rhythm is never compared with an old prediction.
-        status = self._predictor.status()
         measured = measure(self._trace(), self._state_rate)
-        agreement = compare(measured, status.answer)
+        agreement = compare(measured, self._theory.prediction or Prediction())
         if agreement.verdict == 'disagrees':
-            self._ask_again(status, measured)
-        return [measured_report(measured), predicted_report(status, agreement)]
+            self._ask_again(measured)
+        return [measured_report(measured), predicted_report(self._theory, agreement)]
 
-    def _ask_again(self, status: PredictorStatus, measured: RecentMotion) -> None:
+    def _ask_again(self, measured: RecentMotion) -> None:
         """Ask for a motion like the measured one, once for each stop sequence."""
         rhythm, impact = measured.rhythm, measured.impact
         assert rhythm is not None
         assert impact is not None
-        if self._asked_of != (status.course, status.restarts):
-            self._asked_of = (status.course, status.restarts)
+        if self._asked_of != self._theory.course:
+            self._asked_of = self._theory.course
             self._asked.clear()
         if (rhythm.stops, rhythm.cycles) not in self._asked:
             self._asked.add((rhythm.stops, rhythm.cycles))
-            self._predictor.ask_like(rhythm, impact, measured.phase, status.course)
+            self._theory.ask_like(ObservedMotion(rhythm, impact, measured.phase))
 
 
 def measured_report(measured: RecentMotion) -> MotionReport:
@@ -308,24 +265,24 @@ def _why_undecided(measured: RecentMotion) -> str:
     )
 
 
-def predicted_report(status: PredictorStatus, agreement: Agreement) -> MotionReport:
+def predicted_report(theory: TheoryProcess, agreement: Agreement) -> MotionReport:
     """Report the predicted motion, and whether the measured one agrees."""
-    answer, motion = status.answer, agreement.motion
-    state, warning, words = _state(status, agreement)
-    others = [m for m in answer.motions if m.stable and m.viable and not _same(m, motion)]
+    known, motion = theory.prediction or Prediction(), agreement.motion
+    state, warning, words = _state(theory, agreement)
+    others = [m for m in known.orbits if m.stable and m.viable and not _same(m, motion)]
     return MotionReport(
         'predicted motion',
         warning,
         words,
         {
             'State': state,
-            'Reason': status.trouble or answer.error or answer.reason,
+            'Reason': theory.trouble or known.error or known.reason,
             'Chosen as': agreement.basis,
-            'Complete': answer.complete,
-            **_rhythm_values(motion.rhythm if motion else None),
-            'Largest X [m]': _number(motion.rhythm.x_max if motion else None),
+            'Complete': known.complete,
+            **_rhythm_values(motion),
+            'Largest X [m]': _number(motion.x_max if motion else None),
             'Largest X / A': _number(motion.amplitude_ratio if motion else None),
-            'Largest multiplier modulus': _number(motion.largest_multiplier if motion else None),
+            'Largest multiplier modulus': _number(abs(motion.multipliers[0]) if motion else None),
             'Stable': motion.stable if motion else '',
             'Viable': motion.viable if motion else '',
             'Other stable motions': json.dumps([_summary(m) for m in others]),
@@ -334,35 +291,35 @@ def predicted_report(status: PredictorStatus, agreement: Agreement) -> MotionRep
             'X difference / largest X': _number(agreement.x, 3),
             'Largest X difference / largest X': _number(agreement.x_max, 3),
             'Tolerance': _number(agreement.tolerance, 3),
-            'Computing time [s]': _number(answer.seconds if answer.request else None, 3),
-            'Process': status.process or '',
-            'Restarts of the process': status.restarts,
-            'Last end of the process': status.last_trouble,
+            'Computing time [s]': _number(theory.seconds if theory.prediction else None, 3),
+            'Process': theory.process or '',
+            'Restarts of the process': theory.restarts,
+            'Last end of the process': theory.last_trouble,
         },
     )
 
 
-def _state(status: PredictorStatus, agreement: Agreement) -> tuple[str, bool, str]:
+def _state(theory: TheoryProcess, agreement: Agreement) -> tuple[str, bool, str]:
     """Return the state, whether to warn, and the message."""
-    answer, motion = status.answer, agreement.motion
-    if not status.enabled:
+    known, motion = theory.prediction, agreement.motion
+    if not theory.enabled:
         return 'off', False, 'off: predict_motion is false'
-    trouble = status.trouble or (answer.error and f'the prediction failed: {answer.error}')
-    if not answer.request or answer.error:
+    trouble = theory.trouble
+    if known is None:
         return ('unavailable', True, trouble) if trouble else ('computing', False, 'computing')
+    if known.error:
+        return 'unavailable', True, trouble or f'the prediction failed: {known.error}'
     if motion is None:
         if agreement.verdict == 'disagrees':
             return 'none', True, 'the measured motion repeats, but theory finds no such motion'
         # Without a periodic force there is none to be expected.
-        warning = bool(answer.motions) and answer.complete
-        return 'none', warning, answer.reason or 'no viable motion found so far'
-    neutral = abs(motion.largest_multiplier - 1.0) <= NEUTRAL
-    fate = 'stable' if motion.stable else 'neutral' if neutral else 'unstable'
-    words = [f'{_in_words(motion.rhythm)}, {fate}{"" if motion.viable else ", not viable"}']
+        warning = bool(known.orbits) and known.complete
+        return 'none', warning, known.reason or 'no viable motion found so far'
+    words = [f'{_in_words(motion)}, {motion.stability}{"" if motion.viable else ", not viable"}']
     if agreement.verdict in ('agrees', 'disagrees'):
         words.append(f'the measured motion {agreement.verdict}')
-    words += filter(None, (answer.reason, trouble))
-    lost = answer.complete and not (motion.stable and motion.viable)
+    words += filter(None, (known.reason, trouble))
+    lost = known.complete and not (motion.stable and motion.viable)
     warning = lost or agreement.verdict == 'disagrees' or bool(trouble)
     return 'found', warning, '; '.join(words)
 
@@ -382,17 +339,17 @@ def _rhythm_values(rhythm: Rhythm | None) -> dict[str, object]:
     }
 
 
-def _summary(motion: PredictedMotion) -> dict[str, object]:
+def _summary(motion: PeriodicOrbit) -> dict[str, object]:
     return {
-        'stops': list(motion.rhythm.stops),
-        'cycles': motion.rhythm.cycles,
+        'stops': list(motion.stops),
+        'cycles': motion.cycles,
         'largest_x_over_a': float(f'{motion.amplitude_ratio:.9g}'),
-        'largest_multiplier': float(f'{motion.largest_multiplier:.9g}'),
+        'largest_multiplier': float(f'{abs(motion.multipliers[0]):.9g}'),
     }
 
 
-def _same(one: PredictedMotion, other: PredictedMotion | None) -> bool:
-    return other is not None and one.rhythm.distance(other.rhythm) < 1e-9
+def _same(one: Rhythm, other: Rhythm | None) -> bool:
+    return other is not None and one.distance(other) < 1e-9
 
 
 def _number(value: float | None, digits: int = 9) -> str:

@@ -15,18 +15,6 @@ real-time priority it gets a processor as soon as a tick is due; the lowest ones
 ordinary threads have none. They need a permission: root's, the capability CAP_SYS_NICE, or a limit
 RTPRIO (`ulimit -r`). Without one, the thread keeps ordinary scheduling.
 
-The other threads of the node (the executor, the writer of a recording, those of the prediction)
-have a priority one lower: if one of them lost its processor to another program while it holds the
-interpreter's lock, the rig would wait for that program. They need little time.
-
-The interpreter's lock has no priorities: any waiting thread requests it after the switch interval.
-A short interval would let the others interrupt the rig all the time; with a long one the rig would
-wait. So it is short only while the rig sleeps, see `sleep_first_in_line`.
-
-A thread with priority that never sleeps would block its processor. So a rig that cannot hold its
-pace has ordinary scheduling until it has held it for some time, and one that runs as fast as
-possible always has.
-
 rclpy's own signal handler wakes executors and shuts ROS down from a thread of its own, at each
 signal. A second signal during the shutdown meets guard conditions that are just being freed, and
 the process crashes. Here a signal only writes a byte into a socket, and the node shuts down in its
@@ -38,7 +26,6 @@ from __future__ import annotations
 import os
 import signal
 import socket
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -47,10 +34,8 @@ from typing import NamedTuple
 
 #: Lateness, in wall time, beyond which the lost time is given up instead of made up for.
 CATCH_UP_NS = 250_000_000
-# Longest uninterrupted sleep: a request between two ticks far apart waits no longer.
-NAP_NS = 20_000_000
-#: Lateness, in wall time, up to which the pace is held.
-STEADY_NS = 50_000_000
+#: Longest time between two readings of clocks that are compared.
+_AT_ONCE_NS = 50_000_000
 # A free-running rig leaves the processor for a moment this often, so that parameter calls and the
 # log's writer are served.
 FREE_RUN_STRETCH_NS = 10_000_000
@@ -62,7 +47,7 @@ def _system_zero_ns() -> int:
     while True:
         before_ns, system_ns = time.monotonic_ns(), time.time_ns()
         # Unless the thread was interrupted between the readings
-        if time.monotonic_ns() - before_ns < STEADY_NS:
+        if time.monotonic_ns() - before_ns < _AT_ONCE_NS:
             return system_ns - before_ns
 
 
@@ -162,7 +147,7 @@ class Pacer:
         self._sleep = sleep
         self._on_slip = on_slip
         self._anchor_ns = self._anchor_rig_ns = 0
-        self._stretch_began_ns = self._unsteady_ns = clock()
+        self._stretch_began_ns = clock()
         self._ticks = self._overruns = self._slips = self._slipped_ns = 0
         self._worst = _Worst()
 
@@ -170,25 +155,6 @@ class Pacer:
         """Let rig time run on from `rig_ns` now."""
         self._anchor_ns = self._clock()
         self._anchor_rig_ns = rig_ns
-
-    def lateness(self, rig_ns: int) -> int:
-        """Return the present lateness of an instant of rig time, in wall time, ns."""
-        return self._clock() - self._deadline(rig_ns) if self._factor else 0
-
-    @property
-    def steady_ns(self) -> int:
-        """Wall time for which the pace has been held so far."""
-        return self._clock() - self._unsteady_ns
-
-    def approach(self, rig_ns: int, interrupted: Callable[[], bool]) -> bool:
-        """Sleep until an instant is at most a nap away."""
-        if self._factor:
-            deadline = self._deadline(rig_ns)
-            while deadline - self._clock() > NAP_NS:
-                self._sleep(NAP_NS * 1e-9)
-                if interrupted():
-                    return False
-        return True
 
     def pause_until(self, rig_ns: int) -> None:
         """Sleep until an instant of rig time, which is not that of a tick."""
@@ -229,8 +195,6 @@ class Pacer:
             worst.lateness_ns = late_ns
         if late_ns > self._late_after_ns:
             self._overruns += 1
-        if late_ns > STEADY_NS:
-            self._unsteady_ns = self._clock()
         if late_ns > CATCH_UP_NS:
             self._anchor_ns += late_ns
             self._slips += 1
@@ -244,69 +208,23 @@ class Pacer:
 
 
 ORDINARY = 'ordinary'
-#: The interpreter's switch interval, and the same while the rig sleeps.
-SWITCH_INTERVAL_S = 2e-4
-WAKING_INTERVAL_S = 2e-5
 
 
-def sleep_first_in_line(seconds: float) -> None:
+def take_priority(priority: int) -> str:
     """
-    Sleep, and take the interpreter's lock at once afterwards.
+    Give the calling thread, and those that it will start, a real-time priority; 0 for none.
 
-    For one thread of the process. Another one that has the lock then is asked for it some
-    microseconds later, while it has to wait for the switch interval itself if it wants it back.
+    Returns the scheduling that it has: ``'SCHED_FIFO 1'``, or ``'ordinary'`` with the reason.
     """
-    sys.setswitchinterval(WAKING_INTERVAL_S)
-    time.sleep(seconds)
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
-
-
-def priority_of_others(priority: int) -> int:
-    """Return the priority of all threads but the one that moves the rig."""
-    return max(1, priority - 1) if priority else 0
-
-
-class Scheduling:
-    """
-    The scheduling of one thread: a real-time priority of 1 to 99, or 0 for an ordinary thread.
-
-    If it is inherited, threads and processes that the thread starts have it, too.
-
-    Attributes
-    ----------
-    text : str
-        The present one: ``'SCHED_FIFO 1'``, or ``'ordinary'`` with the reason why not more.
-    given_up : bool
-        Whether it has ordinary scheduling until it holds its pace again.
-    """
-
-    def __init__(self, priority: int, *, inherited: bool = True) -> None:
-        self.text = ORDINARY
-        self.given_up = False
-        self._inherited = inherited
-        self._priority = priority
-
-    def take(self) -> None:
-        """Give the calling thread the priority, if that is permitted."""
-        self.given_up = False
-        if not self._priority:
-            return
-        try:
-            policy = os.SCHED_FIFO | (0 if self._inherited else os.SCHED_RESET_ON_FORK)
-            os.sched_setscheduler(0, policy, os.sched_param(self._priority))
-        except PermissionError:
-            self.text = f'{ORDINARY}: no permission for SCHED_FIFO {self._priority}'
-        except (AttributeError, OSError) as error:
-            self.text = f'{ORDINARY}: {error}'
-        else:
-            self.text = f'SCHED_FIFO {self._priority}'
-
-    def give_up(self) -> None:
-        """Give the calling thread ordinary scheduling until `take`: it cannot hold its pace."""
-        if self.text.startswith('SCHED_FIFO'):
-            self.given_up = True
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-            self.text = f'{ORDINARY}: the pace could not be held'
+    if not priority:
+        return ORDINARY
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except PermissionError:
+        return f'{ORDINARY}: no permission for SCHED_FIFO {priority}'
+    except (AttributeError, OSError) as error:
+        return f'{ORDINARY}: {error}'
+    return f'SCHED_FIFO {priority}'
 
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

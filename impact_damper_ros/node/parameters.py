@@ -8,7 +8,7 @@ them, one force array at a time.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
-    SetParametersResult,
 )
 from rclpy.parameter import Parameter
 
@@ -34,15 +33,17 @@ from impact_damper_ros.rig import (
     ParameterSpec,
     RigParameters,
 )
-from impact_damper_ros.rig.quoting import named, printable, shown
+from impact_damper_ros.rig.quoting import named, shown
 
 FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
 #: Longest name that may be a misspelt one.
 _LONGEST_NAME = 80
-#: Longest `bag_directory`; a recording adds to it, and the system has 4096.
-_LONGEST_PATH = 1000
 #: Most warnings of one kind.
 _MOST_WARNINGS = 8
+USE_SIM_TIME = (
+    'use_sim_time is true: the rig keeps its own time and follows no /clock; to have it publish '
+    'one for the other nodes, give publish_clock'
+)
 # A name this similar to a known one counts as misspelt, not as one of another node.
 _MISSPELT = 0.75
 
@@ -107,12 +108,6 @@ def _among(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> dic
 
 def _directory(text: str) -> str:
     """Return where recordings go, with the home directory in place of ~."""
-    if len(text) > _LONGEST_PATH or printable(text) != text or {'\n', '\t'} & set(text):
-        raise ParameterError(
-            'bag_directory',
-            f'bag_directory is {shown(text)}: give a path of at most {_LONGEST_PATH} characters, '
-            'without newlines and other control characters',
-        )
     if not text.startswith('~'):
         return text
     try:
@@ -205,18 +200,6 @@ def promoted(parameter: Parameter) -> Parameter:
     return Parameter(parameter.name, _TYPES[spec.kind], value)
 
 
-def type_objection(messages: Iterable[Any]) -> str:
-    """Return why parameters of a request are rejected whose type ROS 2 does not have, or ''."""
-    known = [kind.value for kind in Parameter.Type]
-    for message in messages:
-        if message.value.type not in known:
-            return (
-                f'{named(message.name)} has the parameter type {message.value.type}: give one '
-                f'from {min(known)} to {max(known)}, see rcl_interfaces/msg/ParameterType'
-            )
-    return ''
-
-
 def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, list[float]]:
     """
     Return the force arrays that were not given, resized to the length of those that were.
@@ -260,6 +243,8 @@ def parameters_from_overrides(
         warn(f'parameter {named(name)} is not one of this node; it is ignored')
     if len(foreign) > _MOST_WARNINGS:
         warn(f'{len(foreign) - _MOST_WARNINGS} more parameters are ignored as well')
+    if overrides.get('use_sim_time'):
+        raise ParameterError('use_sim_time', USE_SIM_TIME)
     values = {
         name: _as_meant(spec, overrides[name])
         for name, spec in ALL_SPECS.items()
@@ -269,92 +254,43 @@ def parameters_from_overrides(
     return NodeParameters.from_values(values)
 
 
-class LiveParameters:
+def as_meant(parameters: Iterable[Parameter], rig: RigParameters) -> list[Parameter]:
+    """Return a request in the declared types, with the other force arrays of a rig resized."""
+    meant = [promoted(parameter) for parameter in parameters]
+    values = {p.name: p.value for p in meant if p.type_ is Parameter.Type.DOUBLE_ARRAY}
+    resized = resized_force(values, rig)
+    return meant + [
+        Parameter(name, Parameter.Type.DOUBLE_ARRAY, value) for name, value in resized.items()
+    ]
+
+
+def changed_by(
+    request: Iterable[Parameter], now: NodeParameters, has: Callable[[str], bool]
+) -> NodeParameters:
     """
-    The parameters while the node runs: callbacks for rclpy that never raise.
+    Return the parameters after a request that has been read as it is meant.
 
-    Parameters
-    ----------
-    start : NodeParameters
-        The declared parameters.
-    prepare : callable
-        Called with a valid request before it is accepted; an exception rejects it.
-    apply : callable
-        Called with the parameters before and after, and those that were set.
+    Raises
+    ------
+    ParameterError
+        If a parameter is unknown, fixed or out of range; rclpy rejects them, too, but its reasons
+        do not name the remedy.
     """
-
-    def __init__(
-        self,
-        start: NodeParameters,
-        *,
-        prepare: Callable[[NodeParameters, NodeParameters], None],
-        apply: Callable[[NodeParameters, NodeParameters, Sequence[Parameter]], None],
-    ) -> None:
-        """Hold the parameters; `attach` registers the callbacks."""
-        self.now = start
-        self._prepare = prepare
-        self._apply = apply
-
-    def attach(self, node: Any) -> None:
-        """Register the callbacks; all parameters must be declared already."""
-        node.add_pre_set_parameters_callback(self.promote)
-        node.add_on_set_parameters_callback(self.validate)
-        node.add_post_set_parameters_callback(self.accept)
-
-    def promote(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        """Convert values to the declared types, and resize the other force arrays."""
-        meant = [promoted(parameter) for parameter in parameters]
-        values = {p.name: p.value for p in meant if p.type_ is Parameter.Type.DOUBLE_ARRAY}
-        resized = resized_force(values, self.now.rig)
-        return meant + [
-            Parameter(name, Parameter.Type.DOUBLE_ARRAY, value) for name, value in resized.items()
-        ]
-
-    def objection(self, parameters: Sequence[Parameter], has: Callable[[str], bool]) -> str:
-        """
-        Return why a request is rejected, or an empty text.
-
-        rclpy checks names, types and ranges itself, but its reasons do not name the remedy.
-        """
-        values = {}
-        for parameter in self.promote(parameters):
-            name = parameter.name
-            if not has(name):
-                near = nearest_name(name)
-                hint = (
-                    f'did you mean {near}?'
-                    if near
-                    else 'see: ros2 param list, or simulate_rig --parameters'
-                )
-                return f'{named(name)} is not a parameter of this node: {hint}'
-            if name not in ALL_SPECS:
-                continue
+    values = {}
+    for parameter in request:
+        name, value = parameter.name, parameter.value
+        if not has(name):
+            near = nearest_name(name)
+            hint = f'did you mean {near}?' if near else 'see: simulate_rig --parameters'
+            raise ParameterError(name, f'{named(name)} is not a parameter of this node: {hint}')
+        if name == 'use_sim_time' and value:
+            raise ParameterError(name, USE_SIM_TIME)
+        if name in ALL_SPECS:
             if ALL_SPECS[name].effect == 'start':
-                return (
+                raise ParameterError(
+                    name,
                     f'{name} is fixed while the node runs: start it with '
-                    f'--ros-args -p {name}:={shown(parameter.value)}'
+                    f'--ros-args -p {name}:={shown(value)}',
                 )
-            values[name] = parameter.value
-        try:
-            self.now.changed(values)
-        except ParameterError as error:
-            return str(error)
-        return ''
-
-    def validate(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Accept or reject a request as a whole."""
-        try:
-            self._prepare(self.now, self.now.changed(_known_values(parameters)))
-        except Exception as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    def accept(self, parameters: Sequence[Parameter]) -> None:
-        """Apply the parameters that were set."""
-        before = self.now
-        self.now = before.changed(_known_values(parameters))
-        self._apply(before, self.now, parameters)
-
-
-def _known_values(parameters: Iterable[Parameter]) -> dict[str, Any]:
-    return {p.name: p.value for p in parameters if p.name in ALL_SPECS}
+            values[name] = value
+    return now.changed(values)

@@ -14,23 +14,23 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Callable, Generator, Sequence
-from contextlib import suppress
-from itertools import pairwise
+from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
+from shutil import which
 from types import coroutine
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -49,25 +49,23 @@ from impact_damper_ros.bag.messages import (
 )
 from impact_damper_ros.bag.messages import Parameter as RecordedParameter
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS
-from impact_damper_ros.bag.topics import QosProfile
-from impact_damper_ros.entry_points import run
+from impact_damper_ros.bag.topics import LATCHED, QosProfile
 from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
-from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
 from impact_damper_ros.rig.quoting import printable, shown
+from impact_damper_ros.theory import TheoryProcess
 
 from .diagnostics import Diagnostics
-from .engine import Engine, EngineCallbacks, EngineSettings, Ticket
+from .engine import Done, Engine, EngineCallbacks, EngineSettings, Request
 from .motion_report import MotionMonitor
-from .pacing import SWITCH_INTERVAL_S, EndRequest, Scheduling, priority_of_others
+from .pacing import EndRequest, take_priority
 from .parameters import (
-    LiveParameters,
     NodeParameters,
+    as_meant,
+    changed_by,
     descriptor,
     parameters_from_overrides,
-    type_objection,
 )
-from .prediction import Predictor
 from .publishing import Recorder, RigPublishers, TopicPublisher
 
 USAGE = """usage: sim_node [-h] [--version]
@@ -100,22 +98,6 @@ def answer_foreign(arguments: Sequence[str]) -> int | None:
     )
 
 
-def check_params_files(arguments: Sequence[str]) -> None:
-    """
-    Check the files that follow ``--params-file``, before ROS reads them.
-
-    Its parser refuses aliases, but takes a minute for some ten thousand entries, and the last
-    value of a name that is given twice.
-    """
-    for option, name in pairwise(arguments):
-        if option == '--params-file':
-            with suppress(OSError):  # reported by ROS
-                try:
-                    guarded_yaml(Path(name))
-                except YamlError as error:
-                    raise ValueError(f'{name}: {error}') from None
-
-
 def in_words(error: Exception) -> str:
     """Shorten the message of rcl about arguments that it cannot parse."""
     text = str(error).split(', at /')[0].removeprefix('failed to initialize rcl: ')
@@ -133,6 +115,8 @@ def start_message(
     topics = [publishers[key].topic for key in listed if key in publishers]
     topics[0] += f' at {parameters.state_rate:g} Hz'
     runs = Path(os.path.abspath(parameters.bag_directory))  # noqa: PTH100 - need not exist
+    # Without an installed ROS there is no command ros2.
+    turn_on = f'ros2 param set {node} record true' if which('ros2') else 'set_rig record=true'
     lines = [
         f'{node} runs {_pace(parameters.real_time_factor)}',
         f'rig        {described(parameters.rig)}',
@@ -141,7 +125,7 @@ def start_message(
         f'services   {node}/reset, {node}/pause, {node}/step, {node}/step_to_impact',
         f'recording  to {recording}'
         if recording
-        else f'recording  off; into {runs} with: ros2 param set {node} record true, or rig_page',
+        else f'recording  off; into {runs} with: {turn_on}, or rig_page',
     ]
     if hint := frequency_hint(parameters.rig):
         lines.append(f'note       {hint}')
@@ -154,48 +138,13 @@ def _pace(factor: float) -> str:
     return 'in real time' if factor == 1.0 else f'at {factor:g} times real time'
 
 
-class Namesakes:
-    """Detects other nodes of the same name, which answer in the place of this one."""
-
-    #: Number of checks; a node of the same name that starts later warns by itself.
-    LOOKS = 30
-
-    def __init__(
-        self,
-        node: str,
-        names: Callable[[], list[tuple[str, str]]],
-        warn: Callable[[str], object],
-    ) -> None:
-        self._node = node
-        self._names = names
-        self._warn = warn
-        self._left = self.LOOKS
-
-    @property
-    def done(self) -> bool:
-        """Whether all checks are done."""
-        return self._left == 0
-
-    def look(self) -> None:
-        """Warn once if there is another node of the same name."""
-        if self.done:
-            return
-        self._left -= 1
-        count = sum(f'{space.rstrip("/")}/{name}' == self._node for name, space in self._names())
-        if count > 1:
-            self._left = 0
-            self._warn(
-                f'there are {count} nodes with the name {self._node}: their messages are mixed on '
-                'the same topics, and which one answers is left to chance; stop the others, or '
-                'start this one with --ros-args -r __ns:=/rig1'
-            )
-
-
 REPORT_PERIOD_S = 1.0
-#: Least time between reports that new predictions set off.
-MOTION_PERIOD_S = 0.25
+#: Time after which the process of the theory is asked for more, while more is to come.
+THEORY_PERIOD_S = 0.1
 #: Longest wait of a service call for the engine.
-ANSWER_TIMEOUT_S = 2.0
+ANSWER_TIMEOUT_S = 10.0
+#: Longest wait for the end of a step.
+STEP_TIMEOUT_S = 2.0
 #: Least time between two warnings of a rig that falls behind.
 WARNING_PERIOD_S = 5.0
 
@@ -232,19 +181,20 @@ class SimNode(Node):
                 '/clock is published; give the other nodes use_sim_time'
             )
         self._warned_s = -math.inf
+        # Conflicts with other nodes that were warned of
+        self._conflicts: set[str] = set()
+        node = self.get_fully_qualified_name()
         self._topic_publishers = self._advertise(parameters)
         self._woken = self.create_guard_condition(lambda: None)
-        self._predicted = self.create_guard_condition(self._report_motion)
         priority = parameters.real_time_priority if parameters.real_time_factor else 0
-        of_others = priority_of_others(priority)
-        self._predictor = Predictor(
-            self._predicted.trigger,
-            self.get_logger().warning,
-            enabled=parameters.predict_motion,
-            # Not for the process that predicts
-            on_thread=Scheduling(of_others, inherited=False).take,
-        )
-        Scheduling(of_others).take()
+        # Of this thread and those that it starts. One lower than that of the engine, so that they
+        # never keep it waiting, but those of other programs do not keep them from releasing the
+        # interpreter.
+        take_priority(max(1, priority - 1) if priority else 0)
+        self._theory = TheoryProcess(warn=self.get_logger().warning)
+        self._theory.enable(parameters.predict_motion)
+        self._begun = self.create_guard_condition(self._begin_course)
+        self._course: Mapping[str, Any] = {}
         self.engine = Engine(
             parameters.rig,
             parameters.initial,
@@ -254,36 +204,41 @@ class SimNode(Node):
                 parameters.real_time_factor,
                 parameters.simulated_time,
                 priority,
-                self.get_fully_qualified_name(),
+                node,
             ),
             EngineCallbacks(
                 self.context.ok,
                 self.wake,
-                self._predictor.ask,
+                self._on_course,
                 self._warn_of_trouble,
                 self.create_guard_condition(self._record_anew).trigger,
             ),
             parameters.control,
         )
-        self._monitor = MotionMonitor(self.engine.trace, self._predictor, parameters.state_rate)
+        self._monitor = MotionMonitor(self.engine.trace, self._theory, parameters.state_rate)
         broken = self.create_guard_condition(self._end_broken_recording)
-        self._recorder = Recorder(
-            self.engine, self._topic_publishers, self.get_fully_qualified_name(), broken.trigger
-        )
+        self._recorder = Recorder(self.engine, self._topic_publishers, node, broken.trigger)
         self._description = String('')
         self._describe(parameters)
-        self._live = LiveParameters(parameters, prepare=self._prepare, apply=self._apply)
-        self._live.attach(self)
-        self._diagnostics = Diagnostics(
-            self.get_fully_qualified_name(), parameters.state_rate, parameters.real_time_factor
-        )
+        self._parameters_now = parameters
+        self._diagnostics = Diagnostics(node, parameters.state_rate, parameters.real_time_factor)
         # Reports come in wall time, also when the node's clock is a simulated or stopped one.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPORT_PERIOD_S, self._report, clock=steady)
-        # Runs only while a report is overdue. Each time that the executor wakes up it takes the
+        # Runs only while more is to come. Each time that the executor wakes up it takes the
         # interpreter for half a millisecond, for which the rig may have to wait.
-        self._overdue = self.create_timer(MOTION_PERIOD_S, self._report_motion, clock=steady)
-        self._overdue.cancel()
+        self._asking = self.create_timer(THEORY_PERIOD_S, self._follow_theory, clock=steady)
+        self._asking.cancel()
+        # What the topic `theory` said last
+        self._document = ''
+        listeners = PublisherEventCallbacks(matched=self._on_listener)
+        self._theory_publisher = self.create_publisher(
+            StringMessage,
+            'theory',
+            _qos(LATCHED),
+            event_callbacks=listeners,
+            qos_overriding_options=self._qos_overrides('theory'),
+        )
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         # In a group of its own, which lets others begin before its end
@@ -304,15 +259,9 @@ class SimNode(Node):
         """Start the rig, and log a summary."""
         self.engine.start()
         name, log = self.get_fully_qualified_name(), self.get_logger()
-        log.info(start_message(self._live.now, self._topic_publishers, name, self._recorder.path))
-        self._namesakes = Namesakes(name, self.get_node_names_and_namespaces, log.warning)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._looking = self.create_timer(REPORT_PERIOD_S, self._look_for_namesakes, clock=steady)
-
-    def _look_for_namesakes(self) -> None:
-        self._namesakes.look()
-        if self._namesakes.done:
-            self._looking.cancel()
+        log.info(
+            start_message(self._parameters_now, self._topic_publishers, name, self._recorder.path)
+        )
 
     def wake(self) -> None:
         """Wake the executor, from any thread, to check whether it should continue."""
@@ -322,39 +271,25 @@ class SimNode(Node):
         """Stop the rig and finish the bag, without ROS; return a summary of the recording."""
         self.engine.stop()
         summary = self._recorder.finish()
-        self._predictor.close()
+        self._theory.close()
         return summary
-
-    def create_service(self, kind: Any, name: str, callback: Any, **options: Any) -> Any:
-        """Create a service; rclpy's own leave parameters of an unknown type without an answer."""
-
-        def one_by_one(request: Any, response: Any) -> Any:
-            for parameter in request.parameters:
-                if reason := type_objection([parameter]):
-                    rejected = SetParametersResult(successful=False, reason=reason)
-                    response.results.append(rejected)
-                else:
-                    callback(SetParameters.Request(parameters=[parameter]), response)
-            return response
-
-        def together(request: Any, response: Any) -> Any:
-            if reason := type_objection(request.parameters):
-                response.result = SetParametersResult(successful=False, reason=reason)
-                return response
-            return callback(request, response)
-
-        checked = {SetParameters: one_by_one, SetParametersAtomically: together}
-        return super().create_service(kind, name, checked.get(kind, callback), **options)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set parameters, all or none; a rejection names the values that are accepted."""
+        before = self._parameters_now
         try:
-            reason = self._live.objection(parameter_list, self.has_parameter)
+            meant = as_meant(parameter_list, before.rig)
+            after = changed_by(meant, before, self.has_parameter)
+            if after.record and not before.record:
+                # Whether a recording can begin is known only after a try.
+                self._open_recording(after)
         except Exception as error:
-            reason = f'cannot be understood: {error}'
-        if reason:
-            return SetParametersResult(successful=False, reason=reason)
-        return super().set_parameters_atomically(parameter_list)
+            return SetParametersResult(successful=False, reason=str(error))
+        result = super().set_parameters_atomically(meant)
+        if result.successful:
+            self._parameters_now = after
+            self._apply(before, after, meant)
+        return result
 
     # At start
 
@@ -382,15 +317,19 @@ class SimNode(Node):
         return publishers
 
     def _publisher(self, message_type: Any, topic: str, qos: QoSProfile) -> TopicPublisher:
-        publisher = self.create_publisher(message_type, topic, qos)
+        publisher = self.create_publisher(
+            message_type, topic, qos, qos_overriding_options=self._qos_overrides(topic)
+        )
         return TopicPublisher(publisher.topic_name, publisher.publish)
 
-    # Parameters
+    def _qos_overrides(self, topic: str) -> QoSOverridingOptions | None:
+        """Return the options of a topic whose quality of service the user has set."""
+        # Otherwise each topic would add three parameters.
+        prefix = f'qos_overrides.{self.resolve_topic_name(topic)}.publisher.'
+        given = any(name.startswith(prefix) for name in self._parameter_overrides)
+        return QoSOverridingOptions.with_default_policies() if given else None
 
-    def _prepare(self, before: NodeParameters, after: NodeParameters) -> None:
-        # Whether a recording can begin is known only after a try; if not, the request is rejected.
-        if after.record and not before.record:
-            self._open_recording(after)
+    # Parameters
 
     def _open_recording(self, parameters: NodeParameters) -> None:
         self._recorder.open(
@@ -415,7 +354,8 @@ class SimNode(Node):
         if turned and (hint := frequency_hint(after.rig)):
             self.get_logger().warning(hint)
         if after.predict_motion != before.predict_motion:
-            self._predictor.enable(after.predict_motion)
+            self._theory.enable(after.predict_motion)
+            self._follow_theory()
         if after.record and not before.record:
             self._recorder.begin(self._listing(), encode(self._description))
             self.get_logger().info(f'recording to {self._recorder.path}')
@@ -448,81 +388,133 @@ class SimNode(Node):
     # Services
 
     def _on_reset(self, _request: Any, response: Any) -> Any:
-        initial = self._live.now.initial
+        initial = self._parameters_now.initial
         where = (
             f'primary at {initial.initial_primary_position:g} m with '
             f'{initial.initial_primary_velocity:g} m/s, damper at '
             f'{initial.initial_damper_offset:g} m in the gap with '
             f'{initial.initial_damper_velocity:g} m/s'
         )
-        return self._answer(response, self.engine.reset(initial), f'reset to {where}')
+        self._answer(response, self.engine.reset(initial), f'reset to {where}')
+        return response
 
     def _on_pause(self, request: Any, response: Any) -> Any:
-        ticket = self.engine.pause(request.data)
-        self._answer(response, ticket, 'paused' if request.data else 'running on')
-        if response.success and ticket.result is False:
+        done = self._answer(
+            response, self.engine.pause(request.data), 'paused' if request.data else 'running on'
+        )
+        if done is not None and not done.result:
             state = 'paused' if request.data else 'running'
             response.message = f'was {state} already'
         return response
 
     async def _on_step(self, _request: Any, response: Any) -> Any:
-        ticket = self.engine.step(on_done=self.wake)
-        if ticket.wait(ANSWER_TIMEOUT_S) and ticket.error is None:
+        done = self._answer(response, self.engine.step(), 'on the way to the next joint states')
+        if done is not None:
             # The caller may rely on the rig being paused again; others are served meanwhile.
-            end = time.monotonic() + ANSWER_TIMEOUT_S
-            while not ticket.result.wait(0.0) and time.monotonic() < end:
+            end = time.monotonic() + STEP_TIMEOUT_S
+            done.result.add_done_callback(lambda _: self.wake())
+            while not done.result.done() and time.monotonic() < end:
                 await _turn()
-            if ticket.result.wait(0.0):
-                return self._answer(response, ticket.result, 'paused after a step')
-            return self._answer(response, ticket, 'on the way to the next joint states')
-        return self._answer(response, ticket, '')
+            if done.result.done():
+                self._answer(response, done.result, 'paused after a step')
+        return response
 
     def _on_step_to_impact(self, _request: Any, response: Any) -> Any:
         # There may be none for a long time.
         text = 'running on until after the next impact'
-        return self._answer(response, self.engine.step(to_impact=True), text)
+        self._answer(response, self.engine.step(to_impact=True), text)
+        return response
 
-    def _answer(self, response: Any, ticket: Ticket, text: str) -> Any:
-        if not ticket.wait(ANSWER_TIMEOUT_S):
-            response.success = False
+    def _answer(self, response: Any, request: Request, text: str) -> Done | None:
+        """Fill in the response to a request; return what was done, or None if it failed."""
+        response.success = False
+        try:
+            done = request.result(ANSWER_TIMEOUT_S)
+        except TimeoutError:
             response.message = f'the rig has not answered within {ANSWER_TIMEOUT_S:g} s'
-        elif ticket.error is not None:
-            response.success = False
-            response.message = str(ticket.error)
+        except Exception as error:
+            response.message = str(error)
         else:
             response.success = True
-            response.message = f'{text}, at rig time {ticket.time_ns * 1e-9:.9g} s'
-        return response
+            response.message = f'{text}, at rig time {done.time_ns * 1e-9:.9g} s'
+            return done
+        return None
 
     # Reports
 
     def _report(self) -> None:
+        self._follow_theory()
         engine = self.engine.status()
         recording = self._recorder.status(engine.recorded)
         motion = self._monitor.look()
-        self._overdue.cancel()
         report = self._diagnostics.report(self.engine.stamp_ns(), engine, recording, motion)
         self._publish('diagnostics', encode(report))
+        self._warn_of_others()
 
-    def _report_motion(self) -> None:
-        """Report a new prediction at once, or a little later after a recent report."""
-        if self._monitor.may_look(MOTION_PERIOD_S):
-            self._overdue.cancel()
+    def _warn_of_others(self) -> None:
+        """Warn once of nodes whose messages are mixed with those of this one."""
+        name, clock = self.get_fully_qualified_name(), self._topic_publishers.get('clock')
+        nodes = self.get_node_names_and_namespaces()
+        count = sum(f'{space.rstrip("/")}/{other}' == name for other, space in nodes)
+        if count > 1 and 'name' not in self._conflicts:
+            self._conflicts.add('name')
+            self.get_logger().warning(
+                f'there are {count} nodes with the name {name}: their messages are mixed on the '
+                'same topics, and which one answers is left to chance; stop the others, or start '
+                'this one with --ros-args -r __ns:=/rig1'
+            )
+        if clock and self.count_publishers(clock.topic) > 1 and 'clock' not in self._conflicts:
+            self._conflicts.add('clock')
+            self.get_logger().warning(
+                f'another node publishes {clock.topic}, too: the time of nodes with use_sim_time '
+                'jumps between the two; give the rigs ROS domains of their own, or '
+                'real_time_factor:=1.0 publish_clock:=false'
+            )
+
+    # Theory
+
+    def _on_course(self, state: Mapping[str, Any]) -> None:
+        """Note that the rig has another motion; from the engine's thread."""
+        self._course = state
+        self._begun.trigger()
+
+    def _begin_course(self) -> None:
+        self._theory.ask(self._course)
+        self._follow_theory()
+
+    def _on_listener(self, info: Any) -> None:
+        """Have the curve over the gap computed while someone listens to the topic."""
+        self._theory.want_documents(info.current_count > 0)
+        self._follow_theory()
+
+    def _follow_theory(self) -> None:
+        """Take what the process has computed so far; report and publish what is new."""
+        theory = self._theory
+        before = theory.prediction, theory.trouble
+        theory.poll()
+        if theory.document != self._document:
+            self._document = theory.document
+            self._theory_publisher.publish(encode(String(self._document)))
+        if before != (theory.prediction, theory.trouble):
             report = self._diagnostics.motion_report(self.engine.stamp_ns(), self._monitor.look())
             self._publish('diagnostics', encode(report))
-        else:
-            self._overdue.reset()
+        if theory.done:
+            self._asking.cancel()
+        elif self._asking.is_canceled():
+            self._asking.reset()
+
+    # Recording
 
     def _end_broken_recording(self) -> None:
-        if self._live.now.record and self._recorder.failure():
-            self.set_parameters([Parameter('record', Parameter.Type.BOOL, False)])
+        if self._parameters_now.record and self._recorder.failure():
+            self.set_parameters_atomically([Parameter('record', Parameter.Type.BOOL, False)])
 
     def _record_anew(self) -> None:
         """Go on in another bag, in which the stamps may be earlier."""
-        if self._live.now.record:
+        if self._parameters_now.record:
             for record in (False, True):
                 parameter = Parameter('record', Parameter.Type.BOOL, record)
-                (result,) = self.set_parameters([parameter])
+                result = self.set_parameters_atomically([parameter])
             if not result.successful:
                 self.get_logger().error(result.reason)
 
@@ -586,7 +578,6 @@ def _run(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> in
 def _serve(arguments: Sequence[str], end: EndRequest) -> int:
     """Run the node until it ends; return the exit code."""
     try:
-        check_params_files(arguments)
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         return refuse(in_words(error))
@@ -609,7 +600,6 @@ def _serve(arguments: Sequence[str], end: EndRequest) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node."""
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
     end = EndRequest()
     try:
         return _serve(sys.argv if argv is None else argv, end)
@@ -618,4 +608,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run('sim_node', main))
+    sys.exit(main())

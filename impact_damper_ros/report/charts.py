@@ -19,15 +19,15 @@ from impact_damper_ros.compare.result import (
     Array,
     Convergence,
     GapCurve,
-    ImpactCurve,
     MotionCurve,
+    PredictedCurve,
     StretchComparison,
     SwingEnvelope,
 )
+from impact_damper_ros.replay.rows import Events
 
-from .curves import filled_motion, predicted_impacts, predicted_lines, predicted_motion
 from .drawing import COLORS, DASHED, DOTTED, draw_stop, legend_handles
-from .formatting import number, power_of_ten, unit_for
+from .formatting import number, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -124,14 +124,13 @@ class _Chart:
 
     def log_axis(self, low: float, high: float) -> None:
         """Make the vertical axis logarithmic, from `low` to `high`, with few labels."""
-        from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+        from matplotlib.ticker import LogLocator, NullLocator
 
         self.axes.set_yscale('log')
         self.axes.set_ylim(low, high)
         self.axes.yaxis.set_major_locator(LogLocator(numticks=7))
-        self.axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
-        self.axes.yaxis.set_minor_formatter(NullFormatter())
-        self.axes.tick_params(axis='y', which='minor', length=0)
+        self.axes.yaxis.set_major_formatter('{x:.0e}')
+        self.axes.yaxis.set_minor_locator(NullLocator())
 
     def picture(self, title: str, caption: str, columns: int = 0) -> Picture:
         """Put the legend above the axes, where it hides nothing; return the picture."""
@@ -188,8 +187,9 @@ def _cycles(stretch: StretchComparison) -> float:
 
 def _outline(stretch: StretchComparison, envelope: SwingEnvelope, most: float) -> Array:
     """Return the outline of an envelope with a largest number of pieces, rows of time and X."""
-    size = max(1, math.ceil(len(envelope.time) / most))
-    starts = np.arange(0, len(envelope.time), size)
+    # Equal pieces: a short one at the end would not hold a whole oscillation.
+    count = min(len(envelope.time), int(most))
+    starts = np.arange(count) * len(envelope.time) // count
     low, high = np.fmin.reduceat(envelope.low, starts), np.fmax.reduceat(envelope.high, starts)
     # The last piece reaches to the end of the stretch
     time = np.append(envelope.time[starts], stretch.end)
@@ -281,6 +281,60 @@ def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Pi
     return chart.picture('The whole run', caption, columns=0 if wide else 1)
 
 
+# The predicted motion over any time
+
+
+def _occurrences(curve: PredictedCurve, phase: float, start: float, end: float) -> Array:
+    """Return the instants from `start` to `end` at which a phase of the motion comes."""
+    period = curve.cycles * curve.cycle
+    once = curve.force_zero + phase * curve.cycle
+    if not (np.isfinite([once, start, end]).all() and period > 0.0):
+        return np.empty(0)
+    first, last = np.ceil((start - once) / period), np.floor((end - once) / period)
+    return once + period * np.arange(first, last + 1.0)
+
+
+def predicted_motion(
+    curve: PredictedCurve, start: float, end: float
+) -> tuple[Array, Array, Array]:
+    """Return the predicted motion over a stretch of time."""
+    if not len(curve.phase):
+        return np.empty(0), np.empty(0), np.empty(0)
+    period = curve.cycles * curve.cycle
+    begins = _occurrences(curve, float(curve.phase[0]), start - period, end)
+    within = (curve.phase - curve.phase[0]) * curve.cycle
+    time = (begins[:, None] + within).ravel()
+    inside = (time >= start) & (time <= end)
+    x, y = (np.tile(values, len(begins))[inside] for values in (curve.x, curve.y))
+    return time[inside], x, y
+
+
+def predicted_impacts(stretch: StretchComparison, start: float, end: float) -> tuple[Array, Array]:
+    """Return the predicted impacts from `start` to `end`, s."""
+    orbit, curve = stretch.predicted, stretch.curves.predicted
+    if orbit is None or curve is None:
+        return np.empty(0), np.empty(0)
+    half = 0.5 * orbit.parameters.gap
+    instants = [_occurrences(curve, phase, start, end) for phase in orbit.phases]
+    places = [
+        np.full(len(row), x + (half if stop == 1 else -half))
+        for row, stop, x in zip(instants, orbit.stops, orbit.x, strict=True)
+    ]
+    return np.concatenate([[], *instants]), np.concatenate([[], *places])
+
+
+def predicted_lines(curve: PredictedCurve, highest: float) -> tuple[Array, Array]:
+    """Return the lines of the spectrum of the predicted X."""
+    period = curve.cycles * curve.cycle
+    if not (len(curve.phase) > 2 and highest * period >= 1.0):
+        return np.empty(0), np.empty(0)
+    orders = np.arange(1, math.floor(highest * period) + 1)
+    angle = math.tau * (curve.phase - curve.phase[0]) / curve.cycles
+    signal = curve.x * np.exp(-1j * orders[:, None] * angle)
+    lines = (0.5 * (signal[:, 1:] + signal[:, :-1]) * np.diff(angle)).sum(axis=1) / math.pi
+    return orders / period, np.abs(lines)
+
+
 #: Share of the time history that a narrow picture of it shows.
 _LAST = 3.0 / 8.0
 
@@ -293,25 +347,32 @@ def _end_of(motion: MotionCurve) -> MotionCurve:
 
 
 def _draw_impacts(
-    chart: _Chart, impacts: ImpactCurve | None, motion: MotionCurve, factor: float
+    chart: _Chart, impacts: Events | None, motion: MotionCurve, factor: float
 ) -> None:
     """Draw the recorded impacts where m hits, with a mark for each stop."""
     if impacts is None:
         return
-    inside = (impacts.time >= motion.time[0]) & (impacts.time <= motion.time[-1])
+    times = impacts['time']
+    inside = (times >= motion.time[0]) & (times <= motion.time[-1])
     label = 'impact'
-    for stop, marker, edge in ((1, '^', motion.stop_1), (2, 'v', motion.stop_2)):
-        chosen = inside & (impacts.stop == stop)
+    for stop, marker in ((1, '^'), (2, 'v')):
+        chosen = inside & (impacts['stop'] == stop)
         if chosen.any():
-            time = impacts.time[chosen]
-            place = impacts.x[chosen] + np.interp(time, motion.time, edge)
+            time = times[chosen]
+            place = (impacts['x'] + impacts['y'])[chosen]
             chart.marks(time, factor * place, 'damper', marker, 7, label)
             label = ''
 
 
+def _motion_of(stretch: StretchComparison) -> MotionCurve | None:
+    motion = stretch.curves.motion
+    known = motion is not None and len(motion.time) > 1 and np.isfinite(motion.time).all()
+    return motion if known else None
+
+
 def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | None:
     """Draw the end of a stretch as recorded, with the predicted motion and impacts over it."""
-    motion, theory = filled_motion(stretch), stretch.curves.predicted
+    motion, theory = _motion_of(stretch), stretch.curves.predicted
     if motion is None:
         return None
     if not wide:
@@ -368,17 +429,16 @@ def _portrait(
 
 
 def _draw_primary_portrait(stretch: StretchComparison) -> Picture | None:
-    motion = filled_motion(stretch)
+    motion = _motion_of(stretch)
     if motion is None or not np.any(motion.velocity):
         return None
     chart, _ = _portrait(stretch, (motion.x, motion.velocity), 'primary', ('X', 'X′'))
-    caption = 'Velocity of the primary mass over its displacement; each impact is a step. '
-    caption += 'Samples that are far apart are joined by cubics through positions and velocities.'
+    caption = 'Velocity of the primary mass over its displacement; each impact is a step.'
     return chart.picture('Phase portrait of M', caption)
 
 
 def _draw_damper_portrait(stretch: StretchComparison) -> Picture | None:
-    motion = filled_motion(stretch)
+    motion = _motion_of(stretch)
     if motion is None or not np.any(motion.relative_velocity):
         return None
     measured = (motion.y, motion.relative_velocity)
@@ -442,13 +502,14 @@ def _cloud(axes: Any, kinds: Sequence[_Points]) -> None:
 
 def _draw_section(stretch: StretchComparison) -> Picture | None:
     """Draw phase and velocity of m just after each impact."""
-    impacts, orbit = stretch.curves.impacts, stretch.predicted
-    if impacts is None:
+    impacts, orbit, phases = stretch.curves.impacts, stretch.predicted, stretch.curves.phases
+    if impacts is None or phases is None:
         return None
-    known = np.isfinite(impacts.phase) & np.isfinite(impacts.damper_velocity_after)
+    after = impacts['damper_velocity_after']
+    known = np.isfinite(phases) & np.isfinite(after)
     if not known.any():
         return None
-    velocities = [impacts.damper_velocity_after[known]]
+    velocities = [after[known]]
     if orbit is not None:
         velocities.append(np.array(orbit.damper_velocity_after))
     rate = unit_for('m/s', *velocities)
@@ -463,14 +524,14 @@ def _draw_section(stretch: StretchComparison) -> Picture | None:
     chart.axes.set_ylim(*(rate.factor * edge for edge in limits))
     settled = np.full(len(known), True)
     if stretch.settled_at is not None:
-        settled = impacts.time >= stretch.settled_at
+        settled = impacts['time'] >= stretch.settled_at
     kinds = []
     for stop, marker, color in ((1, '^', 'damper'), (2, 'v', 'primary')):
-        chosen = known & (impacts.stop == stop)
+        chosen = known & (impacts['stop'] == stop)
         for part, alpha in ((chosen & ~settled, 0.35), (chosen & settled, 1.0)):
             if part.any():
-                velocity = rate.factor * impacts.damper_velocity_after[part]
-                kinds.append(_Points(impacts.phase[part] % 1.0, velocity, marker, color, alpha))
+                velocity = rate.factor * after[part]
+                kinds.append(_Points(phases[part], velocity, marker, color, alpha))
         if chosen.any():
             chart.entry(marker, color, f'on stop {stop}')
     _cloud(chart.axes, kinds)
@@ -479,9 +540,9 @@ def _draw_section(stretch: StretchComparison) -> Picture | None:
     caption += ' A periodic motion shows as many points as it has impacts, a quasi-periodic one '
     caption += 'closed curves.'
     if orbit is not None:
-        phases = [phase % 1.0 for phase in orbit.phases]
+        places = [phase % 1.0 for phase in orbit.phases]
         velocity = rate.factor * np.array(orbit.damper_velocity_after)
-        chart.rings(phases, velocity, 12.0, _predicted_label(stretch))
+        chart.rings(places, velocity, 12.0, _predicted_label(stretch))
     return chart.picture('Poincaré section', caption)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -14,6 +16,7 @@ from impact_damper_ros.outputs import whole
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from markupsafe import Markup
     from matplotlib.figure import Figure
 
 
@@ -132,6 +135,26 @@ def legend_below(figure: Figure, handles: Sequence[Any], columns: int, **look: A
         if count == 1 or legend.get_window_extent().width <= figure.bbox.width:
             return
         legend.remove()
+
+
+#: What of an SVG is a document's own; ids and what refers to them.
+_DOCUMENT = re.compile(r'<metadata>.*?</metadata>|<style [^>]*>.*?</style>', re.DOTALL)
+_ID = re.compile(r'(\bid="|href="#|url\(#)')
+
+
+def inline_svg(figure: Figure, key: str, label: str) -> Markup:
+    """Return a figure as an element of an HTML page, in the colours of that, with its own ids."""
+    from markupsafe import Markup, escape
+
+    content = io.StringIO()
+    nothing = dict.fromkeys(('Date', 'Creator', 'Format', 'Type'))
+    figure.savefig(content, format='svg', metadata=nothing, dpi=144)
+    text = _DOCUMENT.sub('', content.getvalue()[content.getvalue().index('<svg') :])
+    text = _ID.sub(rf'\g<1>{key}-', text)
+    for name, color in COLORS.items():
+        text = text.replace(color, f'var(--{name})')
+    described = f'<svg role="img" aria-label="{escape(label)}"'
+    return Markup(text.replace('<svg', described, 1).strip())
 
 
 @print_style()

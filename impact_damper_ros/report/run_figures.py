@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.compare.result import SwingEnvelope
+
 from .drawing import (
     COLORS,
     DASHED,
@@ -62,17 +64,10 @@ class Closeup(NamedTuple):
 
 
 class Side(NamedTuple):
-    """
-    One of two runs that are compared: the title of its end, and that end close up.
-
-    `time` is the start of consecutive pieces of the run, s, `low` and `high` the least and
-    greatest X in each, m.
-    """
+    """One of two runs that are compared: the title of its end, X over it, and its end close up."""
 
     title: str
-    time: Array
-    low: Array
-    high: Array
+    envelope: SwingEnvelope
     closeup: SampledMotion
 
 
@@ -186,19 +181,20 @@ def _draw_envelopes(axes: Any, sides: Sequence[Side], unit: Unit) -> None:
     """Draw X of two runs over each other, the larger motion behind."""
     largest = 0.0
     pairs = list(zip(sides, (COLORS['primary'], COLORS['damper']), strict=True))
-    pairs.sort(key=lambda pair: -float(np.square(pair[0].high).sum()))
+    pairs.sort(key=lambda pair: -float(np.square(pair[0].envelope.high).sum()))
     for (side, color), alpha in zip(pairs, (0.5, 0.75), strict=True):
-        if not len(side.time):
+        time, low, high = side.envelope.time, side.envelope.low, side.envelope.high
+        if not len(time):
             continue
-        low, high = unit.factor * side.low, unit.factor * side.high
-        axes.set_xlim(side.time[0], max(side.time[-1], side.time[0] + 1e-9))
+        low, high = unit.factor * low, unit.factor * high
+        axes.set_xlim(time[0], max(time[-1], time[0] + 1e-9))
         largest = max(largest, float(np.abs(np.concatenate([low, high])).max()))
         if np.array_equal(low, high):
-            axes.plot(side.time, low, color=color, alpha=0.85, linewidth=0.7)
+            axes.plot(time, low, color=color, alpha=0.85, linewidth=0.7)
         else:
-            axes.fill_between(side.time, low, high, color=color, alpha=alpha, linewidth=0)
+            axes.fill_between(time, low, high, color=color, alpha=alpha, linewidth=0)
             for edge in (low, high):
-                axes.plot(side.time, edge, color=color, linewidth=0.9)
+                axes.plot(time, edge, color=color, linewidth=0.9)
     axes.set_ylim(-1.15 * largest or -1.0, 1.45 * largest or 1.0)
 
 
@@ -213,7 +209,7 @@ def draw_what_if(
     figure = blank_figure(11, 7.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.5))
     sides = (recorded, what_if)
-    unit = unit_for('m', *(edge for side in sides for edge in (side.low, side.high)))
+    unit = unit_for('m', *(s.envelope.low for s in sides), *(s.envelope.high for s in sides))
     overview = figure.add_subplot(grid[0, :])
     _draw_envelopes(overview, sides, unit)
     end = recorded.closeup.time

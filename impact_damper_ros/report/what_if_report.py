@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Mapping
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.compare.measured_motion import cubic_swing, energies_of_impacts
-from impact_damper_ros.compare.recorded_stretch import RecordedImpacts
+from impact_damper_ros.compare import Beginning, LoggedRig, Overall
+from impact_damper_ros.compare.result import SwingEnvelope
+from impact_damper_ros.compare.stretches import RecordedStretch, StretchBuilder
 from impact_damper_ros.control import Rig
-from impact_damper_ros.replay.replay import Part, Replay, Step
-from impact_damper_ros.replay.rows import Events, Samples, impacts_of
-from impact_damper_ros.replay.setting import setting_of
+from impact_damper_ros.replay import Part, Replay, Setting
+from impact_damper_ros.replay.replay import Step
+from impact_damper_ros.replay.rows import Events, Samples
 from impact_damper_ros.replay.what_if import Ending, RecordedValues, WhatIf
 from impact_damper_ros.rig import ALL_SPECS, InitialConditions, RigParameters
 from impact_damper_ros.rig.event_budget import EventBudget
@@ -34,96 +35,69 @@ Array = NDArray[np.float64]
 #: Changes of a held parameter that the table and the title of a figure list.
 _MOST_IN_TABLE, _MOST_IN_FIGURE = 20, 3
 _CLOSEUP_CYCLES, _CLOSEUP_POINTS = 4, 2400
-#: Pieces in which a run is drawn. Of many cycles only their extremes can be seen.
-_MOST_PIECES, _FEW_CYCLES = 2000, 60
 
 
 class RunTotals:
-    """Largest and rms X, impacts and their energies, over the parts of a run; SI units."""
+    """Largest and rms X, impacts and their energies, over a run; it begins with a state."""
 
-    def __init__(self) -> None:
-        self.impacts = 0
-        self.energy = self.taken = 0.0
-        self._squares = self._covered = self.largest = 0.0
-        # The last instant, X and X' just after it
-        self._last = np.empty((0, 4))
+    def __init__(self, state: Mapping[str, Any]) -> None:
+        self._done: list[Overall] = []
+        self._pieces: list[SwingEnvelope] = []
+        self._builder = _builder(state)
 
-    def look(self, samples: Samples, events: Events, rig: RigParameters) -> None:
-        """Take the next samples, and the events up to the end of their part."""
-        hits = impacts_of(events)
-        self.impacts += len(hits)
-        lost = energies_of_impacts(RecordedImpacts.of_rows(hits), rig)
-        self.energy += lost.both
-        self.taken += lost.primary
-        time = np.concatenate([samples['time'], events['time']])
-        x = np.concatenate([samples['x'], events['x']])
-        before, after = (
-            np.concatenate([samples['primary_velocity'], events[f'primary_velocity_{side}']])
-            for side in ('before', 'after')
-        )
-        # A sample shows the motion after an event at its instant.
-        order = np.lexsort((np.arange(len(time)) < len(samples), time))
-        knots = np.concatenate([self._last, np.column_stack([time, x, before, after])[order]])
-        if not len(knots):
-            return
-        self._last = knots[-1:]
-        start, x0, _, v0 = knots[:-1].T
-        end, x1, v1, _ = knots[1:].T
-        step = end - start
-        swing = cubic_swing(step, x0, x1, v0 * step, v1 * step)
-        self.largest = max(self.largest, float(np.abs(knots[:, 1]).max()), swing.largest)
-        self._squares += swing.squares
-        self._covered += float(step.sum())
+    def look(self, samples: Samples, events: Events) -> None:
+        """Take the next samples, and the events up to the last of them."""
+        self._builder.take(samples, events)
 
-    @property
-    def rms(self) -> float:
-        """Root mean square of X over time, m, also between the samples; NaN without any."""
-        return math.sqrt(self._squares / self._covered) if self._covered > 0.0 else math.nan
+    def begin(self, state: Mapping[str, Any]) -> None:
+        """Go on from another state."""
+        stretch = self._builder.finish(float(state['time']))
+        self._done.append(stretch.overall)
+        self._pieces.append(stretch.envelope)
+        self._builder = _builder(state)
+
+    @cached_property
+    def overall(self) -> Overall:
+        """The numbers, once all was taken."""
+        return Overall.joined([*self._done, self._last.overall])
+
+    @cached_property
+    def _last(self) -> RecordedStretch:
+        return self._builder.finish()
+
+    def envelope(self) -> SwingEnvelope:
+        """Return the range of X in consecutive pieces of the run."""
+        pieces = [*self._pieces, self._last.envelope]
+        names = ('time', 'low', 'high')
+        return SwingEnvelope(*(np.concatenate([getattr(p, n) for p in pieces]) for n in names))
 
     def as_json(self) -> dict[str, Any]:
         """Return the totals in SI units; None where there is none."""
         return {
-            'largest_x': self.largest,
-            'rms_x': None if math.isnan(self.rms) else self.rms,
-            'impacts': self.impacts,
-            'energy_lost_in_impacts': self.energy,
-            'energy_taken_from_primary_by_impacts': self.taken,
+            name: None if math.isnan(value) else value
+            for name, value in (
+                ('largest_x', self.overall.x_max),
+                ('rms_x', self.overall.x_rms),
+                ('impacts', self.overall.impacts),
+                ('energy_lost_in_impacts', self.overall.impact_loss),
+                ('energy_taken_from_primary_by_impacts', self.overall.impact_energy),
+            )
         }
 
     def text(self) -> str:
         """Return the totals in a line, for a figure."""
-        unit = unit_for('m', self.largest)
+        overall = self.overall
+        unit = unit_for('m', overall.x_max)
         return (
-            f'{counted(self.impacts, "impact")}, '
-            f'largest |X| {unit.factor * self.largest:.4g} {unit.name}, '
-            f'rms {unit.factor * self.rms:.4g} {unit.name}'
+            f'{counted(overall.impacts, "impact")}, '
+            f'largest |X| {unit.factor * overall.x_max:.4g} {unit.name}, '
+            f'rms {unit.factor * overall.x_rms:.4g} {unit.name}'
         )
 
 
-class _Envelope:
-    """Least and greatest values of a long signal, in pieces of `size` samples."""
-
-    def __init__(self, size: int) -> None:
-        self._size = size
-        self._rest = np.empty((2, 0))
-        self._pieces: list[Array] = []
-
-    def look(self, time: Array, value: Array) -> None:
-        self._rest = np.concatenate([self._rest, [time, value]], axis=1)
-        self._put(self._rest.shape[1] // self._size * self._size)
-
-    def _put(self, count: int) -> None:
-        if count:
-            starts = np.arange(0, count, self._size)
-            times, values = self._rest[:, :count]
-            low, high = (f.reduceat(values, starts) for f in (np.minimum, np.maximum))
-            self._pieces.append(np.stack([times[starts], low, high]))
-            self._rest = self._rest[:, count:]
-
-    def arrays(self) -> tuple[Array, Array, Array]:
-        self._put(self._rest.shape[1])
-        time, low, high = np.concatenate(self._pieces or [np.empty((3, 0))], axis=1)
-        return time, low, high
+def _builder(state: Mapping[str, Any]) -> StretchBuilder:
+    rig = LoggedRig.of_snapshot(state)
+    return StretchBuilder(0, Beginning.START, '', float(state['time']), rig)
 
 
 def _longest_cycle(rig: RigParameters) -> float:
@@ -171,7 +145,7 @@ class WhatIfReport:
     ) -> None:
         start = replay.start
         self._replay = replay
-        logged = setting_of(start.state)
+        logged = Setting.of(start.state)
         values = logged.as_dict()
         for name in held:
             if name not in values:
@@ -182,14 +156,9 @@ class WhatIfReport:
         }
         self._now = {**held, **held_initial}
         self.other = WhatIf(start, held, held_initial, budget)
-        self.recorded, self.what_if = RunTotals(), RunTotals()
+        self.recorded = RunTotals(start.state)
+        self.what_if = RunTotals(self.other.rig.snapshot())
         cycle = max(_longest_cycle(logged.rig), _longest_cycle(self.other.rig.parameters))
-        reader = replay.recorded.reader
-        total = reader.topics[replay.recorded.topics.joint_states].message_count
-        cycles = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9 / cycle
-        pieces = int(_MOST_PIECES if cycles < _FEW_CYCLES else min(cycles, _MOST_PIECES))
-        size = max(1, math.ceil(total / pieces))
-        self._envelopes = _Envelope(size), _Envelope(size)
         self._drawn = drawn
         self._endings = [Ending(_CLOSEUP_CYCLES * cycle) for _ in range(2)]
         self._was_at = Rig.restore(start.state)
@@ -202,17 +171,22 @@ class WhatIfReport:
             for ending, rig in zip(self._endings, (self._was_at, self.other.rig), strict=True):
                 ending.look(rig, part)
             self._was_at = Rig.restore(self._replay.rig.snapshot())
-        rigs = self._last.rig, self.other.rig.parameters
         samples, events = self.other.follow(part)
-        self.recorded.look(part.samples, part.events, rigs[0])
-        self.what_if.look(samples, events, rigs[1])
+        command = part.command
+        until = math.inf if command is None else command.time
+        for totals, rows, found in (
+            (self.recorded, part.samples, part.events),
+            (self.what_if, samples, events),
+        ):
+            totals.look(rows, found[found['time'] < until])
+            if command is not None:
+                state = self.other.rig.snapshot()
+                totals.begin(command.state if totals is self.recorded else state)
+                totals.look(rows[:0], found[found['time'] >= until])
         for time_ns, step in part.steps:
             for name, value in step.as_dict().items():
                 if name in self._was:
                     self._was[name].take(time_ns / 1e9, value)
-        if self._drawn:
-            for envelope, rows in zip(self._envelopes, (part.samples, samples), strict=True):
-                envelope.look(part.samples['time'], rows['x'])
         for time_ns, step in part.steps:
             self._changes.append((time_ns / 1e9, self._label(step)))
         return samples, events
@@ -242,13 +216,14 @@ class WhatIfReport:
             f'{"":<28}{"recorded":>14}{"what if":>14}{"ratio":>10}',
         ]
         for name, quantity in (
-            ('largest |X| [m]', 'largest'),
-            ('rms X [m]', 'rms'),
+            ('largest |X| [m]', 'x_max'),
+            ('rms X [m]', 'x_rms'),
             ('impacts', 'impacts'),
-            ('energy lost in impacts [J]', 'energy'),
-            ('taken from M by impacts [J]', 'taken'),
+            ('energy lost in impacts [J]', 'impact_loss'),
+            ('taken from M by impacts [J]', 'impact_energy'),
         ):
-            was, now = getattr(self.recorded, quantity), getattr(self.what_if, quantity)
+            totals = self.recorded.overall, self.what_if.overall
+            was, now = (getattr(overall, quantity) for overall in totals)
             ratio = f'{now / was:.4f}' if was else '-'
             lines.append(f'{name:<28}{was:>14.7g}{now:>14.7g}{ratio:>10}')
         return '\n'.join(lines)
@@ -275,13 +250,12 @@ class WhatIfReport:
         recorded, what_if = (
             Side(
                 f'{textwrap.fill(head, 66)}\n{totals.text()}',
-                *envelope.arrays(),
+                totals.envelope(),
                 _motion(*trace),
             )
-            for head, totals, envelope, trace in zip(
+            for head, totals, trace in zip(
                 (f'recorded: {was}', f'what if {now}'),
                 (self.recorded, self.what_if),
-                self._envelopes,
                 [
                     ending.trace(other, _CLOSEUP_POINTS)
                     for ending, other in zip(self._endings, (None, self.other), strict=True)

@@ -9,7 +9,7 @@ lists of such objects, or arrays of records.
 
 numba caches compiled code by the source file of a function, but a kernel calls kernels of other
 files. All of them therefore share one stamp file in place of their sources, in a directory named
-by a digest of everything that compiled code depends on.
+by a digest of everything that compiled code depends on. A comment is no part of that.
 """
 
 from __future__ import annotations
@@ -123,20 +123,23 @@ def unpack(record: Any, state: Any) -> None:
         setattr(state, name, bool(value) if kind is bool else value)
 
 
-#: Folders of the package that have kernels.
-_FOLDERS = ('rig', 'control')
 _STAMP = 'kernels.py'
 
 
 def _digest() -> str:
-    """Return a digest of all sources of kernels and of the versions of the compiler."""
-    digest = hashlib.sha256()
-    for text in (sys.version, version('numba'), version('llvmlite')):
-        digest.update(text.encode() + b'\0')
-    package = Path(__file__).parent.parent
-    for path in sorted(path for folder in _FOLDERS for path in package.glob(f'{folder}/*.py')):
-        digest.update(path.name.encode() + b'\0' + path.read_bytes() + b'\0')
-    return digest.hexdigest()[:24]
+    """Return a digest of what kernels do, comments and places apart, and of the compiler."""
+    parts: list[Any] = [sys.version, version('numba'), version('llvmlite')]
+    for name, value in sorted(_namespace().items()):
+        if not callable(value):
+            parts.append((name, value))
+        elif isinstance(value, type):
+            parts.append((name, getattr(value, '_fields', ())))
+    for name, function in sorted(_KERNELS.items()):
+        code = function.__code__
+        constants = [value for value in code.co_consts if value != function.__doc__]
+        parts += [name, name in _INLINE, function.__defaults__, constants]
+        parts += [code.co_code, code.co_names, code.co_varnames]
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:24]
 
 
 @cache
@@ -235,7 +238,8 @@ def _dispatcher(name: str) -> Any:
     function, keep = _KERNELS[name], stamp()
     code = function.__code__
     if keep is not None:
-        code = code.replace(co_filename=str(keep))
+        # numba looks for a function by the file and the line where it begins.
+        code = code.replace(co_filename=str(keep), co_firstlineno=1)
     twin = types.FunctionType(code, compiled_namespace(), name, function.__defaults__)
     twin.__module__, twin.__qualname__ = function.__module__, f'{name}_entry'
     return numba.njit(twin, nogil=True, error_model='numpy', cache=keep is not None, _nrt=False)

@@ -432,7 +432,7 @@ class NodeSettings(ParameterTable):
         effect='start',
     )
     real_time_priority: int = number(
-        2,
+        0,
         0,
         99,
         '',

@@ -1,4 +1,4 @@
-"""`simulate_rig --law`: the example of docs/control.md, and laws that fail."""
+"""`simulate_rig --law`: the example of docs/reference/control.md, and laws that fail."""
 
 import re
 from pathlib import Path

@@ -7,8 +7,7 @@ Rigs of the paper, of the bench and random ones run for 20,000 cycles of the for
 code. That gives the answers: the period and the cycle from which on the motion keeps it; else
 the Lyapunov exponent of the last 10,000 cycles with its standard error, and how well weighted
 averages over their halves agree. Rigs for which this is not clear are left out, and counted.
-Then the first 30, 100, 300 and 1000 cycles of each, with stamps on whole nanoseconds, are judged
-as a recording is.
+Then the first 30, 100, 300 and 1000 cycles of each are judged as a recording is.
 
 A motion that comes to repeat is *periodic* or *transient*; it may be called periodic once it is
 within 1 % of what it comes to. Some are chaotic for hundreds of cycles first: *chaotic* is right
@@ -27,13 +26,13 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
+from compare.recorded import built
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from impact_damper_ros.compare.motion_kind import StretchKind, kind_of
-from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts
+from impact_damper_ros.compare.kind import StretchKind, kind_of
+from impact_damper_ros.compare.stretches import LoggedRig
 from impact_damper_ros.control import Outcome, Rig
-from impact_damper_ros.control.rig import Events
 from impact_damper_ros.orbits.flights import machine_of
 from impact_damper_ros.orbits.irregularity import average_spread
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent
@@ -156,24 +155,18 @@ def section(case: Case, samples: NDArray[np.void]) -> NDArray[np.float64]:
     return scaled
 
 
-def impacts_of(case: Case, events: Events) -> RecordedImpacts:
-    """Return impacts as a recording has them."""
-    rig, hits = case.parameters, events[events['kind'] == EventKind.IMPACT]
-    after, damper_after = hits['primary_velocity_after'], hits['damper_velocity_after']
-    return RecordedImpacts(
-        np.round(hits['time'] * 1e9) / 1e9,
-        hits['stop'].astype(float),
-        hits['x'],
-        hits['x'] + np.where(hits['stop'] == 1, 0.5, -0.5) * rig.gap,
-        after,
-        damper_after,
-        rig.primary_mass * (after - hits['primary_velocity_before']),
-        rig.damper_mass * (damper_after - hits['damper_velocity_before']),
-    )
+def kind_after(rig: Rig, cycles: int) -> StretchKind:
+    """Return what the next cycles of a rig are found to be."""
+    cycle = math.tau / rig.parameters.force_frequencies[0]
+    state, end = rig.snapshot(), rig.time + cycles * cycle
+    result = rig.run(end, np.linspace(rig.time, end, 4 * cycles + 1)[1:])
+    logged = LoggedRig(rig.parameters, state=state)
+    stretch = built(logged, result.samples, result.events, rig.snapshot())
+    return kind_of(stretch, cycle)
 
 
-def answered(case: Case) -> tuple[Answer, Events] | None:
-    """Return the answer of a long run, and the events of its beginning; None if it has no end."""
+def answered(case: Case) -> Answer | None:
+    """Return the answer of a long run; None if it has no end."""
     cycle, rig = case.cycle, Rig(case.parameters, case.initial, compiled=None)
     start = rig.state()
     stretch = rig.run(LONG * cycle, np.arange(1, LONG + 1) * cycle, most_events=MOST_EVENTS)
@@ -223,8 +216,7 @@ def answered(case: Case) -> tuple[Answer, Events] | None:
         kind = MotionKind.CHAOTIC
     elif abs(exponent) < NO_EXPONENT and spread < REGULAR:
         kind = MotionKind.QUASI_PERIODIC
-    answer = Answer(kind, period, settled, distance, exponent, error, spread, chaotic_first)
-    return answer, events[events['time'] <= CUTS[-1] * cycle]
+    return Answer(kind, period, settled, distance, exponent, error, spread, chaotic_first)
 
 
 def judged(answer: Answer, cut: int, found: StretchKind) -> str:
@@ -244,20 +236,13 @@ def judged(answer: Answer, cut: int, found: StretchKind) -> str:
 
 def judge(case: Case, cuts: tuple[int, ...] = CUTS) -> Outcomes | None:
     """Judge the beginnings of a rig."""
-    long = answered(case)
-    if long is None:
+    answer = answered(case)
+    if answer is None:
         return None
-    answer, events = long
-    impacts = impacts_of(case, events)
-    rig = case.parameters
-    clock = ForceClock(rig, 0.0, (0.0,) * len(rig.force_phases))
     found: dict[int, tuple[str, str]] = {}
     began = perf_counter()
     for cut in cuts:
-        some = impacts[impacts.time <= cut * case.cycle]
-        if not len(some) or some.time[-1] < (cut - 15) * case.cycle:
-            continue
-        kind = kind_of(clock, some)
+        kind = kind_after(Rig(case.parameters, case.initial), cut)
         outcome = judged(answer, cut, kind) if answer.kind else ''
         found[cut] = outcome, f'{kind.kind.value}: {kind.evidence}'
     return Outcomes(case, answer, found, perf_counter() - began)

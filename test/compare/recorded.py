@@ -1,51 +1,61 @@
-"""Stretches as a recording has them, simulated: stamps of impacts on whole nanoseconds."""
+"""Stretches of simulated runs: as a replay has them, and as rows without a snapshot."""
 
 import math
 
 import numpy as np
 
-from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from impact_damper_ros.compare.result import Beginning
 from impact_damper_ros.compare.stretches import LoggedRig, StretchBuilder
 from impact_damper_ros.compare.verdict import compare_stretch
 from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import EventKind, InitialConditions
+from impact_damper_ros.replay.rows import impacts_of
+from impact_damper_ros.rig import InitialConditions
 
 DISPLACED = InitialConditions(initial_primary_position=1.0)
 
 
-def impact_rows(events):
-    """Return impacts as they are logged."""
-    hits = [e for e in events if e.kind is EventKind.IMPACT]
-    return RecordedImpacts.of_events([e._replace(time=round(e.time * 1e9) / 1e9) for e in hits])
-
-
-def recorded(parameters, cycles, initial=DISPLACED, per_cycle=40):
-    """Return joint states, impacts and force of a run from its start."""
+def simulated(parameters, cycles, initial=DISPLACED, per_cycle=40):
+    """Return the state at the start, samples and events of a run, and the state at its end."""
     rig = Rig(parameters, initial)
     cycle = math.tau / parameters.force_frequencies[0]
-    samples, events = [], []
-    for k in range(round(cycles * per_cycle) + 1):
-        instant = round(k * cycle / per_cycle * 1e9) / 1e9
-        events += rig.advance(instant)
-        samples.append(rig.sample())
-    clock = ForceClock(parameters, 0.0, (0.0,) * len(parameters.force_phases))
-    return RecordedStates(*np.array(samples).T), impact_rows(events), clock
+    instants = np.round(np.arange(round(cycles * per_cycle) + 1) * cycle / per_cycle * 1e9) / 1e9
+    start = rig.snapshot()
+    result = rig.run(float(instants[-1]), instants)
+    return start, result.samples, result.events, rig.snapshot()
 
 
-def metered(states, impacts, clock, *, part=3000, **options):
+def built(rig, samples, events, at_end=None, *, part=3000, **options):
     """Return a stretch as it is read, part by part."""
-    rig = LoggedRig(clock.parameters, clock)
     builder = StretchBuilder(1, Beginning.START, 'start of the bag', 0.0, rig, **options)
     done = 0
-    for begin in range(0, len(states), part):
-        some = states[begin : begin + part]
-        until = int(np.searchsorted(impacts.time, some.time[-1], side='right'))
-        builder.take(some, impacts[done:until])
+    for begin in range(0, len(samples), part):
+        some = samples[begin : begin + part]
+        until = int(np.searchsorted(events['time'], some['time'][-1], side='right'))
+        builder.take(some, events[done:until])
         done = until
-    return builder.finish()
+    return builder.finish(at_end=at_end)
+
+
+def replayed(parameters, cycles, initial=DISPLACED, per_cycle=40, **options):
+    """Return a stretch of a run that was replayed."""
+    start, samples, events, end = simulated(parameters, cycles, initial, per_cycle)
+    rig = LoggedRig(parameters, state=start)
+    return built(rig, samples, events, end, **options)
+
+
+def as_logged(events):
+    """Return the impacts among some events, stamps on whole nanoseconds."""
+    hits = impacts_of(events)
+    hits['time'] = np.round(hits['time'] * 1e9) / 1e9
+    return hits
+
+
+def recorded(parameters, cycles, initial=DISPLACED, per_cycle=40, **options):
+    """Return a stretch of a run without a snapshot."""
+    _, samples, events, _ = simulated(parameters, cycles, initial, per_cycle)
+    return built(LoggedRig(parameters), samples, as_logged(events), **options)
 
 
 def compared(parameters, cycles, initial=DISPLACED, per_cycle=40):
     """Return what comes out of comparing a simulated run with theory."""
-    return compare_stretch(metered(*recorded(parameters, cycles, initial, per_cycle)))
+    return compare_stretch(replayed(parameters, cycles, initial, per_cycle))

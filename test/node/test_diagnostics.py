@@ -7,7 +7,7 @@ from rclpy.serialization import deserialize_message
 from impact_damper_ros.bag.messages import encode
 from impact_damper_ros.control import Action, ControlRecord, GapControlParameters
 from impact_damper_ros.node.diagnostics import Diagnostics
-from impact_damper_ros.node.engine import ControlStatus, EngineStatus
+from impact_damper_ros.node.engine import ControlStatus, EngineStatus, Load
 from impact_damper_ros.node.motion_report import MotionReport
 from impact_damper_ros.node.pacing import PacingCounts
 from impact_damper_ros.node.publishing import RecordingStatus
@@ -65,6 +65,27 @@ def test_pacing(engine, factor, level, words):
     assert float(values['Achieved rate [Hz]']) == engine.pacing.ticks
     assert values['Overruns'] == str(engine.pacing.overruns)
     assert values['Worst lateness since the last report [ms]'] == '1.500'
+
+
+PREDICTIVE = GapControlParameters(gap_control='predictive')
+OFTEN = GapControlParameters(gap_control='timed', gap_control_rate=1e5)
+
+
+@pytest.mark.parametrize(
+    ('load', 'control', 'words'),
+    [
+        (Load(10, 10**9, 1e8), ControlStatus(), 'the fastest of spring and force has 1.59e+07 Hz'),
+        (Load(10, 10**9, 1e8, 512), ControlStatus(), 'the force has 512 harmonics, and'),
+        (Load(5000, 10**9), ControlStatus(), '5e+03 events per second of rig time'),
+        (Load(50, 10**9), ControlStatus(PREDICTIVE, 300), 'predictive law moved the stops 300'),
+        (Load(50, 10**9), ControlStatus(OFTEN), 'samples 100000 times per second; lower gap_con'),
+        # The machine is at fault, not the rig.
+        (Load(10, 10**6, 1e8), ControlStatus(), 'lower state_rate or real_time_factor'),
+    ],
+)
+def test_a_rig_that_takes_long_is_named_with_a_remedy(load, control, words):
+    status = second(slips=1, slipped_ns=400_000_000, load=load, control=control)
+    assert words in report(status)[0].message
 
 
 def test_counts_are_totals_and_differences_are_since_the_last_report():

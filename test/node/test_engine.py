@@ -4,6 +4,7 @@ import json
 import threading
 import time
 from itertools import pairwise
+from typing import NamedTuple
 
 import pytest
 from rcl_interfaces.msg import ParameterEvent
@@ -16,6 +17,7 @@ from std_msgs.msg import String
 from impact_damper_ros.bag import RunWriter
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME, recorded_topics
 from impact_damper_ros.control import Rig
+from impact_damper_ros.node import engine
 from impact_damper_ros.node.engine import LOG_BACKLOG, Engine, EngineCallbacks, EngineSettings
 from impact_damper_ros.node.motion_ahead import ticks_ahead
 from impact_damper_ros.node.pacing import CATCH_UP_NS
@@ -91,10 +93,17 @@ class Bench:
         self.engine.stop()
 
 
-def done(ticket):
-    """Wait until a request is carried out or rejected; return its ticket."""
-    assert ticket.wait(DEADLINE_S)
-    return ticket
+class Answer(NamedTuple):
+    time_ns: int
+    result: object
+    error: object
+
+
+def done(request):
+    """Wait until a request is carried out or rejected; return its time, result and error."""
+    if (error := request.exception(DEADLINE_S)) is not None:
+        return Answer(0, None, error)
+    return Answer(*request.result(), None)
 
 
 class KeptLog:
@@ -360,9 +369,7 @@ def stepped(bench, *, to_impact=False):
     """Make a step; return the rig time that it ends at, ns."""
     ticket = done(bench.engine.step(to_impact=to_impact))
     assert ticket.error is None
-    assert ticket.result.wait(DEADLINE_S)
-    assert ticket.result.error is None
-    return ticket.result.time_ns
+    return ticket.result.result(DEADLINE_S).time_ns
 
 
 #: The topics of a `Bench`.
@@ -437,13 +444,11 @@ def test_steps_that_are_refused_or_ended():
             assert 'under way' in str(again.error)
             end = done(bench.engine.pause(hold))
             assert end.result is True
-            assert step.result.wait(DEADLINE_S)
-            assert 'ended' in str(step.result.error)
+            assert 'ended' in str(step.result.exception(DEADLINE_S))
             assert bench.engine.status().paused is hold
         done(bench.engine.pause(True))
         step = done(bench.engine.step(to_impact=True))
-    assert step.result.wait(DEADLINE_S)
-    assert 'shutting down' in str(step.result.error)
+    assert 'shutting down' in str(step.result.exception(DEADLINE_S))
 
 
 @pytest.mark.parametrize('clock', [True, False])
@@ -480,8 +485,7 @@ def test_a_slip_moves_wall_stamps_on(clock):
         bench.engine.start()
         until(lambda: len(bench.samples()) > 3)
         before_ns = bench.engine._stamps.offset_ns
-        ticket = bench.engine._requests.submit(lambda: time.sleep(2.0 * CATCH_UP_NS * 1e-9))
-        assert ticket.wait(DEADLINE_S)
+        done(bench.engine._submit(lambda: time.sleep(2.0 * CATCH_UP_NS * 1e-9)))
         until(lambda: bench.engine.status().pacing.slips)
         count = len(bench.samples())
         until(lambda: len(bench.samples()) > count + 3)
@@ -502,17 +506,6 @@ def test_a_slip_moves_wall_stamps_on(clock):
     at = stamps.index(first['stamp_offset_ns'] + first['time_ns'])
     assert stamps[at] - stamps[at - 1] > CATCH_UP_NS
     assert stamps[at - 1] == before_ns + first['time_ns'] - 10_000_000
-
-
-def test_a_priority_comes_back_once_the_pace_has_held(monkeypatch):
-    monkeypatch.setattr('impact_damper_ros.node.engine.STEADY_AGAIN_NS', 100_000_000)
-    with Bench(factor=1.0, priority=2).started() as bench:
-        until(lambda: len(bench.samples()) > 3)
-        first = bench.engine.status().scheduling
-        if 'SCHED_FIFO' in first and 'no permission' not in first:
-            bench.engine._requests.submit(bench.engine._slip).wait(DEADLINE_S)
-            until(lambda: 'could not be held' in bench.engine.status().scheduling)
-        until(lambda: bench.engine.status().scheduling == first)
 
 
 SLOW = {
@@ -573,13 +566,12 @@ def test_a_rig_that_takes_ever_so_long_answers_and_ends(name, tmp_path):
         busy_ns = 0
         until(stuck)
         # In one go, the answer would take from half a minute to for ever.
-        assert bench.engine.change(calm, change_event(slow, calm)).wait(20.0)
-        reset = bench.engine.reset(InitialConditions())
-        assert reset.wait(20.0)
+        done(bench.engine.change(calm, change_event(slow, calm)))
+        reset = done(bench.engine.reset(InitialConditions()))
         until(lambda: bench.engine.status().time_ns > reset.time_ns + 50_000_000)
         assert bench.engine.status().held == ''
-        assert bench.engine.change(slow, change_event(calm, slow)).wait(20.0)
-        assert bench.engine.reset(initial).wait(20.0)
+        done(bench.engine.change(slow, change_event(calm, slow)))
+        done(bench.engine.reset(initial))
         busy_ns = bench.engine.status().load.busy_ns
         until(stuck)
         bench.engine.stop(20.0)
@@ -633,21 +625,68 @@ def test_a_step_of_a_rig_that_cannot_go_on_ends_in_a_pause():
         done(bench.engine.change(LIVELY.replace(**values), event_bytes()))
         done(bench.engine.reset(InitialConditions(**initial)))
         step = done(bench.engine.step())
-        assert step.result.wait(DEADLINE_S)
-        assert 'give a wider gap' in str(step.result.error)
+        assert 'give a wider gap' in str(step.result.exception(DEADLINE_S))
         # What sets a held rig going again leaves a paused one where it is.
         done(bench.engine.change(LIVELY, event_bytes()))
         status = bench.engine.status()
         assert (status.held, status.paused) == ('', True)
 
 
-def test_a_request_between_two_far_ticks_is_answered_at_once():
-    with Bench(factor=0.001, rate=1.0).started() as bench:
-        # The next one is a quarter of an hour away.
+def test_between_two_far_ticks_impacts_are_sent_and_requests_answered():
+    """The next tick is minutes away."""
+    with Bench(factor=10.0, rate=1e-3).started() as bench:
+        until(lambda: bench.messages('impacts'))
         ticket = done(bench.engine.change(LIVELY.replace(gap=2.0), event_bytes()))
-        assert ticket.time_ns == 0
+        assert len(bench.samples()) == 1
+        (impact, *_) = bench.messages('impacts')
+        assert stamp_ns(impact.header.stamp) < ticket.time_ns < 1e12
+        last = bench.snapshots()[-1]
+        assert (last['reason'], last['time_ns']) == ('change', ticket.time_ns)
         bench.engine.stop(DEADLINE_S)
         assert not bench.engine._thread.is_alive()
+
+
+def test_changes_between_two_far_ticks_are_replayed(tmp_path):
+    """They take effect when they are made, and the samples stay on their grid."""
+    log = recording(tmp_path / 'bag')
+    with Bench(factor=1.0, rate=2.0) as bench:
+        bench.engine.record_to(log, event_bytes())
+        bench.engine.start()
+        until(lambda: bench.engine.status().time_ns > 0)
+        calm = LIVELY.replace(gap=0.5)
+        change = done(bench.engine.change(calm, change_event(LIVELY, calm)))
+        done(bench.engine.pause(True))
+        until(lambda: len(bench.paused()) > 1)
+        done(bench.engine.pause(False))
+        reset = done(bench.engine.reset(InitialConditions(initial_primary_position=2.0)))
+        until(lambda: len(bench.samples()) > 4)
+        done(bench.engine.stop_recording())
+    assert (change.time_ns % 500_000_000, reset.time_ns % 500_000_000) != (0, 0)
+    assert log.close().error is None
+    replay = Replay(RecordedRun(tmp_path / 'bag'))
+    assert sum(len(part.samples) for part in replay) >= 5
+    assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
+
+
+def test_paused_states_that_were_missed_are_not_made_up_for(monkeypatch):
+    """The process stands still for a minute while the rig is paused."""
+    clock = [time.monotonic_ns()]
+    naps = []
+
+    def sleep(seconds):
+        naps.append(len(bench.paused()))
+        clock[0] += 60 * 10**9 if len(naps) == 1 else round(seconds * 1e9)
+        if len(naps) > 50:
+            bench.engine._stopping.set()
+
+    with Bench(factor=1.0) as bench:
+        monkeypatch.setattr(engine.time, 'monotonic_ns', lambda: clock[0])
+        monkeypatch.setattr(engine.time, 'sleep', sleep)
+        bench.engine.pause(True)
+        bench.engine.start()
+        bench.engine._thread.join(DEADLINE_S)
+    # Fifty naps of 20 ms are a second: ten joint states, and one just after that minute.
+    assert 9 <= naps[-1] <= 12
 
 
 def test_a_failure_is_reported_and_requests_are_turned_away(monkeypatch):

@@ -3,10 +3,12 @@
 import json
 import time
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
@@ -170,6 +172,7 @@ def test_diagnostics(rig):
     statuses = until(whole)
     tasks = ('pacing', 'rig', 'recording', 'gap control', 'measured motion', 'predicted motion')
     assert list(statuses) == [f'sim_node: {task}' for task in tasks]
+    assert {status.hardware_id for status in statuses.values()} == {'sim_node'}
     pacing = {v.key: v.value for v in statuses['sim_node: pacing'].values}
     assert float(pacing['State rate [Hz]']) == 200.0
     assert int(pacing['Ticks']) > 0
@@ -180,6 +183,51 @@ def test_diagnostics(rig):
         assert statuses['sim_node: pacing'].level == DiagnosticStatus.OK
         assert 'holds 200 Hz' in statuses['sim_node: pacing'].message
     assert statuses['sim_node: recording'].message == 'off'
+
+
+def test_theory_is_published_while_someone_listens(client, launch, namespace):
+    """Documents are latched, and the curve over the gap is computed only for a listener."""
+    states = client.listen(JointState, f'{namespace}/joint_states')
+    reports = client.listen(DiagnosticArray, '/diagnostics')
+    process = launch(f'__ns:={namespace}', gravity=0.0)
+    until(lambda: states, lambda: process.output)
+    task = f'{namespace[1:]}/sim_node: predicted motion'
+
+    def complete():
+        values = [v for r in list(reports) for s in r.status if s.name == task for v in s.values]
+        return ('Complete', 'True') in [(v.key, v.value) for v in values]
+
+    until(complete, lambda: process.output)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    texts = client.listen(String, f'{namespace}/theory', latched)
+    first = json.loads(until(lambda: texts, 'nothing is latched')[0].data)
+    assert (first['time'], first['orbit'], first['gap_curve']) == (0.0, None, None)
+
+    def curve():
+        last = json.loads(texts[-1].data)
+        return last if last['gap_curve'] and last['gap_curve']['done'] else None
+
+    last = until(curve, 'no curve comes')
+    assert last['orbit']['x_max_ratio'] == pytest.approx(0.104644, abs=1e-6)
+    assert last['gap_curve']['optimum']['gap'] == pytest.approx(58.3, rel=0.02)
+    # That of the rig before does not stay.
+    parameters = RigParametersClient(client, f'{namespace}/sim_node')
+    assert parameters.set(gap=36.0) == ''
+    until(lambda: json.loads(texts[-1].data)['time'] > 0.0)
+    assert parameters.set(predict_motion=False) == ''
+    until(lambda: 'predict_motion is false' in texts[-1].data)
+    assert process.stop() == 0, process.output
+
+
+def test_quality_of_service_is_that_of_the_user(client, launch, namespace):
+    name = f'qos_overrides.{namespace}/joint_states.publisher.reliability'
+    process = launch(f'__ns:={namespace}', **{name: 'best_effort'})
+    info = client.node.get_publishers_info_by_topic
+    (states,) = until(lambda: info(f'{namespace}/joint_states'), lambda: process.output)
+    assert states.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    parameters = RigParametersClient(client, f'{namespace}/sim_node')
+    assert parameters.get(name) == 'best_effort'
+    assert process.stop() == 0
 
 
 def test_namespace_and_remapping(client, launch, namespace):

@@ -1,6 +1,7 @@
 """What the engine notes of the motion, and what is made of it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,9 +16,10 @@ from impact_damper_ros.node.motion_report import (
     measured_report,
     predicted_report,
 )
-from impact_damper_ros.node.prediction import Answer, PredictedMotion, Predictor, PredictorStatus
 from impact_damper_ros.orbits import MotionKind, Period, Rhythm, find_orbits
+from impact_damper_ros.orbits.orbit import AT_IMPACTS
 from impact_damper_ros.rig import RigParameters, load_parameters
+from impact_damper_ros.theory import Prediction, TheoryProcess
 
 INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_frequencies=1.02)
 ORBIT = find_orbits(INCLINED, (1, 2)).orbits[0]
@@ -146,11 +148,19 @@ def test_the_trace_does_not_grow():
     assert len(trace._turns) == KEPT
 
 
-PREDICTED = PredictedMotion(
-    ORBIT, ORBIT.amplitude_ratio, abs(ORBIT.multipliers[0]), True, True, ''
-)
-OTHER = PredictedMotion(Rhythm((1, 2), 1, (0.6, 0.1), (1.0, -1.0), 2.0), 0.1, 1.2, False, True, '')
-ANSWER = Answer(1, (PREDICTED, OTHER), PREDICTED, 'run ahead', '', True, 0.25)
+def like(rhythm, amplitude_ratio, multiplier):
+    """Return a predicted motion with other impacts."""
+    return replace(
+        ORBIT,
+        **{name: getattr(rhythm, name) for name in ('stops', 'cycles', 'phases', 'x')},
+        x_max=amplitude_ratio * ORBIT.parameters.response_amplitude,
+        multipliers=(complex(multiplier),),
+        **{name: len(rhythm.stops) * (0.0,) for name in AT_IMPACTS if name != 'x'},
+    )
+
+
+OTHER = like(Rhythm((1, 2), 1, (0.6, 0.1), (1.0, -1.0), 2.0), 0.1, 1.2)
+ANSWER = Prediction((ORBIT, OTHER), ORBIT, 'run ahead', '', True)
 MEASURED = RecentMotion(MotionKind.PERIODIC, 200.0, 2.0, ORBIT, x_max=ORBIT.x_max)
 
 
@@ -182,22 +192,25 @@ def test_the_agreement_allows_for_what_is_left_of_the_transient(measured, verdic
     agreement = compare(measured, ANSWER)
     assert agreement.verdict == verdict
     assert agreement.basis == 'measured'
-    assert agreement.motion.rhythm.stops == (2, 1)
+    assert agreement.motion.stops == (2, 1)
     assert agreement.phase == pytest.approx(measured.rhythm.phases[0] - ORBIT.phases[1], abs=1e-12)
 
 
 def test_the_motion_of_the_same_kind_that_is_nearest_is_chosen():
     rhythm = Rhythm((1, 2), 1, (0.601, 0.101), (1.0, -1.0), 2.0)
     agreement = compare(RecentMotion(MotionKind.PERIODIC, rhythm=rhythm), ANSWER)
-    assert agreement.motion.largest_multiplier == 1.2
+    assert agreement.motion.multipliers == (1.2,)
     kind = Rhythm((1, 1, 2), 1, (0.1, 0.2, 0.3), (1.0, 1.0, 1.0), 2.0)
     agreement = compare(RecentMotion(MotionKind.PERIODIC, rhythm=kind), ANSWER)
-    assert (agreement.verdict, agreement.motion) == ('disagrees', PREDICTED)
+    assert (agreement.verdict, agreement.motion) == ('disagrees', ORBIT)
 
 
 def reported(measured=MEASURED, answer=ANSWER, **status):
-    status = PredictorStatus(course=1, answer=answer, **status)
-    return predicted_report(status, compare(measured, answer))
+    theory = TheoryProcess()
+    theory.prediction = answer
+    for name, value in status.items():
+        setattr(theory, name, value)
+    return predicted_report(theory, compare(measured, answer or Prediction()))
 
 
 @pytest.mark.parametrize(
@@ -206,15 +219,15 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
         (MEASURED, ANSWER, {}, 'found', False, 'stable; the measured motion agrees'),
         (shifted(phase=0.01), ANSWER, {}, 'found', True, 'the measured motion disagrees'),
         (RecentMotion(MotionKind.TRANSIENT), ANSWER, {}, 'found', False, '2 impacts in 1 cycle'),
-        (MEASURED, Answer(), {}, 'computing', False, 'computing'),
-        (MEASURED, Answer(), {'enabled': False}, 'off', False, 'predict_motion'),
-        (MEASURED, Answer(), {'trouble': 'it ended'}, 'unavailable', True, 'it ended'),
+        (MEASURED, None, {}, 'computing', False, 'computing'),
+        (MEASURED, None, {'enabled': False}, 'off', False, 'predict_motion'),
+        (MEASURED, None, {'trouble': 'it ended'}, 'unavailable', True, 'it ended'),
         # What was found stays true.
         (MEASURED, ANSWER, {'trouble': 'it ended'}, 'found', True, 'agrees; it ended'),
-        (MEASURED, Answer(1, error='no memory'), {}, 'unavailable', True, 'no memory'),
+        (MEASURED, Prediction(error='no memory'), {}, 'unavailable', True, 'no memory'),
         (
             RecentMotion(MotionKind.UNDECIDED),
-            Answer(1, (OTHER,), OTHER, 'listed', 'it does not repeat', True),
+            Prediction((OTHER,), OTHER, 'listed', 'it does not repeat', True),
             {},
             'found',
             True,
@@ -222,16 +235,16 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
         ),
         (
             RecentMotion(MotionKind.UNDECIDED),
-            Answer(1, reason='two incommensurate harmonics', complete=True),
+            Prediction(reason='two incommensurate harmonics', complete=True),
             {},
             'none',
             False,
             'two incommensurate harmonics',
         ),
-        (MEASURED, Answer(1, complete=True), {}, 'none', True, 'theory finds no such motion'),
+        (MEASURED, Prediction(complete=True), {}, 'none', True, 'theory finds no such motion'),
         (
             MEASURED,
-            Answer(1, reason='gap_control is timed', complete=True, applies=False),
+            Prediction(reason='gap_control is timed', complete=True, applies=False),
             {},
             'none',
             False,
@@ -250,7 +263,7 @@ def test_what_is_reported_and_when_it_is_a_warning(
 
 def test_the_keys_are_the_same_whatever_is_known():
     full = reported()
-    for other in (reported(answer=Answer()), reported(RecentMotion(MotionKind.TRANSIENT))):
+    for other in (reported(answer=None), reported(RecentMotion(MotionKind.TRANSIENT))):
         assert list(other.values) == list(full.values)
     full = measured_report(MEASURED)
     for kind in (MotionKind.TRANSIENT, MotionKind.NOT_PERIODICALLY_DRIVEN):
@@ -258,10 +271,8 @@ def test_the_keys_are_the_same_whatever_is_known():
 
 
 def test_values_are_written_for_machines():
-    other = PredictedMotion(
-        Rhythm((1, 1, 2), 1, (0.1, 0.2, 0.3), (1.0, 1.0, 1.0), 2.0), 0.5, 0.9, True, True, ''
-    )
-    values = reported(answer=Answer(3, (PREDICTED, other), PREDICTED, 'run ahead')).values
+    other = like(Rhythm((1, 1, 2), 1, (0.1, 0.2, 0.3), (1.0, 1.0, 1.0), 2.0), 0.5, 0.9)
+    values = reported(answer=Prediction((ORBIT, other), ORBIT, 'run ahead')).values
     assert values['Stop sequence'] == '[1, 2]'
     assert values['Phases [cycles of the force]'] == '[0.757995034, 0.269792326]'
     assert values['Largest X / A'] == '0.21134393'
@@ -272,10 +283,18 @@ def test_values_are_written_for_machines():
     )
 
 
-def test_who_has_just_looked_may_look_again_a_little_later():
-    predictor = Predictor(lambda: None, print, enabled=False)
-    monitor = MotionMonitor(lambda: traced(Rig(INCLINED), 2), predictor, RATE)
-    assert [report.task for report in monitor.look()] == ['measured motion', 'predicted motion']
-    assert not monitor.may_look(1e6)
-    assert monitor.may_look(0.0)
-    predictor.close()
+def test_a_measured_motion_that_theory_did_not_name_is_asked_for_once():
+    theory = TheoryProcess()
+    trace = traced(Rig(INCLINED), 250)
+    asked = []
+    theory.ask_like = asked.append
+    theory.prediction = Prediction((OTHER,), OTHER, 'listed', complete=True)
+    monitor = MotionMonitor(lambda: trace, theory, RATE)
+    for _ in range(3):
+        measured, predicted = monitor.look()
+        assert (measured.task, predicted.task) == ('measured motion', 'predicted motion')
+    (motion,) = asked
+    assert motion.rhythm.distance(ORBIT) < 1e-5
+    theory.course += 1
+    monitor.look()
+    assert len(asked) == 2

@@ -126,20 +126,6 @@ def test_the_force_arrays_are_set_one_at_a_time(rig):
     assert 'entries' in rig.parameters.set(force_amplitudes=[])
 
 
-@pytest.mark.parametrize('kind', [10, 200])
-def test_a_type_that_ros_does_not_have_is_rejected(rig, kind):
-    """Of several parameters that are not set all or none, the others are set."""
-    bad = Parameter(name='gap', value=ParameterValue(type=kind))
-    reason = f'gap has the parameter type {kind}: give one from 0 to 9'
-    assert rig.parameters.set(gap=bad).startswith(reason)
-    assert rig.parameters.set_atomically(stiffness=2000.0, gap=bad).startswith(reason)
-    assert rig.parameters.get('stiffness', 'gap') == [1000.0, 0.01]
-    first, second, third = rig.parameters.set(stiffness=1500.0, gap=bad, friction=700)
-    assert (first, second.startswith(reason)) == ('', True)
-    assert 'friction' in third
-    assert rig.parameters.get('stiffness', 'gap') == [1500.0, 0.01]
-
-
 def test_bad_parameters_at_start_end_the_node(launch):
     cases = {
         'write stiffness': {'stifness': 3},
@@ -178,30 +164,6 @@ def _plain(value):
 
 
 HEAD = '/**:\n  ros__parameters:\n'
-
-
-def test_parameters_files_that_ros_would_take_long_for(launch, tmp_path):
-    """Or would take the last of two values from."""
-    cases = {
-        'more than 20000 names and values': HEAD
-        + f'    force_amplitudes: [{", ".join(["1.0"] * 100_000)}]\n',
-        'longer than 1 MB': HEAD + '    gap: 3.0\n' + '# no\n' * 300_000,
-        "line 4: 'gap' stands there twice": HEAD + '    gap: 3.0\n    gap: 4.0\n',
-        'line 1: &a is an anchor or alias': '&a {/**: *a}',
-        'nested more than 16 deep': '/**: ' + '[' * 100_000,
-        'cannot start': '\x00',
-    }
-    processes = {}
-    for number, (words, text) in enumerate(cases.items()):
-        path = tmp_path / f'case_{number}.yaml'
-        path.write_text(text)
-        processes[words] = launch(parameters_file=path)
-    for words, process in processes.items():
-        assert process.wait() == 1
-        (line,) = [line for line in process.output.splitlines() if 'cannot start' in line]
-        assert words in line
-        assert len(line) < 700
-        assert 'Traceback' not in process.output
 
 
 def test_a_thousand_parameters_of_other_nodes_are_warned_of_in_a_few_lines(launch, tmp_path):

@@ -1,7 +1,7 @@
 """A rig without ROS: its messages as the node serialises them, run on by hand."""
 
-from impact_damper_ros.bag import String
-from impact_damper_ros.bag.messages import CdrWriter, encode
+from impact_damper_ros.bag import DiagnosticArray, DiagnosticStatus, String
+from impact_damper_ros.bag.messages import encode
 from impact_damper_ros.bag.rig_recorder import parameter_event
 from impact_damper_ros.bag.rig_topics import RigMessages
 from impact_damper_ros.bag.snapshots import Snapshots
@@ -13,17 +13,16 @@ OFFSET_NS = 1_700_000_000 * 10**9
 RATE = 200
 
 
-TOPICS = ('joint_states', 'impacts', 'snapshot', 'diagnostics', 'parameter_events')
+TOPICS = ('joint_states', 'impacts', 'snapshot', 'theory', 'diagnostics', 'parameter_events')
 
 
 def diagnostics(*statuses):
     """Return a DiagnosticArray of (level, name, message, values)."""
-    writer = CdrWriter().time_ns(OFFSET_NS).string('').put('I', len(statuses))
-    for level, name, message, values in statuses:
-        writer.put('B', level).string(name).string(message).string('').put('I', len(values))
-        for key, value in values.items():
-            writer.string(key).string(value)
-    return bytes(writer.content)
+    parts = [
+        DiagnosticStatus(level, name, message, '', tuple(values.items()))
+        for level, name, message, values in statuses
+    ]
+    return encode(DiagnosticArray(OFFSET_NS, '', tuple(parts)))
 
 
 class FakeLink:
@@ -40,7 +39,7 @@ class FakeLink:
         self._tick = 0
         self._offset_ns = OFFSET_NS
         self._pattern = RigMessages()
-        self._snapshots = Snapshots(name, {}, {})
+        self._snapshots = Snapshots(name, {}, {}, RATE)
         self._announce(reason)
 
     @property

@@ -10,7 +10,6 @@ from impact_damper_ros.compare.result import (
     EnergyBalance,
     Finding,
     GapCurve,
-    ImpactCurve,
     ImpactStates,
     MeasuredMotion,
     MotionCurve,
@@ -24,14 +23,9 @@ from impact_damper_ros.compare.result import (
     Verdict,
 )
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import Continuation, continue_orbit, find_orbits
+from impact_damper_ros.orbits import find_orbits, follow
+from impact_damper_ros.replay.rows import events_as_rows
 from impact_damper_ros.rig import EventKind
-
-
-def _impact_curve(hits, cycle):
-    columns = np.array([(e.time, e.stop, e.x, *e[5:]) for e in hits]).T
-    time, stop = columns[0], columns[1].astype(np.int64)
-    return ImpactCurve(time, time / cycle % 1.0, stop, *columns[2:])
 
 
 def _motion(parameters, start, end):
@@ -72,6 +66,7 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
     orbit = find_orbits(FRICTION, (1, 2)).orbits[0]
     end, cycle = 600.0, orbit.cycle
     motion, hits = _motion(FRICTION, end - 6 * cycle, end)
+    impacts = events_as_rows(hits)
     impulse = tuple(e.impulse for e in hits[-2:])
     last = ImpactStates(
         orbit.stops,
@@ -95,12 +90,8 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
     swing = orbit.x_max * (1.0 + 0.5 * np.exp(-envelope_time / 60.0))
     branch = None
     if gap_curve:
-        followed = [
-            continue_orbit(orbit, Continuation('gap', 20.0, 60.0), upwards=upwards)
-            for upwards in (False, True)
-        ]
-        orbits = [*followed[0].orbits[::-1], *followed[1].orbits[1:]]
-        special = [s for b in followed for s in b.special]
+        followed = follow(orbit, 'gap', 20.0, 60.0)
+        orbits, special = followed.orbits, followed.special
         branch = GapCurve(
             np.array([o.parameters.gap for o in orbits]),
             np.array([o.amplitude_ratio for o in orbits]),
@@ -112,12 +103,13 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
             FRICTION.gap,
             ratio,
             orbit.stops,
-            followed[1].ended,
+            followed.ended,
         )
     curves = StretchCurves(
         SwingEnvelope(envelope_time, -swing, swing),
         motion,
-        _impact_curve(hits, cycle),
+        impacts,
+        impacts['time'] / cycle % 1.0,
         _predicted(orbit),
         Convergence(periods * cycle, distance, 1e-9, 10, 80, 0.9411, abs(orbit.multipliers[0])),
         Spectrum(frequency, orbit.x_max * line * np.exp(-3.0 * frequency), 0.1624, 0.0025, 'Hann'),
@@ -183,7 +175,7 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
             'predicted': None,
             'predicted_impulse': (),
             'decay': None,
-            'curves': StretchCurves(curves.envelope, motion, curves.impacts),
+            'curves': StretchCurves(curves.envelope, motion, impacts, curves.phases),
         },
     )
     return RunComparison(

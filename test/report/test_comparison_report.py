@@ -16,30 +16,21 @@ from compare.recorded import compared
 from report.example_comparison import example
 from rigs import BENCH, VERTICAL
 
-from impact_damper_ros.compare import Beginning, MotionKind, Verdict
-from impact_damper_ros.orbits.continuation import SpecialKind
-from impact_damper_ros.report.formatting import (
-    aligned,
-    difference,
-    instant,
-    number,
-    unit_for,
-    worded,
-)
-from impact_damper_ros.report.glossary import TERMS, linked
+from impact_damper_ros.compare import Verdict
+from impact_damper_ros.report.formatting import instant, number, unit_for
 from impact_damper_ros.rig import InitialConditions
-from impact_damper_ros.rig.quoting import counted
 
 pytest.importorskip('matplotlib', reason='the report has plots')
 
-from impact_damper_ros.report.charts import PICTURES, draw_history, draw_run
-from impact_damper_ros.report.curves import (
-    filled_motion,
+from impact_damper_ros.report.charts import (
+    PICTURES,
+    draw_history,
+    draw_run,
     predicted_impacts,
     predicted_lines,
     predicted_motion,
 )
-from impact_damper_ros.report.drawing import COLORS, page_style
+from impact_damper_ros.report.drawing import COLORS, inline_svg, page_style
 from impact_damper_ros.report.html_report import (
     MOST_DETAILED,
     MOST_LISTED,
@@ -47,7 +38,6 @@ from impact_damper_ros.report.html_report import (
     shown_stretches,
     write_report,
 )
-from impact_damper_ros.report.inline_svg import inline_svg
 
 STYLE = (files('impact_damper_ros.report') / 'template' / 'report.css').read_text('utf-8')
 
@@ -67,6 +57,10 @@ def parsed(page):
     first, _, rest = page.partition('\n')
     assert first == '<!DOCTYPE html>'
     root = ElementTree.fromstring(rest)
+    for element in root.iter():
+        element.tag = element.tag.rpartition('}')[2]
+        link = element.attrib.pop('{http://www.w3.org/1999/xlink}href', None)
+        element.attrib |= {} if link is None else {'href': link}
     ids = [element.get('id') for element in root.iter() if element.get('id')]
     assert len(ids) == len(set(ids))
     for element in root.iter():
@@ -140,17 +134,17 @@ def test_what_is_predicted_stands_beside_what_was_measured(run, page):
     named = {row[0]: row for row in rows}
     assert named['largest |X|'] == ['largest |X|', '5.072124', '5.072124', '0', 'm']
     assert named['Xmax / A'][1:3] == ['0.2113439', '0.2113439']
-    assert named['decay per period'][1:3] == ['0.9411000', '0.9410652']
+    assert named['decay per period'][1:3] == ['0.9411', '0.9410652']
     first = rows.index(['Impact 1, on stop 1'])
     phase, x = rows[first + 1], rows[first + 2]
-    assert phase == ['phase', '0.7579950', '0.7579950', '0', 'cycles']
-    assert x[:3] == ['X', '4.132140', '4.132140']
+    assert phase == ['phase', '0.757995', '0.757995', '0', 'cycles']
+    assert x[:3] == ['X', '4.13214', '4.13214']
     # A wrong impact is told with its sign, in the same unit.
     last = run.stretches[0].measured.last_period
     wrong = dataclasses.replace(last, x=(last.x[0] - 0.002, last.x[1]))
     measured = dataclasses.replace(run.stretches[0].measured, last_period=wrong)
     other = rows_of(section(parsed(report_page(alone(run, 1, measured=measured))), 1), 'Measured')
-    assert other[first + 2] == ['X', '4.130140', '4.132140', '−0.002', 'm']
+    assert other[first + 2] == ['X', '4.13014', '4.13214', '−0.002', 'm']
 
 
 def test_phases_are_compared_around_the_clock(run):
@@ -161,7 +155,7 @@ def test_phases_are_compared_around_the_clock(run):
     page = report_page(alone(run, 1, measured=measured, predicted=orbit))
     rows = rows_of(section(parsed(page), 1), 'Measured')
     phases = [row for row in rows if row[0] == 'phase']
-    assert phases[0][1:4] == ['0.0010000', '0.9990000', '+0.002']
+    assert phases[0][1:4] == ['0.001', '0.999', '0.002']
 
 
 def test_energy_adds_up_on_the_page(run, page):
@@ -179,15 +173,14 @@ def test_changes_and_findings_are_shown(run):
     first = dataclasses.replace(run, stretches=run.stretches[:2])
     root = parsed(report_page(changed(first, 2, parameters=stiffer)))
     second = section(root, 2)
-    marked = [row for row in second.iter('tr') if row.get('class') == 'changed']
-    assert [[text_of(cell) for cell in row] for row in marked] == [
-        ['stiffness', '1.25', 'N/m', '1']
-    ]
+    assert rows_of(second, 'Changed parameters')[1:] == [['stiffness', '1.25', 'N/m', '1']]
     assert 'the impacts are 37.5 m apart in Y, not 37 m' in text_of(second)
     assert 'damping = 0.02 N s/m (was 0.01 N s/m)' in text_of(second.find('h2'))
     (badge,) = (e for e in second.iter('span') if e.get('class') == 'badge bad')
     assert text_of(badge) == '✗ differs'
-    assert not [row for row in section(root, 1).iter('tr') if row.get('class') == 'changed']
+    # The first stretch has all of them, the others what is changed.
+    assert ['damping', '0.01', 'N s/m'] in rows_of(section(root, 1), 'Parameters')
+    assert 'Parameters' not in [text_of(c) for c in second.iter('caption')]
 
 
 def test_the_page_is_the_same_each_time(run, page):
@@ -234,6 +227,11 @@ def emptied(curves):
         part = getattr(curves, name)
         if part is None:
             continue
+        if isinstance(part, np.ndarray):
+            for few, word in ((part[:0], 'empty'), (part[:1], 'of one')):
+                both = {'impacts': curves.impacts[: len(few)], 'phases': curves.phases[: len(few)]}
+                yield f'{name} {word}', dataclasses.replace(curves, **both)
+            continue
         arrays = [f.name for f in dataclasses.fields(part)]
         arrays = [a for a in arrays if isinstance(getattr(part, a), np.ndarray)]
         empty = dataclasses.replace(part, **{a: getattr(part, a)[:0] for a in arrays})
@@ -275,7 +273,7 @@ def test_no_array_makes_a_plot_fail(run):
                 if picture is not None and name.endswith('of one'):
                     picture.figure.draw_without_rendering()
             names.append(name)
-    assert len(names) > 60
+    assert len(names) > 50
 
 
 def test_nothing_known_but_the_stretch(run):
@@ -350,46 +348,24 @@ def test_the_most_telling_stretches(run):
     assert shown_stretches(stretches, 9) == stretches
 
 
-def test_a_coarse_recording_is_drawn_smooth(run):
-    """A free flight is a parabola, also between its samples; a gap in the log stays one."""
-    stretch = run.stretches[0]
-    time = np.array([0.0, 0.5, 1.0, 1.0, 1.5, 9.0])
-    y = np.array([0.0, 1.5, 2.0, 2.0, 0.5, 5.0])
-    rate = np.array([4.0, 2.0, 0.0, -2.0, -4.0, 1.0])
-    other = np.zeros(6)
-    motion = type(stretch.curves.motion)(time, other, other, y, rate, other + 2.0, other - 2.0)
-    coarse = dataclasses.replace(stretch.curves, motion=motion)
-    filled = filled_motion(dataclasses.replace(stretch, curves=coarse))
-    first = filled.time <= 1.0
-    assert len(filled.time) > 10
-    flight = filled.time[first][:6]
-    assert filled.y[:6] == pytest.approx(4.0 * flight - 2.0 * flight**2)
-    assert filled.relative_velocity[:6] == pytest.approx(4.0 - 4.0 * flight)
-    assert not np.any((filled.time > 1.5) & (filled.time < 9.0))
-    assert np.all(np.diff(filled.time) >= 0.0)
-    # What is sampled finely enough is left as it is.
-    assert filled_motion(stretch) is stretch.curves.motion
-
-
 def test_points_and_periods_that_show_nothing_more(run):
     stretch = run.stretches[0]
     impacts, convergence = stretch.curves.impacts, stretch.curves.convergence
-    arrays = {f.name: getattr(impacts, f.name) for f in dataclasses.fields(impacts)}
-    again = type(impacts)(**{name: np.tile(values[-2:], 10000) for name, values in arrays.items()})
+    again, phases = (np.tile(part[-2:], 10000) for part in (impacts, stretch.curves.phases))
     floor = np.full(4000, 0.5 * convergence.floor)
     settled = dataclasses.replace(
         convergence,
         time=6.16 * np.arange(4090),
         distance=np.concatenate([convergence.distance, floor]),
     )
-    curves = dataclasses.replace(stretch.curves, impacts=again, convergence=settled)
+    curves = dataclasses.replace(stretch.curves, impacts=again, phases=phases, convergence=settled)
     long = dataclasses.replace(stretch, curves=curves)
     with page_style():
         section = PICTURES['section'](long)
         approach = PICTURES['convergence'](long)
-    svg = ElementTree.fromstring(inline_svg(section.figure, 'k', 'section'))
-    assert not list(svg.iter('image'))
-    assert [use for use in svg.iter('use') if 'fill:var(--primary)' in use.get('style', '')]
+    svg = inline_svg(section.figure, 'k', 'section')
+    assert '<image' not in svg
+    assert svg.count('<use ') < 60
     assert '20000 latest impacts' in section.caption
     # The approach takes 90 periods; the rest lies on the floor.
     assert 500.0 < approach.figure.axes[0].get_xlim()[1] < 1000.0
@@ -401,7 +377,7 @@ def test_predicted_motion_is_laid_over_any_time(run):
     start, end = 590.0, 590.0 + 3.0 * orbit.period
     hit, place = predicted_impacts(stretch, start, end)
     assert len(hit) == 6
-    for at in stretch.curves.impacts.time:
+    for at in stretch.curves.impacts['time']:
         if start <= at <= end:
             assert np.abs(hit - at).min() < 0.01
     assert np.abs(place).max() < 37.0 / 2.0 + orbit.x_max
@@ -431,19 +407,6 @@ def test_predicted_lines_are_the_fourier_coefficients(run):
     assert amplitude == pytest.approx([3.0, 0.0, 0.0, 0.5, 0.0], abs=1e-5)
 
 
-#: As a terminal has it, and as no page has it.
-UNPRINTED = {
-    'negative zero': re.compile(r'[-−]0(\.0*)?(?![\d.])(?! ?×)'),
-    'ASCII minus': re.compile(r'(?<![\w)\]-])-\d'),
-    'power': re.compile(r'\^'),
-    'plus or minus': re.compile(r'\+/?-'),
-    'exponent': re.compile(r'\d[eE][-+]?\d'),
-    'micro': re.compile(r'\d us\b'),
-    'prime': re.compile(r"\b[XYZ]'"),
-    'no number': re.compile(r'\b(nan|inf|None)\b'),
-}
-
-
 @pytest.fixture(scope='module')
 def runs(run):
     """Return runs of all kinds: settled, chaotic, without impacts, one-sided, empty."""
@@ -457,58 +420,8 @@ def runs(run):
     for rig, cycles in cases:
         stretch = compared(rig, cycles, InitialConditions())
         stretches.append(dataclasses.replace(stretch, number=len(stretches) + 1))
-    gravity = 'gravity = 8 m/s^2 (was -9.81 m/s^2)'
-    stretches[1] = dataclasses.replace(stretches[1], begins=Beginning.CHANGE, cause=gravity)
-    found = dataclasses.replace(run.stretches[1].findings[0], text="X' is off by -1e-07 m/s")
-    wrong = {'findings': (found,), 'verdict': Verdict.DIFFERS, 'sentence': 'off by +-2.5e+03 us'}
-    stretches[2] = dataclasses.replace(stretches[2], **wrong)
-    measured = dataclasses.replace(stretches[0].measured, x_rms=-0.0)
-    energy = dataclasses.replace(stretches[0].energy, residual=-1e-12)
-    stretches[0] = dataclasses.replace(stretches[0], measured=measured, energy=energy)
-    several = dataclasses.replace(run, stretches=tuple(stretches), faults=('-0.000 m/s^2',))
+    several = dataclasses.replace(run, stretches=tuple(stretches))
     return [run, several, dataclasses.replace(run, stretches=())]
-
-
-@pytest.fixture(scope='module')
-def pages(runs):
-    return [parsed(report_page(each)) for each in runs]
-
-
-def test_signs_and_units_are_printed_ones(pages):
-    for root in pages:
-        command = {e for dl in root.iter('dl') if dl.get('class') == 'facts' for e in dl.iter()}
-        text = ' '.join(
-            part
-            for element in root.iter()
-            if element not in command and element.tag != 'style'
-            for part in (element.text, element.tail, element.get('title'), element.get('alt'))
-            if part
-        )
-        for name, pattern in UNPRINTED.items():
-            found = pattern.search(text)
-            assert found is None, (name, text[max(found.start() - 40, 0) : found.end() + 20])
-    several = text_of(pages[1])
-    assert 'gravity = 8 m/s² (was −9.81 m/s²)' in several
-    assert '±' in several
-    assert 'X′ is off by −1 × 10⁻⁷ m/s' in several
-    assert 'off by ±2.5 × 10³ µs' in several
-    assert '0.000 m/s²' in several
-
-
-def test_words_as_printed():
-    for plain, printed in (
-        ('a = -0.000 m/s^2', 'a = 0.000 m/s²'),
-        ('1.9e-09 of it', '1.9\xa0×\xa010⁻⁹ of it'),
-        ('[-0.5, 1e+20, -0]', '[−0.5, 1\xa0×\xa010²⁰, 0]'),
-        ('+0.371 +- 0.084 per cycle', '+0.371 ± 0.084 per cycle'),
-        ("X' before, 20 us late", 'X′ before, 20 µs late'),
-        ('runs/run_2026-01-05_1e5-2, 0.1.0', 'runs/run_2026-01-05_1e5-2, 0.1.0'),
-        ('the 0-1 test, stops 1,2', 'the 0-1 test, stops 1,2'),
-    ):
-        assert worded(plain) == printed
-    assert number(-0.0) == instant(-1e-5) == '0'
-    assert aligned([1.0, -1e-9], 4) == ['1.000', '0.000']
-    assert number(-1e-9, 2) == '−1\xa0×\xa010⁻⁹'
 
 
 def lines_of(picture):
@@ -535,21 +448,6 @@ def test_the_predicted_orbit_closes(runs):
         steps &= np.abs(np.diff(curve.x)) < 1e-9 * np.ptp(curve.x)
         impulses = np.abs(stretch.predicted_impulse) / stretch.parameters.primary_mass
         assert steps.sum() == (impulses > 0.02 * np.ptp(curve.velocity)).sum() > 0
-        for name in ('portrait', 'relative'):
-            with page_style():
-                picture = PICTURES[name](stretch)
-                svg = ElementTree.fromstring(inline_svg(picture.figure, 'k', name))
-            dashed = [
-                path.get('d')
-                for path in svg.iter('path')
-                if 'stroke-dasharray' in path.get('style', '') and path.get('clip-path')
-            ]
-            assert len(dashed) == 1
-            start, steps = re.fullmatch('M(.*?)l(.*)', dashed[0]).groups()
-            assert len(start.split()) == 2
-            numbers = re.findall(r'-?(?:\d+\.?\d*|\.\d+)', steps)
-            moved = np.array(numbers, dtype=float).reshape(-1, 2).sum(axis=0)
-            assert np.abs(moved).max() < 0.05
 
 
 def test_no_curve_is_cut(runs):
@@ -618,57 +516,8 @@ def test_the_least_motion_at_the_end_of_the_gap_curve_is_no_minimum(run):
     assert f'Least at the end of this branch: {least} It was not followed' in words['cut']
 
 
-#: Words of the field that a reader need not know.
-JARGON = (
-    'viable|multiplier|unit circle|Neimark-Sacker|special point|Lyapunov exponent|0-1 test|fold|'
-    'grazing|period doubling|branch point|quasi-periodic|chaotic|transient|undecided|stretch|'
-    'Poincaré section|phase portrait|rms|rig time|impulse|decay|unexplained|steady|stable|Xmax / A'
-)
-
-
-def test_every_term_has_an_entry(pages):
-    keys = [term.key for term in TERMS]
-    assert len(set(keys)) == len(keys)
-    names = {term.name for term in TERMS}
-    assert {kind.value for kind in SpecialKind} <= names
-    assert {verdict.value for verdict in Verdict} <= names
-    assert {kind.value for kind in MotionKind} - {'without impacts'} <= names
-    for term in TERMS:
-        assert re.fullmatch(r'[A-Z].*[^.]\.( [A-Z].*\.)?', term.sentence), term.name
-    for root in pages:
-        (glossary,) = (e for e in root.iter('details') if e.get('class') == 'glossary')
-        assert glossary.get('open') is None
-        entries = {e.get('id') for e in glossary.iter('dt')}
-        assert entries == {f'term-{key}' for key in keys}
-        links = [e for e in root.iter('a') if e.get('class') == 'term']
-        assert {link.get('href')[1:] for link in links} <= entries
-        known = {text_of(link).lower() for link in links}
-        inside = set(glossary.iter())
-        parts = []
-        for element in root.iter():
-            if element not in inside and element.tag not in ('style', 'text', 'title'):
-                parts += [element.text or '', element.tail or '']
-        # Each of these words that stands on the page is linked somewhere on it.
-        for word in {w.lower() for w in re.findall(JARGON, ' '.join(parts), re.IGNORECASE)}:
-            assert any(word in link for link in known), word
-    # Each entry is what a link from its own name leads to.
-    for term in TERMS:
-        assert f'"#term-{term.key}"' in linked(term.name) or term.key == 'x-y-z'
-
-
-def test_links_to_terms():
-    assert linked('a quasi-periodic one') == (f'a {linked("quasi-periodic")} one')
-    html = linked('not viable, viable; period <doubling>; largest multiplier -1 & more stops')
-    assert re.findall('#term-([a-z-]+)"', html) == ['viable', 'period', 'multiplier', 'stop']
-    assert '&lt;doubling&gt;' in html
-    assert '−1 &amp; more' in html
-    assert linked(linked('stable')) == linked('stable')
-    for text in ('unstop', 'stretchable', 'branching', 'nonperiodic'):
-        assert linked(text) == text
-
-
-def test_numbers_over_the_whole_run(runs, pages):
-    rows = rows_of(pages[1], 'Swing, impacts and energy')
+def test_numbers_over_the_whole_run(runs):
+    rows = rows_of(parsed(report_page(runs[1])), 'Swing, impacts and energy')
     assert [row[0] for row in rows[1:]] == ['1', '2', '3', '4', 'all']
     overall, units = runs[1].overall, rows[0]
     unit = unit_for('m', overall.x_max)
@@ -679,8 +528,13 @@ def test_numbers_over_the_whole_run(runs, pages):
     assert last[2:4] == [number(unit.factor * x, 5) for x in (overall.x_max, overall.x_rms)]
     counts = [overall.impacts, overall.impacts_on_stop_1, overall.impacts_on_stop_2]
     assert last[4:7] == [str(count) for count in counts]
-    energies = [overall.force_work, overall.impact_energy, overall.dashpot_energy]
-    assert last[7:] == [number(energy, 5).replace('\xa0', ' ') for energy in energies]
+    energies = [
+        overall.force_work,
+        overall.impact_energy,
+        overall.impact_loss,
+        overall.dashpot_energy,
+    ]
+    assert last[7:] == [number(energy, 5) for energy in energies]
     # Of one stretch there is no sum; where samples are missing, that is said.
     part = runs[1].stretches[0]
     gone = dataclasses.replace(part.overall, covered=0.5 * part.overall.duration)
@@ -693,10 +547,10 @@ def test_numbers_over_the_whole_run(runs, pages):
 def test_the_axis_of_points_at_one_place(run):
     """The numbers at the axis have no more digits than there is room for."""
     stretch = run.stretches[2]
-    impacts = stretch.curves.impacts
-    arrays = {f.name: getattr(impacts, f.name)[:1] for f in dataclasses.fields(impacts)}
-    arrays['damper_velocity_after'] = np.array([-0.187654321])
-    curves = dataclasses.replace(stretch.curves, impacts=type(impacts)(**arrays))
+    impacts = stretch.curves.impacts[:1].copy()
+    impacts['damper_velocity_after'] = -0.187654321
+    phases = stretch.curves.phases[:1]
+    curves = dataclasses.replace(stretch.curves, impacts=impacts, phases=phases)
     with page_style():
         picture = PICTURES['section'](dataclasses.replace(stretch, curves=curves))
         picture.figure.draw_without_rendering()
@@ -743,26 +597,6 @@ def test_numbers_of_stretches_do_not_cover_each_other(run):
     with page_style():
         picture = draw_run(stretches)
     assert [text.get_text() for text in picture.figure.axes[0].texts] == ['1', '2']
-
-
-def test_numbers_for_readers():
-    assert number(0.00012345678) == '0.000123457'
-    assert number(-1.5e-7, 3) == '−1.5\xa0×\xa010⁻⁷'
-    assert number(math.nan) == number(None) == '–'
-    assert number(math.inf) == '∞'
-    assert difference(1.234e-9) == '+1.2\xa0×\xa010⁻⁹'
-    assert difference(0.0) == '0'
-    assert instant(12.0) == '12'
-    assert instant(0.12345) == '0.123'
-    assert unit_for('m', [0.003, math.nan]) == (1e3, 'mm')
-    assert unit_for('N s', 2e-5) == (1e6, 'µN s')
-    assert unit_for('m', []) == (1.0, 'm')
-    assert [counted(n, 'stretch') for n in (0, 1, 2)] == [
-        '0 stretches',
-        '1 stretch',
-        '2 stretches',
-    ]
-    assert counted(3, 'act') == '3 acts'
 
 
 def schemes():
@@ -813,7 +647,7 @@ def test_files(run, tmp_path):
     seen = []
     path = write_report(run, place, drawn=lambda done, total: seen.append((done, total)))
     assert path == place / 'report.html'
-    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert seen == [(k, 6) for k in range(1, 7)]
     assert sorted(p.name for p in place.iterdir()) == ['report.html', 'report.json']
     parsed(path.read_text(encoding='utf-8'))
     numbers = json.loads((place / 'report.json').read_text(encoding='utf-8'))

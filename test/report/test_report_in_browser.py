@@ -51,13 +51,9 @@ const cut = [...document.querySelectorAll('figure svg, nav a')].filter(shown).fi
   const box = e.getBoundingClientRect();
   return box.left < -1 || box.right > innerWidth + 1;
 }).length;
-const entry = document.querySelector('details dd');
-const target = document.querySelector(':target');
-const told = [entry && entry.checkVisibility({contentVisibilityAuto: true}),
-  target && target.textContent, document.querySelector('details').open];
 const requests = performance.getEntriesByType('resource').map(entry => entry.name);
 parent.postMessage('PROBE' + JSON.stringify(
-  {wide, inner: innerWidth, plots, clipped, requests, unsaid, hints, cut, told}) + 'END', '*');
+  {wide, inner: innerWidth, plots, clipped, requests, unsaid, hints, cut}) + 'END', '*');
 }, 200));
 </script>
 """
@@ -103,15 +99,15 @@ def opened(browser, page, profile, *options):
     return done
 
 
-def probed(browser, page, directory, width, place=''):
-    """Return what a browser shows of a page, or a place of it, in so many pixels of width."""
+def probed(browser, page, directory, width):
+    """Return what a browser shows of a page in so many pixels of width."""
     text = page.read_text(encoding='utf-8')
     assert POLICY in text
     text = text.replace(POLICY, f"{POLICY} script-src 'unsafe-inline';")
     copy = directory / 'probe.html'
     copy.write_text(text.replace('</body>', f'{PROBE}</body>'), encoding='utf-8')
     frame = directory / 'frame.html'
-    frame.write_text(FRAME.format(width=width, page=copy.name + place), encoding='utf-8')
+    frame.write_text(FRAME.format(width=width, page=copy.name), encoding='utf-8')
     options = ('--window-size=1400,1000', '--virtual-time-budget=5000', '--dump-dom')
     done = opened(browser, frame, directory / 'profile', *options)
     return json.loads(re.search('PROBE(.*)END', done.stdout)[1])
@@ -136,12 +132,6 @@ def test_every_plot_is_seen(browser, report, tmp_path, width):
         assert drawn > 20, name
         assert texts > 8, name
         assert outside == 0, name
-
-
-def test_a_link_unfolds_the_glossary(browser, report, tmp_path):
-    assert probed(browser, report, tmp_path, 420)['told'] == [False, None, False]
-    seen = probed(browser, report, tmp_path, 420, '#term-viable')
-    assert seen['told'] == [True, 'viable', True]
 
 
 def test_the_page_itself(browser, report, tmp_path):

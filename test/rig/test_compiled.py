@@ -3,6 +3,7 @@
 import ast
 import errno
 import inspect
+import math
 import os
 import subprocess
 import sys
@@ -48,6 +49,25 @@ def test_the_cache_goes_where_it_may(tmp_path, monkeypatch):
     assert stamp.stat().st_mtime_ns == 0
     monkeypatch.setattr(compiled, '_digest', lambda: 'other sources')
     assert find().parent != stamp.parent
+
+
+def test_digest_depends_on_what_kernels_do(monkeypatch):
+    def digest_with(text, **names):
+        space = {'copysign': math.copysign, 'LIMIT': 3.0, **names}
+        exec(text, space)
+        monkeypatch.setattr(compiled, '_KERNELS', {'turned': space['turned']})
+        return compiled._digest()
+
+    pytest.importorskip('numba')
+    text = 'def turned(x):\n    """Turn."""\n    return copysign(x, LIMIT) + 1.0\n'
+    one = digest_with(text)
+    assert digest_with('# A comment\n\n' + text.replace('Turn.', 'Turn it.')) == one
+    others = [
+        digest_with(text.replace('1.0', '2.0')),
+        digest_with(text.replace('+', '-')),
+        digest_with(text, LIMIT=4.0),
+    ]
+    assert len({one, *others}) == 4
 
 
 def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog, monkeypatch):

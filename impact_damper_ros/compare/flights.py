@@ -1,0 +1,407 @@
+"""
+Flights of a rig as arrays: the motion between events in closed form, many flights at once.
+
+A row is the state just after an event. From there M is a driven oscillator, and m moves under its
+weight, friction and air, or with M, until the next row. Integrals are those of Gauss, exact to
+round-off; extremes are turning points. Where a bag has no snapshot, its samples are rows too, and
+the flights between them are those that the recorded states begin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.orbits.flights import Machine, machine_of
+from impact_damper_ros.orbits.response import forced_response, free_response
+from impact_damper_ros.replay.rows import Events, Samples
+from impact_damper_ros.rig import EVENT_TYPE, EventKind, RigParameters
+from impact_damper_ros.rig.state import STICK
+
+from .result import Array
+
+Mask = NDArray[np.bool_]
+
+#: Kinds of rows beside those of events: the state at some instant, and a recorded sample.
+STATE, SAMPLE = 0, -1
+# Gauss points on [0, 1], and the longest piece, as an angle of the fastest oscillation
+_NODES, _GAUSS = np.polynomial.legendre.leggauss(6)
+_PLACES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _GAUSS
+_PIECE = math.pi / 4.0
+#: A turning point is sought from points of this share of the largest |X|, in so many steps.
+_NEARLY, _STEPS = 0.98, 5
+
+
+def rows_of_samples(samples: Samples, kind: int = SAMPLE) -> Events:
+    """Return samples as rows."""
+    rows = np.zeros(len(samples), EVENT_TYPE)
+    rows['time'], rows['x'], rows['kind'] = samples['time'], samples['x'], kind
+    rows['y'] = samples['z'] - samples['x']
+    for side in ('before', 'after'):
+        rows[f'primary_velocity_{side}'] = samples['primary_velocity']
+        rows[f'damper_velocity_{side}'] = samples['damper_velocity']
+    return rows
+
+
+def _last_known(known: Mask, values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return for each row the value of the last known one up to it; the first one is known."""
+    latest = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
+    found: NDArray[np.int64] = values[latest]
+    return found
+
+
+def _together(rows: Events) -> Mask:
+    """
+    Return whether M and m move as one after each row.
+
+    The last bounces of a chatter, which are not resolved, count as rest.
+    """
+    kind = rows['kind']
+    still = rows['primary_velocity_after'] == rows['damper_velocity_after']
+    joined = np.isin(kind, (EventKind.REST, EventKind.STICK)) | ((kind == SAMPLE) & still)
+    joined[0] |= rows['mode'][0] >= STICK
+    decided = joined | np.isin(
+        kind, (SAMPLE, EventKind.IMPACT, EventKind.RELEASE, EventKind.REVERSAL)
+    )
+    decided[0] = True
+    found = _last_known(decided, joined.astype(np.int64)) == 1
+    rests = np.where(kind == EventKind.REST, 1, 0)
+    # The next row that decides is a rest
+    ends = np.append(rests[1:], 0), np.append(decided[1:], True)
+    coming = _last_known(*(part[::-1] for part in ends[::-1]))[::-1] == 1
+    latest = _last_known(decided, kind.astype(np.int64))
+    chatter: Mask = found | (coming & (latest == EventKind.IMPACT))
+    return chatter
+
+
+class Drive(NamedTuple):
+    """The force at an instant."""
+
+    time: float  # rig time, s
+    angles: tuple[float, ...]  # turned by the harmonics, without their phases, rad
+    frequencies: tuple[float, ...]  # of the harmonics, rad/s
+
+
+class Integrals(NamedTuple):
+    """What adds up over flights; energies in J."""
+
+    covered: float  # time, s
+    squares: float  # of X, m^2 s
+    force: float  # work of the force on M; NaN if its phase is not known, as the next
+    dashpot: float
+    friction: float
+    air: float
+    both: float  # kinetic energy that M and m together lost in the events that end flights
+    impact_energy: float  # that M lost in impacts; part of it is given to m
+    impact_loss: float  # that both lost in them
+
+
+@dataclass(frozen=True, eq=False)
+class Flights:
+    """
+    Consecutive flights of a rig with constant parameters.
+
+    The last row is the state where they end. Without a `drive`, the phase of the force is not
+    known, and there is nothing between the rows.
+    """
+
+    rig: RigParameters
+    rows: Events  # shape (n + 1,)
+    drive: Drive | None
+    #: After each row: whether M and m move as one, the stop hit last, 0 for none, and frequency,
+    #: rad/s, and angle of the first harmonic. Shape (n + 1,).
+    together: Mask
+    stop: NDArray[np.int64]
+    frequency: Array
+    angle: Array
+
+    @classmethod
+    def between(
+        cls, rig: RigParameters, rows: Events, drive: Drive | None, steps: Array | None = None
+    ) -> Flights:
+        """
+        Return the flights between rows.
+
+        The first of them has the mode and the stop hit last; `drive` is the force there. `steps`
+        are the frequencies after each step of a swept force.
+        """
+        stops = np.where(rows['kind'] == EventKind.IMPACT, rows['stop'], 0)
+        stops[0] = rows['stop'][0]
+        stop = _last_known(stops > 0, stops)
+        frequency = angle = np.full(len(rows), np.nan)
+        if drive is not None:
+            frequency = np.full(len(rows), drive.frequencies[0])
+            if steps is not None and len(steps):
+                done = np.cumsum(rows['kind'] == EventKind.FREQUENCY_STEP)
+                frequency = np.append(drive.frequencies[0], steps)[done]
+                turned = np.cumsum(frequency[:-1] * np.diff(rows['time']))
+                angle = drive.angles[0] + np.append(0.0, turned)
+            else:
+                angle = drive.angles[0] + frequency * (rows['time'] - drive.time)
+        return cls(rig, rows, drive, _together(rows), stop, frequency, angle)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Flights]) -> Flights:
+        """Return the flights of parts, each of which begins where the one before ends."""
+        first = parts[0]
+        if len(parts) == 1:
+            return first
+        names = ('rows', 'together', 'stop', 'frequency', 'angle')
+        columns = {
+            name: np.concatenate(
+                [getattr(first, name), *(getattr(part, name)[1:] for part in parts[1:])]
+            )
+            for name in names
+        }
+        return cls(first.rig, drive=first.drive, **columns)
+
+    def __len__(self) -> int:
+        return len(self.rows) - 1
+
+    def __getitem__(self, chosen: slice) -> Flights:
+        begin, end, _ = chosen.indices(len(self))
+        columns = (getattr(self, f.name)[begin : end + 1] for f in fields(self)[3:])
+        return Flights(self.rig, self.rows[begin : end + 1], self.drive, *columns)
+
+    @cached_property
+    def machine(self) -> Machine:
+        """Constants of the rig."""
+        return machine_of(self.rig)
+
+    @property
+    def starts(self) -> Array:
+        """Instants at which they begin, s."""
+        starts: Array = self.rows['time'][:-1]
+        return starts
+
+    @cached_property
+    def spans(self) -> Array:
+        """Their durations, s."""
+        return np.diff(self.rows['time'])
+
+    @cached_property
+    def _direction(self) -> Array:
+        """Direction of the sliding of m, the paper's lambda."""
+        relative = self.rows['damper_velocity_after'] - self.rows['primary_velocity_after']
+        rise = np.diff(self.rows['y'])
+        # Friction turns at rows alone; a release begins without velocity.
+        sign = np.sign(np.where(relative[:-1] != 0.0, relative[:-1], rise))
+        return np.where(self.together[:-1], 0.0, sign)
+
+    def drive_after(self) -> Drive | None:
+        """Return the force at the last row."""
+        if self.drive is None:
+            return None
+        time = float(self.rows['time'][-1])
+        pairs = zip(self.drive.angles, self.drive.frequencies, strict=True)
+        angles = [angle + rate * (time - self.drive.time) for angle, rate in pairs]
+        first = float(self.frequency[-1])
+        rates = (first, *self.drive.frequencies[1:])
+        return Drive(time, (float(self.angle[-1]), *angles[1:]), rates)
+
+    @property
+    def impacts(self) -> Events:
+        """The impacts among the rows."""
+        hits: Events = self.rows[self.rows['kind'] == EventKind.IMPACT]
+        return hits
+
+    def motion(self, index: NDArray[np.intp], tau: Array) -> tuple[Array, Array, Array, Array]:
+        """Return X, X', X'' and the force (N) in flights, times (s) after their beginnings."""
+        assert self.drive is not None
+        rig, (constants, _) = self.rig, self.machine
+        joint, begin = self.together[index], self.rows[:-1][index]
+        free, both = constants.free, constants.joint
+        decay, frequency, omega_squared, inverse = (
+            np.where(joint, getattr(both, name), getattr(free, name))
+            for name in ('decay', 'frequency', 'omega_squared', 'inverse_square')
+        )
+        mu = constants.mass_ratio
+        share = np.where(joint, 1.0 / (1.0 + mu), 1.0) / rig.primary_mass
+        apart = mu * (self._direction[index] * constants.grip - self._air(index))
+        push = np.where(joint, constants.share * constants.slope, apart)
+        rest = push * inverse
+        less, impulse, slope = free_response(decay, frequency, tau)
+        x_0, v_0 = begin['x'] - rest, begin['primary_velocity_after']
+        x = begin['x'] + x_0 * less + v_0 * impulse
+        velocity = slope * v_0 - omega_squared * impulse * x_0
+        force = np.zeros_like(tau)
+        amplitudes, _, phases = rig.harmonics
+        for j, (amplitude, phase) in enumerate(zip(amplitudes, phases, strict=True)):
+            if amplitude == 0.0:
+                continue
+            if j:
+                driven = np.full(len(index), self.drive.frequencies[j])
+                angle = self.drive.angles[j] + driven * (begin['time'] - self.drive.time)
+            else:
+                driven, angle = self.frequency[index], self.angle[index]
+            turned = np.exp(1j * (np.remainder(angle, math.tau) + phase))
+            place, speed = forced_response(decay, frequency, driven, tau)
+            x = x + amplitude * share * (turned * place).imag
+            velocity = velocity + amplitude * share * (turned * speed).imag
+            force += np.imag(amplitude * turned * np.exp(1j * driven * tau))
+        rate = push + share * force
+        acceleration = rate - 2.0 * decay * velocity - omega_squared * x
+        return x, velocity, acceleration, force
+
+    def _air(self, index: NDArray[np.intp] | slice) -> Array:
+        """Return the acceleration of m by the air, away from the stop hit last."""
+        air: Array = self.machine.constants.air * np.choose(self.stop[index], [0.0, -1.0, 1.0])
+        return air
+
+    def damper(
+        self, index: NDArray[np.intp], tau: Array, x: Array, velocity: Array
+    ) -> tuple[Array, Array]:
+        """Return Y and Y' in flights, given X and X' there."""
+        begin, constants = self.rows[:-1][index], self.machine.constants
+        speed = begin['damper_velocity_after']
+        relative = speed - begin['primary_velocity_after']
+        fall = constants.slope - self._direction[index] * constants.grip + self._air(index)
+        z = begin['x'] + begin['y'] + tau * (speed + 0.5 * tau * fall)
+        # The bounces that are not resolved are those of m on the stop.
+        held = np.where(begin['kind'] == EventKind.IMPACT, 0.0, relative)
+        joint = self.together[index]
+        return (
+            np.where(joint, begin['y'] + held * tau, z - x),
+            np.where(joint, held, speed + fall * tau - velocity),
+        )
+
+    def cut(self, start: float, end: float) -> Flights:
+        """Return the motion from one instant to another, as far as it is known, s."""
+        times = self.rows['time']
+        first = max(0, int(np.searchsorted(times, start, side='right')) - 1)
+        last = max(first, int(np.searchsorted(times, end, side='left')))
+        inside = self[first : min(last, len(self))]
+        if self.drive is None or not len(inside):
+            return inside
+        rows = inside.rows.copy()
+        for place, at, row in ((0, start, 0), (len(inside) - 1, end, -1)):
+            late = at - float(inside.starts[place])
+            if not 0.0 < late < inside.spans[place]:
+                continue
+            index, tau = np.array([place]), np.array([late])
+            x, velocity, _, _ = inside.motion(index, tau)
+            y, relative = inside.damper(index, tau, x, velocity)
+            for side in ('before', 'after'):
+                rows[f'primary_velocity_{side}'][row] = velocity[0]
+                rows[f'damper_velocity_{side}'][row] = velocity[0] + relative[0]
+            rows['time'][row], rows['x'][row], rows['y'][row] = at, x[0], y[0]
+            rows['kind'][row], rows['stop'][row] = STATE, 0
+        angle = inside.angle.copy()
+        angle[0] += inside.frequency[0] * (rows['time'][0] - inside.starts[0])
+        columns = (inside.together, inside.stop, inside.frequency, angle)
+        return Flights(self.rig, rows, self.drive, *columns)
+
+    def _pieces(self, most: float = math.inf) -> tuple[NDArray[np.intp], Array, Array]:
+        """Cut flights of up to `most` s into pieces: which flight, from when, how long, s."""
+        rates = [self.rig.omega, *self.rig.harmonics[1]]
+        fastest = max(rates + ([self.rig.sweep_high] if self.rig.sweep_mode != 'off' else []))
+        used = np.flatnonzero((self.spans > 0.0) & (self.spans <= most))
+        count = np.ceil(self.spans[used] * (fastest / _PIECE)).astype(np.int64)
+        index = np.repeat(used, count)
+        number = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
+        step = np.repeat(self.spans[used] / count, count)
+        return index, number * step, step
+
+    def measured(self, most: float = math.inf) -> tuple[Integrals, float]:
+        """
+        Return integrals, and the largest |X|, NaN without any row.
+
+        Of longer flights than `most`, s, samples are missing: they are left out of the integrals.
+        """
+        rows, rig = self.rows, self.rig
+        largest = float(np.abs(rows['x']).max(initial=0.0)) if len(rows) else math.nan
+        covered = squares = 0.0
+        force = dashpot = math.nan
+        if self.drive is not None:
+            force = dashpot = 0.0
+            index, begin, step = self._pieces(most)
+            covered = float(step.sum())
+            points = begin[:, None] + step[:, None] * _PLACES
+            flat = np.repeat(index, len(_PLACES))
+            x, velocity, _, push = self.motion(flat, points.ravel())
+            weights = (step[:, None] * _WEIGHTS).ravel()
+            # Sums and not products of vectors, whose bits depend on the number of threads
+            squares = float(np.sum(weights * x * x))
+            force = float(np.sum(weights * push * velocity))
+            dashpot = rig.damping * float(np.sum(weights * velocity * velocity))
+            largest = max(largest, self._turning(flat, points.ravel(), x, largest))
+        rise = np.diff(rows['y'])
+        grip = self.machine.constants.grip * rig.damper_mass
+        friction = grip * float(np.abs(rise[~self.together[:-1]]).sum())
+        air = rig.damper_mass * float(np.sum(self._air(slice(-1)) * rise))
+        hits = rows[1:]
+        primary = _lost(hits, 'primary', rig.primary_mass)
+        both = primary + _lost(hits, 'damper', rig.damper_mass)
+        impact = hits['kind'] == EventKind.IMPACT
+        found = Integrals(
+            covered,
+            squares,
+            force,
+            dashpot,
+            friction,
+            air,
+            float(both.sum()),
+            float(primary[impact].sum()),
+            float(both[impact].sum()),
+        )
+        return found, largest
+
+    def _turning(self, index: NDArray[np.intp], tau: Array, x: Array, largest: float) -> float:
+        """Return the largest |X| at turning points, sought from points of the flights."""
+        size = np.abs(x)
+        largest = max(largest, float(size.max(initial=0.0)))
+        # The best point of each piece
+        best = size.reshape(-1, len(_PLACES)).argmax(axis=1)
+        best += np.arange(len(best)) * len(_PLACES)
+        best = best[size[best] >= _NEARLY * largest]
+        index, tau = index[best], tau[best]
+        for _ in range(_STEPS):
+            x, velocity, acceleration, _ = self.motion(index, tau)
+            largest = max(largest, float(np.abs(x).max(initial=0.0)))
+            step = velocity / np.where(acceleration != 0.0, acceleration, np.inf)
+            tau = np.clip(tau - step, 0.0, self.spans[index])
+        return largest
+
+    def stored(self) -> float:
+        """Return by how much kinetic and potential energy have changed, J."""
+        rig, ends = self.rig, self.rows[[0, -1]]
+        speed, damper = ends['primary_velocity_after'], ends['damper_velocity_after']
+        slope = rig.gravity * math.sin(rig.angle)
+        energy = 0.5 * (rig.primary_mass * speed**2 + rig.stiffness * ends['x'] ** 2)
+        energy += rig.damper_mass * (0.5 * damper**2 - slope * (ends['x'] + ends['y']))
+        return float(energy[1] - energy[0])
+
+    def curve(self, per_second: float) -> tuple[Array, Array, Array, Array, Array]:
+        """
+        Return instants, X, X', Y and Y', with both sides of each event.
+
+        Without a known force, they are those of the rows.
+        """
+        if self.drive is None:
+            rows = np.repeat(self.rows, 2)
+            late = np.arange(len(rows)) % 2 == 1
+            speed, damper = (
+                np.where(late, rows[f'{mass}_velocity_after'], rows[f'{mass}_velocity_before'])
+                for mass in ('primary', 'damper')
+            )
+            return rows['time'], rows['x'], speed, rows['y'], damper - speed
+        count = np.ceil(self.spans * per_second).astype(np.int64) + 1
+        index: NDArray[np.intp] = np.repeat(np.arange(len(self), dtype=np.intp), count)
+        number = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
+        tau = np.repeat(self.spans / np.maximum(count - 1, 1), count) * number
+        x, velocity, _, _ = self.motion(index, tau)
+        return self.starts[index] + tau, x, velocity, *self.damper(index, tau, x, velocity)
+
+
+def _lost(rows: Events, mass_name: str, mass: float) -> Array:
+    """Return the kinetic energy that a mass lost in each of some events, J."""
+    before, after = rows[f'{mass_name}_velocity_before'], rows[f'{mass_name}_velocity_after']
+    # A difference of squares without its cancellation
+    lost: Array = 0.5 * mass * (before - after) * (before + after)
+    return lost

@@ -1,0 +1,269 @@
+"""
+The kind of motion of a stretch: periodic, on its way there, quasi-periodic or chaotic.
+
+A motion whose impacts repeat to the last digits is periodic. Otherwise the rig is run on from the
+end of the stretch until its motion repeats or a bound is reached (`orbits.settle`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from impact_damper_ros.control import Rig
+from impact_damper_ros.orbits import (
+    MotionKind,
+    Period,
+    Section,
+    SettledMotion,
+    find_period,
+    settle,
+)
+from impact_damper_ros.orbits.flights import flight_at, machine_of
+from impact_damper_ros.orbits.irregularity import IRREGULAR_SPREAD, REGULAR_SPREAD, Indications
+from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, NEAR
+from impact_damper_ros.replay.rows import NO_EVENTS, Events
+from impact_damper_ros.rig.forcing import SteppedSine
+from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.rig.snapshot import Snapshot
+from impact_damper_ros.rig.state import REST_1, REST_2, STICK
+
+from .result import Array
+from .stretches import RecordedStretch
+
+#: A motion nearer to its limit than this, relative to its size, is called settled.
+SETTLED = NEAR
+#: Impacts weaker than this share of the strongest are those of a chatter, and not counted.
+NEGLIGIBLE_IMPULSE = 1e-3
+#: What the rounding of stamps makes of a difference of two of them, s, and round-off of states.
+_STAMP_S, _ROUND_OFF = 1.5e-9, 1e-12
+#: Periods that differ by less are periodic whatever the rig does later.
+_SURE = 1e-6
+#: Cycles with impacts from which on the rig is run on, and those that are enough for most motions.
+_RUN_ON_FROM, _FEW_CYCLES = 8, 30
+#: Cycles that it is run on for each recorded one, the least and the most of them, and the events.
+_TIMES_RECORDED, _LEAST, _MOST = 30, 400, 2000
+_MOST_EVENTS = 20_000
+#: Cycles without an impact after which the impacts have ended, and the longest period looked for.
+_QUIET, _LONGEST = 200, 64
+
+
+@dataclass(frozen=True)
+class StretchKind:
+    """A kind of motion, and the evidence for it."""
+
+    kind: MotionKind
+    evidence: str  # the numbers that show it, as a sentence
+    measures: Mapping[str, float] = field(default_factory=dict)  # the same numbers by name
+    recurrence: Period | None = None  # how the recorded impacts repeat
+    impacts: Events = field(default_factory=lambda: NO_EVENTS)  # those, without weak ones
+    #: The motion to which the rig comes, if that of the recording is another one.
+    later: SettledMotion | None = None
+    short: bool = False  # whether a longer recording may decide
+
+
+def counted_impacts(impacts: Events) -> Events:
+    """Return the impacts without the weak ones of chatters, by the second half's strongest."""
+    strength = impacts['impulse']
+    strongest = float(strength[len(impacts) // 2 :].max(initial=0.0))
+    return impacts[strength > NEGLIGIBLE_IMPULSE * strongest]
+
+
+def section_of(impacts: Events, zero: float, cycle: float) -> Section:
+    """Return impacts for comparison; phases from a zero of the force, s."""
+    phase: Array = (impacts['time'] - zero) / cycle
+    after = impacts['primary_velocity_after'], impacts['damper_velocity_after']
+    return Section.of_impacts(phase, impacts['stop'], impacts['x'], *after)
+
+
+def period_of(stretch: RecordedStretch, impacts: Events, cycle: float) -> Period | None:
+    """Find the period of impacts, as far as their digits show it."""
+    zero = 0.0 if stretch.clock is None else stretch.clock.zero
+    # The replay has the digits that stamps lack.
+    digits = 2.0 * math.ulp(abs(stretch.end)) if stretch.at_end else _STAMP_S
+    floor = digits / cycle + _ROUND_OFF
+    return find_period(section_of(impacts, zero, cycle), 0.0, floor)
+
+
+def rig_at_end(stretch: RecordedStretch) -> Rig | None:
+    """Return the rig at the end of a stretch; None if its force is not known."""
+    if stretch.at_end:
+        return Rig.restore(dict(stretch.at_end))
+    clock, flights = stretch.clock, stretch.flights
+    if clock is None or not len(flights.rows):
+        return None
+    parameters, row = clock.counted_from_zero(), flights.rows[-1]
+    half, speed = 0.5 * parameters.gap, float(row['primary_velocity_after'])
+    beyond = float(row['y']) - half
+    resting = 0
+    if flights.together[-1]:
+        on_stop = abs(abs(row['y']) - half) <= 1e-9 * half
+        resting = (REST_1 if row['y'] > 0.0 else REST_2) if on_stop else STICK
+    flight = flight_at(
+        machine_of(parameters),
+        float(row['time']) - clock.zero,
+        float(row['x']),
+        speed,
+        beyond,
+        float(row['damper_velocity_after']) - speed,
+        resting,
+        int(flights.stop[-1]),
+    )
+    angles = tuple(wave.angle for wave in flight.waves)
+    return Rig.resume(Snapshot(parameters, flight.run, angles, (), SteppedSine(0.0)))
+
+
+def run_on(stretch: RecordedStretch, cycle: float, quiet: float = _QUIET) -> SettledMotion | None:
+    """Run the rig on from the end of a stretch; None if its force is not known."""
+    rig = rig_at_end(stretch)
+    if rig is None:
+        return None
+    most = int(min(max(_TIMES_RECORDED * stretch.duration / cycle, _LEAST), _MOST))
+    found = settle(
+        rig,
+        cycles=most,
+        watch=3 * most // 4,
+        tolerance=_SURE,
+        events=_MOST_EVENTS,
+        quiet=quiet,
+        longest=_LONGEST,
+    )
+    return found if found.cycles else None
+
+
+def settled_after(found: SettledMotion) -> int:
+    """Return after how many cycles a motion that settles is within `SETTLED` of its limit."""
+    assert found.period is not None
+    far = np.flatnonzero(found.period.distance > SETTLED)
+    alike = len(found.period.distance) - (int(far[-1]) + 1 if len(far) else 0)
+    return max(0, found.cycles - (alike + 1) * found.period.cycles)
+
+
+def _period_text(cycles: int, impacts: int) -> str:
+    return f'{counted(cycles, "cycle")} ({counted(impacts, "impact")})'
+
+
+def _recurring(recurrence: Period, impacts: Events) -> StretchKind:
+    """Return the kind of a motion whose recorded impacts repeat, or will."""
+    text = _period_text(recurrence.cycles, recurrence.rows)
+    level = recurrence.level
+    measures = {
+        'distance_of_last_periods': level,
+        'floor': recurrence.floor,
+        'factor_per_period': recurrence.factor,
+        'periods': float(len(recurrence.distance)),
+    }
+    kind = MotionKind.PERIODIC
+    if recurrence.remaining <= SETTLED or recurrence.at_floor:
+        limit = ', the limit of the digits' if recurrence.at_floor else ''
+        evidence = f'repeats after {text}: the last two periods differ by {level:.1e}{limit}'
+    elif not recurrence.shrinks:
+        evidence = f'repeats after {text} to within {level:.1e}, which does not shrink any more'
+    else:
+        kind = MotionKind.TRANSIENT
+        evidence = (
+            f'approaches a period of {text}: the difference of successive periods shrinks by a '
+            f'factor of about {recurrence.factor:.3g}, to {level:.1e} at the end'
+        )
+    return StretchKind(kind, evidence, measures, recurrence, impacts)
+
+
+def _leads_to(later: SettledMotion) -> StretchKind | None:
+    """Return the kind of a motion that leads to a period, or to no impacts; else None."""
+    on = 'does not repeat yet; run on from its end, it'
+    if later.kind in (MotionKind.NO_IMPACTS, MotionKind.AT_REST):
+        ends = 0.0 if math.isinf(later.quiet) else later.cycles - later.quiet
+        text = f'{on} has no more impacts after {math.ceil(ends)} cycles'
+        measures = {'quiet_after_cycles': float(math.ceil(ends))}
+        return StretchKind(MotionKind.TRANSIENT, text, measures, later=later)
+    if later.period is None:
+        return None
+    settled = settled_after(later)
+    text = f'{on} settles after {settled} more cycles to a period of '
+    text += _period_text(later.period.cycles, len(later.impacts))
+    measures = {'settles_after_cycles': float(settled)}
+    return StretchKind(MotionKind.TRANSIENT, text, measures, later=later)
+
+
+def _doubt(found: Indications | None, later: SettledMotion | None, spent: float) -> str:
+    """Return why a motion is undecided, and what would decide."""
+    if found is None and later is not None:
+        why = later.reason or 'and has too many events to be run for longer'
+        return f'run on from its end, it does not settle within {later.cycles} cycles, {why}'
+    if found is None:
+        return f'{spent:.0f} cycles with impacts are too few; about {_FEW_CYCLES} may decide'
+    if more := found.cycles_to_decide():
+        return f'the exponent is not certain; about {more} cycles in all would decide'
+    if found.shrinks:
+        text = 'neighbouring motions converge to it: a long transient, or a long period; about '
+        return f'{text}{math.ceil(math.log(SETTLED) / found.exponent)} more cycles would decide'
+    if found.grows:
+        text = 'neighbouring motions diverge, but the averages indicate a regular motion'
+    elif found.neutral:
+        text = 'neighbouring motions neither converge nor diverge, but the averages are not steady'
+    else:
+        text = 'the exponent is too near to zero'
+    return f'{text}; about {4 * found.cycles} cycles in all would decide'
+
+
+def _irregular(later: SettledMotion | None, spent: float) -> StretchKind:
+    """Return the kind of a motion that does not come to repeat."""
+    found = None if later is None else later.indications
+    text, measures = f'does not repeat within {LONGEST_PERIOD} cycles', {}
+    kind = MotionKind.UNDECIDED
+    if later is not None and found is not None:
+        kind = later.kind
+        measures = {
+            'lyapunov_exponent': found.exponent,
+            'lyapunov_error': found.error,
+            'measured_cycles': float(found.cycles),
+            'average_spread': found.spread,
+        }
+        digits = 4 if found.error < 1e-3 else 3
+        text += (
+            f'; run on from its end, it does not settle, and over {found.cycles} cycles its '
+            f'Lyapunov exponent is {found.exponent:+.{digits}f} ± {found.error:.{digits}f} per '
+            'cycle'
+        )
+        if not math.isnan(found.spread):
+            text += (
+                f'; weighted averages over their halves differ by {found.spread:.1g} (below '
+                f'{REGULAR_SPREAD:g} regular, above {IRREGULAR_SPREAD:g} chaotic)'
+            )
+    if kind is not MotionKind.UNDECIDED:
+        return StretchKind(kind, text, measures)
+    return StretchKind(kind, f'{text}; {_doubt(found, later, spent)}', measures, short=True)
+
+
+def kind_of(stretch: RecordedStretch, cycle: float) -> StretchKind:
+    """Find the kind of a motion with impacts under a force whose phase is known."""
+    impacts = counted_impacts(stretch.flights.impacts)
+    spent = float(np.ptp(impacts['time'])) / cycle if len(impacts) else 0.0
+    recurrence = period_of(stretch, impacts, cycle)
+    if recurrence is not None and (recurrence.at_floor or recurrence.level <= _SURE):
+        return _recurring(recurrence, impacts)
+    later = None
+    if recurrence is not None or spent >= _RUN_ON_FROM:
+        later = run_on(stretch, cycle)
+    if later is None:
+        return _irregular(None, spent) if recurrence is None else _recurring(recurrence, impacts)
+    if recurrence is not None:
+        period, found = later.period, later.indications
+        same = period is not None and period.cycles == recurrence.cycles
+        slowly = found is not None and found.shrinks and recurrence.shrinks
+        if same or slowly:
+            return _recurring(recurrence, impacts)
+    return _leads_to(later) or _irregular(later, spent)
+
+
+def kind_by_impacts(stretch: RecordedStretch, cycle: float) -> StretchKind:
+    """Find the kind of a motion without a known force, or under control, by its impacts alone."""
+    impacts = counted_impacts(stretch.flights.impacts)
+    recurrence = period_of(stretch, impacts, cycle)
+    if recurrence is not None:
+        return _recurring(recurrence, impacts)
+    text = f'does not repeat within {LONGEST_PERIOD} cycles'
+    return StretchKind(MotionKind.UNDECIDED, text)

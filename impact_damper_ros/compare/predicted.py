@@ -1,0 +1,489 @@
+"""
+A motion that repeats: its last period, the predicted motion, and the approach to it.
+
+Near the periodic motion the state at impact one period later is a linear function of the one
+before. Its largest eigenvalue is measured by dynamic mode decomposition (Schmid, J. Fluid Mech.
+656, 2010) of the differences of successive periods, each scaled to the same size: the theory does
+not enter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from impact_damper_ros.orbits import (
+    OrbitError,
+    PeriodicOrbit,
+    find_orbits,
+    follow,
+    orbit_near,
+)
+from impact_damper_ros.orbits.orbit import AT_IMPACTS
+from impact_damper_ros.orbits.recurrence import Period, Section
+from impact_damper_ros.replay.rows import Events
+from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.event import events_of_table
+from impact_damper_ros.rig.parameter_spec import number_between
+from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.rig.snapshot import LATEST
+from impact_damper_ros.theory import orbit_curve
+
+from .force_clock import ForceClock
+from .kind import NEGLIGIBLE_IMPULSE, SETTLED, section_of
+from .result import (
+    Array,
+    Convergence,
+    Decay,
+    Finding,
+    GapCurve,
+    ImpactStates,
+    PredictedCurve,
+    StretchComparison,
+    StretchCurves,
+)
+
+# The predicted motion
+
+
+#: Nearer than this, the motion that Newton's method leads to is taken without a further search.
+_NEAR = 0.05
+_MOST_SEARCHED_IMPACTS = 4
+#: Impacts from which it is sought, the strongest first, which round-off least decides.
+_STARTS = 3
+
+
+@dataclass(frozen=True)
+class MatchedOrbit:
+    """The predicted motion nearest to a measured one, without the weak impacts of a chatter."""
+
+    orbit: PeriodicOrbit | None  # begun at the same impact as the measured one
+    distance: float  # largest difference of any instant (cycles) or scaled state of its impacts
+    solver: str  # what found it, or why there is none
+
+
+def impulses_of(orbit: PeriodicOrbit) -> tuple[float, ...]:
+    """Return the impulses of a motion, N s."""
+    mass = orbit.parameters.primary_mass
+    pairs = zip(orbit.primary_velocity_before, orbit.primary_velocity_after, strict=True)
+    return tuple(mass * abs(after - before) for before, after in pairs)
+
+
+def _without_weak_impacts(orbit: PeriodicOrbit) -> PeriodicOrbit:
+    impulses = impulses_of(orbit)
+    least = NEGLIGIBLE_IMPULSE * max(impulses, default=0.0)
+    kept = [i for i, impulse in enumerate(impulses) if impulse > least]
+    if len(kept) == orbit.impacts:
+        return orbit
+    columns: dict[str, Any] = {
+        name: tuple(getattr(orbit, name)[i] for i in kept)
+        for name in ('stops', 'phases', *AT_IMPACTS)
+    }
+    return replace(orbit, **columns)
+
+
+def _state_row(orbit: PeriodicOrbit, table: Section) -> Array:
+    """Return the impacts of a motion as a row of `_period_states`, scaled by a table."""
+    x = np.array(orbit.x) / table.length
+    velocity = np.array(orbit.primary_velocity_after) / table.speed
+    damper_velocity = np.array(orbit.damper_velocity_after) / table.speed
+    states = np.column_stack([x, velocity, damper_velocity])
+    return np.concatenate([np.array(orbit.phases), states.ravel()])
+
+
+def _nearest_turn(
+    orbit: PeriodicOrbit, measured: Array, stops: tuple[int, ...], table: Section
+) -> tuple[float, PeriodicOrbit] | None:
+    """Return a motion begun where it is nearest to a measured row, and the distance."""
+    n, found = len(stops), []
+    for turn in _without_weak_impacts(orbit).turned_to(stops):
+        row = _state_row(turn, table)
+        # Phases in order, from the first one on, and whole cycles taken out
+        phases = turn.phases[0] + (row[:n] - turn.phases[0]) % turn.cycles
+        late = phases - measured[:n]
+        late -= np.round(late[0])
+        far = max(np.abs(late).max(), np.abs(row[n:] - measured[n:]).max())
+        found.append((float(far), turn))
+    return min(found, key=lambda pair: pair[0], default=None)
+
+
+def _solutions(
+    rig: RigParameters, clock: ForceClock, period: Events, cycles: int
+) -> Iterator[tuple[PeriodicOrbit | None, str]]:
+    """Yield motions near a measured period, and what found them."""
+    strongest = np.argsort(-period['impulse'], kind='stable')[:_STARTS]
+    for impact in events_of_table(period[strongest]):
+        phase = (impact.time - clock.zero) / clock.cycle
+        yield orbit_near(rig, impact, phase, cycles), 'boundary-value problem of its events'
+    stops = tuple(period['stop'].tolist())
+    if len(stops) <= _MOST_SEARCHED_IMPACTS:
+        search = find_orbits(rig, stops, cycles)
+        method = 'impact equations' if search.report.method == 'scan' else 'search'
+        for orbit in search.orbits:
+            yield orbit, f'{method}, one of {len(search.orbits)}'
+
+
+def _match_orbit(
+    clock: ForceClock, period: Events, measured: Array, cycles: int, table: Section
+) -> MatchedOrbit:
+    """Solve the periodic problem of the logged rig from a measured period."""
+    best: tuple[float, PeriodicOrbit] | None = None
+    how, stops = '', tuple(period['stop'].tolist())
+    try:
+        for orbit, solver in _solutions(clock.counted_from_zero(), clock, period, cycles):
+            turn = orbit and _nearest_turn(orbit, measured, stops, table)
+            if turn and (
+                best is None or (not turn[1].viable, turn[0]) < (not best[1].viable, best[0])
+            ):
+                best, how = turn, solver
+                if turn[1].viable and turn[0] < _NEAR:
+                    break
+    except OrbitError as error:
+        return MatchedOrbit(None, np.inf, str(error))
+    if best is None:
+        text = f'no motion with the stops {",".join(map(str, stops))} in '
+        return MatchedOrbit(None, np.inf, f'{text}{counted(cycles, "cycle")} was found')
+    return MatchedOrbit(best[1], best[0], how)
+
+
+# The recorded periods
+
+
+def _impact_states(clock: ForceClock, impacts: Events, cycles: int) -> ImpactStates:
+    """Return the impacts of one period."""
+    phases = clock.phase(impacts['time'])
+    named = {name: tuple(impacts[name].tolist()) for name in ('x', *AT_IMPACTS[1:], 'impulse')}
+    inside = tuple(((phases - math.floor(phases[0])) % cycles).tolist())
+    return ImpactStates(stops=tuple(impacts['stop'].tolist()), phases=inside, **named)
+
+
+def _period_states(table: Section, recurrence: Period, end: int) -> Array:
+    """Return the states of the last periods, one row each; phases count from its period."""
+    n, k = recurrence.rows, recurrence.cycles
+    begin = len(table) - (len(recurrence.distance) + 1) * n
+    count = (end - begin) // n
+    rows = slice(end - count * n, end)
+    periods = np.arange(count)[:, None]
+    phase = table.phase[rows].reshape(count, n) - k * (periods - (count - 1))
+    states = table.states[rows].reshape(count, 3 * n)
+    return np.hstack([phase, states])
+
+
+#: Differences of successive periods between which the decay is measured: the linear regime.
+_LINEAR = 5e-3
+_NOISE_FLOORS = 300.0
+_LEAST_PERIODS = 8
+_PERIODS_PER_RANK = 4
+_MOST_RANK = 4
+_NEGLIGIBLE = 1e-3
+
+
+@dataclass(frozen=True)
+class DecayRate:
+    """Measured factor by which deviations shrink in a period."""
+
+    factor: float  # largest modulus of the eigenvalues; NaN if it could not be measured
+    angle: float  # of that eigenvalue, rad, from 0 to pi
+    start: int  # the periods on which it was measured
+    stop: int
+
+
+def decay_rate(states: Array, floor: float) -> DecayRate:
+    """Measure the decay of the differences of successive periods, one per row."""
+    steps = np.diff(states, axis=0)
+    sizes = np.abs(steps).max(axis=1)
+    large = np.flatnonzero(sizes > _LINEAR)
+    start = int(large[-1]) + 1 if len(large) else 0
+    largest_later = np.maximum.accumulate(sizes[::-1])[::-1]
+    small = np.flatnonzero(largest_later < _NOISE_FLOORS * floor)
+    stop = int(small[0]) if len(small) else len(sizes)
+    count = stop - start
+    if count < _LEAST_PERIODS:
+        return DecayRate(math.nan, math.nan, start, start)
+    steps, sizes = steps[start:stop], sizes[start:stop, None]
+    before, after = (steps[:-1] / sizes[:-1]).T, (steps[1:] / sizes[:-1]).T
+    modes, values, rows = np.linalg.svd(before, full_matrices=False)
+    rank = min(_MOST_RANK, max(1, count // _PERIODS_PER_RANK))
+    rank = int(min(rank, (values > _NEGLIGIBLE * values[0]).sum()))
+    modes, values, rows = modes[:, :rank], values[:rank], rows[:rank]
+    map_ = modes.T @ after @ rows.T / values
+    eigenvalue = max(np.linalg.eigvals(map_), key=abs)
+    return DecayRate(float(abs(eigenvalue)), float(abs(np.angle(eigenvalue))), start, stop)
+
+
+#: Periods shown at most, and after the distance has reached the resolution of the stamps.
+_MOST_SHOWN_PERIODS, _PERIODS_BEYOND = 4000, 60
+_HIDDEN = 3.0
+#: How much farther than its own bound the run may be from the motion it approaches.
+_MARGIN = 3.0
+_FLOORS = 5.0
+_SOLVED = 1e-9
+
+
+@dataclass(frozen=True)
+class PeriodicMotion:
+    """A measured motion that repeats, beside the predicted one."""
+
+    period: ImpactStates  # its last period
+    time: float  # instant of the first impact of that, rig time, s
+    match: MatchedOrbit
+    decay: DecayRate
+    times: Array  # beginning of each period, s
+    #: Distance of each period from the predicted one; from the last, if there is no prediction.
+    distances: Array
+    #: Distance of the last period that the remaining transient and the stamps account for.
+    allowed: float
+    settled_at: float | None  # instant from which the distance is less than `SETTLED`, s
+    table: Section
+    recurrence: Period
+
+    @property
+    def predicted_factor(self) -> float:
+        """Largest modulus of the multipliers; NaN without a prediction."""
+        orbit = self.match.orbit
+        return abs(orbit.multipliers[0]) if orbit is not None else np.nan
+
+    def as_decay(self) -> Decay:
+        """Return measured and predicted decay."""
+        return Decay(
+            measured=self.decay.factor,
+            predicted=self.predicted_factor,
+            periods=self.decay.stop - self.decay.start,
+            distance=float(self.distances[-1]),
+            floor=self.recurrence.floor,
+        )
+
+    def as_curve(self) -> Convergence:
+        """Return the approach to the periodic motion, for a plot."""
+        hidden = np.flatnonzero(self.distances < _HIDDEN * self.recurrence.floor)
+        last = min(
+            int(hidden[0]) + _PERIODS_BEYOND if len(hidden) else _MOST_SHOWN_PERIODS,
+            _MOST_SHOWN_PERIODS,
+        )
+        return Convergence(
+            time=self.times[:last],
+            distance=self.distances[:last],
+            floor=self.recurrence.floor,
+            fitted_from=min(self.decay.start, last),
+            fitted_to=min(self.decay.stop, last),
+            measured=self.decay.factor,
+            predicted=self.predicted_factor,
+        )
+
+    def differences(self) -> list[Finding]:
+        """Return the differences from the predicted period that are too large."""
+        orbit, period = self.match.orbit, self.period
+        if orbit is None or orbit.impacts != len(period.stops):
+            return []
+        found = []
+        late = round(period.phases[0] - orbit.phases[0])
+        speed = self.table.speed
+        after, damper_after = period.primary_velocity_after, period.damper_velocity_after
+        for name, unit, measured, predicted, size in (
+            ('phase', 'cycles', period.phases, orbit.phases, 1.0),
+            ('X', 'm', period.x, orbit.x, self.table.length),
+            ("X' after", 'm/s', after, orbit.primary_velocity_after, speed),
+            ("Z' after", 'm/s', damper_after, orbit.damper_velocity_after, speed),
+        ):
+            off = np.array(measured) - np.array(predicted)
+            if name == 'phase':
+                off -= late
+                off -= orbit.cycles * np.round(off / orbit.cycles)
+            worst = int(np.argmax(np.abs(off)))
+            by, expected = float(off[worst]), predicted[worst]
+            if abs(by) / size <= self.allowed:
+                continue
+            where = f'{name} at impact {worst + 1} (stop {orbit.stops[worst]})'
+            text = (
+                f'{where} is {expected + by:.9g} {unit}, predicted {expected:.9g} {unit}: off by '
+                f'{by:+.4g} {unit}'
+            )
+            allowed = self.allowed * size
+            found.append(Finding(where, unit, self.time, expected + by, expected, allowed, text))
+        return found
+
+
+def last_period(stops: Array, count: int) -> int:
+    """
+    Return the index at which the last whole period, of `count` impacts, begins.
+
+    On stop 1 after stop 2, if there is such an impact in the last two periods.
+    """
+    total = len(stops)
+    for i in range(total - count, max(total - 2 * count, 0), -1):
+        if stops[i] == 1 and stops[i - 1] == 2:
+            return i
+    return total - count
+
+
+def periodic_motion(
+    clock: ForceClock, impacts: Events, recurrence: Period, *, predict: bool
+) -> PeriodicMotion:
+    """Measure a motion that repeats, and find the predicted one nearest to it if asked to."""
+    n = recurrence.rows
+    table = section_of(impacts, clock.zero, clock.cycle)
+    end = last_period(table.stop, n) + n
+    rows = _period_states(table, recurrence, end)
+    period = _impact_states(clock, impacts[end - n : end], recurrence.cycles)
+    measured = rows[-1].copy()
+    whole = np.floor(measured[0])
+    measured[:n] -= whole
+    match = MatchedOrbit(None, np.inf, '')
+    if predict:
+        rows_of_period = impacts[end - n : end]
+        match = _match_orbit(clock, rows_of_period, measured, recurrence.cycles, table)
+    reference = rows[-1]
+    if match.orbit is not None:
+        reference = _state_row(match.orbit, table)
+        first = reference[0]
+        reference[:n] = first + (reference[:n] - first) % recurrence.cycles
+        reference[:n] += whole + round(measured[0] - first)
+    decay = decay_rate(rows, recurrence.floor)
+    distances = np.abs(rows - reference).max(axis=1)
+    if match.orbit is None:
+        distances = distances[:-1] if len(distances) > 1 else distances
+    begins = end - n * np.arange(len(rows), 0, -1)
+    factor = decay.factor if decay.factor < 1.0 else recurrence.factor
+    recent = float(recurrence.distance[-6:].max())
+    allowed = _MARGIN * recent / (1.0 - min(factor, 0.999)) + _FLOORS * recurrence.floor + _SOLVED
+    far = np.flatnonzero(distances > SETTLED)
+    settled = int(far[-1]) + 1 if len(far) else 0
+    times = impacts['time'][begins][: len(distances)]
+    return PeriodicMotion(
+        period=period,
+        time=float(impacts['time'][end - n]),
+        match=match,
+        decay=decay,
+        times=times,
+        distances=distances,
+        allowed=allowed,
+        settled_at=float(times[settled]) if settled < len(times) else None,
+        table=table,
+        recurrence=recurrence,
+    )
+
+
+# Curves for plots
+
+
+def predicted_curve(
+    clock: ForceClock, orbit: PeriodicOrbit, period: ImpactStates | None, time: float
+) -> PredictedCurve | None:
+    """
+    Return one period of a predicted motion; None if the rig cannot move so.
+
+    Parameters
+    ----------
+    clock : ForceClock
+        The force and the rig.
+    orbit : PeriodicOrbit
+        The motion.
+    period : ImpactStates or None
+        The measured period beside which it is placed, if there is one.
+    time : float
+        Instant of the first impact of that period, or any other, rig time, s.
+    """
+    time = number_between('time', time, -LATEST, LATEST)
+    rows = orbit_curve(orbit)
+    if rows is None:
+        return None
+    # The zero of the force before the measured period, from which both count their phases
+    first = period.phases[0] if period is not None else float(clock.phase(np.array(time)) % 1.0)
+    late = round(float(rows[0, 0]) - first) if period is not None else 0
+    zero = time - (first + late) * clock.cycle
+    phase, x, velocity, y, relative_velocity = rows.T
+    return PredictedCurve(
+        phase=phase,
+        x=x,
+        velocity=velocity,
+        y=y,
+        relative_velocity=relative_velocity,
+        force_zero=zero,
+        cycle=clock.cycle,
+        cycles=orbit.cycles,
+    )
+
+
+_GAP_RANGE = 3.0
+#: Points in each direction, and curves: of all stretches closely, or of the first ones only.
+_GAP_POINTS, _FEW_GAP_POINTS, _FEW_GAP_CURVES = 150, 24, 3
+#: How near a curve a predicted motion must be to lie on it, in Xmax/A.
+_ON_CURVE = 1e-3
+
+
+class GapCurves:
+    """
+    Follows predicted motions in the gap, and keeps the curves for other stretches.
+
+    A few coarse curves, or one of each motion.
+    """
+
+    def __init__(self, *, closely: bool = False) -> None:
+        self._closely = closely
+        self._known: list[tuple[PeriodicOrbit, GapCurve]] = []
+
+    def added(self, stretch: StretchComparison) -> StretchCurves:
+        """Return the curves of a stretch with that against the gap, if there is one."""
+        orbit = stretch.predicted
+        if orbit is None or orbit.parameters.one_sided or stretch.measured is None:
+            return stretch.curves
+        ratio = stretch.measured.amplitude_ratio
+        curve = self._found(orbit)
+        if curve is None:
+            if len(self._known) >= _FEW_GAP_CURVES and not self._closely:
+                return stretch.curves
+            curve = _followed(orbit, _GAP_POINTS if self._closely else _FEW_GAP_POINTS)
+            if curve is None:
+                return stretch.curves
+            self._known.append((orbit, curve))
+        marked = replace(curve, measured_gap=orbit.parameters.gap, measured_ratio=ratio)
+        return replace(stretch.curves, gap_curve=marked)
+
+    def _found(self, orbit: PeriodicOrbit) -> GapCurve | None:
+        """Return a known curve on which a motion lies."""
+        rig = orbit.parameters
+        for other, curve in self._known:
+            same = other.parameters == rig.replace(gap=other.parameters.gap)
+            if not same or other.cycles != orbit.cycles or len(other.stops) != len(orbit.stops):
+                continue
+            scaled = (curve.gap / rig.gap - 1.0, curve.ratio - orbit.amplitude_ratio)
+            ends = np.hypot(*scaled)
+            near = int(ends.argmin())
+            here = slice(max(near - 1, 0), near + 2)
+            gaps, ratios = curve.gap[here], curve.ratio[here]
+            order = np.argsort(gaps)
+            between = float(np.interp(rig.gap, gaps[order], ratios[order]))
+            inside = gaps.min() <= rig.gap <= gaps.max()
+            if inside and abs(between - orbit.amplitude_ratio) < _ON_CURVE:
+                return curve
+        return None
+
+
+def _followed(orbit: PeriodicOrbit, points: int) -> GapCurve | None:
+    """Follow a motion in the gap; None if that cannot be done."""
+    gap = orbit.parameters.gap
+    ends = gap / _GAP_RANGE, gap * _GAP_RANGE
+    try:
+        branch = follow(orbit, 'gap', *ends, most_points=points)
+    except (ValueError, ArithmeticError):
+        return None
+    orbits, special = branch.orbits, branch.special
+    if len(orbits) < 2:
+        return None
+    return GapCurve(
+        gap=np.array([o.parameters.gap for o in orbits]),
+        ratio=np.array([o.amplitude_ratio for o in orbits]),
+        stable=np.array([o.stable for o in orbits]),
+        viable=np.array([o.viable for o in orbits]),
+        special_gap=np.array([s.value for s in special]),
+        special_ratio=np.array([s.orbit.amplitude_ratio for s in special]),
+        special_kind=tuple(s.kind.value for s in special),
+        measured_gap=gap,
+        measured_ratio=orbit.amplitude_ratio,
+        stops=orbit.stops,
+        ended=branch.ended,
+    )

@@ -1,0 +1,269 @@
+"""The tables of a comparison: one line per stretch, and the numbers of a stretch."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable, Collection, Sequence
+
+from impact_damper_ros.compare import Overall, StretchComparison
+from impact_damper_ros.orbits import PeriodicOrbit
+from impact_damper_ros.rig import ALL_SPECS
+from impact_damper_ros.rig.quoting import counted
+
+from .formatting import NONE, instant, number, setting, unit_for
+from .table import Column, Table
+
+#: Changes that are named where a stretch begins; impacts of a period that are listed.
+_MOST_CHANGES, _MOST_IMPACTS = 4, 8
+#: Share of a run that samples cover if none is missing.
+_COVERED = 0.99
+
+_AT_IMPACTS: tuple[tuple[str, str, str], ...] = (
+    ('phases', 'phase', 'cycles'),
+    ('x', 'X', 'm'),
+    ('primary_velocity_before', 'X′ before', 'm/s'),
+    ('primary_velocity_after', 'X′ after', 'm/s'),
+    ('damper_velocity_before', 'Z′ before', 'm/s'),
+    ('damper_velocity_after', 'Z′ after', 'm/s'),
+    ('impulse', 'impulse', 'N s'),
+)
+
+
+def cause_of(stretch: StretchComparison) -> str:
+    """Return why a stretch begins; of many changes, the most important ones."""
+    changes = (stretch.cause or stretch.begins.value).split('), ')
+    if len(changes) <= _MOST_CHANGES:
+        return '), '.join(changes)
+    # Changes from or to none accompany another change, and matter least
+    changes.sort(key=lambda change: 'none' in change)
+    first = [change.rstrip(')') + ')' for change in changes[:_MOST_CHANGES]]
+    return f'{", ".join(first)} and {len(changes) - _MOST_CHANGES} more changes'
+
+
+def motion_of(stretch: StretchComparison) -> str:
+    """Return the kind of motion in a few words."""
+    count, cycles = stretch.impacts_per_period, stretch.cycles
+    if not count or not cycles:
+        return stretch.kind.value
+    return f'{stretch.kind.value}: {counted(count, "impact")} in {counted(cycles, "cycle")}'
+
+
+def overview_table(
+    stretches: Sequence[StretchComparison], detailed: Collection[int], note: str
+) -> Table:
+    """Return the table of all stretches."""
+    measured = [stretch.measured for stretch in stretches]
+    unit = unit_for('m', [m.x_max for m in measured if m is not None])
+
+    def swing(orbit: PeriodicOrbit | None) -> str:
+        if orbit is None:
+            return NONE
+        size = number(unit.factor * orbit.x_max, 5)
+        return size if orbit.stable else f'{size} ({orbit.stability})'
+
+    rows = [
+        (
+            str(s.number),
+            s.verdict,
+            f'{instant(s.start)} to {instant(s.end)}',
+            cause_of(s),
+            motion_of(s),
+            NONE if m is None else number(m.impacts_per_cycle, 4),
+            NONE if m is None else number(unit.factor * m.x_max, 5),
+            swing(s.predicted),
+        )
+        for s, m in zip(stretches, measured, strict=True)
+    ]
+    columns = [
+        Column('stretch', 'text'),
+        Column('verdict', 'verdict'),
+        Column('rig time [s]', 'span'),
+        Column('begins with', 'text'),
+        Column('motion', 'text'),
+        Column('impacts per cycle'),
+        Column(f'largest |X| [{unit.name}]'),
+        Column(f'predicted [{unit.name}]'),
+    ]
+    note = (
+        'Impacts per cycle and largest |X| are those of the steady part, or of the second half of '
+        f'a stretch that has none. {note}'
+    )
+    links = {str(n): f'#stretch-{n}' for n in detailed}
+    return Table(columns, [('', rows)], 'All stretches', note, links)
+
+
+def overall_table(
+    stretches: Sequence[StretchComparison], overall: Overall | None, note: str
+) -> Table | None:
+    """Return swing, impacts and energy of whole stretches and of the run; None if not known."""
+    known = {str(s.number): s.overall for s in stretches if s.overall is not None}
+    if overall is None or not known:
+        return None
+    entries = {**known, 'all': overall} if len(known) > 1 else known
+    length = unit_for('m', [e.x_max for e in entries.values()])
+    work = [(e.force_work, e.impact_energy, e.dashpot_energy) for e in entries.values()]
+    energy = unit_for('J', work)
+
+    def size(name: str) -> Callable[[Overall], str]:
+        return lambda e: number(length.factor * getattr(e, name), 5)
+
+    def joules(name: str) -> Callable[[Overall], str]:
+        return lambda e: number(energy.factor * getattr(e, name), 5)
+
+    columns: dict[str, Callable[[Overall], str]] = {
+        'length [s]': lambda e: instant(e.duration),
+        f'largest |X| [{length.name}]': size('x_max'),
+        f'rms of X [{length.name}]': size('x_rms'),
+        'impacts': lambda e: str(e.impacts),
+        'on stop 1': lambda e: str(e.impacts_on_stop_1),
+        'on stop 2': lambda e: str(e.impacts_on_stop_2),
+        f'work of the force [{energy.name}]': joules('force_work'),
+        f'taken from M by impacts [{energy.name}]': joules('impact_energy'),
+        f'lost in impacts [{energy.name}]': joules('impact_loss'),
+        f'taken by the dashpot [{energy.name}]': joules('dashpot_energy'),
+    }
+    rows = [(name, *(text(e) for text in columns.values())) for name, e in entries.items()]
+    text = 'Over whole stretches, transients included. '
+    if overall.accuracy:
+        text += f'From the recorded samples, accurate to about {number(overall.accuracy, 1)}. '
+    if overall.covered < _COVERED * overall.duration:
+        text += f'Samples are missing: rms and work cover {instant(overall.covered)} s of '
+        text += f'{instant(overall.duration)} s. '
+    heads = [Column('stretch', 'text'), *map(Column, columns)]
+    return Table(heads, [('', rows)], 'Swing, impacts and energy', text + note)
+
+
+def _pair(
+    name: str, unit: str, measured: float, predicted: float, apart: float | None = None
+) -> tuple[str, ...]:
+    """Return a row with a measured and a predicted value."""
+    factor, handy = 1.0, unit
+    if unit not in ('', 'cycles'):
+        factor, handy = unit_for(unit, measured, predicted)
+    far = measured - predicted if apart is None else apart
+    values = (number(factor * value, 7) for value in (measured, predicted))
+    return name, *values, number(factor * far, 2), handy
+
+
+def comparison_table(stretch: StretchComparison) -> Table | None:
+    """Return the table of measured and predicted values; None if nothing was measured."""
+    measured, orbit = stretch.measured, stretch.predicted
+    if measured is None:
+        return None
+    x_max = ratio = per_cycle = impulse = math.nan
+    if orbit is not None:
+        x_max, ratio = orbit.x_max, orbit.amplitude_ratio
+        per_cycle = orbit.impacts / orbit.cycles
+        impulse = sum(stretch.predicted_impulse) / max(len(stretch.predicted_impulse), 1)
+    whole = [
+        _pair('largest |X|', 'm', measured.x_max, x_max),
+        _pair('Xmax / A', '', measured.amplitude_ratio, ratio),
+        _pair('rms of X', 'm', measured.x_rms, math.nan),
+        _pair('impacts per cycle', '', measured.impacts_per_cycle, per_cycle),
+        _pair('mean impulse', 'N s', measured.mean_impulse, impulse),
+    ]
+    if stretch.decay is not None:
+        decay = stretch.decay
+        whole.append(_pair('decay per period', '', decay.measured, decay.predicted))
+    span = f'{instant(measured.start)} s to {instant(measured.end)} s'
+    groups = [(f'Motion, measured from {span}', whole)]
+    last, note = measured.last_period, ''
+    for i, stop in enumerate([] if last is None else last.stops[:_MOST_IMPACTS]):
+        rows = []
+        for field, name, unit in _AT_IMPACTS:
+            source = stretch.predicted_impulse if field == 'impulse' else getattr(orbit, field, ())
+            one, other = (_entry(values, i) for values in (getattr(last, field), source))
+            apart = None
+            if field == 'phases' and orbit is not None:
+                # The same instant may be counted from another cycle of the force.
+                apart = math.remainder(one - other, orbit.cycles)
+            rows.append(_pair(name, unit, one, other, apart))
+        groups.append((f'Impact {i + 1}, on stop {stop}', rows))
+    if last is not None and len(last.stops) > _MOST_IMPACTS:
+        note = f'The first {_MOST_IMPACTS} of {len(last.stops)} impacts of the period.'
+    names = 'measured', 'predicted', 'difference'
+    columns = [Column('quantity', 'text'), *map(Column, names), Column('unit', 'text')]
+    return Table(columns, groups, 'Measured and predicted', note)
+
+
+def _entry(values: Sequence[float], index: int) -> float:
+    return float(values[index]) if index < len(values) else math.nan
+
+
+def energy_table(stretch: StretchComparison) -> Table | None:
+    """Return where the energy of a period came from and went; None if that is not known."""
+    energy = stretch.energy
+    if energy is None:
+        return None
+    periods = max(1, energy.periods)
+    span = 'period' if stretch.cycles else 'cycle'
+    given = [('work of the force', energy.force), ('compressed air', energy.air)]
+    taken = [
+        ('dashpot', energy.dashpot),
+        ('friction', energy.friction),
+        ('impacts', energy.impacts),
+        ('change of stored energy', energy.stored),
+        ('unexplained', energy.residual),
+    ]
+    values = [value / periods for _, value in given + taken]
+    unit = unit_for('J', values)
+    total = sum(value for _, value in given) / periods
+    most = max((abs(v) for v in values if math.isfinite(v)), default=0.0) or 1.0
+    rows = [
+        (
+            name,
+            number(unit.factor * value, 5),
+            number(100.0 * value / total if total > 0.0 else math.nan, 4),
+            f'{100.0 * abs(value) / most if math.isfinite(value) else 0.0:.1f}',
+        )
+        for (name, _), value in zip(given + taken, values, strict=True)
+    ]
+    columns = [
+        Column('', 'text'),
+        Column(f'{unit.name} per {span}'),
+        Column('% of input'),
+        Column('', 'bars'),
+    ]
+    explained = number(unit.factor * energy.tolerance / periods, 2)
+    note = f'Mean of {energy.periods} {span}s from {instant(energy.start)} to '
+    note += f'{instant(energy.end)} s; up to {explained} {unit.name} may remain unexplained.'
+    groups = [('Input', rows[: len(given)]), ('Output', rows[len(given) :])]
+    return Table(columns, groups, 'Energy balance', note)
+
+
+def multiplier_table(stretch: StretchComparison) -> Table | None:
+    """Return the stability multipliers of the predicted motion; None without a prediction."""
+    orbit = stretch.predicted
+    if orbit is None or not orbit.multipliers:
+        return None
+    rows = [
+        (str(i), number(abs(m), 6), number(math.degrees(cmath.phase(m)), 5))
+        for i, m in enumerate(orbit.multipliers, 1)
+    ]
+    stable = 'all within the unit circle' if orbit.stable else 'not all within the unit circle'
+    note = f'In each period deviations are multiplied by these: {stable}.'
+    columns = [Column('', 'text'), Column('modulus'), Column('angle [°]')]
+    return Table(columns, [('', rows)], 'Multipliers of the predicted motion', note)
+
+
+def parameter_table(stretch: StretchComparison, before: StretchComparison | None) -> Table | None:
+    """Return all parameters of the first stretch, and of later ones those that have changed."""
+
+    def values_of(one: StretchComparison) -> dict[str, str]:
+        entries = {**one.parameters.as_dict(), **one.control}
+        return {name: setting(value) for name, value in entries.items()}
+
+    values = values_of(stretch)
+    units = {name: ALL_SPECS[name].unit if name in ALL_SPECS else '' for name in values}
+    columns = [Column('parameter', 'text'), Column('value'), Column('unit', 'text')]
+    if before is None:
+        rows = [(name, value, units[name]) for name, value in values.items()]
+        return Table(columns, [('', rows)], 'Parameters', 'As logged.')
+    earlier = values_of(before)
+    changed = [name for name, value in values.items() if earlier.get(name) != value]
+    if not changed:
+        return None
+    lines = [(n, values[n], units[n], earlier.get(n, NONE)) for n in changed]
+    note = f'All others are those of stretch {before.number}.'
+    return Table([*columns, Column('before')], [('', lines)], 'Changed parameters', note)

@@ -1,0 +1,238 @@
+"""
+The periodic motion into which a rig will settle from its present state.
+
+Theory gives the periodic motions; which of several stable ones a rig reaches depends on its state.
+The rig is therefore run ahead until its motion repeats, and the nearest periodic motion is solved
+for, with its multipliers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from impact_damper_ros.control import Rig
+from impact_damper_ros.orbits import (
+    OrbitError,
+    PeriodicOrbit,
+    SettledMotion,
+    find_orbits,
+    orbit_near,
+    settle,
+)
+from impact_damper_ros.orbits.arguments import check_forcing
+from impact_damper_ros.orbits.orbit import Rhythm
+from impact_damper_ros.orbits.recurrence import MotionKind
+from impact_damper_ros.orbits.search import counted_as, starting_points
+from impact_damper_ros.rig import ParameterError, RigParameters
+from impact_damper_ros.rig.quoting import counted
+
+from .prediction import ObservedMotion, Prediction
+
+#: Longest run ahead, in cycles of the force, and how often its impacts are examined.
+_MOST_CYCLES_AHEAD = 1500
+_CYCLES_BETWEEN_LOOKS = 25
+_MOST_EVENTS = 50_000
+#: It has settled if states a period apart agree to this, relative to the size of the motion.
+_SETTLED = 1e-5
+#: The same for other attractors, from other starts.
+_ELSEWHERE = 600
+#: A solution is the motion of the rig if it is as near to it as this.
+_NEAR = 1e-2
+_SAME = 1e-6
+#: Longest period of the force, in cycles of its first harmonic.
+_LONGEST_FORCE = 8
+#: Most impacts of a motion that is searched for without its states: with more, it takes minutes.
+_MOST_SOUGHT = 32
+
+
+def run_ahead(rig: Rig, most_cycles: int = _MOST_CYCLES_AHEAD) -> SettledMotion:
+    """Run a rig on until its motion repeats."""
+    return settle(
+        rig,
+        cycles=most_cycles,
+        tolerance=_SETTLED,
+        events=_MOST_EVENTS,
+        between=_CYCLES_BETWEEN_LOOKS,
+    )
+
+
+def _period_of_force(parameters: RigParameters) -> int:
+    """Return the period of the force in cycles of its first harmonic."""
+    for cycles in range(1, _LONGEST_FORCE + 1):
+        try:
+            check_forcing(parameters, cycles)
+        except OrbitError:
+            if cycles == _LONGEST_FORCE:
+                raise
+        else:
+            break
+    return cycles
+
+
+def zero_of_force(rig: Rig) -> float:
+    """Return the last rig time at which the angle of the first harmonic was zero, s."""
+    state = rig.state()
+    turned = state.angles[0] % math.tau
+    return state.run.time + state.run.time_low - turned / state.parameters.force_frequencies[0]
+
+
+def counted_from_zero(parameters: RigParameters, angles: Sequence[float]) -> RigParameters:
+    """
+    Return a rig with the phases that its harmonics have when the angle of the first is zero.
+
+    The periodic theory counts time from an instant at which all angles are zero; after a change of
+    frequencies on a live rig there may be none. `angles` are those of one instant, without the
+    phases, rad. The lines of a multisine, for which there is no periodic theory, stay as they are.
+    """
+    first = parameters.force_frequencies[0]
+    back = (angles[0] % math.tau) / first if len(parameters.force_phases) > 1 else 0.0
+    phases = [
+        math.remainder(phase + angle - frequency * back, math.tau)
+        for phase, angle, frequency in zip(
+            parameters.force_phases, angles, parameters.force_frequencies, strict=False
+        )
+    ]
+    return parameters.replace(force_phases=(parameters.force_phases[0], *phases[1:]))
+
+
+class _Orbits:
+    """The different motions found so far, the best first."""
+
+    def __init__(self) -> None:
+        self.all: list[PeriodicOrbit] = []
+
+    def add(self, orbit: PeriodicOrbit) -> PeriodicOrbit:
+        """Keep a motion, unless it is known; return the one that is kept."""
+        if (known := self.nearest(orbit, _SAME)) is not None:
+            return known
+        self.all.append(orbit)
+        self.all.sort(key=lambda o: (not o.viable, not o.stable, o.x_max))
+        return orbit
+
+    def search(
+        self, parameters: RigParameters, stops: tuple[int, ...], cycles: int, simulate: bool
+    ) -> None:
+        """Look for the motions with these stops."""
+        try:
+            found = find_orbits(parameters, stops, cycles, simulate=simulate)
+        except OrbitError:
+            # This rig cannot have them, such as both stops of a one-sided one
+            return
+        for orbit in found.orbits:
+            self.add(orbit)
+
+    def nearest(self, rhythm: Rhythm, limit: float) -> PeriodicOrbit | None:
+        """Return the motion nearest to a rhythm, if it is within a limit."""
+        best = min(self.all, key=rhythm.distance, default=None)
+        return best if best is not None and rhythm.distance(best) < limit else None
+
+    def like(self, parameters: RigParameters, motion: ObservedMotion) -> PeriodicOrbit | None:
+        """Return the predicted motion that an observed one has reached, and keep it."""
+        rhythm, impact = motion.rhythm, motion.impact
+        if (known := self.nearest(rhythm, _NEAR)) is not None:
+            return known
+        try:
+            shot = orbit_near(parameters, impact, motion.phase, rhythm.cycles)
+        except OrbitError:
+            shot = None
+        counted = None if shot is None else counted_as(shot, rhythm.stops)
+        if counted is not None:
+            return self.add(counted)
+        if len(rhythm.stops) > _MOST_SOUGHT:
+            return None
+        self.search(parameters, rhythm.stops, rhythm.cycles, simulate=True)
+        return self.nearest(rhythm, _NEAR)
+
+    def reached(self, parameters: RigParameters, found: SettledMotion) -> PeriodicOrbit | None:
+        """Return the predicted motion into which a rig has settled, and keep it."""
+        if found.rhythm is None:
+            return None
+        # The strongest impact, which round-off least decides
+        impact = max(found.impacts, key=lambda event: abs(event.impulse))
+        motion = ObservedMotion(found.rhythm, impact, found.phase(impact.time))
+        return self.like(parameters, motion)
+
+    def listed(self, reason: str) -> Prediction:
+        """Predict the first of the motions that the rig can have."""
+        first = self.all[0] if self.all and self.all[0].viable else None
+        return Prediction(tuple(self.all), first, 'listed' if first is not None else '', reason)
+
+
+def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Prediction]:
+    """
+    Predict the motion of a rig, in answers of increasing quality.
+
+    Parameters
+    ----------
+    rig : Rig
+        The rig, in its present state, which does not change. While a law moves its stops, nothing
+        is predicted.
+    measured : ObservedMotion or None, optional
+        The motion measured on it since.
+
+    Yields
+    ------
+    Prediction
+        The first after some 20 ms, the last, which is `complete`, after a few tenths of a second.
+        For a rig without a periodic force there is only one, which gives the reason.
+    """
+    if rig.control.active:
+        reason = f'gap_control is {rig.control.gap_control}: theory is for stops that do not move'
+        yield Prediction(reason=reason, complete=True, applies=False)
+        return
+    try:
+        period = _period_of_force(rig.parameters)
+    except OrbitError as error:
+        yield Prediction(reason=str(error), complete=True, applies=False)
+        return
+    parameters = counted_from_zero(rig.parameters, rig.state().angles)
+    orbits = _Orbits()
+    stops = (1,) if parameters.one_sided else (1, 2)
+    orbits.search(parameters, stops, period, simulate=False)
+    expected = None if measured is None else orbits.like(parameters, measured)
+    if expected is not None:
+        yield Prediction(tuple(orbits.all), expected, 'measured')
+    else:
+        yield orbits.listed('')
+    ahead = run_ahead(Rig.restore(rig.snapshot(), rig.own_law))
+    reached = orbits.reached(parameters, ahead)
+    if expected is not None:
+        prediction = Prediction(tuple(orbits.all), expected, 'measured')
+    elif reached is not None:
+        prediction = Prediction(tuple(orbits.all), reached, 'run ahead')
+    else:
+        prediction = orbits.listed(_why_none(ahead))
+    yield prediction
+    for initial in starting_points(parameters):
+        try:
+            start = Rig(parameters, initial)
+        except ParameterError:
+            continue
+        orbits.reached(parameters, run_ahead(start, _ELSEWHERE))
+    yield replace(prediction, orbits=tuple(orbits.all), complete=True)
+
+
+def _why_none(ahead: SettledMotion) -> str:
+    if ahead.reason:
+        return f'run ahead from its state, the rig cannot be run further: {ahead.reason}'
+    if ahead.rhythm is not None:
+        stops = ','.join(map(str, ahead.rhythm.stops))
+        return (
+            f'run ahead, the rig reaches a motion with stops {stops} in '
+            f'{counted(ahead.rhythm.cycles, "cycle")} of the force, for which the solvers find no '
+            'motion'
+        )
+    if ahead.kind in (MotionKind.NO_IMPACTS, MotionKind.AT_REST) or math.isinf(ahead.quiet):
+        return f'run ahead from its state, the rig has no more impacts after {ahead.cycles} cycles'
+    text = (
+        f'run ahead from its state, the rig does not repeat within {ahead.cycles} cycles of the '
+        'force'
+    )
+    if (found := ahead.indications) is not None:
+        text += (
+            f'; {ahead.kind.value}: Lyapunov exponent {found.exponent:+.3f} ± {found.error:.3f} '
+            f'per cycle over {found.cycles} of them'
+        )
+    return text

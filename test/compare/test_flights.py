@@ -1,0 +1,259 @@
+"""The motion between events in closed form, and what adds up over it, against the simulator."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bag.recorded_rig import LIVELY, RecordedRig
+from compare.recorded import DISPLACED, as_logged, built, recorded, replayed, simulated
+from rigs import BENCH, FRICTION, OFF_RESONANCE, VERTICAL
+
+from impact_damper_ros.cli.compare_run import main as compare_run
+from impact_damper_ros.compare.flights import STATE, rows_of_samples
+from impact_damper_ros.compare.measures import energy_balance, measured_motion
+from impact_damper_ros.compare.result import Overall
+from impact_damper_ros.compare.stretches import LoggedRig
+from impact_damper_ros.control import GapControlParameters, Rig
+from impact_damper_ros.rig import InitialConditions
+
+AT_REST = InitialConditions()
+BROAD = BENCH.replace(
+    multisine_level=1.0, multisine_low=18.85, multisine_high=43.98, multisine_lines=16
+)
+SWEPT = BENCH.replace(
+    sweep_mode='up_down', sweep_low=28.0, sweep_high=34.0, sweep_step=1.0, sweep_dwell=0.77
+)
+CHATTER = VERTICAL.replace(damping=0.5, force_amplitudes=(1.2,), restitution_1=0.6)
+CASES = {
+    'off resonance': (OFF_RESONANCE, DISPLACED),
+    'inclined': (FRICTION.replace(air_force=0.02, damping=0.05), DISPLACED),
+    'bench': (BENCH, AT_REST),
+    'sticking': (FRICTION.replace(friction=4.0), DISPLACED),
+    'plastic': (BENCH.replace(restitution_1=0.0, restitution_2=0.0), AT_REST),
+    'chatter': (CHATTER, AT_REST),
+    'multisine': (BROAD, AT_REST),
+    'stepped sine': (SWEPT, AT_REST),
+}
+
+
+def between(parameters, initial, cycles, count=400):
+    """Return samples of a run at random instants."""
+    rig, end = Rig(parameters, initial), cycles * math.tau / parameters.force_frequencies[0]
+    return rig.run(end, np.sort(np.random.default_rng(3).uniform(0.0, end, count))).samples
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_the_closed_form_is_the_motion_of_the_rig(name):
+    rig, initial = CASES[name]
+    flights = replayed(rig, 40, initial, 4, part=23).flights
+    expected = between(rig, initial, 40)
+    index = np.searchsorted(flights.starts, expected['time'], side='right') - 1
+    tau = expected['time'] - flights.starts[index]
+    x, velocity, _, _ = flights.motion(index, tau)
+    y, relative = flights.damper(index, tau, x, velocity)
+    size, speed = (np.abs(expected[n]).max() for n in ('x', 'primary_velocity'))
+    assert x == pytest.approx(expected['x'], abs=1e-11 * size)
+    assert velocity == pytest.approx(expected['primary_velocity'], abs=1e-11 * speed)
+    assert y == pytest.approx(expected['z'] - expected['x'], abs=1e-10 * size)
+    damper = expected['damper_velocity']
+    assert velocity + relative == pytest.approx(damper, abs=1e-11 * np.abs(damper).max())
+    # All energy put in and taken out, to round-off
+    found, largest = flights.measured()
+    assert found.covered == pytest.approx(expected['time'].max(), rel=0.02)
+    left = found.force + found.air - found.dashpot - found.friction - found.both
+    assert left == pytest.approx(flights.stored(), abs=1e-11 * found.dashpot)
+    # Cut in the middle of flights, and sampled finely
+    start, end = 0.311 * flights.rows['time'][-1], 0.731 * flights.rows['time'][-1]
+    part = flights.cut(start, end)
+    _, x, *_ = part.curve(2000.0 / (end - start))
+    swing = part.measured()[1]
+    assert np.abs(x).max() <= swing * (1.0 + 1e-12)
+    assert np.abs(x).max() == pytest.approx(swing, rel=1e-3)
+    whole = sum(flights.cut(*ends).measured()[0].squares for ends in ((0, start), (end, 1e9)))
+    assert whole + part.measured()[0].squares == pytest.approx(found.squares, rel=1e-11)
+    assert largest == max(f.measured()[1] for f in (flights, part))
+
+
+def test_the_stops_may_move():
+    control = GapControlParameters(
+        gap_control='timed', gap_min=0.002, gap_max=0.05, actuator_speed=2.0
+    )
+    rig = Rig(BENCH, control=control)
+    state, instants = rig.snapshot(), np.arange(1, 2001) / 200.0
+    result = rig.run(10.0, instants)
+    stretch = built(LoggedRig(BENCH, state=state), result.samples, result.events, rig.snapshot())
+    flights, samples = stretch.flights, result.samples
+    index = np.searchsorted(flights.starts, samples['time'], side='right') - 1
+    index = np.minimum(index, len(flights) - 1)
+    tau = samples['time'] - flights.starts[index]
+    x, velocity, _, _ = flights.motion(index, tau)
+    assert x == pytest.approx(samples['x'], abs=1e-13)
+    y, _ = flights.damper(index, tau, x, velocity)
+    assert y == pytest.approx(samples['z'] - samples['x'], abs=1e-12)
+
+
+def test_recorded_rows_begin_flights_of_their_own():
+    """The phase of the force is found from them; friction may turn between two of them."""
+    for rig, initial in ((BENCH, AT_REST), (OFF_RESONANCE, DISPLACED)):
+        exact = replayed(rig, 60, initial).overall
+        found = recorded(rig, 60, initial)
+        overall = found.overall
+        close = {'rel': 1e-4}
+        assert (overall.accuracy > 0.0) == (rig.friction > 0.0)
+        for name in ('x_max', 'x_rms', 'dashpot_energy', 'force_work', 'impact_energy'):
+            assert getattr(overall, name) == pytest.approx(getattr(exact, name), **close), name
+        assert overall.impacts == exact.impacts
+        assert overall.covered == pytest.approx(exact.covered)
+        angle = found.clock.angles_at(np.array([0.0]))
+        assert math.remainder(float(angle[0, 0]), math.tau) == pytest.approx(0.0, abs=1e-3)
+    # Nothing is made up where the force is not what is logged.
+    _, samples, events, _ = simulated(BENCH, 60, AT_REST)
+    other = built(LoggedRig(BENCH.replace(stiffness=2100.0)), samples, as_logged(events))
+    assert other.clock is None
+    assert math.isnan(other.overall.force_work)
+    assert math.isnan(other.overall.x_rms)
+    assert other.overall.x_max == pytest.approx(exact_largest(samples, events))
+
+
+def exact_largest(samples, events):
+    return max(np.abs(samples['x']).max(), np.abs(as_logged(events)['x']).max())
+
+
+def test_however_it_is_read():
+    whole, parts = (replayed(BENCH, 40, AT_REST, part=part).overall for part in (10**6, 7))
+    for name, value in vars(whole).items():
+        assert getattr(parts, name) == pytest.approx(value, rel=1e-12), name
+
+
+def test_the_closed_form_without_impacts():
+    """X = A sin(W t) at resonance, from the start: all is known without any integration."""
+    rig = OFF_RESONANCE.replace(force_frequencies=(1.0,), gap=1e6)
+    amplitude = rig.response_amplitude
+    overall = replayed(rig, 30, InitialConditions(initial_primary_position=-amplitude)).overall
+    span = 30.0 * math.tau
+    assert overall.x_max == pytest.approx(amplitude, rel=1e-12)
+    assert overall.x_rms == pytest.approx(amplitude / math.sqrt(2.0), rel=1e-9)
+    # The force does the work that the dashpot takes, C (W A)^2/2 in each second.
+    power = 0.5 * rig.damping * amplitude**2
+    assert overall.dashpot_energy == pytest.approx(power * span, rel=1e-9)
+    assert overall.force_work == pytest.approx(power * span, rel=1e-9)
+    assert (overall.impacts, overall.impact_energy, overall.accuracy) == (0, 0.0, 0.0)
+
+
+def test_where_samples_are_missing():
+    """A replay needs none; of recorded rows, what is missing is left out."""
+    start, samples, events, end = simulated(BENCH, 60, AT_REST)
+    kept = np.full(len(samples), True)
+    kept[700:760] = kept[1500] = kept[-5:-2] = False
+    exact = built(LoggedRig(BENCH, state=start), samples, events, end)
+    fewer = built(LoggedRig(BENCH, state=start), samples[kept], events, end, part=500)
+    assert fewer.counts[:2] == (len(samples) - 64, 64)
+    assert vars(fewer.overall) == pytest.approx(vars(exact.overall), rel=1e-12)
+    period = float(samples['time'][1])
+    rows = built(LoggedRig(BENCH), samples[kept], as_logged(events), part=500, period=period)
+    assert rows.counts == (len(samples) - 64, 64, exact.overall.impacts)
+    assert 50 * period < exact.overall.covered - rows.overall.covered < 68 * period
+    assert rows.overall.x_rms == pytest.approx(exact.overall.x_rms, rel=0.02)
+
+
+def test_over_several_stretches():
+    """Two halves and the whole, whose rms goes by the time of each."""
+    start, samples, events, end = simulated(FRICTION, 60)
+    rig, middle = Rig.restore(start), float(samples['time'][700])
+    rig.advance(middle)
+    early = events['time'] <= middle
+    one = built(LoggedRig(FRICTION, state=start), samples[:701], events[early], rig.snapshot())
+    late = LoggedRig(FRICTION, state=rig.snapshot())
+    other = built(late, samples[701:], events[~early], end).overall
+    both = Overall.joined([one.overall, replace(other, duration=other.covered)])
+    whole = built(LoggedRig(FRICTION, state=start), samples, events, end).overall
+    assert vars(both) == pytest.approx(vars(whole), rel=1e-12)
+    # A stretch of which nothing is known takes no part in what is.
+    nothing = dict.fromkeys(vars(whole), 0) | {'x_max': math.nan, 'x_rms': math.nan}
+    none = Overall(**nothing)
+    assert vars(Overall.joined([none, whole])) == pytest.approx(vars(whole))
+
+
+def test_what_cannot_be_known():
+    _, samples, events, _ = simulated(BENCH, 20, AT_REST)
+    # A number that is no displacement of anything makes no warning.
+    samples['x'][100] = 1e300
+    with np.errstate(over='ignore', invalid='ignore'):
+        wild = built(LoggedRig(BENCH), samples, as_logged(events)).overall
+    assert wild.x_max >= 1e300
+    assert not math.isfinite(wild.x_rms)
+
+
+def test_memory_of_long_stretches_is_bounded(monkeypatch):
+    """All is counted and added up; of flights and samples the last ones are kept."""
+    whole = replayed(FRICTION, 200)
+    module = 'impact_damper_ros.compare.stretches'
+    monkeypatch.setattr(f'{module}._MOST_SAMPLES', 1000)
+    monkeypatch.setattr(f'{module}._MOST_ROWS', 100)
+    few = replayed(FRICTION, 200, part=200)
+    assert few.counts == whole.counts
+    assert vars(few.overall) == pytest.approx(vars(whole.overall), rel=1e-12)
+    assert 1000 <= len(few.samples) < 1400
+    assert 100 <= len(few.flights) < 300
+    assert few.flights.rows['time'][-1] == whole.flights.rows['time'][-1]
+    assert len(few.envelope.time) <= 2000
+    assert few.envelope.high.max() == whole.samples['x'].max()
+    assert few.envelope.low.min() == whole.samples['x'].min()
+
+
+def test_the_energy_of_periods():
+    stretch = replayed(FRICTION.replace(air_force=0.02, damping=0.05), 60)
+    balance = energy_balance(stretch, 100.0, stretch.end, 40)
+    parts = (balance.force, balance.air, balance.dashpot, balance.friction, balance.impacts)
+    assert min(parts) > 0.1
+    assert abs(balance.residual) < balance.tolerance < 1e-8 * balance.force
+    # F sin t on X = -A cos t gives pi F A in a cycle, all to the dashpot.
+    wide = OFF_RESONANCE.replace(force_frequencies=(1.0,), gap=1e6, damping=0.1, gravity=0.0)
+    still = replayed(wide, 20, InitialConditions(initial_primary_position=-10.0))
+    balance = energy_balance(still, 0.0, 5.0 * math.tau, 5)
+    assert balance.force == pytest.approx(50.0 * math.pi, rel=1e-9)
+    assert balance.dashpot == pytest.approx(50.0 * math.pi, rel=1e-9)
+    assert (balance.air, balance.friction, balance.impacts) == (0.0, 0.0, 0.0)
+    measured = measured_motion(still, 0.0, 5.0 * math.tau)
+    assert measured.x_rms == pytest.approx(10.0 / math.sqrt(2.0), rel=1e-9)
+
+
+def test_a_sample_as_a_row():
+    rig = Rig(BENCH)
+    rig.advance(0.3)
+    samples = rig.run(1.0, [0.5, 0.7]).samples
+    rows = rows_of_samples(samples, STATE)
+    assert (rows['x'] + rows['y']).tolist() == pytest.approx(samples['z'].tolist())
+    assert rows['primary_velocity_before'].tolist() == rows['primary_velocity_after'].tolist()
+
+
+def test_a_bag_with_changes(tmp_path, capsys):
+    """Per stretch and over all, in JSON and text; the energy adds up over the run."""
+    level = LIVELY.replace(gravity=0.0)
+    rig = RecordedRig(level, offset=0).start().run(900)
+    for change in ({'gap': 0.02}, {'damping': 1.5}, {'force_amplitudes': (4.0,)}):
+        rig.run(700, ('change', change))
+    bag = rig.save(tmp_path / 'bag')
+    path = tmp_path / 'result.json'
+    assert compare_run([str(bag), '--json', str(path)]) == 0
+    result = json.loads(path.read_text(encoding='utf-8'))
+    parts = [stretch['overall'] for stretch in result['stretches']]
+    whole = result['overall']
+    assert len(parts) == 4
+    assert whole['duration'] == whole['covered'] == pytest.approx(15.0)
+    assert whole['impacts'] == result['impacts'] == sum(part['impacts'] for part in parts)
+    assert whole['x_max'] == max(part['x_max'] for part in parts)
+    squares = sum(part['x_rms'] ** 2 * part['covered'] for part in parts)
+    assert whole['x_rms'] == pytest.approx(math.sqrt(squares / whole['covered']), rel=1e-12)
+    for name in ('impact_energy', 'dashpot_energy', 'force_work'):
+        assert whole[name] == pytest.approx(sum(part[name] for part in parts), rel=1e-12)
+    for stretch in result['stretches']:
+        assert abs(stretch['energy']['residual']) < stretch['energy']['tolerance']
+    printed = capsys.readouterr().out
+    assert printed.count('\n  overall    largest |X| ') == 5
+    last = printed[printed.index('\nin all ') :]
+    assert f'largest |X| {whole["x_max"]:.7g} m, rms X {whole["x_rms"]:.6g} m in 15 s' in last
+    lost = f'({whole["impact_loss"]:.6g} J of it lost)'
+    assert f'taken from M by impacts {whole["impact_energy"]:.6g} J {lost}' in last

@@ -1,0 +1,46 @@
+"""Tables as text and Markdown, and numbers for readers."""
+
+import math
+
+import pytest
+
+from impact_damper_ros.report.formatting import instant, number, quantity, setting, unit_for
+from impact_damper_ros.report.table import Column, Table
+
+TABLE = Table.of_rows(('name', 'X [m]'), [('first', '0.5'), ('second one', '-12.25')])
+
+
+def test_a_table_as_text_and_markdown():
+    assert TABLE.text('  ').splitlines() == [
+        '  name         X [m]',
+        '  first          0.5',
+        '  second one  -12.25',
+    ]
+    assert TABLE.markdown() == (
+        '| name | X [m] |\n| --- | --- |\n| first | 0.5 |\n| second one | -12.25 |'
+    )
+    grouped = Table([Column('a', 'text')], [('one', [('x',)]), ('two', [('y',)])])
+    assert grouped.text() == 'a\nx\ny'
+
+
+@pytest.mark.parametrize(
+    ('shown', 'expected'),
+    [
+        (number(0.00012345678), '0.000123457'),
+        (number(-1.5e-7, 3), '−1.5e−07'),
+        (number(math.nan), '–'),
+        (number(None), '–'),
+        (number(math.inf), '∞'),
+        (number(-0.0), '0'),
+        (quantity(0.0032498, 'm', 3), '3.25 mm'),
+        (quantity(2e-5, 'N s', 2), '20 µN s'),
+        (instant(12.0), '12'),
+        (instant(0.12345), '0.123'),
+        (instant(-1e-5), '0'),
+        (setting((1.0, True, 'timed')), '[1, true, timed]'),
+        (unit_for('m', [0.003, math.nan]), (1e3, 'mm')),
+        (unit_for('m', []), (1.0, 'm')),
+    ],
+)
+def test_numbers_for_readers(shown, expected):
+    assert shown == expected

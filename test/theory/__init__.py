@@ -1,0 +1,1 @@
+"""Tests of the theory of a rig and of the process that computes it."""

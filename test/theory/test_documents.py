@@ -1,0 +1,200 @@
+"""The document of the theory: the numbers of the solvers, part by part."""
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.control import GapControlParameters, Rig
+from impact_damper_ros.orbits import find_orbits, follow
+from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.theory import Prediction, theory
+
+LEVEL = RigParameters(gravity=0.0)
+INCLINED = RigParameters(angle=0.7853981633974483, gravity=1.0, friction=0.5).replace(
+    force_frequencies=(1.02,)
+)
+
+
+def documents(rig, control=None):
+    """Return the documents of a rig as they are sent."""
+    rig = rig if isinstance(rig, Rig) else Rig(rig, control=control)
+    found = [one for one in theory(rig.snapshot()) if not isinstance(one, Prediction)]
+    return json.loads(json.dumps(found, allow_nan=False))
+
+
+def parts(found, name):
+    """Return an entry of the documents each time that it changes."""
+    return [part for part, _ in itertools.groupby(one[name] for one in found) if part]
+
+
+@pytest.fixture(scope='module')
+def level():
+    return documents(LEVEL)
+
+
+@pytest.fixture(scope='module')
+def inclined():
+    return documents(INCLINED)
+
+
+def test_expected_motion_is_that_of_the_solver(inclined):
+    found = parts(inclined, 'orbit')
+    assert [one['complete'] for one in found] == [*([False] * (len(found) - 1)), True]
+    last = found[-1]
+    orbit = next(o for o in find_orbits(INCLINED, (1, 2), 1).orbits if o.stable and o.viable)
+    assert last['label'] == '2 impacts in 1 cycle'
+    assert last['x_max_ratio'] == pytest.approx(0.2113439, abs=1e-7)
+    assert (last['stable'], last['viable'], last['period']) == (True, True, orbit.period)
+    moduli = [abs(complex(*pair)) for pair in last['multipliers']]
+    assert moduli == pytest.approx([0.94107, 0.94107, 0.57960, 0.57960], abs=1e-4)
+    assert [i['phase'] for i in last['impacts']] == pytest.approx([0.7579950, 0.2697923], abs=1e-6)
+
+
+def test_drawn_motion_is_that_of_the_rig(inclined):
+    """Set going on the orbit, the rig is where the document says."""
+    last = inclined[-1]['orbit']
+    t, x, z = (np.array(last[name]) for name in ('t', 'x', 'z'))
+    assert (np.diff(t) >= 0.0).all()
+    assert last['t_zero'] == pytest.approx(0.0)
+    rig = Rig(INCLINED)
+    rig.advance(1000 * last['period'])
+    began = rig.time
+    for share in (0.05, 0.3, 0.55, 0.9):
+        rig.advance(began + share * last['period'])
+        at = (rig.time - last['t_zero']) % last['period']
+        sample = rig.sample()
+        assert np.interp(at, t, x) == pytest.approx(sample.x, abs=5e-3)
+        assert np.interp(at, t, z) == pytest.approx(sample.z, abs=3e-2)
+    y, velocity = np.array(last['y']), np.array(last['relative_velocity'])
+    assert np.abs(y).max() == pytest.approx(0.5 * INCLINED.gap, rel=1e-6)
+    assert velocity.max() > 0.0 > velocity.min()
+
+
+def test_drawn_motion_of_a_force_that_repeats_after_several_cycles():
+    """Zeros of its first harmonic differ: phases count from one that all harmonics agree with."""
+    force = {'force_frequencies': (1.02, 1.7), 'force_phases': (0.1, 0.2)}
+    rig = Rig(INCLINED)
+    rig.advance(20.0)
+    rig.change(INCLINED.replace(force_amplitudes=(1.0, 0.1), **force))
+    rig.advance(20.0 + 600 * 2.0 * np.pi / 1.02)
+    last = documents(rig)[-1]['orbit']
+    assert last['cycles'] == 3
+    for _ in range(7):
+        rig.advance(rig.time + 0.3 * last['period'])
+        at = (rig.time - last['t_zero']) % last['period']
+        assert np.interp(at, last['t'], last['x']) == pytest.approx(rig.sample().x, abs=5e-3)
+    first = last['impacts'][0]
+    assert np.interp(first['phase'], last['phase'], last['x']) == pytest.approx(
+        first['x'], abs=1e-6
+    )
+
+
+def test_an_impact_is_drawn_from_before_it_to_after_it(level):
+    """There Y' is multiplied by -R at once; elsewhere it is the rate of Y."""
+    orbit = level[-1]['orbit']
+    t, y, rate = (np.array(orbit[name]) for name in ('t', 'y', 'relative_velocity'))
+    off = np.diff(y) - np.diff(t) * 0.5 * (rate[1:] + rate[:-1])
+    assert np.abs(off).max() < 1e-4 * 37.0
+    (hits,) = np.nonzero(np.diff(t) < 1e-9)
+    turned = [(y[n], rate[n + 1] / rate[n]) for n in hits if rate[n] * rate[n + 1] < 0.0]
+    assert sorted(turned) == [pytest.approx((place, -0.75)) for place in (-18.5, 18.5)]
+
+
+def test_gap_curve_comes_part_by_part(level):
+    curves = parts(level, 'gap_curve')
+    assert len(curves) >= 3
+    assert [m['done'] for m in curves] == [*([False] * (len(curves) - 1)), True]
+    assert len(curves[0]['branches'][0]['gap']) < 40
+    last = curves[-1]
+    # It grows at both ends, and what is there stays. Special points are located at the end, and
+    # are points of it then.
+    located = {special['gap'] for special in last['special']}
+    whole = [gap for gap in last['branches'][0]['gap'] if gap not in located]
+    for curve in curves:
+        gaps = [gap for gap in curve['branches'][0]['gap'] if gap not in located]
+        start = whole.index(gaps[0])
+        assert whole[start : start + len(gaps)] == gaps
+    # All of it before the other motions that the rig can have
+    before = next(one for one in reversed(level) if not one['orbit']['complete'])
+    assert before['gap_curve']['branches'][0]['gap'] == whole
+    main = last['branches'][0]
+    gap, ratio = np.array(main['gap']), np.array(main['x_max_ratio'])
+    assert (gap.min(), gap.max()) == (pytest.approx(37.0 / 4), pytest.approx(37.0 * 4))
+    # Golden case at the rig's own gap
+    here = int(np.abs(gap - 37.0).argmin())
+    assert ratio[here] == pytest.approx(last['x_max_ratio'])
+    assert ratio[here] == pytest.approx(0.104644, abs=1e-6)
+    for k in range(0, len(gap), 15):
+        orbits = find_orbits(LEVEL.replace(gap=float(gap[k])), (1, 2), 1).orbits
+        near = min(orbits, key=lambda o: abs(o.amplitude_ratio - ratio[k]))
+        assert near.amplitude_ratio == pytest.approx(ratio[k], rel=1e-6)
+        assert (near.stable, near.viable) == (main['stable'][k], main['viable'][k])
+    assert 'Neimark-Sacker' in {special['kind'] for special in last['special']}
+
+
+def test_optimum_of_the_curve_is_the_best_gap_and_none_is_taken_where_the_curve_goes_on(level):
+    """The first parts fall to their ends: the best gap may be beyond."""
+    *growing, last = parts(level, 'gap_curve')
+    best = follow(find_orbits(LEVEL, (1, 2)).orbits[0], 'gap', 30.0, 70.0).best()
+    assert last['optimum']['gap'] == pytest.approx(best.value, rel=1e-5)
+    assert last['optimum']['x_max_ratio'] == pytest.approx(best.orbit.amplitude_ratio, rel=1e-9)
+    assert growing[0]['optimum'] is None
+    for part in growing:
+        if part['optimum'] is not None:
+            assert part['optimum']['gap'] == pytest.approx(best.value, rel=0.02)
+
+
+def test_a_branch_with_as_many_points_as_there_may_be_has_its_special_points(monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.theory.gap_curve.MOST_POINTS', 25)
+    monkeypatch.setattr('impact_damper_ros.theory.documents.MOST_POINTS', 25)
+    last = documents(LEVEL)[-1]['gap_curve']
+    branch = last['branches'][0]
+    assert len(branch['gap']) > 40
+    assert max(branch['gap']) < 4.0 * 37.0
+    assert {special['kind'] for special in last['special']} >= {'branch point'}
+    assert all(min(branch['gap']) < s['gap'] < max(branch['gap']) for s in last['special'])
+
+
+def test_the_curve_goes_on_where_it_falls_at_the_end_of_its_range():
+    """The best gap is almost seven times the present one."""
+    best = documents(LEVEL.replace(gap=8.0, force_frequencies=1.02))[-1]['gap_curve']['optimum']
+    assert best['gap'] == pytest.approx(55.0, rel=0.01)
+    assert best['bound'] == ''
+
+
+def test_an_optimum_beyond_all_that_is_followed_is_a_bound():
+    """Below its resonance, M moves the less the smaller the gap is."""
+    rig = LEVEL.replace(gap=0.5, damper_mass=0.02, force_frequencies=(0.9,))
+    curve = documents(rig.replace(restitution_1=0.0, restitution_2=0.0))[-1]['gap_curve']
+    least = min(gap for branch in curve['branches'] for gap in branch['gap'])
+    assert (curve['optimum']['gap'], curve['optimum']['bound']) == (least, 'at most')
+
+
+@pytest.mark.parametrize(
+    ('rig', 'control', 'words'),
+    [
+        (RigParameters(multisine_level=1.0), None, 'multisine_level is 1 N'),
+        (RigParameters(sweep_mode='up'), None, "sweep_mode is 'up'"),
+        (RigParameters(), GapControlParameters(gap_control='timed'), 'gap_control is timed'),
+    ],
+    ids=['multisine', 'sweep', 'control'],
+)
+def test_where_there_is_no_theory_it_says_why(rig, control, words):
+    last = documents(rig, control)[-1]
+    assert words in last['theory_failed']['text']
+    assert (last['orbit']['found'], last['gap_curve']) == (False, None)
+
+
+def test_a_one_sided_rig_has_an_orbit_but_no_curve():
+    last = documents(LEVEL.replace(one_sided=True, gravity=1.0, angle=1.5, gap=0.1))[-1]
+    assert last['orbit']['complete']
+    assert (last['gap_curve']['done'], last['gap_curve']['branches']) == (True, [])
+    assert 'one-sided' in last['gap_curve']['text']
+
+
+def test_a_document_says_for_which_rig_it_is():
+    rig = Rig(LEVEL)
+    rig.advance(12.5)
+    assert next(d for d in theory(rig.snapshot()) if not isinstance(d, Prediction))['time'] == 12.5

@@ -1,0 +1,230 @@
+"""The motion predicted for a rig is the one it comes to, and is reported with its reasons."""
+
+import itertools
+import math
+import re
+
+import pytest
+from rig.endless_rigs import ENDLESS
+from rigs import FRICTION, HORIZONTAL, VERTICAL
+
+from impact_damper_ros.control import GapControlParameters, Rig
+from impact_damper_ros.orbits import find_orbits
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
+from impact_damper_ros.rig.swing import Swing
+from impact_damper_ros.theory.expected_motion import predictions, run_ahead
+from theory.observed import motion_on
+
+THREE = RigParameters(gravity=0.0, gap=18.0, force_frequencies=1.02)
+
+
+@pytest.mark.parametrize(
+    ('rig', 'stops'),
+    [
+        (HORIZONTAL, (1, 2)),
+        (FRICTION, (1, 2)),
+        (THREE, (1, 1, 2)),
+        (VERTICAL.replace(gap=10.0), (1,)),
+    ],
+)
+def test_the_predicted_motion_is_the_stable_one_of_the_theory(rig, stops):
+    *_, last = predictions(Rig(rig))
+    assert last.complete
+    assert (last.basis, last.reason) == ('run ahead', '')
+    orbit = last.expected
+    (theory,) = (
+        o for o in find_orbits(rig, stops).orbits if o.viable and orbit.distance(o) < 1e-9
+    )
+    assert orbit.stops == stops
+    assert orbit.stable
+    assert orbit.x_max == pytest.approx(theory.x_max, rel=1e-9)
+    assert abs(orbit.multipliers[0]) == pytest.approx(abs(theory.multipliers[0]), abs=1e-7)
+
+
+def test_a_motion_with_cycles_without_impacts_is_recognised():
+    rig = VERTICAL.replace(force_amplitudes=1.48507)
+    theory = find_orbits(rig, (1,), 3).orbits[0]
+    assert abs(theory.multipliers[0]) == pytest.approx(0.927447, abs=1e-6)
+    # It begins just after an impact, slightly beside the periodic motion.
+    rig = rig.replace(force_phases=math.tau * theory.phases[0])
+    start = InitialConditions(
+        initial_primary_position=theory.x[0] + 1e-5,
+        initial_primary_velocity=theory.primary_velocity_after[0],
+        initial_damper_offset=0.5 * rig.gap,
+        initial_damper_velocity=theory.damper_velocity_after[0],
+    )
+    found = next(each for each in predictions(Rig(rig, start)) if each.basis == 'run ahead')
+    assert (found.expected.stops, found.expected.cycles) == ((1,), 3)
+    assert found.expected.stable
+    assert found.expected.x_max == pytest.approx(theory.x_max, rel=1e-9)
+
+
+def test_a_quick_answer_comes_first_and_the_rig_stays_where_it_is():
+    rig = Rig(FRICTION)
+    rig.advance(20.0)
+    before = rig.snapshot()
+    first = next(predictions(rig))
+    assert (first.basis, first.complete) == ('listed', False)
+    assert first.expected.x_max / FRICTION.response_amplitude == pytest.approx(0.2113439, abs=5e-7)
+    list(predictions(rig))
+    assert rig.snapshot() == before
+
+
+def test_of_coexisting_motions_the_measured_one_is_predicted():
+    mirrored = find_orbits(THREE, (1, 2, 2)).orbits[0]
+    assert mirrored.stable
+    first = next(predictions(Rig(THREE), motion_on(mirrored)))
+    assert first.basis == 'measured'
+    assert first.expected.stops == (1, 2, 2)
+    # From rest the rig comes to the other one; both are listed.
+    *_, last = predictions(Rig(THREE))
+    assert last.expected.stops == (1, 1, 2)
+    assert {o.stops for o in last.orbits if o.stable} == {(1, 1, 2), (1, 2, 2)}
+
+
+def test_a_rig_in_motion_is_run_ahead_from_its_own_phase():
+    cycle = math.tau / 1.05
+    # A chaotic transient takes some hundred cycles, or more than are run ahead; not every time.
+    for begun in (33.0, 34.0, 35.0, 36.0, 37.0, 38.0):
+        rig = Rig(FRICTION)
+        rig.advance(begun)
+        rig.change(FRICTION.replace(force_frequencies=1.05))
+        rig.advance(41.0)
+        course = run_ahead(Rig.restore(rig.snapshot()))
+        if course.rhythm is not None:
+            break
+    impacts = [e for e in rig.advance(41.0 + 4000 * cycle) if e.kind is EventKind.IMPACT]
+    own = [course.phase(e.time) % 1.0 for e in impacts[-2:] if e.stop == 1]
+    assert course.rhythm.stops == (1, 2)
+    assert course.rhythm.phases[0] == pytest.approx(own[0], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ('rig', 'reason'),
+    [
+        (HORIZONTAL.replace(force_amplitudes=0.0), 'amplitude 0 N'),
+        (HORIZONTAL.replace(multisine_level=0.1), 'multisine_level is 0.1 N'),
+        (HORIZONTAL.replace(sweep_mode='up'), "sweep_mode is 'up'"),
+        (
+            HORIZONTAL.replace(
+                force_amplitudes=(1.0, 0.3), force_frequencies=(1.0, 1.234), force_phases=(0, 0)
+            ),
+            'needs a whole number',
+        ),
+    ],
+)
+def test_a_force_without_a_period_has_no_prediction_and_the_reason_is_given(rig, reason):
+    (only,) = predictions(Rig(rig))
+    assert (only.orbits, only.expected, only.complete) == ((), None, True)
+    assert reason in only.reason
+
+
+def test_stops_that_a_law_moves_are_not_predicted_but_where_they_come_to_rest():
+    law = GapControlParameters(gap_control='amplitude', actuator_speed=0.5)
+    rig = Rig(HORIZONTAL, control=law)
+    rig.advance(100.0)
+    (only,) = predictions(rig)
+    assert (only.expected, only.complete) == (None, True)
+    assert 'gap_control is amplitude' in only.reason
+    rig.change(HORIZONTAL, law.replace(gap_control='off'))
+    *_, last = predictions(rig)
+    assert last.expected.distance(find_orbits(HORIZONTAL, (1, 2)).orbits[0]) < 1e-9
+
+
+def test_two_harmonics_with_a_common_period():
+    rig = HORIZONTAL.replace(
+        force_amplitudes=(1.0, 0.2), force_frequencies=(1.0, 2.0), force_phases=(0.0, 0.0)
+    )
+    *_, last = predictions(Rig(rig))
+    assert last.basis == 'run ahead'
+    assert last.expected.stable
+    simulator = Rig(rig)
+    simulator.advance(400 * math.tau)
+    swing = Swing()
+    for k in range(1, 241):
+        events = simulator.advance((400 + k / 240) * math.tau)
+        swing.look(simulator.sample(), events)
+    assert last.expected.x_max == pytest.approx(swing.largest, rel=1e-6)
+
+
+def test_a_harmonic_that_was_added_on_the_way_has_the_phase_of_then():
+    rig = Rig(FRICTION)
+    rig.advance(20.0)
+    force = {'force_frequencies': (1.02, 1.7), 'force_phases': (0.1, 0.2)}
+    rig.change(FRICTION.replace(force_amplitudes=(1.0, 0.1), **force))
+    *_, last = predictions(rig)
+    assert last.expected.cycles == 3
+    assert last.expected.stable
+    cycle = math.tau / 1.02
+    course = run_ahead(rig)
+    assert last.expected.distance(course.rhythm) < 1e-2
+    rig.advance(rig.time + 300 * cycle)
+    course = run_ahead(rig)
+    assert last.expected.distance(course.rhythm) < 1e-8
+
+
+def test_where_no_stop_is_hit_or_nothing_repeats_the_reason_is_given():
+    wide = RigParameters(gravity=0.0, gap=600.0)
+    *_, last = predictions(Rig(wide))
+    assert last.expected is None
+    assert 'no more impacts' in last.reason
+    chaotic = RigParameters(
+        primary_mass=2.0,
+        stiffness=1974.0,
+        damping=1.26,
+        damper_mass=0.1,
+        gap=0.032,
+        restitution_1=0.6,
+        restitution_2=0.6,
+        friction=0.02,
+        force_amplitudes=1.2,
+        force_frequencies=31.416,
+    )
+    search = predictions(Rig(chaotic))
+    next(search)
+    second = next(search)
+    assert 'does not repeat within 1500 cycles' in second.reason
+    # Theory has a motion of two impacts, of which the rig moves away.
+    assert (second.basis, second.expected.viable, second.expected.stable) == (
+        'listed',
+        True,
+        False,
+    )
+    *_, last = search
+    assert last.complete
+    exponent, error = map(
+        float, re.findall(r'chaotic: .* ([+-][\d.]+) ± ([\d.]+)', last.reason)[0]
+    )
+    # 0.288 +- 0.006 over 20,000 cycles
+    assert exponent == pytest.approx(0.288, abs=4.0 * error)
+
+
+def test_the_swing_between_coarse_samples_with_impacts():
+    orbit = find_orbits(HORIZONTAL, (1, 2)).orbits[0]
+    start = InitialConditions(
+        initial_primary_position=orbit.x[0],
+        initial_primary_velocity=orbit.primary_velocity_after[0],
+        initial_damper_offset=18.5,
+        initial_damper_velocity=orbit.damper_velocity_after[0],
+    )
+    phase = math.tau * orbit.phases[0]
+    for samples, error in ((8, 2e-3), (20, 1e-4), (100, 1e-6)):
+        rig = Rig(HORIZONTAL.replace(force_phases=phase), start)
+        swing = Swing()
+        swing.look(rig.sample(), [])
+        for k in range(1, samples + 1):
+            events = rig.advance(k / samples * math.tau)
+            swing.look(rig.sample(), events)
+        assert swing.largest == pytest.approx(orbit.x_max, rel=error)
+
+
+@pytest.mark.parametrize('name', ['weight', 'tiny gap', 'at once'])
+def test_a_rig_with_impacts_without_end_is_not_run_ahead(name):
+    parameters, initial = ENDLESS['tiny gap' if name == 'at once' else name]
+    if name == 'at once':
+        initial = InitialConditions(initial_damper_velocity=1e9)
+    first, second = itertools.islice(predictions(Rig(parameters, initial)), 2)
+    assert not first.complete
+    assert second.expected is None
+    assert 'the rig cannot be run further: ' in second.reason
+    assert 'make the stops less elastic' in second.reason
