@@ -52,7 +52,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar='DIR',
         help='directory of the recordings to list [runs]',
     )
-    parser.add_argument('--port', type=_port, default=8088, help='port [8088]; 0: any free port')
+    parser.add_argument(
+        '--port', type=_port, metavar='PORT', default=8088, help='port [8088]; 0: any free port'
+    )
     parser.add_argument(
         '--host',
         default='127.0.0.1',
@@ -143,6 +145,8 @@ async def _serve(arguments: argparse.Namespace) -> int:
         await server.close()
         return 1
     print(f'{COMMAND}: the page is at {gate.url()}', flush=True)
+    if gate.tokens:
+        print(f'{COMMAND}: to watch only: {gate.url("watch")}', flush=True)
     if arguments.open:
         loop.run_in_executor(None, _open, gate.url())
     await end.wait()

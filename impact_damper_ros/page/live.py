@@ -32,7 +32,6 @@ from .motion import Era, ForcePhase, Motion
 from .numbers import numbers_of
 from .presets import load_presets, preset_with
 from .source import RequestError, Source
-from .theorist import Theorist
 
 if TYPE_CHECKING:
     from .client import Client
@@ -51,10 +50,8 @@ _RETRY_S = 1.0
 _LEVELS = ('ok', 'warn', 'error')
 #: Largest difference from the system time of stamps that count from it, s.
 _WALL_S = 3600.0
-#: Reasons of snapshots after which stamps count from another instant, and of those after which the
-#: motion of the rig is the same.
+#: Reasons of snapshots after which stamps count from another instant.
 _MOVING = ('slip', 'resume')
-_SAME_COURSE = (*_MOVING, 'record')
 _TRIGGERS = ('reset', 'step', 'step_to_impact')
 
 
@@ -99,9 +96,6 @@ class LiveRig(Source):
         # Since when there are several nodes of this name
         self._namesakes_since = 0.0
         self._asking: asyncio.Task[None] | None = None
-        self.theorist = Theorist(self.tell)
-        self.theorist.start()
-        self._course_asked = False
 
     def _forget(self) -> None:
         """Discard all messages: the node was restarted."""
@@ -121,7 +115,6 @@ class LiveRig(Source):
         if self._asking is not None:
             self._asking.cancel()
             await asyncio.gather(self._asking, return_exceptions=True)
-        await self.theorist.close()
         self.link.close()
 
     # To the pages
@@ -136,7 +129,7 @@ class LiveRig(Source):
 
     def news(self) -> list[dict[str, Any]]:
         """Return the present state."""
-        return [self._status(), self._diagnostics(), *self._numbers(), *self.theorist.known()]
+        return [self._status(), self._diagnostics(), *self._numbers(), *self.theory.values()]
 
     def frame(self, view: View) -> bytes | None:
         """Return a frame with what is new; None if nothing is."""
@@ -167,10 +160,9 @@ class LiveRig(Source):
             self._take_event(content)
         for content in messages['diagnostics']:
             self._take_diagnostics(content)
+        for content in messages['theory']:
+            self._take_theory(content)
         self._say_status()
-        if self._course_asked and self.clients and self.state is not None:
-            self._course_asked = False
-            self.theorist.ask(self.state)
 
     def _take_snapshot(self, content: bytes) -> None:
         try:
@@ -188,7 +180,7 @@ class LiveRig(Source):
         if self._eras and self._is_another_run(reason, offset_ns, time_ns / 1e9):
             self._forget()
         self._was_gone = False
-        began, before = not self._eras, self._control_and_rig()
+        began = not self._eras
         self.state = held['state']
         late_ns = time_ns - _LATE_NS
         kept = [era for era, after in pairwise(self._eras) if after.time_ns > late_ns]
@@ -201,13 +193,6 @@ class LiveRig(Source):
         self._note(values, None if began else time_ns / 1e9, kind)
         if began and (self._asking is None or self._asking.done()):
             self._asking = asyncio.ensure_future(self._ask())
-        if began or reason not in _SAME_COURSE or before != self._control_and_rig():
-            self._course_asked = True
-            self.theorist.forget()
-
-    def _control_and_rig(self) -> object:
-        control = self.state and self.state['gap_control']['parameters']
-        return control, self._eras[-1].rig if self._eras else None
 
     def _is_another_run(self, reason: str, offset_ns: int, time_: float) -> bool:
         """
@@ -241,13 +226,12 @@ class LiveRig(Source):
             return []
         stamps_ns, frames, numbers, readable = self._columns[topic].read(contents)
         table = Table(stamps_ns, stamps_ns, frames, numbers)[readable]
-        frames = frames[readable]
         if topic == 'joint_states' and table.size:
-            self._paused = bool(frames[-1] == PAUSED_FRAME)
+            self._paused = bool(table.frame[-1] == PAUSED_FRAME)
             stamp, now = table.stamp_ns[-1] / 1e9, time.time()
             self._epoch = stamp if abs(stamp - now) < _WALL_S else now
             # A paused rig repeats its last sample.
-            table = table[frames != PAUSED_FRAME]
+            table = table[table.frame != PAUSED_FRAME]
         if len(self._eras) == 1:
             return [(self._eras[0], table)]
         places = self._places(table.stamp_ns.tolist())
@@ -268,8 +252,10 @@ class LiveRig(Source):
         for stamp_ns in stamps_ns:
             times = [stamp_ns - era.offset_ns for era in self._eras]
             spans = zip(begins, times, ends, strict=True)
-            there = [n for n, (begin, at, end_ns) in enumerate(spans) if begin <= at < end_ns]
-            place = min(there or [0], key=lambda n: abs(times[n] - last_ns))
+            there = [n for n, (begin, at, end_ns) in enumerate(spans) if begin <= at <= end_ns]
+            # At the instant of a change, it is the later one.
+            far = [(abs(times[n] - last_ns), -n) for n in there or range(len(times))]
+            place = -min(far)[1]
             places.append(place)
             last_ns = times[place]
         return np.array(places, dtype=np.int64)
@@ -286,6 +272,14 @@ class LiveRig(Source):
         held = {**self.state['parameters'], **self.state['gap_control']['parameters']}
         changed = {parameter.name: parameter.value for parameter in event.changed_parameters}
         self._note({n: v for n, v in changed.items() if n not in held}, None)
+
+    def _take_theory(self, content: bytes) -> None:
+        try:
+            message = decode(STRING, content)
+            assert isinstance(message, String)
+            self.tell_theory(parsed(message.data))
+        except ValueError:
+            return
 
     # Reports
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.replay import Command, RecordedRun, Rows
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.snapshot import Snapshot
+from impact_damper_ros.theory import TheoryProcess
 
 from .frames import PAUSED, View
 from .knobs import as_json, knobs_of
@@ -24,7 +25,6 @@ from .motion import Era, ForcePhase, Motion
 from .numbers import numbers_of
 from .presets import preset_with
 from .source import RequestError, Source
-from .theorist import Theorist
 from .what_if import WhatIfMotion
 
 if TYPE_CHECKING:
@@ -183,19 +183,20 @@ class Player(Source):
         self._playing = True
         self._ghost: WhatIfMotion | None = None
         self._said_at = -math.inf
-        self._theorist = Theorist(self.tell)
+        self._document = ''
+        self._process = TheoryProcess(documents=True)
         self._enter(recorded.era(self._start))
 
     def _enter(self, era: int) -> None:
         self._era, self._setting = era, self.recorded.setting(era)
         self._rig = self._setting.rig
-        self._theorist.ask(self._setting.state)
+        self._process.ask(self._setting.state)
 
     async def close(self) -> None:
         """End the child processes."""
-        await self._theorist.close()
+        self._process.close()
         if self._ghost is not None:
-            await self._ghost.close()
+            self._ghost.close()
 
     # To the page
 
@@ -221,7 +222,8 @@ class Player(Source):
             'text': self.recorded.remark,
             'time': now,
         }
-        return [status, numbers_of(self._rig, self.recorded.motion, now)]
+        numbers = numbers_of(self._rig, self.recorded.motion, now)
+        return [status, numbers, *self.theory.values()]
 
     @property
     def time(self) -> float:
@@ -245,6 +247,12 @@ class Player(Source):
                 {**change, 'type': 'parameters', 'kind': 'change', 'values': values}
                 | ({} if played else {'time': None})
             )
+        self._process.poll()
+        if self._process.document is not self._document:
+            self._document = self._process.document
+            self.tell_theory(json.loads(self._document))
+        if self._ghost is not None:
+            self._ghost.tick()
         if time.monotonic() >= self._said_at + _STATUS_PERIOD_S:
             self._say()
 
@@ -256,7 +264,7 @@ class Player(Source):
 
     def _say(self) -> None:
         self._said_at = time.monotonic()
-        for message in self.news():
+        for message in self.news()[:2]:
             self.tell(message)
 
     # From the page
@@ -272,7 +280,7 @@ class Player(Source):
         elif kind == 'jump':
             self._jump(message['to'], int(message['direction']))
         elif kind == 'what_if':
-            await self._what_if(dict(message['values'] or {}))
+            self._what_if(dict(message['values'] or {}))
         elif kind == 'service' and message['name'] in _STEPS:
             self._jump(_STEPS[message['name']], 1)
         elif kind == 'service' and message['name'] == 'pause':
@@ -318,10 +326,10 @@ class Player(Source):
         ends = self._start if direction < 0 else self._end
         self._go_to(float(times[place]) if 0 <= place < len(times) else ends, playing=False)
 
-    async def _what_if(self, values: dict[str, Any]) -> None:
+    def _what_if(self, values: dict[str, Any]) -> None:
         ghost, self._ghost = self._ghost, None
         if ghost is not None:
-            await ghost.close()
+            ghost.close()
         if values:
             self._ghost = WhatIfMotion(self._path, values, self.tell)
         else:

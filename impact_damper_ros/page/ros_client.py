@@ -33,6 +33,7 @@ from .live import NoAnswerError
 #: Time after which a request is repeated, since its answer may have been lost during discovery,
 #: and time after which it fails, s.
 ASK_AGAIN_S, PATIENCE_S = 1.0, 6.0
+_TOPICS = ('joint_states', 'impacts', 'snapshot', 'theory')
 _PAUSE, _RESET = '/pause', '/reset'
 #: Most messages of a topic that are taken at once.
 _MOST_TAKEN = 2000
@@ -103,7 +104,7 @@ class RigLink:
     name : str
         Full name of the rig's node.
     topics : mapping of str to str
-        Full names of its `joint_states`, `impacts` and `snapshot`.
+        Full names of its `_TOPICS`.
     """
 
     def __init__(self, node: Node, name: str, topics: Mapping[str, str]) -> None:
@@ -119,6 +120,7 @@ class RigLink:
                 ('joint_states', JointState, topics['joint_states'], loose),
                 ('impacts', JointState, topics['impacts'], QoSProfile(depth=1000)),
                 ('snapshot', String, topics['snapshot'], latched),
+                ('theory', String, topics['theory'], latched),
                 ('diagnostics', DiagnosticArray, '/diagnostics', QoSProfile(depth=20)),
                 ('parameter_events', ParameterEvent, '/parameter_events', QoSProfile(depth=100)),
             )
@@ -218,7 +220,7 @@ class RosClient:
     def join(self, rig: str) -> RigLink:
         """Return the link to a rig; its topics may have been remapped."""
         space, _, name = rig.rpartition('/')
-        topics = {topic: f'{space}/{topic}' for topic in ('joint_states', 'impacts', 'snapshot')}
+        topics = {topic: f'{space}/{topic}' for topic in _TOPICS}
         try:
             published = self._node.get_publisher_names_and_types_by_node(name, space or '/')
         except RuntimeError:  # it has just left

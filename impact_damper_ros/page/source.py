@@ -13,6 +13,14 @@ if TYPE_CHECKING:
     from .client import Client
 
 
+#: What the page shows as long as a part of the theory is not known.
+_UNKNOWN: dict[str, dict[str, Any]] = {
+    'orbit': {'type': 'orbit', 'found': False, 'text': ''},
+    'gap_curve': {'type': 'gap_curve', 'branches': [], 'done': False, 'text': ''},
+    'theory_failed': {'type': 'theory_failed', 'text': ''},
+}
+
+
 class RequestError(Exception):
     """A request of a page that is rejected; the message is for its user."""
 
@@ -30,6 +38,8 @@ class Source:
     ----------
     clients : set of Client
         The pages that show it.
+    theory : dict
+        The messages of the theory of the present rig.
     """
 
     #: Time for which it is kept without a page, s.
@@ -38,6 +48,7 @@ class Source:
     def __init__(self, common: Callable[[], dict[str, Any]]) -> None:
         self.clients: set[Client] = set()
         self._common = common
+        self.theory = dict(_UNKNOWN)
 
     def hello(self) -> dict[str, Any]:
         """Return the first message."""
@@ -59,6 +70,14 @@ class Source:
         """Send a message to all pages that show it."""
         for client in self.clients:
             client.put(message)
+
+    def tell_theory(self, document: dict[str, Any]) -> None:
+        """Send what is new in a document of `theory.documents`."""
+        for kind, before in self.theory.items():
+            now = document.get(kind) or _UNKNOWN[kind]
+            if now != before:
+                self.theory[kind] = now
+                self.tell(now)
 
     def tick(self) -> None:
         """Take in what is new; 60 times a second."""

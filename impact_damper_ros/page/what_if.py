@@ -1,16 +1,12 @@
 """
 The what-if beside a recording: another rig with the same history, from a child process.
 
-The process reads one request from its standard input, a JSON object with the path of the bag and
-the values that are held. It writes the motion as it is computed: lines of base64, each some rows
-of float64, with ``I`` before impacts and ``S`` before samples. The last line is a JSON object with
-the result.
+The process reads one request from its standard input: the path of the bag and the values that are
+held. It answers with impacts and samples as they are computed, and at last with how it went.
 """
 
 from __future__ import annotations
 
-import base64
-import json
 import os
 import signal
 import sys
@@ -18,17 +14,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.replay import RecordedRun, Replay, Setting, WhatIf
 from impact_damper_ros.rig import INITIAL_SPECS, RunawayError
+from impact_damper_ros.theory.child_process import ChildProcess, decoded, send
 
-from .child import Child
-from .motion import IMPACT_COLUMNS, SAMPLE_COLUMNS, Era, Motion, Rows
+from .motion import Era, Motion
 
 _MOST_SAMPLES, _MOST_IMPACTS = 2_000_000, 1_000_000
 _NICENESS = 10
+#: Standard output
+_ANSWERS = 1
 
 
 class WhatIfMotion:
@@ -52,8 +48,8 @@ class WhatIfMotion:
         self._values = dict(values)
         self._tell = tell
         self._done = False
-        self._child = Child((sys.executable, '-m', __name__), self._take, self._end)
-        self._child.send({'path': str(path), 'values': self._values})
+        self._child = ChildProcess('-m', __name__)
+        self._child.send((path, self._values))
         self._say('computing')
 
     def _say(self, text: str, *, on: bool = True, done: bool = False) -> None:
@@ -62,36 +58,26 @@ class WhatIfMotion:
         message = {'on': on, 'until': until, 'done': done, 'text': text, 'values': self._values}
         self._tell({'type': 'what_if', **message})
 
-    def _take(self, line: bytes) -> None:
-        if line.startswith(b'{'):
-            end = json.loads(line)
+    def tick(self) -> None:
+        """Take in what has been computed."""
+        ended = self._child.end
+        for kind, content in self._child.poll():
+            if kind == 'end':
+                self._done = True
+                ok, text = content
+                self._say(text, on=ok, done=True)
+            elif kind == 'impacts':
+                self.motion.add_impacts(content)
+            else:
+                self.motion.add_samples(content)
+                self._say('computing')
+        if ended and not self._done:
             self._done = True
-            self._say(end['text'], on=end['ok'], done=True)
-            return
-        numbers = np.frombuffer(base64.b64decode(line[1:]))
-        if line.startswith(b'I'):
-            self.motion.add_impacts(numbers.reshape(-1, len(IMPACT_COLUMNS)))
-        else:
-            self.motion.add_samples(numbers.reshape(-1, len(SAMPLE_COLUMNS)))
-            self._say('computing')
-
-    def _end(self) -> None:
-        if not self._done:
             self._say('the process of the what-if ended early: try it again', on=False, done=True)
 
-    async def close(self) -> None:
+    def close(self) -> None:
         """End the process."""
-        await self._child.close()
-
-
-def _write(line: str) -> None:
-    sys.stdout.write(f'{line}\n')
-    sys.stdout.flush()
-
-
-def _write_rows(kind: str, rows: Rows) -> None:
-    if len(rows):
-        _write(kind + base64.b64encode(np.ascontiguousarray(rows).tobytes()).decode())
+        self._child.close()
 
 
 def _run(path: Path, values: dict[str, Any]) -> str:
@@ -110,8 +96,8 @@ def _run(path: Path, values: dict[str, Any]) -> str:
         era = Era(0, 0, other.rig.parameters, None)
         samples, events = other.follow(part)
         # The impacts before a sample must arrive before it.
-        _write_rows('I', era.impact_rows(events))
-        _write_rows('S', era.sample_rows(samples))
+        send(_ANSWERS, ('impacts', era.impact_rows(events)))
+        send(_ANSWERS, ('samples', era.sample_rows(samples)))
         found += len(samples)
     if not found:
         return 'the recording holds no motion'
@@ -123,12 +109,13 @@ def main() -> None:
     """Process the request."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(_NICENESS)
-    request = json.loads(sys.stdin.readline())
+    lines = (line.strip() for line in sys.stdin.buffer)
+    path, values = next(filter(None, map(decoded, lines)))
     try:
-        text, ok = _run(Path(request['path']), dict(request['values'])), True
+        end = True, _run(path, values)
     except (RecordingError, RunawayError, ArithmeticError, ValueError, TypeError) as error:
-        text, ok = str(error), False
-    _write(json.dumps({'ok': ok, 'text': text}))
+        end = False, str(error)
+    send(_ANSWERS, ('end', end))
 
 
 if __name__ == '__main__':

@@ -15,7 +15,7 @@ import pytest
 from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, until
 
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.page.child import environment
+from impact_damper_ros.theory.child_process import environment
 
 from .served import in_loop, opened, serving
 

@@ -103,7 +103,7 @@ def test_flags_alone_are_news(motion):
 def test_a_ghost_that_comes_to_be_known(motion, other):
     """Each of its rows comes once, as far as it is known, while nothing else moves."""
     alone = taken_apart(View(window=5.0).frame(other, 9.0, 0.0))
-    ghost, view, frames = Motion(10_000, 1000), View(window=5.0), []
+    ghost, view, frames = Motion(10_000, 10_000), View(window=5.0), []
     view.frame(motion, 9.0, 0.0)
     for until in (2.0, 5.5, 7.3, 8.95, 12.0):
         frames += frames_of(motion, view, [9.0], ghost)

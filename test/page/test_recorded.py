@@ -1,12 +1,9 @@
 """Recordings: played to their end, cut ones too, with jumps and another rig beside."""
 
 import asyncio
-import base64
-import json
 import shutil
-import subprocess
-import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +13,10 @@ from bag.recorded_rig import RecordedRig
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.control import Rig
-from impact_damper_ros.page.child import environment
 from impact_damper_ros.page.recorded import load_recording
 from impact_damper_ros.page.recordings import Recordings
-from impact_damper_ros.rig import EventKind, RigParameters, load_parameters
+from impact_damper_ros.page.what_if import WhatIfMotion
+from impact_damper_ros.rig import EventKind, load_parameters
 from impact_damper_ros.rig.parameters_file import presets
 
 from .served import get, in_loop, opened, serving
@@ -232,37 +229,21 @@ async def test_a_bag_that_vanishes_while_it_is_played(runs, tmp_path):
         assert page.closed is None
 
 
-def test_the_process_of_the_what_if_alone(runs):
-    """Samples and impacts as float64 in base64, and a last line of JSON."""
-    request = {'path': str(runs / 'run'), 'values': {'initial_primary_position': 0.001}}
-    done = subprocess.run(
-        [sys.executable, '-m', 'impact_damper_ros.page.what_if'],
-        input=json.dumps(request) + '\n',
-        env=environment(),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    *lines, last = done.stdout.splitlines()
-    assert json.loads(last) == {'ok': True, 'text': 'computed from its initial conditions'}
-    rows, impacts = (
-        np.concatenate(
-            [
-                np.frombuffer(base64.b64decode(line[1:])).reshape(-1, width)
-                for line in lines
-                if line[0] == kind
-            ]
-        )
-        for kind, width in (('S', 9), ('I', 10))
-    )
-    own = load_recording(runs / 'run').motion.impacts
-    assert len(own) / 2 < len(impacts) < 2 * len(own)
-    assert (np.diff(impacts[:, 0]) > 0.0).all()
-    assert set(impacts[:, 1]) == {1.0, 2.0}
-    assert rows[:, 0].tolist() == load_recording(runs / 'run').motion.samples[:, 0].tolist()
-    rig, _, _ = load_parameters(presets()['bench_rig'])
-    assert rows[0, 1] == pytest.approx(0.001, rel=0.1)
-    assert isinstance(rig, RigParameters)
+def test_the_motion_of_a_what_if(runs):
+    found = []
+    other = WhatIfMotion(runs / 'run', {'initial_primary_position': 0.001}, found.append)
+    try:
+        while not found[-1]['done']:
+            other.tick()
+            time.sleep(0.01)
+    finally:
+        other.close()
+    assert (found[-1]['on'], found[-1]['text']) == (True, 'computed from its initial conditions')
+    own = load_recording(runs / 'run').motion
+    assert len(own.impacts) / 2 < len(other.motion.impacts) < 2 * len(own.impacts)
+    assert set(other.motion.impacts[:, 1]) == {1.0, 2.0}
+    assert other.motion.samples[:, 0].tolist() == own.samples[:, 0].tolist()
+    assert other.motion.samples[0, 1] == pytest.approx(0.001, rel=0.1)
 
 
 @in_loop

@@ -211,6 +211,7 @@ connection.addEventListener('hello', ({ detail }) => {
   hello = detail;
   history.clear();
   theory.clear();
+  for (const id of ['map-line', 'curve-line']) write(byId(id), '');
   multipliers.stale = true;
   rig.clear();
   slow.clear();
@@ -360,7 +361,7 @@ for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
     const { gap: best, basis } = theory.best;
     const sign = basis === 'part' ? '≈\u202f' : basis && `${basis} `;
     write(byId('curve-line'), best > 0 ? `optimum ${sign}${withUnit(best, 'm')}` : '');
-    if (type !== 'gap_curve') write(byId('map-line'), theory.orbit ? theory.orbit.label ?? theory.orbit.text : '');
+    write(byId('map-line'), theory.orbit?.label ?? '');
   });
 }
 connection.addEventListener('recordings', ({ detail }) => recordings.show(detail.list));

@@ -8,21 +8,21 @@ export class Theory {
   clear() {
     this.orbit = null;
     this.curve = null;
-    this.failed = '';
+    [this.missing, this.failure] = ['', ''];
+  }
+
+  /** Why there is no motion to show; empty if there is one. */
+  get failed() {
+    return this.failure || (this.orbit ? '' : this.missing);
   }
 
   /** Take in a message of type orbit, which may have no curve, gap_curve or theory_failed. */
   take(message) {
     if (message.type === 'orbit') {
       this.orbit = message.found ? message : null;
-      this.failed = message.found ? '' : message.text;
-    } else if (message.type === 'gap_curve') {
-      this.curve = message;
-    } else {
-      this.orbit = null;
-      this.curve = null;
-      this.failed = message.text;
-    }
+      this.missing = message.text;
+    } else if (message.type === 'gap_curve') this.curve = message;
+    else this.failure = message.text;
   }
 
   /** The best gap known, and where it is from: the curve, a part of it, or an end of it. */

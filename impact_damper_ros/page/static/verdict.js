@@ -21,7 +21,7 @@ const PRELIMINARY = {
   'at most': ['≥', 'M moves least at the smallest gap of the curve: the best gap is beyond'],
 };
 /** Mark a number as preliminary. */
-const about = (text, basis) => (basis in PRELIMINARY ? `${PRELIMINARY[basis][0]}\u202f${text}` : text);
+const about = (text, basis) => (basis in PRELIMINARY && text !== '–' ? `${PRELIMINARY[basis][0]}\u202f${text}` : text);
 const LEVELS = { ok: 'ok', warn: 'warn', error: 'error' };
 const AGREEMENT = {
   agrees: 'Agrees with theory',
