@@ -13,7 +13,8 @@ setup(
     name=NAME,
     version='0.1.0',
     description='An exact, live digital rig of an impact damper on ROS 2, recorded to MCAP',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
+    # colcon --symlink-install runs a link to this file, in a folder without the others.
+    long_description=Path(__file__).resolve().with_name('README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     author='Impact Damper ROS maintainers',
     author_email='maintainers@example.com',
@@ -85,6 +86,7 @@ setup(
             'mpmath>=1.3',
             'numba>=0.59',
             'pandas>=2.1',
+            'playwright>=1.40',
             'pyarrow>=14.0.1',
             'pytest>=7.4',
             'rosbags>=0.10.11',

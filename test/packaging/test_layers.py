@@ -113,10 +113,7 @@ LEAN = {
     ),
     'import impact_damper_ros.theory.worker': ROS,
     'from impact_damper_ros.theory import predictions': ('impact_damper_ros.bag', 'mcap'),
-    'from impact_damper_ros.bag import RunReader, RunWriter, recover_run': (
-        *(*ROS, 'numpy', 'rosbags'),
-    ),
-    'from impact_damper_ros.cli import recover_run': (*ROS, 'numpy', 'rosbags'),
+    'from impact_damper_ros.cli import recover_run': (*ROS, 'rosbags', 'scipy'),
     'import impact_damper_ros.report': ('impact_damper_ros.compare', 'matplotlib', 'numpy'),
 }
 
