@@ -265,15 +265,14 @@ def with_gap_curves(
     followed: Callable[[int, int], None] | None = None,
 ) -> RunComparison:
     """Follow the predicted motions in the gap, of stretches that are shown in detail."""
-    curves, stretches = GapCurves(closely=closely), list(comparison.stretches)
+    curves, found = GapCurves(closely=closely), {s.number: s for s in comparison.stretches}
     detailed = shown_stretches(comparison.stretches, MOST_DETAILED)
     for count, stretch in enumerate(detailed, 1):
         if stretch.curves.gap_curve is None:
-            place = stretch.number - 1
-            stretches[place] = replace(stretch, curves=curves.added(stretch))
+            found[stretch.number] = replace(stretch, curves=curves.added(stretch))
         if followed is not None:
             followed(count, len(detailed))
-    return replace(comparison, stretches=tuple(stretches))
+    return replace(comparison, stretches=tuple(found.values()))
 
 
 def report_page(
