@@ -92,8 +92,8 @@ def shown_stretches(
 class _Shown(NamedTuple):
     """A picture as the template shows it, in its variants for a wide and a narrow page."""
 
-    svg: Any
-    narrow: Any
+    svg: str
+    narrow: str | None
     title: str
     caption: str
     wide: bool
@@ -283,7 +283,6 @@ def report_page(
 ) -> str:
     """Return the page; the parameters are those of `write_report`."""
     import jinja2
-    from markupsafe import Markup
 
     folder = files('impact_damper_ros.report') / 'template'
     environment = jinja2.Environment(
@@ -298,7 +297,7 @@ def report_page(
             detailed.append(_detail(stretch, before.get(stretch.number)))
             if drawn is not None:
                 drawn(count, len(chosen))
-    style = Markup((folder / 'report.css').read_text('utf-8').strip())
+    style = (folder / 'report.css').read_text('utf-8').strip()
     template = environment.from_string((folder / 'report.html').read_text('utf-8'))
     page: str = template.render(
         **_head(comparison, command),
