@@ -3,6 +3,7 @@
 
 PYTHON := python3
 ARGS :=
+AMENT := impact_damper_ros launch setup.py
 PY := .venv/bin/python
 VENV := PYTHON='$(PYTHON)' .ci/venv
 
@@ -16,14 +17,14 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: bench clean colcon demo docs env format help lint page test types
+.PHONY: bench clean colcon demo dist docs env format help lint page test types
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
 
 demo:  ## run the live rig for half a minute, record it, hold it against theory: see demo_run/
 	@$(VENV) ros,plot
-	@$(PY) -u -m impact_damper_ros.cli.demo
+	@$(PY) -u examples/demo.py $(ARGS)
 
 page:  ## the live rig in a browser: starts node and page, prints and opens the address
 	@$(VENV) ros,plot,page
@@ -33,15 +34,24 @@ test:  ## run all tests
 	@$(VENV) ros,plot,test
 	@$(PY) -m pytest $(ARGS)
 
+dist:  ## build source distribution and wheel into dist/, and check what PyPI would show
+	@$(VENV) ros,plot,test,dev
+	@rm -rf dist
+	@$(PY) -m build --no-isolation . >/dev/null
+	@rm -rf build/lib build/bdist.*
+	@$(PY) -m twine check --strict dist/*
+
 docs:  ## build the documentation into docs/_build/html, without network
-	@$(VENV) ros,plot,page,sweep,docs
+	@$(VENV) ros,plot,page,sweep,compiled,docs
 	@$(PY) -m sphinx -q -W --keep-going -b html docs docs/_build/html
 	@echo "The documentation is in docs/_build/html/index.html"
 
-lint:  ## check the style (ruff)
+lint:  ## check the style (ruff, and the linters of ament)
 	@$(VENV) ros,plot,test,dev
 	@$(PY) -m ruff check .
 	@$(PY) -m ruff format --check .
+	@said=$$($(PY) -m ament_flake8.main --config .ci/ament_flake8.ini $(AMENT)) || { echo "$$said"; exit 1; }
+	@said=$$($(PY) -m ament_pep257.main --add-ignore D401 D402 D413 -- $(AMENT) 2>&1) || { echo "$$said"; exit 1; }
 
 format:  ## put the code into style (ruff)
 	@$(VENV) ros,plot,test,dev

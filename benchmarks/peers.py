@@ -6,8 +6,8 @@ The simulator against other ways to simulate the rig, in one run: speed, and err
 The peers come from PyPI (extra ``peers``); one that is not installed is left out and named. All
 run the golden cases from rest. Speed is forcing cycles per second of CPU time of the thread;
 compiling is not counted. The error is the largest relative one of the first 30 impact times
-against the multiprecision oracle of the tests. ``--figure`` draws both, as in docs/exactness/performance.md,
-which is written by hand around the tables and the figure of one run.
+against the multiprecision oracle of the tests. ``--figure`` draws both, as in
+docs/exactness/performance.md, which is written around the tables and the figure of one run.
 """
 
 from __future__ import annotations

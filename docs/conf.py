@@ -27,6 +27,7 @@ extensions = [
     'sphinx-mathjax-offline',
     'sphinx_copybutton',
     'sphinx_design',
+    'sphinx_gallery.gen_gallery',
 ]
 exclude_patterns = ['_build']
 root_doc = 'index'
@@ -34,6 +35,11 @@ nitpicky = False
 
 myst_enable_extensions = ['dollarmath', 'amsmath', 'colon_fence', 'deflist']
 myst_heading_anchors = 4
+
+# Equations have the number of their page in the theory: (3.2).
+numfig = True
+numfig_secnum_depth = 1
+math_numfig = True
 
 autodoc_member_order = 'bysource'
 autodoc_typehints = 'none'
@@ -43,6 +49,18 @@ napoleon_use_ivar = True
 python_use_unqualified_type_names = True
 add_module_names = False
 default_role = 'code'
+
+sphinx_gallery_conf = {
+    'examples_dirs': str(ROOT / 'examples' / 'gallery'),
+    'gallery_dirs': 'gallery/made',
+    'filename_pattern': '/plot_',
+    'within_subsection_order': 'FileNameSortKey',
+    'download_all_examples': False,
+    'min_reported_time': 1e9,
+    'remove_config_comments': True,
+    'show_signature': False,
+    'write_computation_times': False,
+}
 
 html_theme = 'furo'
 html_title = f'impact_damper_ros {release}'

@@ -8,11 +8,25 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 
-# Of Okabe and Ito: distinguished with any kind of colour vision
-BLUE, ORANGE, GREEN, PURPLE, GREY = '#0072b2', '#d55e00', '#009e73', '#aa4499', '#777777'
+from impact_damper_ros.report.drawing import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    blank_figure,
+    finish_panel,
+    print_style,
+    save_figure,
+)
+
+__all__ = [
+    'BLUE', 'GREEN', 'GREY', 'MARKS', 'ORANGE', 'PURPLE', 'blank_figure', 'finish_panel',
+    'options', 'print_style', 'save', 'set_ticks', 'show', 'write_rows',
+]  # fmt: skip
+
+GREY = '#777777'
 #: Marks: open, so that a line is seen through them.
 MARKS: dict[str, Any] = {'markersize': 4.2, 'markerfacecolor': 'white', 'markeredgewidth': 0.9}
 
@@ -47,22 +61,6 @@ def write_rows(path: Path, head: Sequence[str], rows: Iterable[Sequence[object]]
     print(path)
 
 
-def blank_figure(width: float, height: float) -> Figure:
-    """Return an empty figure, its size in inches."""
-    mpl.rcParams.update({'font.size': 9, 'axes.titlesize': 9, 'legend.fontsize': 8.5})
-    return Figure(figsize=(width, height), layout='constrained', dpi=180)
-
-
-def finish_panel(axes: Any, letter: str, x_label: str, y_label: str) -> None:
-    """Label a panel, and give it a light grid."""
-    axes.set(xlabel=x_label, ylabel=y_label)
-    axes.grid(color='0.9', linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(direction='in', top=True, right=True)
-    if letter:
-        axes.set_title(f'({letter})', loc='left', fontweight='bold')
-
-
 def set_ticks(axis: Any, values: Sequence[float]) -> None:
     """Put ticks of a logarithmic axis at some values within its range, as plain numbers."""
     low, high = sorted(axis.get_view_interval())
@@ -73,5 +71,5 @@ def set_ticks(axis: Any, values: Sequence[float]) -> None:
 
 def save(figure: Figure, path: Path) -> None:
     """Write a picture."""
-    figure.savefig(path, metadata={'Software': None})
+    save_figure(figure, path)
     print(path)

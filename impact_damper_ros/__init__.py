@@ -1,7 +1,5 @@
 """A digital rig of an inclined impact damper with friction, for ROS 2."""
 
-import sys
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from impact_damper_ros.control import Rig
@@ -9,12 +7,6 @@ if TYPE_CHECKING:
 
 __version__ = '0.1.0'
 __all__ = ['Rig', 'RigParameters', '__version__']
-
-# So it is while `python -m` looks for its module: signals are taken before the long imports.
-if sys.argv[:1] == ['-m']:
-    from impact_damper_ros.entry_points import begin_module
-
-    begin_module()
 
 
 def __getattr__(name: str) -> object:

@@ -13,33 +13,30 @@ import pytest
 DOMAINS = 101
 
 # Files whose tests take longest. They come first, so that of several processes none is left with
-# one of them at the end, when the others have nothing more to do. The first ones compile a form
-# of the run loop each, which another process that needs the same form would wait for.
+# one of them at the end, when the others have nothing more to do. The first one compiles the run
+# loop, for which others wait that need it.
 LONGEST = (
-    'examples/test_paper.py',
-    'examples/test_gap_control.py',
-    'page/test_browser.py',
-    'rig/test_compiled.py',
-    'control/test_rig.py',
-    'node/test_absurd_rigs.py',
-    'benchmarks/test_verdicts.py',
     'cli/test_readme.py',
-    'bag/test_bag_check.py',
-    'replay/test_replay.py',
+    'page/test_browser.py',
+    'node/test_absurd_rigs.py',
+    'examples/test_paper.py',
+    'docs/test_tutorials.py',
     'report/test_comparison_report.py',
-    'cli/test_compare_run.py',
-    'bag/test_split_bags.py',
+    'compare/test_kind.py',
+    'examples/test_demo.py',
+    'node/test_viewers.py',
     'bag/test_hostile_bags.py',
-    'cli/test_demo.py',
-    'page/test_player.py',
-    'orbits/test_continuation.py',
     'node/test_recorded_runs.py',
-    'bag/test_ros2_bags.py',
-    'orbits/test_enumeration.py',
-    'cli/test_replay_run.py',
-    'page/test_live_page.py',
-    'page/test_theory.py',
+    'cli/test_verdicts.py',
     'oracle/test_oracle.py',
+    'page/test_live_page.py',
+    'page/test_player.py',
+    'orbits/test_branches.py',
+    'orbits/test_enumeration.py',
+    'sweep/test_sweep_dask.py',
+    'cli/test_sweep_rig.py',
+    'replay/test_replay.py',
+    'node/test_shutdown.py',
 )
 
 # Kept open while the tests run; if they are killed, the kernel gives the name back.

@@ -29,9 +29,20 @@ from study import (
     watched,
 )
 
-from output import GREY, MARKS, blank_figure, finish_panel, options, save, show, write_rows
+from output import (
+    GREY,
+    MARKS,
+    blank_figure,
+    finish_panel,
+    options,
+    print_style,
+    save,
+    show,
+    write_rows,
+)
 
 
+@print_style()
 def main() -> None:
     """Run, print, write and draw."""
     arguments = options(__doc__)

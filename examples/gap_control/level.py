@@ -33,6 +33,7 @@ from output import (
     blank_figure,
     finish_panel,
     options,
+    print_style,
     save,
     set_ticks,
     show,
@@ -65,6 +66,7 @@ def draw(axes: Any, levels: list[float], ratios: dict[str, list[float]], letter:
     set_ticks(axes.yaxis, (0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1))
 
 
+@print_style()
 def main() -> None:
     """Run, print, write and draw."""
     arguments = options(__doc__)

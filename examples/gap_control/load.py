@@ -26,7 +26,16 @@ from study import (
 
 from impact_damper_ros import Rig
 from impact_damper_ros.control import GapControlParameters
-from output import blank_figure, finish_panel, options, save, set_ticks, show, write_rows
+from output import (
+    blank_figure,
+    finish_panel,
+    options,
+    print_style,
+    save,
+    set_ticks,
+    show,
+    write_rows,
+)
 
 LEVELS = (1.0, 4.0, 0.25)
 
@@ -44,6 +53,7 @@ def peaks_of(control: GapControlParameters, periods: int) -> np.ndarray:
     return np.concatenate(peaks)
 
 
+@print_style()
 def main() -> None:
     """Run, print, write and draw."""
     arguments = options(__doc__)

@@ -25,7 +25,17 @@ from study import (
     watched,
 )
 
-from output import MARKS, blank_figure, finish_panel, options, save, set_ticks, show, write_rows
+from output import (
+    MARKS,
+    blank_figure,
+    finish_panel,
+    options,
+    print_style,
+    save,
+    set_ticks,
+    show,
+    write_rows,
+)
 
 #: Of each disturbance: its label and values, and the parameters that it is, given a value.
 DISTURBANCES = {
@@ -61,6 +71,7 @@ SERIES = (
 )
 
 
+@print_style()
 def main() -> None:
     """Run, print, write and draw."""
     arguments = options(__doc__)

@@ -15,7 +15,17 @@ from study import FIXED, INDEPENDENT, LABELS, OFF, RIG, SAMPLES, STYLES, best_fi
 
 from impact_damper_ros import Rig
 from impact_damper_ros.control import GapControlParameters
-from output import MARKS, blank_figure, finish_panel, options, save, set_ticks, show, write_rows
+from output import (
+    MARKS,
+    blank_figure,
+    finish_panel,
+    options,
+    print_style,
+    save,
+    set_ticks,
+    show,
+    write_rows,
+)
 
 LOW, HIGH = 0.8, 1.2
 
@@ -38,6 +48,7 @@ def peaks_of(control: GapControlParameters, steps: int, dwell: int) -> np.ndarra
     return np.abs(x.reshape(count, 2, -1)[:, 1]).max(axis=1)
 
 
+@print_style()
 def main() -> None:
     """Run, print, write and draw."""
     arguments = options(__doc__)

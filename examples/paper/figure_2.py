@@ -28,7 +28,7 @@ from series import (
 )
 
 from impact_damper_ros import RigParameters
-from output import blank_figure, finish_panel, options, save
+from output import blank_figure, finish_panel, options, print_style, save
 
 LOW, HIGH = 4.0, 64.0  # of the gap, m
 #: Gap from which on no rig of this figure has motions with three or four impacts, m.
@@ -68,6 +68,7 @@ def series_of_figure(quick: bool = False) -> dict[str, Series]:
     return computed({name: partial(gap_series, rig, quick) for name, rig in rigs.items()})
 
 
+@print_style()
 def main() -> None:
     """Compute, print, write and draw."""
     arguments = options(__doc__)

@@ -22,7 +22,7 @@ from bapat_rigs import (
 )
 from series import LOOKS, Series, computed, draw, legend, series_along, summary, write_series
 
-from output import blank_figure, finish_panel, options, save
+from output import blank_figure, finish_panel, options, print_style, save
 
 UNEQUAL = {'restitution_1': 0.78, 'restitution_2': 0.72}
 ANGLES = (0, 5, 10, 15)
@@ -58,6 +58,7 @@ def series_of_figure(quick: bool = False) -> dict[str, Series]:
     return computed(work)
 
 
+@print_style()
 def main() -> None:
     """Compute, print, write and draw."""
     arguments = options(__doc__)

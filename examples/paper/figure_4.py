@@ -15,7 +15,7 @@ import numpy as np
 from bapat_rigs import BASIC, TILTED, scaled_rig
 from series import LOOKS, Series, computed, draw, legend, series_along, summary, write_series
 
-from output import blank_figure, finish_panel, options, save, set_ticks
+from output import blank_figure, finish_panel, options, print_style, save, set_ticks
 
 RIGS = {
     'inclined (θ = 15°, γ = 0.5)': TILTED,
@@ -39,6 +39,7 @@ def series_of_figure(quick: bool = False) -> dict[str, Series]:
     )
 
 
+@print_style()
 def main() -> None:
     """Compute, print, write and draw."""
     arguments = options(__doc__)

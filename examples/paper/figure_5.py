@@ -16,7 +16,7 @@ from bapat_rigs import BASIC
 from series import BLUE, LOOKS, MARKS, STABLE, branches_along, near, same, settled
 
 from impact_damper_ros.orbits import BestPoint
-from output import blank_figure, finish_panel, options, save, show, write_rows
+from output import blank_figure, finish_panel, options, print_style, save, show, write_rows
 
 #: Gaps in which the optima lie, and one with a stable motion at each angle, m.
 LOW, HIGH, START = 35.0, 62.0, 50.0
@@ -40,6 +40,7 @@ def optima_of_figure(quick: bool = False) -> dict[float, BestPoint]:
     return {float(angle): optimum_at(float(angle)) for angle in fine}
 
 
+@print_style()
 def main() -> None:
     """Compute, print, write and draw."""
     arguments = options(__doc__)

@@ -14,7 +14,7 @@ import numpy as np
 from bapat_rigs import ABOVE, BASIC, with_air
 from series import LOOKS, Series, computed, draw, legend, series_along, summary, write_series
 
-from output import blank_figure, finish_panel, options, save
+from output import blank_figure, finish_panel, options, print_style, save
 
 
 @cache
@@ -31,6 +31,7 @@ def series_of_figure(quick: bool = False) -> dict[str, Series]:
     )
 
 
+@print_style()
 def main() -> None:
     """Compute, print, write and draw."""
     arguments = options(__doc__)

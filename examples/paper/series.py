@@ -12,10 +12,9 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
-from itertools import groupby, pairwise
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from multiprocessing import get_context
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,6 @@ from matplotlib.lines import Line2D
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.orbits import (
     Branch,
-    BranchPoint,
     PeriodicOrbit,
     SettledMotion,
     find_orbits,
@@ -62,11 +60,19 @@ class Series:
     high: float
     branches: tuple[Branch, ...]
     runs: tuple[tuple[float, SettledMotion], ...] = ()
+    _known: dict[tuple[int, float], tuple[PeriodicOrbit, ...]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def at(self, value: float, *stops: tuple[int, ...]) -> list[PeriodicOrbit]:
         """Return the viable motions at a value, with one of some sequences, if given."""
-        found = [orbit for branch in self.branches for orbit in branch.at([value])[0]]
-        return [o for o in found if o.viable and (not stops or o.stops in stops)]
+        found = []
+        for number, branch in enumerate(self.branches):
+            if not stops or branch.orbits[0].stops in stops:
+                if (number, value) not in self._known:
+                    self._known[number, value] = branch.at([value])[0]
+                found += [orbit for orbit in self._known[number, value] if orbit.viable]
+        return found
 
     def least(self, value: float, *stops: tuple[int, ...]) -> float:
         """Return the least stable Xmax/A of some stop sequences at a value; NaN without any."""
@@ -78,9 +84,10 @@ class Series:
         pieces = sorted(
             (min(a.value, b.value), max(a.value, b.value))
             for branch in self.branches
-            for status, points in pieces_of(branch)
-            if status == 'stable' and points[0].orbit.stops in (stops or (points[0].orbit.stops,))
-            for a, b in pairwise(points)
+            if not stops or branch.orbits[0].stops in stops
+            for status, part in branch.parts()
+            if status == 'stable'
+            for a, b in pairwise(branch.points[part])
         )
         joined: list[tuple[float, float]] = []
         for low, high in pieces:
@@ -93,6 +100,11 @@ class Series:
     def stable_width(self, *stops: tuple[int, ...]) -> float:
         """Return the length of these ranges."""
         return sum(high - low for low, high in self.stable_ranges(*stops))
+
+
+def has_stops(branch: Branch, stops: tuple[int, ...]) -> bool:
+    """Return whether the motions of a branch hit some stops, in this order."""
+    return any(branch.orbits[0].turned_to(stops))
 
 
 def branches_along(
@@ -114,11 +126,13 @@ def branches_along(
     known: list[Branch] = []
     for value in starts:
         for stops in sequences:
+            alike = [branch for branch in known if has_stops(branch, stops)]
+            there = [orbit for branch in alike for orbit in branch.at([value])[0]]
             for orbit in find_orbits(rig(value), stops, simulate=simulate).orbits:
-                others = (o for branch in known for o in branch.at([value])[0])
-                if orbit.viable and min(map(orbit.distance, others), default=1.0) > SAME:
+                if orbit.viable and min(map(orbit.distance, there), default=1.0) > SAME:
                     start = None if name else value
                     known.append(follow(orbit, name or rig, low, high, start=start))
+                    there += known[-1].at([value])[0]
                     yield known[-1]
 
 
@@ -247,27 +261,9 @@ def durations(motion: PeriodicOrbit | SettledMotion) -> tuple[float, ...]:
     return tuple(2.0 * (b - a) for a, b in pairwise([*late, float(rhythm.cycles)]))
 
 
-def status_of(orbit: PeriodicOrbit) -> str:
-    """Return whether the rig performs a motion, and whether it is stable."""
-    return ('stable' if orbit.stable else 'unstable') if orbit.viable else 'not viable'
-
-
-def pieces_of(branch: Branch) -> Iterator[tuple[str, list[BranchPoint]]]:
-    """Yield the parts of a branch of one status; each begins where the one before ends."""
-    special = {id(point.orbit) for point in branch.special}
-    # A special point belongs to both sides
-    parts = [
-        (status_of((b if id(a.orbit) in special else a).orbit), (a, b))
-        for a, b in pairwise(branch.points)
-    ]
-    for status, part in groupby(parts, key=itemgetter(0)):
-        pairs = [pair for _, pair in part]
-        yield status, [pairs[0][0], *(b for _, b in pairs)]
-
-
 def performed(branch: Branch) -> bool:
     """Return whether a motion of a branch is stable and viable."""
-    return any(status == 'stable' for status, _ in pieces_of(branch))
+    return any(status == 'stable' for status, _ in branch.parts())
 
 
 def mirrored(stops: tuple[int, ...]) -> bool:
@@ -298,13 +294,13 @@ def draw(
         stops = branch.orbits[0].stops
         if len(stops) != impacts or (level and mirrored(stops)):
             continue
-        for status, points in pieces_of(branch):
+        for status, part in branch.parts():
             if status != 'not viable':
                 style = dict(STABLE if status == 'stable' else UNSTABLE)
                 style['linewidth'] *= width
-                rows = zip(*(ordinate(point.orbit) for point in points), strict=True)
+                rows = zip(*map(ordinate, branch.orbits[part]), strict=True)
                 for row in rows:
-                    axes.plot([p.value for p in points], row, color=color, zorder=2, **style)
+                    axes.plot(branch.values[part], row, color=color, zorder=2, **style)
     marks = [
         (value, y)
         for value, motion in series.runs
@@ -342,7 +338,7 @@ def write_series(path: Path, series: Mapping[str, Series]) -> None:
                 kinds = {id(special.orbit): special.kind.value for special in branch.special}
                 for value, orbit in branch.points:
                     if orbit.viable:
-                        kind = kinds.get(id(orbit), status_of(orbit))
+                        kind = kinds.get(id(orbit), orbit.stability)
                         yield [name, number, *row_of(value, orbit, orbit.cycles, orbit.stops),
                                kind, abs(orbit.multipliers[0])]  # fmt: skip
             for value, motion in one.runs:

@@ -1,9 +1,9 @@
 """
 One MCAP file of a bag, finished, cut short or damaged, as the `mcap` library reads it.
 
-Opening a file walks through its records once, without expanding a chunk: the checksums of data and
-summary, the counts of the statistics and of the indexes are compared then. Nothing is expanded
-beyond its declared size and beyond `LARGEST`. The format: https://mcap.dev/spec
+Opening a file walks through its records once: the checksums of data and summary are compared then,
+the counts of its statistics when all its messages were read. Nothing is expanded beyond its
+declared size and beyond `LARGEST`. The format: https://mcap.dev/spec
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import os
 import stat
 import struct
 import zlib
-from collections.abc import Collection, Iterable, Iterator
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -31,7 +32,6 @@ from mcap.records import (
     Header,
     McapRecord,
     Message,
-    MessageIndex,
     Metadata,
     Schema,
     Statistics,
@@ -49,6 +49,8 @@ LARGEST = 128 * 1024 * 1024
 _LIMIT = f'at most {LARGEST} bytes are read'
 #: Messages of a chunk: in a full one they have 128 bytes each.
 _MOST_MESSAGES = LARGEST // 128
+#: Bytes of a message in a file, compressed as it is: statistics that count more are not believed.
+_LEAST = 16
 #: Bytes that are expanded at once.
 _PIECE = 1024 * 1024
 #: How a message begins that rosbag2 has compressed by itself. No encapsulation of CDR does.
@@ -74,8 +76,7 @@ class Block:
     start_ns: int  # earliest stamp
     end_ns: int  # latest stamp
     whole: bool = True  # false for the chunk in the middle of which a file was cut
-    #: Messages by channel as its index lists them; None without one, until it is read.
-    counts: dict[int, int] | None = None
+    counts: Counter[int] | None = None  # messages by channel; None until it is read
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -100,18 +101,18 @@ class McapFile:
         self.blocks: list[Block] = []  # in file order
         self.schemas: dict[int, Schema] = {}  # by id
         self.channels: dict[int, Channel] = {}  # by id
-        self.counts: dict[int, int] = {}  # messages by channel
+        self.counts: Mapping[int, int] = {}  # messages by channel
         self.metadata: list[Metadata] = []
         self.finished = False  # whether it ends with footer and magic
         self.unusable = 0  # bytes at the end that belong to no whole record
         #: Stamp of the first message of a topic that comes after a later one, of those read
         self.disordered_ns: int | None = None
         self._statistics: Statistics | None = None
-        # The first fault of each kind, and how many there are
-        self._faults: dict[str, tuple[str, int]] = {}
+        self._faults: list[str] = []
         try:
             with open_file(path) as stream:
                 self._open(stream)
+                self._count(stream)
         except OSError as error:
             raise RecordingError.from_os_error('read', source, error) from error
 
@@ -120,21 +121,21 @@ class McapFile:
         """Whether this package has written the file."""
         return self.library.startswith('impact_damper_ros/')
 
-    def topic_of(self, channel: int) -> str:
-        """Return the topic of a channel, or its number in words if it is not described."""
-        known = self.channels.get(channel)
-        return known.topic if known is not None else f'channel {channel}'
-
-    def _fault(self, kind: str, text: str) -> None:
-        first, count = self._faults.get(kind, (text, 0))
-        self._faults[kind] = first, count + 1
-
-    def faults(self) -> list[str]:
-        """Return where the file contradicts itself; complete once all its blocks were read."""
-        return [
-            text + (f' (the first of {count})' if count > 1 else '')
-            for text, count in self._faults.values()
-        ]
+    def faults(self) -> Iterator[str]:
+        """Yield where the file contradicts itself, once all its blocks were read."""
+        yield from self._faults
+        said, read = self._statistics, [block.counts for block in self.blocks]
+        if said is None or not self.finished or None in read:
+            return
+        listed, there = Counter(said.channel_message_counts), _sum(read)
+        for channel in sorted(c for c in listed | there if listed[c] != there[c]):
+            known = self.channels.get(channel)
+            topic = known.topic if known is not None else f'channel {channel}'
+            yield f'its statistics count {_messages(listed[channel])} on {topic}, not ' + (
+                f'{there[channel]:,}'
+            )
+        if said.message_count != (total := there.total()):
+            yield f'its statistics count {_messages(said.message_count)} in all, not {total:,}'
 
     # Opening
 
@@ -167,13 +168,12 @@ class McapFile:
         except OSError:
             raise
         except RecordLengthLimitExceeded as error:
-            self._fault('limit', f'{error}; the rest is not read')
+            self._faults.append(f'{error}; the rest is not read')
         except Exception:  # whatever a cut or damage makes the library raise
             self._take_cut_chunk(stream, position, size - position)
         self.unusable = size - position
         if self.finished and footer is not None:
             self._check_summary(stream, data_end, size - _END_LENGTH, footer)
-        self._count(stream)
 
     def _records(self, stream: BinaryIO) -> Iterator[McapRecord]:
         reader = StreamReader(
@@ -182,7 +182,7 @@ class McapFile:
         try:
             yield from reader.records
         except CRCValidationError as error:
-            self._fault('data', 'the checksum of its data does not match')
+            self._faults.append('the checksum of its data does not match')
             yield error.record
             yield from _records_from(stream)
 
@@ -191,15 +191,8 @@ class McapFile:
         if isinstance(record, Chunk):
             start, end = record.message_start_time, record.message_end_time
             self.blocks.append(Block(position, length, start, end))
-        elif isinstance(record, MessageIndex):
-            if record.records and self.blocks:
-                block, count = self.blocks[-1], len(record.records)
-                block.counts = block.counts or {}
-                block.counts[record.channel_id] = block.counts.get(record.channel_id, 0) + count
         elif isinstance(record, Message):
-            stamp = record.log_time
-            counts = {record.channel_id: 1}
-            self.blocks.append(Block(position, length, stamp, stamp, counts=counts))
+            self.blocks.append(Block(position, length, record.log_time, record.log_time))
         elif isinstance(record, Schema):
             self.schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -227,48 +220,31 @@ class McapFile:
         head = _FOOTER.pack(Opcode.FOOTER, _FOOTER.size + 4 - _HEAD.size, *places)
         crc = zlib.crc32(head, zlib.crc32(stream.read(max(0, end - begin))))
         if footer.summary_start != begin:
-            text = f'its footer places the summary at byte {footer.summary_start}, not {begin}'
-            self._fault('summary', text)
+            at = footer.summary_start
+            self._faults.append(f'its footer places the summary at byte {at}, not {begin}')
         elif footer.summary_crc not in (0, crc):
-            self._fault('summary', 'the checksum of its summary does not match')
+            self._faults.append('the checksum of its summary does not match')
 
     def _count(self, stream: BinaryIO) -> None:
-        """Count the messages: by the indexes, or in the chunks where those are not all there."""
-        said = self._statistics
-        lists = [block.counts for block in self.blocks]
-        self.counts = _sum(lists)
-        whole = self.finished and None not in lists and self.channels.keys() >= self.counts.keys()
-        if not whole or (said is not None and said.message_count != sum(self.counts.values())):
-            usable = []
-            for block in self.blocks:
-                block.counts = None
-                try:
-                    stamps = [stamp for _, stamp, _ in self.read(stream, block)]
-                except RecordingError:  # raised again when the messages are read
-                    stamps = [block.start_ns, block.end_ns]
-                if stamps:
-                    block.start_ns, block.end_ns = min(stamps), max(stamps)
-                    usable.append(block)
-            self.blocks = usable
-            self.counts = _sum(block.counts for block in usable)
-        if said is None or not self.finished:
+        """Count the messages: as the statistics do, or where these cannot be by reading them."""
+        listed = {} if self._statistics is None else self._statistics.channel_message_counts
+        there = 0 < sum(listed.values()) <= stream.seek(0, os.SEEK_END) // _LEAST
+        if self.finished and there and self.channels.keys() >= listed.keys():
+            self.counts = listed
             return
-        listed = said.channel_message_counts
-        for channel in sorted({*listed, *self.counts}):
-            number, there = listed.get(channel, 0), self.counts.get(channel, 0)
-            if number != there:
-                text = f'its statistics count {_messages(number)} on {self.topic_of(channel)}'
-                self._fault(f'statistics {channel}', f'{text}, not {there:,}')
-        total = sum(self.counts.values())
-        if said.message_count != total:
-            text = f'its statistics count {_messages(said.message_count)} in all, not {total:,}'
-            self._fault('statistics', text)
+        usable = []
+        for block in self.blocks:
+            try:
+                stamps = [stamp for _, stamp, _ in self.read(stream, block)]
+            except RecordingError:  # raised again when the messages are read
+                stamps = [block.start_ns, block.end_ns]
+            if stamps:
+                block.start_ns, block.end_ns = min(stamps), max(stamps)
+                usable.append(block)
+        self.blocks = usable
+        self.counts = _sum([block.counts for block in usable])
 
     # Reading
-
-    def may_hold(self, block: Block, channels: Collection[int]) -> bool:
-        """Return whether a block may hold messages of channels, by its index if it has one."""
-        return block.counts is None or not block.counts.keys().isdisjoint(channels)
 
     def read(
         self, stream: BinaryIO, block: Block, channels: Collection[int] | None = None
@@ -281,7 +257,7 @@ class McapFile:
             else:
                 record = _cut_chunk(stream.read(min(block.length, LARGEST)))
             if isinstance(record, Message):
-                block.counts = {record.channel_id: 1}
+                block.counts = Counter([record.channel_id])
                 return [(record.channel_id, record.log_time, record.data)]
             if not isinstance(record, Chunk):
                 raise ValueError('it is no chunk')
@@ -319,8 +295,7 @@ class McapFile:
                 self._describe(opcode, records[start:position])
         if block.whole and position != end:
             raise ValueError('the last record is cut')
-        if block.counts is None:
-            block.counts = counts
+        block.counts = Counter(counts)
         return found
 
     def _describe(self, opcode: int, content: bytes) -> None:
@@ -410,11 +385,10 @@ def plain_content(content: bytes) -> bytes:
     return plain
 
 
-def _sum(counts: Iterable[dict[int, int] | None]) -> dict[int, int]:
-    total: dict[int, int] = {}
+def _sum(counts: Iterable[Counter[int] | None]) -> Counter[int]:
+    total: Counter[int] = Counter()
     for held in counts:
-        for channel, count in (held or {}).items():
-            total[channel] = total.get(channel, 0) + count
+        total.update(held or {})
     return total
 
 

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from impact_damper_ros.control import Rig
+from impact_damper_ros.control import Observer, Rig
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.rig import INITIAL_SPECS, Event, EventKind
 from impact_damper_ros.rig.description import robot_description
@@ -25,13 +25,11 @@ from impact_damper_ros.rig.tick_grid import TickGrid
 from .messages import Parameter, ParameterEvent, String, encode
 from .rig_topics import RIG_TOPICS, RigMessages, recorded_topics, recording_notes
 from .run_writer import RunWriter
-from .snapshots import Snapshots
+from .snapshots import RATES, Snapshots
 
 #: Messages that may wait for the disk before the rig waits for them.
 _BACKLOG = 50_000
 _NAP = 0.01
-#: Least and greatest rate of joint states, Hz; their stamps are whole nanoseconds.
-_RATES = 1e-12, 1e9
 
 
 def parameter_event(
@@ -56,7 +54,7 @@ def write_description(directory: Path, text: str) -> None:
         write_text(directory / 'rig.urdf', text)
 
 
-class RigRecorder:
+class RigRecorder(Observer):
     """
     Records a rig tick by tick, on whole nanoseconds as the node does.
 
@@ -95,7 +93,7 @@ class RigRecorder:
         max_size: int = 0,
         max_duration: float = 0.0,
     ) -> None:
-        rate = number_between('rate', rate, *_RATES)
+        rate = number_between('rate', rate, *RATES)
         duration = number_between('duration', duration, 0.0, LATEST)
         self._rig = rig
         self._grid = TickGrid(rate)
@@ -117,7 +115,7 @@ class RigRecorder:
             max_duration=max_duration,
         )
         initial = {n: value for n, value in parameters.items() if n in INITIAL_SPECS}
-        self._snapshots = Snapshots(node, names, initial)
+        self._snapshots = Snapshots(node, names, initial, rate)
         self._values = {**parameters, 'state_rate': rate, 'record': True}
         self._begin_file(0)
         write_description(self._writer.directory, self._description)

@@ -17,7 +17,7 @@ from impact_damper_ros.rig.quoting import counted, shown
 from .errors import RecordingError
 from .foreign import Unpacked
 from .mcap_file import McapFile, open_file, plain_content
-from .messages import DECODABLE, JOINT_STATE, CdrError, JointStateDecoder, Message, decode
+from .messages import DECODABLE, CdrError, Message, decode
 from .metadata import (
     PART,
     listed_files,
@@ -237,8 +237,7 @@ class RunReader:
         if self._listing_error:
             found.append(self._listing_error)
         if self._listing is not None and self.complete:
-            types = {topic.name: topic.type for topic in self.topics.values()}
-            texts = [*listing_faults(self._listing, self._counts(), types)]
+            texts = listing_faults(self._listing, self._counts())
             found += [f'the bag is not whole: {text}' for text in texts]
         return found
 
@@ -259,99 +258,61 @@ class RunReader:
         """Number of messages."""
         return sum(topic.message_count for topic in self.topics.values())
 
-    def topic(self, name: str) -> str:
-        """
-        Return the full name of the one topic that ends in `name`.
-
-        A run of a node in a namespace has ``/lab/joint_states``; this finds it by
-        ``'joint_states'``.
-
-        Raises
-        ------
-        RecordingError
-            If there is none, or more than one.
-        """
-        wanted = '/' + name.strip('/')
-        found = [topic for topic in self.topics if ('/' + topic.strip('/')).endswith(wanted)]
-        if name in self.topics:
-            return name
-        if len(found) == 1:
-            return found[0]
-        held = ', '.join(sorted(self.topics)) or 'none'
-        cause = f'{len(found) or "no"} topics end in {wanted!r} (topics: {held})'
-        raise RecordingError('read', self.path, cause, 'give the full name of a topic')
-
     def __iter__(self) -> Iterator[RecordedMessage]:
         return self.records()
 
-    def records(
-        self,
-        topics: Collection[str] | None = None,
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-    ) -> Iterator[RecordedMessage]:
+    def records(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
         """
         Yield the messages in the order of their stamps, and as written where these are equal.
 
-        Only chunks that overlap in time are in memory together; those that have none of the topics
-        by their index are not read.
+        Only chunks that overlap in time are in memory together.
 
         Parameters
         ----------
         topics : collection of str, optional
             Full names of those wanted; all if not given.
-        start_ns, end_ns : int, optional
-            Earliest stamp wanted, and latest (inclusive).
 
         Raises
         ------
         RecordingError
             If a part of the bag is damaged, or too much of it overlaps in time.
         """
-        first = -1 if start_ns is None else start_ns
-        last = 2**64 if end_ns is None else end_ns
-        names = [
-            {
-                number: (channel.topic, self.topics[channel.topic].type)
-                for number, channel in file.channels.items()
-                if topics is None or channel.topic in topics
-            }
-            for file in self.files
-        ]
-        pairs = [(index, block) for index, file in enumerate(self.files) for block in file.blocks]
         queue = sorted(
-            (block.start_ns, place, index)
-            for place, (index, block) in enumerate(pairs)
-            if block.end_ns >= first and block.start_ns <= last
-            if self.files[index].may_hold(block, names[index])
+            (block.start_ns, number, place, block)
+            for number, file in enumerate(self.files)
+            for place, block in enumerate(file.blocks)
         )
         # Sorted by stamp and place in the bag; holds what later blocks may still precede.
-        pending: list[tuple[int, int, int, RecordedMessage]] = []
+        pending: list[tuple[int, int, int, int, RecordedMessage]] = []
         held = 0
         with ExitStack() as stack:
             opened, stream = -1, None
-            for start, place, index in queue:
+            for start, number, place, block in queue:
                 ready = bisect_left(pending, start, key=itemgetter(0))
-                yield from (entry[3] for entry in pending[:ready])
-                held -= sum(len(entry[3].content) + _HELD_EACH for entry in pending[:ready])
+                yield from (entry[-1] for entry in pending[:ready])
+                held -= sum(len(entry[-1].content) + _HELD_EACH for entry in pending[:ready])
                 del pending[:ready]
-                file, channels = self.files[index], names[index]
-                if stream is None or opened != index:
+                file = self.files[number]
+                if stream is None or opened != number:
                     # One at a time: of a long run there are more than may be open.
                     stack.close()
-                    opened, stream = index, stack.enter_context(open_file(file.path))
-                messages = file.read(stream, pairs[place][1], channels)
-                for number, (channel, stamp_ns, content) in enumerate(messages):
-                    if first <= stamp_ns <= last and channel in channels:
-                        topic, kind = channels[channel]
-                        plain = self._plain(topic, stamp_ns, content)
-                        record = RecordedMessage(topic, kind, stamp_ns, plain)
-                        pending.append((stamp_ns, place, number, record))
-                        held += len(plain) + _HELD_EACH
-                        if held > _MOST_HELD:
-                            self._refuse_overlap()
+                    opened, stream = number, stack.enter_context(open_file(file.path))
+                wanted = {
+                    channel: (described.topic, self.topics[described.topic].type)
+                    for channel, described in file.channels.items()
+                    if topics is None or described.topic in topics
+                }
+                messages = file.read(stream, block, wanted)
+                for index, (channel, stamp_ns, content) in enumerate(messages):
+                    topic, kind = wanted[channel]
+                    plain = self._plain(topic, stamp_ns, content)
+                    record = RecordedMessage(topic, kind, stamp_ns, plain)
+                    pending.append((stamp_ns, number, place, index, record))
+                    held += len(plain) + _HELD_EACH
+                    if held > _MOST_HELD:
+                        self._refuse_overlap()
                 pending.sort()
-            yield from (entry[3] for entry in pending)
+            yield from (entry[-1] for entry in pending)
 
     def _plain(self, topic: str, stamp_ns: int, content: bytes) -> bytes:
         try:
@@ -367,12 +328,7 @@ class RunReader:
         )
         raise RecordingError('read', self.path, cause, 'rewrite it with: ros2 bag convert')
 
-    def messages(
-        self,
-        topics: Collection[str] | None = None,
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-    ) -> Iterator[Decoded]:
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[Decoded]:
         """
         Yield the messages decoded; otherwise as `records`.
 
@@ -385,16 +341,9 @@ class RunReader:
         """
         if topics is None:
             topics = [topic.name for topic in self.topics.values() if topic.type in DECODABLE]
-        decoders: dict[str, JointStateDecoder] = {}
-        for topic, interface, stamp_ns, content in self.records(topics, start_ns, end_ns):
+        for topic, interface, stamp_ns, content in self.records(topics):
             try:
-                if interface == JOINT_STATE:
-                    if topic not in decoders:
-                        decoders[topic] = JointStateDecoder()
-                    message: Message = decoders[topic].decode(content)
-                else:
-                    message = decode(interface, content)
+                yield Decoded(topic, stamp_ns, decode(interface, content))
             except CdrError as error:
                 cause = f'the message of {topic} at {stamp_ns} ns cannot be decoded: {error}'
                 raise RecordingError('read', self.path, cause) from error
-            yield Decoded(topic, stamp_ns, message)

@@ -23,7 +23,9 @@ from struct import pack
 from typing import Any
 
 #: Format of the messages of a rig, which its snapshots name.
-FORMAT = 4
+FORMAT = 5
+#: Least and greatest rate of joint states, Hz; their stamps are whole nanoseconds.
+RATES = 1e-12, 1e9
 #: Arguments of the functions of which `mathematics` takes the bits.
 _ARGUMENTS = tuple(0.37 * k + 1e-3 * k * k for k in range(1, 1000))
 
@@ -64,6 +66,8 @@ class Snapshots:
         Full names of its topics, by those of `RIG_TOPICS`.
     initial : mapping
         The initial conditions to which a reset puts the rig.
+    rate : float
+        Joint states per second of rig time.
     offset_ns : int, optional
         Stamp of rig time 0.
     """
@@ -76,11 +80,13 @@ class Snapshots:
         node: str,
         topics: Mapping[str, str],
         initial: Mapping[str, Any],
+        rate: float,
         offset_ns: int = 0,
     ) -> None:
         self._node = node
         self._topics = {key: topics[key] for key in self.TOPICS if key in topics}
         self._initial = dict(initial)
+        self._rate = rate
         self._offset_ns = offset_ns
         self._done: list[list[Any]] = []
         self._number = 0
@@ -115,6 +121,7 @@ class Snapshots:
                 'number': self._number,
                 'node': self._node,
                 'topics': self._topics,
+                'rate': self._rate,
                 'stamp_offset_ns': self._offset_ns,
                 'time_ns': time_ns,
                 'reason': reason,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import io
 import logging
 import os
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from json import dumps
 from pathlib import Path
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 
-#: An output could not be written, or the work failed; the input is invalid; Ctrl-C.
-EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
+#: An output could not be written, or the work failed; the input is invalid.
+EXIT_FAILED, EXIT_INPUT = 1, 2
 
 
 #: What a command that takes ``--most-events`` advises where a rig has more.
@@ -80,23 +81,53 @@ def _notices(command: str) -> Iterator[None]:
         library.removeHandler(handler)
 
 
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM, as from ``timeout``, end the work; one that is ignored stays so."""
+
+    def interrupt(number: int, _: object) -> None:
+        raise KeyboardInterrupt(number)
+
+    def interrupt_again(ignored: sys.UnraisableHookArgs) -> None:
+        if isinstance(ignored.exc_value, KeyboardInterrupt):
+            # It came up in a destructor or a callback, where exceptions end.
+            threading.Timer(0.1, os.kill, (os.getpid(), *ignored.exc_value.args)).start()
+        else:
+            sys.__unraisablehook__(ignored)
+
+    before = {}
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            before[number] = signal.signal(number, interrupt)
+    hook, sys.unraisablehook = sys.unraisablehook, interrupt_again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def discard_output() -> None:
     """Discard further output: the reader of the pipe has ended, as in ``... | head``."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    with suppress(io.UnsupportedOperation):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupted') -> int:
     """Do the work of a command, and return its exit code; report an error in a line."""
     message: object
     try:
-        with _notices(command):
-            return work()
+        with _notices(command), _interruptible():
+            code = work()
+            sys.stdout.flush()
+            return code
     except CommandError as error:
         message, code = error, error.code
     except (RecordingError, ValueError) as error:
         message, code = error, EXIT_INPUT
-    except KeyboardInterrupt:
-        message, code = interrupted, EXIT_INTERRUPTED
+    except KeyboardInterrupt as error:
+        message, code = interrupted, 128 + (error.args or (signal.SIGINT,))[0]
     except BrokenPipeError:
         discard_output()
         return EXIT_FAILED
@@ -104,23 +135,16 @@ def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupt
         message, code = error, EXIT_FAILED
     except OSError as error:
         message, code = in_words(error), EXIT_FAILED
+        if error.filename is None:
+            # Not to be reported once more at exit
+            discard_output()
     say(command, message)
     return code
 
 
-class _Parser(argparse.ArgumentParser):
-    """A parser that does not ignore that its help or version cannot be written."""
-
-    def _print_message(self, message: str, file: Any = None) -> None:
-        if file is sys.stdout:
-            file.write(message)
-        else:
-            super()._print_message(message, file)
-
-
 def command_parser(command: str, description: str, epilog: str = '') -> argparse.ArgumentParser:
     """Return the parser of a command, with ``--version``; line breaks of the texts stay."""
-    parser = _Parser(
+    parser = argparse.ArgumentParser(
         command,
         description=description,
         epilog=epilog,
@@ -173,19 +197,26 @@ def add_most_events_option(parser: argparse.ArgumentParser, whose: str = '') -> 
     )
 
 
-def up_to(largest: int) -> Callable[[str], int]:
-    """Return a reader of whole numbers from 1 to the largest one, for `argparse`."""
+def number(
+    low: float, high: float, unit: str = '', *, whole: bool = False
+) -> Callable[[str], float]:
+    """Return a reader of numbers in a range, for `argparse`."""
+    span = f'{low} to {high}' if whole else f'{low:g} to {high:g}'
+    words = f'give a {"whole " * whole}number from {span} {unit}'.rstrip()
 
-    def read(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = 0
-        if not 1 <= value <= largest:
-            raise argparse.ArgumentTypeError(f'{text!r}: give a whole number from 1 to {largest}')
-        return value
+    def read(text: str) -> float:
+        with suppress(ValueError):
+            value = float(text)
+            if low <= value <= high and not (whole and value % 1.0):
+                return int(value) if whole else value
+        raise argparse.ArgumentTypeError(f'{text!r}: {words}')
 
     return read
+
+
+def up_to(largest: int) -> Callable[[str], float]:
+    """Return a reader of whole numbers from 1 to the largest one, for `argparse`."""
+    return number(1, largest, whole=True)
 
 
 def end_node(node: subprocess.Popen[bytes], patience: float) -> None:

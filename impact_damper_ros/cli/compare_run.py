@@ -10,7 +10,6 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from impact_damper_ros.compare import RunComparison, compare_bag
-from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_directory, check_file
 from impact_damper_ros.report.text_report import comparison_text
 from impact_damper_ros.rig import load_parameters
@@ -136,4 +135,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run('compare_run', main))
+    sys.exit(main())

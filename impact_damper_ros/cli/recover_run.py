@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from impact_damper_ros.bag import RecordingError, Recovery, recover_run
-from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig.quoting import as_line, counted, printable
 
 from .command_line import EXIT_FAILED, CommandError, add_bag_argument, command_parser, outcome
@@ -80,4 +79,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run('recover_run', main))
+    sys.exit(main())

@@ -8,10 +8,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
 
-from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_file
 from impact_damper_ros.replay import RecordedRun, Replay, Setting
-from impact_damper_ros.replay.setting import setting_of
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.report.replay_report import findings_json, findings_text
@@ -100,7 +98,7 @@ def _run(arguments: argparse.Namespace, replay: Replay) -> WhatIfReport | None:
     if arguments.set:
         report = WhatIfReport(
             replay,
-            *_held_values(arguments.set, setting_of(replay.start.state)),
+            *_held_values(arguments.set, Setting.of(replay.start.state)),
             drawn=arguments.figure is not None,
             budget=EventBudget(arguments.most_events, BUDGET_REMEDY),
         )
@@ -162,7 +160,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         replay = Replay(RecordedRun(arguments.bag, arguments.node))
         if arguments.set:
             # A misspelt name is reported at once
-            logged = setting_of(replay.start.state)
+            logged = Setting.of(replay.start.state)
             held, _ = _held_values(arguments.set, logged)
             if not arguments.quiet:
                 rig = {n: value for n, value in held.items() if n in PARAMETER_SPECS}
@@ -173,4 +171,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run('replay_run', main))
+    sys.exit(main())

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import argparse
 import difflib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from itertools import groupby
-from math import isfinite
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters, OwnLaw
+from impact_damper_ros.control import (
+    GAP_CONTROL_SPECS,
+    GapControlParameters,
+    OwnLaw,
+    TimedChange,
+)
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
+    SETTING_SPECS,
     InitialConditions,
     ParameterError,
     RigParameters,
@@ -34,14 +40,13 @@ class GivenRig(NamedTuple):
     initial: InitialConditions
     control: GapControlParameters
 
-
-class TimedChange(NamedTuple):
-    """A change of parameters at an instant: the new values, and the rig and control from then."""
-
-    time_ns: int
-    values: dict[str, Any]
-    parameters: RigParameters
-    control: GapControlParameters
+    def changed(self, values: Mapping[str, Any]) -> GivenRig:
+        """Return the rig with some of its parameters changed, all at once."""
+        return GivenRig(
+            self.parameters.replace(**_among(values, PARAMETER_SPECS)),
+            self.initial.replace(**_among(values, INITIAL_SPECS)),
+            self.control.replace(**_among(values, GAP_CONTROL_SPECS)),
+        )
 
 
 def add_params_argument(parser: argparse.ArgumentParser) -> None:
@@ -102,47 +107,59 @@ def given_rig(
 def overridden(settings: Sequence[str], given: GivenRig, *, with_control: bool = True) -> GivenRig:
     """Apply ``--set`` options to a rig, all at once."""
     names = [*PARAMETER_SPECS, *INITIAL_SPECS, *(GAP_CONTROL_SPECS if with_control else ())]
-    values = _values(settings, names)
-    control = given.control.replace(**_among(values, GAP_CONTROL_SPECS))
-    parameters = given.parameters.replace(**_among(values, PARAMETER_SPECS))
-    start = {**given.initial.as_dict(), **_among(values, INITIAL_SPECS)}
-    initial = InitialConditions(**start)
-    initial.check_within(parameters)
-    return GivenRig(parameters, initial, control)
+    changed = given.changed(values_of(settings, names))
+    changed.initial.check_within(changed.parameters)
+    return changed
 
 
-def _values(
-    settings: Sequence[str], names: Collection[str], option: str = '--set'
+def values_of(
+    settings: Sequence[str],
+    names: Collection[str],
+    option: str = '--set ',
+    listing: str = 'simulate_rig --parameters',
 ) -> dict[str, Any]:
-    """Read ``NAME=VALUE`` settings of the parameters in `names`."""
+    """Read ``NAME=VALUE`` settings of the parameters in `names`, which `listing` lists."""
     values: dict[str, Any] = {}
     for setting in settings:
         name, equals, text = setting.partition('=')
         if not equals:
-            raise ValueError(f'{option} {named(setting)}: give NAME=VALUE')
+            raise ValueError(f'{option}{named(setting)}: give NAME=VALUE')
         if name not in names:
             close = difflib.get_close_matches(name[:80], names, 1)
-            remedy = (
-                f'did you mean {close[0]}?'
-                if close
-                else 'simulate_rig --parameters lists all parameters'
-            )
+            remedy = f'did you mean {close[0]}?' if close else f'{listing} lists all parameters'
             raise ValueError(
-                f'{option} {named(setting)}: there is no parameter {named(name)} to set: {remedy}'
+                f'{option}{named(setting)}: there is no parameter {named(name)} to set: {remedy}'
             )
         try:
-            values[name] = guarded_yaml_text(text)
+            values[name] = _value(text)
         except YamlError as error:
             # The line would be that of a file
             reason = str(error).removeprefix('line 1: ')
             raise ValueError(
-                f'{option} {named(setting)}: {shown(text)} is not a value: {reason}'
+                f'{option}{named(setting)}: {shown(text)} is not a value: {reason}'
             ) from error
-        if isinstance(values[name], str):
-            # YAML 1.1 takes 1e-3 for a text
-            with suppress(ValueError):
-                values[name] = float(text)
     return values
+
+
+def _value(text: str) -> Any:
+    """Read a value as in a parameters file; YAML 1.1 takes 1e-3 for a text."""
+    value = guarded_yaml_text(text)
+    if isinstance(value, str):
+        with suppress(ValueError):
+            return float(text)
+    return value
+
+
+def setting_value(name: str) -> Callable[[str], Any]:
+    """Return a reader of a setting of the node, for `argparse`."""
+
+    def read(text: str) -> Any:
+        try:
+            return SETTING_SPECS[name].checked(_value(text))
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from error
+
+    return read
 
 
 def _among(values: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
@@ -158,25 +175,23 @@ def timed_changes(settings: Sequence[str], given: GivenRig, duration: float) -> 
             time = float(text)
         except ValueError:
             time = -1.0
-        if not colon or not isfinite(time) or not 0.0 < time <= duration:
+        if not colon or not 0.0 < time <= duration:
             raise ValueError(
                 f'--change {named(setting)}: give TIME:NAME=VALUE with a time above 0 s and up to '
                 f'the {duration:g} s of the run'
             )
         timed.append((round(time * 1e9), change))
-    parameters, control = given.parameters, given.control
     changes = []
-    for time_ns, group in groupby(sorted(timed, key=lambda t: t[0]), key=lambda t: t[0]):
-        option = f'--change at {time_ns / 1e9:.9g} s:'
-        values = _values([c for _, c in group], [*PARAMETER_SPECS, *GAP_CONTROL_SPECS], option)
+    for time_ns, group in groupby(sorted(timed, key=itemgetter(0)), key=itemgetter(0)):
+        option = f'--change at {time_ns / 1e9:.9g} s: '
+        values = values_of([c for _, c in group], [*PARAMETER_SPECS, *GAP_CONTROL_SPECS], option)
         try:
-            parameters = parameters.replace(**_among(values, PARAMETER_SPECS))
-            control = control.replace(**_among(values, GAP_CONTROL_SPECS))
+            given = given.changed(values)
         except ParameterError as error:
-            raise ValueError(f'{option} {error}') from error
-        every = {**parameters.as_dict(), **control.as_dict()}
+            raise ValueError(f'{option}{error}') from error
+        every = {**given.parameters.as_dict(), **given.control.as_dict()}
         values = {name: every[name] for name in values}
-        changes.append(TimedChange(time_ns, values, parameters, control))
+        changes.append(TimedChange(time_ns, values, given.parameters, given.control))
     return changes
 
 

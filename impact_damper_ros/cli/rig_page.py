@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig.parameters_file import load_parameters, preset_file
 
 from .command_line import command_parser, end_node, outcome, say
@@ -53,7 +52,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar='DIR',
         help='directory of the recordings to list [runs]',
     )
-    parser.add_argument('--port', type=_port, default=8088, help='port [8088]; 0: any free port')
+    parser.add_argument(
+        '--port', type=_port, metavar='PORT', default=8088, help='port [8088]; 0: any free port'
+    )
     parser.add_argument(
         '--host',
         default='127.0.0.1',
@@ -123,9 +124,9 @@ async def _serve(arguments: argparse.Namespace) -> int:
     gate = Gate(arguments.host, arguments.name)
     recordings = Recordings(arguments.bag or arguments.recordings, listed=arguments.bag is None)
     if arguments.bag is None:
-        from impact_damper_ros.page.ros_client import NoAnswerError, RosClient
+        from impact_damper_ros.page.ros_client import RosClient
 
-        server = PageServer(gate, recordings, RosClient(), NoAnswerError, arguments.node)
+        server = PageServer(gate, recordings, RosClient(), arguments.node)
     else:
         server = PageServer(gate, recordings)
     end = asyncio.Event()
@@ -144,6 +145,8 @@ async def _serve(arguments: argparse.Namespace) -> int:
         await server.close()
         return 1
     print(f'{COMMAND}: the page is at {gate.url()}', flush=True)
+    if gate.tokens:
+        print(f'{COMMAND}: to watch only: {gate.url("watch")}', flush=True)
     if arguments.open:
         loop.run_in_executor(None, _open, gate.url())
     await end.wait()
@@ -194,4 +197,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run(COMMAND, main))
+    sys.exit(main())

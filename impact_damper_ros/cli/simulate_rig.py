@@ -3,26 +3,38 @@
 from __future__ import annotations
 
 import argparse
-import heapq
-import itertools
 import math
 import sys
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from itertools import count
+from typing import Any
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
-from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, OwnLaw, Rig
-from impact_damper_ros.entry_points import run
-from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
+from impact_damper_ros.control import (
+    GAP_CONTROL_SPECS,
+    Action,
+    Observer,
+    OwnLaw,
+    Rig,
+    TimedChange,
+    run,
+)
+from impact_damper_ros.report.csv_tables import (
+    IMPACT_COLUMNS,
+    CsvTable,
+    impact_rows,
+    open_table,
+    row,
+)
 from impact_damper_ros.report.formatting import mode_words, setting
 from impact_damper_ros.report.table import Table
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
-    SETTING_SPECS,
     Event,
     EventKind,
     ParameterSpec,
@@ -42,18 +54,19 @@ from .command_line import (
     add_path_option,
     add_quiet_option,
     command_parser,
+    number,
     outcome,
     progress_bar,
 )
 from .rig_options import (
     GivenRig,
-    TimedChange,
     add_law_option,
     add_params_argument,
     add_set_option,
     announce,
     given_law,
     given_rig,
+    setting_value,
     timed_changes,
 )
 
@@ -88,7 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--duration',
-        type=_number(_SHORTEST, LATEST, 's'),
+        type=number(_SHORTEST, LATEST, 's'),
         required=True,
         metavar='T',
         help='time to simulate [s]',
@@ -108,21 +121,21 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--max-bag-size',
-        type=_limit('max_bag_size', int),
+        type=setting_value('max_bag_size'),
         default=0,
         metavar='BYTES',
         help='continue the bag in a new file after this many bytes [0: a single file]',
     )
     parser.add_argument(
         '--max-bag-duration',
-        type=_limit('max_bag_duration', float),
+        type=setting_value('max_bag_duration'),
         default=0.0,
         metavar='T',
         help='continue the bag in a new file after this time [s] [0: a single file]',
     )
     parser.add_argument(
         '--rate',
-        type=_number(_SLOWEST, _FASTEST, 'Hz'),
+        type=number(_SLOWEST, _FASTEST, 'Hz'),
         default=200.0,
         metavar='HZ',
         help='rate of --states and of the joint states in --bag [200]',
@@ -154,7 +167,7 @@ class _ListParameters(argparse.Action):
 
 def _print_parameters() -> int:
     print(parameter_table(PARAMETER_SPECS, INITIAL_SPECS))
-    print(parameter_table(GAP_CONTROL_SPECS), end='', flush=True)
+    print(parameter_table(GAP_CONTROL_SPECS), end='')
     return 0
 
 
@@ -169,74 +182,6 @@ def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
     return Table.of_rows(head, rows).markdown() + '\n'
 
 
-def _number(low: float, high: float, unit: str) -> Callable[[str], float]:
-    """Return a reader of numbers in a range, for `argparse`."""
-
-    def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(
-                f'{text!r}: give a number from {low:g} to {high:g} {unit}'
-            )
-        return value
-
-    return read
-
-
-def _limit(name: str, kind: type[float]) -> Callable[[str], float]:
-    """Return a reader of limits to the files of a bag, as of the node, for `argparse`."""
-    spec = SETTING_SPECS[name]
-    least, most = spec.least, spec.high
-    assert most is not None
-
-    def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = -1.0
-        if kind is int:
-            # 1e6 is a whole number, too.
-            value = int(value) if value.is_integer() else -1
-        if value != 0 and not least <= value <= most:
-            whole = ' whole' if kind is int else ''
-            raise argparse.ArgumentTypeError(
-                f'{text!r}: give 0 (no limit) or a{whole} number from {least:g} to {most:g} '
-                f'{spec.unit}'
-            )
-        return value
-
-    return read
-
-
-def _instants(
-    duration: float,
-    rate: float | None,
-    cycle: float,
-    watched_from: float,
-    ticks: Iterator[float],
-    changes: Iterator[float],
-) -> Iterator[float]:
-    """
-    Yield the instants to advance to, in order; the motion does not depend on them.
-
-    They are the sampling grid, or one per cycle without it; the ticks of the recording; the
-    changes of parameters; and closely those at the end, which is watched for its largest |X|.
-    """
-    grid = rate if rate is not None else 1.0 / cycle
-    last = math.floor(duration * grid * (1.0 + 1e-15))
-    regular = (k / grid for k in range(1, last + 1))
-    close = cycle / _LOOKS_PER_CYCLE
-    looks = math.floor((duration - watched_from) / close)
-    watched = (watched_from + k * close for k in range(looks + 1))
-    for instant in heapq.merge(regular, watched, ticks, changes):
-        if instant < duration:
-            yield instant
-    yield duration
-
-
 def _cycle(parameters: RigParameters) -> float:
     """Return the period of the first harmonic, or the natural one if that is off or stepped."""
     frequency = parameters.force_frequencies[0]
@@ -245,26 +190,39 @@ def _cycle(parameters: RigParameters) -> float:
     return math.tau / frequency
 
 
-class _Watch:
-    """Collects what the summary reports: events, commands, last impacts, largest |X|."""
+class _Summary(Observer):
+    """What is printed of a run: events, commands, last impacts, largest |X| at the end."""
 
-    def __init__(self) -> None:
-        self.counts: Counter[EventKind] = Counter()
-        self.swing = Swing()
+    def __init__(self, rig: Rig, duration: float) -> None:
+        self._rig = rig
+        self._look = _cycle(rig.parameters) / _LOOKS_PER_CYCLE
+        self._from = max(0.0, duration - _WATCHED_CYCLES * _cycle(rig.parameters))
+        self._started = time.perf_counter()
+        self._counts: Counter[EventKind] = Counter()
         self._commands = 0
         self._impacts: dict[int, Event] = {}
+        self._swing = Swing()
+        self._since_look: list[Event] = []
 
-    def look(self, rig: Rig, events: Sequence[Event]) -> None:
-        """Take what happened in the last advance or change of a rig."""
-        self._commands += sum(record.action is Action.COMMAND for record in rig.records)
-        self.counts.update(event.kind for event in events)
+    def ticks(self) -> Iterator[float]:
+        return (self._from + k * self._look for k in count())
+
+    def happened(self, events: Sequence[Event]) -> None:
+        self._counts.update(event.kind for event in events)
+        self._commands += sum(act.action is Action.COMMAND for act in self._rig.records)
         self._impacts |= {e.stop: e for e in events if e.kind is EventKind.IMPACT}
+        self._since_look += [event for event in events if event.time >= self._from]
 
-    def summary(self, rig: Rig, spent: float, *, whole: bool) -> str:
-        """Return the summary of a run, given its computing time, s, and whether it is complete."""
-        parameters, largest = rig.parameters, self.swing.largest
-        mode = mode_words(rig.mode.name)
-        events = [f'{number} {kind.name.lower()}' for kind, number in self.counts.items()]
+    def reached(self, instant: float) -> None:
+        if instant >= self._from:
+            self._swing.look(self._rig.sample(), self._since_look)
+            self._since_look = []
+
+    def text(self, *, whole: bool) -> str:
+        """Return the summary of a run that is complete, or not."""
+        rig, largest, spent = self._rig, self._swing.largest, time.perf_counter() - self._started
+        parameters, mode = rig.parameters, mode_words(rig.mode.name)
+        events = [f'{number} {kind.name.lower()}' for kind, number in self._counts.items()]
         lines = [
             f'simulated   {rig.time:g} s in {spent:.2f} s; the loose mass is now in mode "{mode}"',
             f'events      {", ".join(events) or "none"}',
@@ -296,110 +254,107 @@ class _Watch:
         return '\n'.join(lines)
 
 
-class _Tables:
-    """The requested CSV files."""
+class _Progress(Observer):
+    """The progress bar of a run."""
 
-    def __init__(self, arguments: argparse.Namespace, stack: ExitStack) -> None:
-        self._impacts = open_table(arguments.impacts, IMPACT_COLUMNS, stack)
-        self._events = open_table(arguments.events, EVENT_COLUMNS, stack)
-        self._states = open_table(arguments.states, Sample._fields, stack)
-        #: Of the states, Hz; None if they are not written.
-        self.rate: float | None = None if self._states is None else arguments.rate
-        self._states_written = 0
+    def __init__(self, rig: Rig, bar: Any) -> None:
+        self._rig, self._bar, self._events = rig, bar, 0
+
+    def happened(self, events: Sequence[Event]) -> None:
+        self._events += len(events)
+        self._bar.set_postfix_str(f'{self._events} events', refresh=False)
+        self._bar.update(self._rig.time - self._bar.n)
+
+
+class _ImpactTable(Observer):
+    """The impacts as CSV."""
+
+    def __init__(self, table: CsvTable) -> None:
+        self._table = table
+
+    def happened(self, events: Sequence[Event]) -> None:
+        self._table.write(impact_rows(events))
+
+
+class _EventTable(Observer):
+    """All events as CSV, each with the frequency after it."""
+
+    def __init__(self, rig: Rig, table: CsvTable) -> None:
+        self._rig, self._table = rig, table
+        self._sweep: list[Any] = []
         # Of the present stepped sine
         self._steps = 0
 
-    def write_events(self, rig: Rig, events: Sequence[Event]) -> None:
-        """Write the events of the last advance or change of a rig."""
-        if self._impacts is not None:
-            self._impacts.write(impact_rows(events))
-        if self._events is not None:
-            for event in events:
-                self._steps += event.kind is EventKind.FREQUENCY_STEP
-                frequency = frequency_at(rig.parameters, self._steps)
-                kind = event.kind.name.lower()
-                self._events.write(row((kind, event.time, *event[2:], frequency)))
-
-    def write_state(self, rig: Rig, instant: float) -> None:
-        """Write a state that is due."""
-        if self._states and self.rate and instant == self._states_written / self.rate:
-            self._states.write(row(rig.sample()))
-            self._states_written += 1
-
-    def begin_sweep(self) -> None:
-        """Count the steps of a stepped sine from here on."""
-        self._steps = 0
+    def happened(self, events: Sequence[Event]) -> None:
+        parameters = self._rig.parameters
+        sweep = [getattr(parameters, name) for name in SWEEP_FIELDS]
+        if sweep != self._sweep:
+            self._sweep, self._steps = sweep, 0
+        for event in events:
+            self._steps += event.kind is EventKind.FREQUENCY_STEP
+            frequency = frequency_at(parameters, self._steps)
+            self._table.write(row((event.kind.name.lower(), event.time, *event[2:], frequency)))
 
 
-def _run(
+class _StateTable(Observer):
+    """Samples of the motion as CSV."""
+
+    def __init__(self, rig: Rig, table: CsvTable, rate: float) -> None:
+        self._rig, self._table, self._rate = rig, table, rate
+        self._written = 0
+
+    def ticks(self) -> Iterator[float]:
+        return (k / self._rate for k in count())
+
+    def reached(self, instant: float) -> None:
+        if instant == self._written / self._rate:
+            self._table.write(row(self._rig.sample()))
+            self._written += 1
+
+
+def _outputs(
+    arguments: argparse.Namespace, given: GivenRig, rig: Rig, stack: ExitStack
+) -> Iterator[Observer]:
+    """Open the tables and the bag that are asked for."""
+    if (table := open_table(arguments.impacts, IMPACT_COLUMNS, stack)) is not None:
+        yield _ImpactTable(table)
+    if (table := open_table(arguments.events, EVENT_COLUMNS, stack)) is not None:
+        yield _EventTable(rig, table)
+    if (table := open_table(arguments.states, Sample._fields, stack)) is not None:
+        yield _StateTable(rig, table, arguments.rate)
+    if arguments.bag is not None:
+        recorder = RigRecorder(
+            arguments.bag,
+            rig,
+            {name: value for part in given for name, value in part.as_dict().items()},
+            arguments.rate,
+            arguments.duration,
+            max_size=arguments.max_bag_size,
+            max_duration=arguments.max_bag_duration,
+        )
+        stack.callback(recorder.close)
+        yield recorder
+
+
+def _simulate(
     arguments: argparse.Namespace,
     given: GivenRig,
-    changes: Sequence[TimedChange],
     law: OwnLaw | None,
+    changes: Sequence[TimedChange],
 ) -> tuple[str, str]:
     """Simulate, write the files; return the summary, and why the run ended early, if it did."""
-    parameters, initial, control = given
-    rig = Rig(parameters, initial, control=control, law=law)
-    watch = _Watch()
-    duration = arguments.duration
-    cycle = _cycle(parameters)
-    watched_from = max(0.0, duration - _WATCHED_CYCLES * cycle)
-    started = time.perf_counter()
-    failure = ''
+    duration, failure = arguments.duration, ''
+    rig = Rig(given.parameters, given.initial, control=given.control, law=law)
+    summary = _Summary(rig, duration)
     with ExitStack() as stack:
-        tables = _Tables(arguments, stack)
-        recording = None
-        if arguments.bag is not None:
-            recording = RigRecorder(
-                arguments.bag,
-                rig,
-                {**parameters.as_dict(), **initial.as_dict(), **control.as_dict()},
-                arguments.rate,
-                duration,
-                max_size=arguments.max_bag_size,
-                max_duration=arguments.max_bag_duration,
-            )
-            stack.callback(recording.close)
+        outputs = list(_outputs(arguments, given, rig, stack))
         bar = stack.enter_context(progress_bar('simulated', duration, 's', quiet=arguments.quiet))
-        ticks = recording.ticks() if recording is not None else iter(())
-        changed_at = (change.time_ns / 1e9 for change in changes)
-        instants = _instants(duration, tables.rate, cycle, watched_from, ticks, changed_at)
-        waiting = deque(changes)
         budget = EventBudget(arguments.most_events, BUDGET_REMEDY)
-        for instant in itertools.chain([0.0], instants):
-            before = rig.time
-            events: list[Event] = []
-            try:
-                for portion in budget.portions(rig, instant):
-                    watch.look(rig, portion)
-                    tables.write_events(rig, portion)
-                    if recording is not None:
-                        recording.happened(portion)
-                    events += portion if instant >= watched_from else ()
-                    bar.set_postfix_str(f'{watch.counts.total()} events', refresh=False)
-                    bar.update(rig.time - before)
-                    before = rig.time
-            except EndlessEventsError as error:
-                failure = str(error)
-                break
-            if waiting and waiting[0].time_ns / 1e9 == instant:
-                change = waiting.popleft()
-                new, old = change.parameters, rig.parameters
-                if any(getattr(new, name) != getattr(old, name) for name in SWEEP_FIELDS):
-                    tables.begin_sweep()
-                caused = rig.change(new, change.control)
-                watch.look(rig, caused)
-                tables.write_events(rig, caused)
-                if recording is not None:
-                    recording.changed(change.time_ns, change.values, caused)
-                events += caused
-            if recording is not None:
-                recording.reached(instant)
-            if instant >= watched_from:
-                watch.swing.look(rig.sample(), events)
-            tables.write_state(rig, instant)
-    spent = time.perf_counter() - started
-    return watch.summary(rig, spent, whole=not failure), failure
+        try:
+            run(rig, duration, [summary, *outputs, _Progress(rig, bar)], changes, budget)
+        except EndlessEventsError as error:
+            failure = str(error)
+    return summary.text(whole=not failure), failure
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
@@ -426,7 +381,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 law='' if law is None else law.name,
             )
         try:
-            summary, failure = _run(arguments, given, changes, law)
+            summary, failure = _simulate(arguments, given, law, changes)
         except RecordingError as error:
             raise CommandError(str(error), EXIT_FAILED) from error
         if not arguments.quiet:
@@ -439,4 +394,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run('simulate_rig', main))
+    sys.exit(main())

@@ -13,10 +13,8 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits import (
     Branch,
-    Continuation,
     MotionKind,
     OrbitSearch,
     PeriodicOrbit,
@@ -27,6 +25,7 @@ from impact_damper_ros.orbits import (
     plausible_stops,
     settle,
     switch_branch,
+    value_of,
 )
 from impact_damper_ros.orbits.arguments import period_of_force
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD
@@ -227,11 +226,11 @@ def _branches(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Itera
     """Yield the branch of a motion, and those that leave it."""
     branch = follow(orbit, name, low, high)
     yield _Followed('motion 1', branch)
-    along = Continuation(name, low, high, most_points=100)
     for point in branch.special:
         if point.kind in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
             title = f'branch from the {point.kind.value} at {name} = {point.value:.9g}'
-            yield _Followed(title, switch_branch(point, along))
+            branch = switch_branch(point, name, low, high, most_points=100)
+            yield _Followed(title, branch)
 
 
 _BRANCH_COLUMNS = (
@@ -386,7 +385,13 @@ def _check(arguments: argparse.Namespace, parameters: RigParameters) -> None:
     if arguments.figure is not None:
         check_figure(arguments.figure)
     if arguments.follow is not None:
-        Continuation(*arguments.follow).check_start(parameters)
+        name, low, high = arguments.follow
+        value = value_of(parameters, name)
+        if not low <= value <= high:
+            raise ValueError(
+                f'{name} is {value:.9g} where the branch begins: give a range around that, not '
+                f'{low:.9g} to {high:.9g}'
+            )
     elif arguments.csv is not None or arguments.figure is not None:
         raise ValueError('--csv and --figure are for --follow: give a parameter and its range')
     if arguments.settled and (arguments.stops is not None or arguments.cycles != 1):
@@ -417,4 +422,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run('solve_periodic', main))
+    sys.exit(main())

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, get_args
 from tqdm import tqdm
 
 from impact_damper_ros.control import OwnLaw
-from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_file
 from impact_damper_ros.sweep import (
     MEASURES,
@@ -446,4 +445,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run('sweep_rig', main))
+    sys.exit(main())

@@ -156,7 +156,7 @@ def compare_bag(
             said = 0
             for stretch in found:
                 reached(stretch.end)
-                kept = replay.findings.kept
+                kept = replay.findings.differences
                 mine = [d for d in kept[said:] if d.time < stretch.end or stretch.last]
                 said += len(mine)
                 log = LogVerdict.DIFFERS if mine else LogVerdict.REPRODUCED

@@ -226,10 +226,9 @@ class Flights:
         apart = mu * (self._direction[index] * constants.grip - self._air(index))
         push = np.where(joint, constants.share * constants.slope, apart)
         rest = push * inverse
-        oscillator = free._replace(decay=decay, frequency=frequency)
-        unit, impulse, slope = free_response(oscillator, tau)
+        less, impulse, slope = free_response(decay, frequency, tau)
         x_0, v_0 = begin['x'] - rest, begin['primary_velocity_after']
-        x = rest + x_0 * unit + v_0 * impulse
+        x = begin['x'] + x_0 * less + v_0 * impulse
         velocity = slope * v_0 - omega_squared * impulse * x_0
         force = np.zeros_like(tau)
         amplitudes, _, phases = rig.harmonics

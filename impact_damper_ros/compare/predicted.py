@@ -17,11 +17,10 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.orbits import (
-    Continuation,
     OrbitError,
     PeriodicOrbit,
-    continue_orbit,
     find_orbits,
+    follow,
     orbit_near,
 )
 from impact_damper_ros.orbits.orbit import AT_IMPACTS
@@ -467,15 +466,14 @@ class GapCurves:
 def _followed(orbit: PeriodicOrbit, points: int) -> GapCurve | None:
     """Follow a motion in the gap; None if that cannot be done."""
     gap = orbit.parameters.gap
-    along = Continuation('gap', gap / _GAP_RANGE, gap * _GAP_RANGE, most_points=points)
+    ends = gap / _GAP_RANGE, gap * _GAP_RANGE
     try:
-        down, up = (continue_orbit(orbit, along, upwards=upwards) for upwards in (False, True))
+        branch = follow(orbit, 'gap', *ends, most_points=points)
     except (ValueError, ArithmeticError):
         return None
-    orbits = [*down.orbits[::-1], *up.orbits[1 if down.orbits else 0 :]]
+    orbits, special = branch.orbits, branch.special
     if len(orbits) < 2:
         return None
-    special = [*down.special[::-1], *up.special]
     return GapCurve(
         gap=np.array([o.parameters.gap for o in orbits]),
         ratio=np.array([o.amplitude_ratio for o in orbits]),
@@ -487,5 +485,5 @@ def _followed(orbit: PeriodicOrbit, points: int) -> GapCurve | None:
         measured_gap=gap,
         measured_ratio=orbit.amplitude_ratio,
         stops=orbit.stops,
-        ended=up.ended,
+        ended=branch.ended,
     )

@@ -17,6 +17,7 @@ from .record import CONTROL_JOINTS, Action, ControlRecord
 if TYPE_CHECKING:
     from .ensemble import EnsembleResult, run_ensemble
     from .law import Damper, damper_of
+    from .observed_run import Observer, TimedChange, run
     from .own_law import LawError, LawInput, OwnLaw
     from .rig import Outcome, Rig, RunResult
 
@@ -30,11 +31,14 @@ __all__ = [
     'GapControlParameters',
     'LawError',
     'LawInput',
+    'Observer',
     'Outcome',
     'OwnLaw',
     'Rig',
     'RunResult',
+    'TimedChange',
     'damper_of',
+    'run',
     'run_ensemble',
 ]
 
@@ -44,6 +48,7 @@ __getattr__ = lazy_names(
     {
         'ensemble': ('EnsembleResult', 'run_ensemble'),
         'law': ('Damper', 'damper_of'),
+        'observed_run': ('Observer', 'TimedChange', 'run'),
         'own_law': ('LawError', 'LawInput', 'OwnLaw'),
         'rig': ('Outcome', 'Rig', 'RunResult'),
     },

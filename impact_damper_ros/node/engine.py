@@ -22,7 +22,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
 from impact_damper_ros.bag.snapshots import Snapshots
@@ -33,7 +33,10 @@ from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .motion_ahead import RIG_FAILURES, MotionAhead, MotionTrace, ticks_ahead
 from .pacing import ORDINARY, Pacer, PacingCounts, StampClock, take_priority
-from .publishing import Emitter, Log, RigPublishers
+from .publishing import Emitter, RigPublishers
+
+if TYPE_CHECKING:
+    from impact_damper_ros.bag import RunWriter
 
 
 class ControlStatus(NamedTuple):
@@ -45,25 +48,12 @@ class ControlStatus(NamedTuple):
 
 
 class Load(NamedTuple):
-    """
-    How much work the rig causes the engine.
+    """How much work the rig causes the engine."""
 
-    Attributes
-    ----------
-    events : int
-        Events so far, impacts among them.
-    busy_ns : int
-        Computing time of the engine's thread so far.
-    fastest : float
-        Circular frequency of the fastest of spring and harmonics, rad/s.
-    harmonics : int
-        How many the force has.
-    """
-
-    events: int = 0
-    busy_ns: int = 0
-    fastest: float = 0.0
-    harmonics: int = 1
+    events: int = 0  # so far, impacts among them
+    busy_ns: int = 0  # computing time of the engine's thread so far
+    fastest: float = 0.0  # circular frequency of the fastest of spring and harmonics, rad/s
+    harmonics: int = 1  # how many the force has
 
 
 class EngineStatus(NamedTuple):
@@ -82,57 +72,28 @@ class EngineStatus(NamedTuple):
 
 
 class EngineSettings(NamedTuple):
-    """
-    Pace and stamps of an engine.
+    """Pace and stamps of an engine."""
 
-    Attributes
-    ----------
-    state_rate : float
-        Ticks per second of rig time.
-    real_time_factor : float
-        Rig seconds per wall second; 0 runs as fast as possible.
-    publish_clock : bool
-        Publish /clock and count stamps from 0, as a simulator does. Otherwise stamps count from
-        the system time at the start, and a pause, a slip or a step of the system clock moves them.
-    real_time_priority : int
-        Priority of the thread, if it is permitted; 0, as for a rig that runs as fast as possible,
-        for ordinary scheduling.
-    node : str
-        Full name of the node, for its snapshots.
-    """
-
-    state_rate: float
-    real_time_factor: float
+    state_rate: float  # ticks per second of rig time
+    real_time_factor: float  # rig seconds per wall second; 0 runs as fast as possible
+    #: Publish /clock and count stamps from 0, as a simulator does. Otherwise stamps count from the
+    #: system time at the start, and a pause, a slip or a step of the system clock moves them.
     publish_clock: bool
-    real_time_priority: int = 0
-    node: str = ''
+    real_time_priority: int = 0  # of the thread, if it is permitted; 0: ordinary scheduling
+    node: str = ''  # full name of the node, for its snapshots
 
 
 class EngineCallbacks(NamedTuple):
-    """
-    What an engine calls, from its own thread.
+    """What an engine calls, from its own thread; each must return at once."""
 
-    Attributes
-    ----------
-    alive : callable
-        Whether ROS still runs; publishing fails once it does not.
-    on_failure : callable
-        Called if the engine fails; its `failure` is set then.
-    on_course : callable
-        Called at the start and after every change and reset, with the state of the rig; must
-        return at once.
-    on_trouble : callable
-        Called with a text if the rig falls behind the wall clock or cannot continue, or if the
-        system clock was set.
-    on_set_back : callable
-        Called if the system clock was set back during a recording. As stamps of a recording only
-        increase, they follow once it has ended.
-    """
-
-    alive: Callable[[], bool]
-    on_failure: Callable[[], object]
+    alive: Callable[[], bool]  # whether ROS still runs; publishing fails once it does not
+    on_failure: Callable[[], object]  # if the engine fails; its `failure` is set then
+    #: At the start and after every change and reset, with the state of the rig
     on_course: Callable[[dict[str, Any]], object] = lambda _: None
+    #: With a text, if the rig falls behind or cannot continue, or the system clock was set
     on_trouble: Callable[[str], object] = lambda _: None
+    #: If the system clock was set back during a recording. As stamps of a recording only increase,
+    #: they follow once it has ended.
     on_set_back: Callable[[], object] = lambda: None
 
 
@@ -203,7 +164,7 @@ class Engine:
         self._stride_ns = max(1, round(STRIDE_NS * settings.real_time_factor))
         self._stamps = StampClock(simulated=settings.publish_clock)
         topics = {key: publisher.topic for key, publisher in publishers.items()}
-        self._snapshots = Snapshots(settings.node, topics, initial.as_dict())
+        self._snapshots = Snapshots(settings.node, topics, initial.as_dict(), settings.state_rate)
         self._time_ns = 0
         self._tick = 0
         # Between a tick and its joint states
@@ -314,7 +275,7 @@ class Engine:
         """
         return self._submit(lambda: self._step(to_impact))
 
-    def record_to(self, log: Log, event: bytes) -> Request:
+    def record_to(self, log: RunWriter, event: bytes) -> Request:
         """
         Record from now on; `event` is an encoded ParameterEvent with all parameters.
 
@@ -486,6 +447,8 @@ class Engine:
         self._slipped = False
         before_ns = self._stamps.offset_ns
         if self._stamps.catch_up(self._time_ns):
+            # Deadlines are not before the stamps, however late this thread comes here.
+            self._pacer.anchor(self._time_ns)
             # The messages made ahead have other stamps.
             self._motion.stand_at(self._time_ns)
             self._motion.discard()
@@ -600,19 +563,19 @@ class Engine:
         else:
             self._stepping.set_result(Done(self._time_ns))
 
-    def _record_to(self, log: Log, event: bytes) -> None:
+    def _record_to(self, log: RunWriter, event: bytes) -> None:
         self._out.log, self._out.recorded, self._listing = log, 0, event
         self._announce('record')
         self._record_event(event)
 
-    def _split(self, log: Log) -> None:
+    def _split(self, log: RunWriter) -> None:
         """Begin a new file of the recording, with all that a reader of it alone needs."""
         if log.split(self.stamp_ns()):
             self._motion.stand_at(self._time_ns)
             self._announce('record')
             self._record_event(self._listing)
 
-    def _stop_recording(self) -> Log | None:
+    def _stop_recording(self) -> RunWriter | None:
         if self._within_tick:
             # A bag ends with a whole tick.
             data = self._motion.states(self._time_ns, self._stamps.offset_ns)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from impact_damper_ros.orbits.orbit import PeriodicOrbit, Rhythm
@@ -35,43 +34,23 @@ SETTLED_PERIODS = 3
 LEAST_SAMPLES_PER_CYCLE = 6.0
 
 
-@dataclass(frozen=True)
-class RecentMotion:
-    """
-    The measured motion of a rig.
+class RecentMotion(NamedTuple):
+    """The measured motion of a rig."""
 
-    Attributes
-    ----------
-    kind : MotionKind
-        `PERIODIC`: settled; `TRANSIENT`: its impacts repeat ever more closely;
-        `UNDECIDED`: neither; `NO_IMPACTS`; or `NOT_PERIODICALLY_DRIVEN`, if the force has no
-        first harmonic, or a multisine besides.
-    cycles : float
-        Cycles of the force since the last change or reset.
-    impacts_per_cycle : float or None
-        Impacts per cycle of the force in the last period, or without a rhythm in the last
-        `MEASURED_CYCLES` cycles.
-    rhythm : Rhythm or None
-        The repeated sequence of impacts, settled or not.
-    period : Period or None
-        How closely it repeats.
-    impact : Event or None
-        The last impact.
-    phase : float
-        Its instant in cycles of the force since its zero angle.
-    x_max : float or None
-        Largest |X| in the same part, m; None if the samples are too few for it.
-    amplitude_ratio : float or None
-        The same as a share of the amplitude A without impacts.
-    """
-
+    #: `PERIODIC`: settled; `TRANSIENT`: its impacts repeat ever more closely; `UNDECIDED`:
+    #: neither; `NO_IMPACTS`; or `NOT_PERIODICALLY_DRIVEN`, if the force has no first harmonic, or
+    #: a multisine besides.
     kind: MotionKind
-    cycles: float = 0.0
+    cycles: float = 0.0  # of the force since the last change or reset
+    #: Impacts per cycle of the force in the last period, or without a rhythm in the last
+    #: `MEASURED_CYCLES` cycles.
     impacts_per_cycle: float | None = None
-    rhythm: Rhythm | None = None
-    period: Period | None = None
-    impact: Event | None = None
-    phase: float = 0.0
+    rhythm: Rhythm | None = None  # the repeated sequence of impacts, settled or not
+    period: Period | None = None  # how closely it repeats
+    impact: Event | None = None  # the last impact
+    phase: float = 0.0  # its instant in cycles of the force since its zero angle
+    #: Largest |X| in the same part, m, and as a share of the amplitude A without impacts; None if
+    #: the samples are too few for it.
     x_max: float | None = None
     amplitude_ratio: float | None = None
 

@@ -33,13 +33,11 @@ from impact_damper_ros.rig import (
     ParameterSpec,
     RigParameters,
 )
-from impact_damper_ros.rig.quoting import named, printable, shown
+from impact_damper_ros.rig.quoting import named, shown
 
 FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
 #: Longest name that may be a misspelt one.
 _LONGEST_NAME = 80
-#: Longest `bag_directory`; a recording adds to it, and the system has 4096.
-_LONGEST_PATH = 1000
 #: Most warnings of one kind.
 _MOST_WARNINGS = 8
 USE_SIM_TIME = (
@@ -110,12 +108,6 @@ def _among(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> dic
 
 def _directory(text: str) -> str:
     """Return where recordings go, with the home directory in place of ~."""
-    if len(text) > _LONGEST_PATH or printable(text) != text or {'\n', '\t'} & set(text):
-        raise ParameterError(
-            'bag_directory',
-            f'bag_directory is {shown(text)}: give a path of at most {_LONGEST_PATH} characters, '
-            'without newlines and other control characters',
-        )
     if not text.startswith('~'):
         return text
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Mapping
 from concurrent.futures import wait
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS, recorded_topics, recording_notes
 from impact_damper_ros.rig.quoting import counted
@@ -35,37 +35,12 @@ class OutgoingMessage(NamedTuple):
     stamp_ns: int
 
 
-class Log(Protocol):
-    """A recording."""
-
-    @property
-    def backlog(self) -> int:
-        """Number of messages that wait to be written."""
-
-    def write(self, topic: str, content: bytes, stamp_ns: int, /) -> object:
-        """Take an encoded message, without blocking."""
-
-    def split_due(self, stamp_ns: int, /) -> bool:
-        """Return whether a new file should begin with this stamp."""
-
-    def split(self, stamp_ns: int, /) -> bool:
-        """Begin a new file with the next message; false if that is impossible now."""
-
-
 class Emitter:
-    """
-    Publishes messages, and records them while there is a log.
-
-    Attributes
-    ----------
-    log : Log or None
-        The recording.
-    recorded : int
-        Number of messages given to it.
-    """
+    """Publishes messages, and records them while there is a log."""
 
     def __init__(self, alive: Callable[[], bool], on_end: Callable[[], object]) -> None:
-        self.log: Log | None = None
+        #: The recording, and the number of messages given to it
+        self.log: RunWriter | None = None
         self.recorded = 0
         self._alive = alive
         self._on_end = on_end

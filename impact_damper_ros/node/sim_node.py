@@ -16,6 +16,7 @@ import time
 import traceback
 from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
+from shutil import which
 from types import coroutine
 from typing import Any
 
@@ -49,7 +50,6 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.messages import Parameter as RecordedParameter
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.topics import LATCHED, QosProfile
-from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
 from impact_damper_ros.rig.quoting import printable, shown
@@ -115,6 +115,8 @@ def start_message(
     topics = [publishers[key].topic for key in listed if key in publishers]
     topics[0] += f' at {parameters.state_rate:g} Hz'
     runs = Path(os.path.abspath(parameters.bag_directory))  # noqa: PTH100 - need not exist
+    # Without an installed ROS there is no command ros2.
+    turn_on = f'ros2 param set {node} record true' if which('ros2') else 'set_rig record=true'
     lines = [
         f'{node} runs {_pace(parameters.real_time_factor)}',
         f'rig        {described(parameters.rig)}',
@@ -123,7 +125,7 @@ def start_message(
         f'services   {node}/reset, {node}/pause, {node}/step, {node}/step_to_impact',
         f'recording  to {recording}'
         if recording
-        else f'recording  off; into {runs} with: ros2 param set {node} record true, or rig_page',
+        else f'recording  off; into {runs} with: {turn_on}, or rig_page',
     ]
     if hint := frequency_hint(parameters.rig):
         lines.append(f'note       {hint}')
@@ -606,4 +608,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(run('sim_node', main))
+    sys.exit(main())

@@ -12,12 +12,12 @@ from impact_damper_ros.lazy_names import lazy_names
 if TYPE_CHECKING:
     from .arguments import OrbitError, plausible_stops
     from .branch import BestPoint, Branch, BranchPoint, Limit, SpecialKind, SpecialPoint
-    from .continuation import continue_orbit, follow, grow_branch, switch_branch
+    from .continuation import follow, grow_branch, switch_branch
     from .orbit import OrbitEvent, PeriodicOrbit, Rhythm
     from .recurrence import MotionKind, Period, Section, find_period
     from .search import OrbitSearch, StartReport, find_orbits
     from .settled_motion import SettledMotion, settle
-    from .solution_curve import Continuation, value_of
+    from .solution_curve import value_of
     from .solved_orbits import orbit_near
     from .starts import ImpactEquations
 
@@ -25,7 +25,6 @@ __all__ = [
     'BestPoint',
     'Branch',
     'BranchPoint',
-    'Continuation',
     'ImpactEquations',
     'Limit',
     'MotionKind',
@@ -40,7 +39,6 @@ __all__ = [
     'SpecialKind',
     'SpecialPoint',
     'StartReport',
-    'continue_orbit',
     'find_orbits',
     'find_period',
     'follow',
@@ -57,12 +55,12 @@ __getattr__ = lazy_names(
     {
         'arguments': ('OrbitError', 'plausible_stops'),
         'branch': ('BestPoint', 'Branch', 'BranchPoint', 'Limit', 'SpecialKind', 'SpecialPoint'),
-        'continuation': ('continue_orbit', 'follow', 'grow_branch', 'switch_branch'),
+        'continuation': ('follow', 'grow_branch', 'switch_branch'),
         'orbit': ('OrbitEvent', 'PeriodicOrbit', 'Rhythm'),
         'recurrence': ('MotionKind', 'Period', 'Section', 'find_period'),
         'search': ('OrbitSearch', 'StartReport', 'find_orbits'),
         'settled_motion': ('SettledMotion', 'settle'),
-        'solution_curve': ('Continuation', 'value_of'),
+        'solution_curve': ('value_of',),
         'solved_orbits': ('orbit_near',),
         'starts': ('ImpactEquations',),
     },

@@ -8,7 +8,7 @@ from itertools import islice
 from typing import Any
 
 from impact_damper_ros.rig import ParameterError, RigParameters
-from impact_damper_ros.rig.parameter_spec import number_between, whole_number
+from impact_damper_ros.rig.parameter_spec import whole_number
 from impact_damper_ros.rig.quoting import shown
 from impact_damper_ros.rig.state import constants_of
 
@@ -92,14 +92,6 @@ def period_of_force(parameters: RigParameters, longest: int) -> int:
     return longest
 
 
-def checked_number(name: str, value: Any, low: float, high: float) -> float:
-    """Return a number of any kind as a float; or raise an `OrbitError`."""
-    try:
-        return number_between(name, value, low, high)
-    except ParameterError as error:
-        raise OrbitError(str(error)) from None
-
-
 def checked_whole(name: str, value: Any, low: int, high: int) -> int:
     """Return a whole number of any kind as an int; or raise an `OrbitError`."""
     try:
@@ -108,34 +100,15 @@ def checked_whole(name: str, value: Any, low: int, high: int) -> int:
         raise OrbitError(str(error)) from None
 
 
-def check_cycles(cycles: Any) -> int:
-    """Return a period in cycles of the force; or raise an `OrbitError`."""
-    try:
-        return whole_number('cycles', cycles, 1, MOST_CYCLES)
-    except ParameterError:
-        raise OrbitError(
-            f'{shown(cycles)} force cycles: give a period of at least 1 cycle, a whole number up '
-            f'to {MOST_CYCLES}'
-        ) from None
-
-
-def _listed(stops: Any) -> Any:
-    return ','.join(map(str, stops)) if isinstance(stops, list | tuple) else stops
-
-
 def check_stops(parameters: RigParameters, given: Sequence[int], cycles: int) -> tuple[int, ...]:
     """Check a stop sequence and a number of force cycles; return the sequence."""
-    try:
-        whole = list(islice(given, MOST_IMPACTS + 1))
-        stops = tuple(whole_number('stop', stop, 1, 2) for stop in whole)
-    except (ParameterError, TypeError):
-        stops = ()
-    if not stops:
-        text = shown(given if isinstance(given, str) else _listed(given))
+    stops = tuple(islice(given, MOST_IMPACTS + 1))
+    if not stops or any(stop not in (1, 2) for stop in stops):
         raise OrbitError(
-            f'stop sequence {text}: give the stops hit in one period, in order, each 1 (the '
-            'lower) or 2, such as 1,2'
+            f'stop sequence {shown(given)}: give the stops hit in one period, in order, each 1 '
+            '(the lower) or 2, such as 1,2'
         )
+    stops = tuple(map(int, stops))
     if parameters.one_sided and 2 in stops:
         raise OrbitError(
             f'stop sequence {",".join(str(s) for s in stops)}: the rig is one-sided and has no '
@@ -143,7 +116,7 @@ def check_stops(parameters: RigParameters, given: Sequence[int], cycles: int) ->
         )
     if len(stops) > MOST_IMPACTS:
         raise OrbitError(f'{len(stops)} impacts or more: give at most {MOST_IMPACTS} in a period')
-    check_cycles(cycles)
+    checked_whole('cycles', cycles, 1, MOST_CYCLES)
     return stops
 
 
@@ -177,13 +150,7 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
     OrbitError
         If N is not positive, or too large to list all.
     """
-    try:
-        impacts = whole_number('impacts', impacts, 1, MOST_IMPACTS)
-    except ParameterError:
-        raise OrbitError(
-            f'{shown(impacts)} impacts: give at least 1 in a period, a whole number up to '
-            f'{MOST_IMPACTS}'
-        ) from None
+    impacts = checked_whole('impacts', impacts, 1, MOST_IMPACTS)
     if parameters.one_sided:
         return [(1,) * impacts]
     if impacts > MOST_LISTED_IMPACTS:

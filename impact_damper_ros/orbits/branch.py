@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import cached_property
+from itertools import groupby
 from typing import NamedTuple
 
-import numpy as np
-
 from .orbit import PeriodicOrbit
-from .solution_curve import CurvePoint, SolutionCurve
-
-#: Error of a place on a branch, as a share of a step.
-LOCATED = 1e-9
+from .solution_curve import Piece
 
 
 class SpecialKind(Enum):
@@ -109,54 +106,6 @@ _NARROW = 1e-6
 _LIMITS = {SpecialKind.FOLD: Limit.FOLD, SpecialKind.GRAZING: Limit.VIABILITY}
 
 
-class Piece(NamedTuple):
-    """A part of a curve between two points that the branch has."""
-
-    curve: SolutionCurve
-    start: CurvePoint
-    end: CurvePoint
-
-    def at(self, share: float) -> CurvePoint | None:
-        """Return the point where the chord between both has a normal plane."""
-        chord = self.end.place - self.start.place
-        length = float(np.linalg.norm(chord))
-        if not 0.0 < share < 1.0 or length == 0.0:
-            return self.end if share >= 1.0 else self.start
-        return self.curve.correct(self.start.place + share * chord, chord / length)
-
-    def at_value(self, value: float) -> CurvePoint | None:
-        """Return the point at a value of the parameter between those of both points."""
-        from scipy.optimize import brentq
-
-        begin, end = self.start.place[-1], self.end.place[-1]
-        there = value / self.curve.scale
-        share = (there - begin) / (end - begin)
-
-        def missed(share: float) -> float:
-            point = self.at(share)
-            if point is None:
-                raise ArithmeticError('the corrector fails')
-            return float(point.place[-1]) - there
-
-        # Towards a fold the curve leaves its chord: nearer then first
-        for _ in range(2):
-            near = self.at(share)
-            if near is None:
-                return None
-            guess, normal = near.place.copy(), np.zeros_like(near.place)
-            guess[-1], normal[-1] = there, math.copysign(1.0, end - begin)
-            point = self.curve.correct(guess, normal)
-            if point is not None and np.linalg.norm(point.place - near.place) <= np.linalg.norm(
-                self.end.place - self.start.place
-            ):
-                return point
-            try:
-                share = brentq(missed, 0.0, 1.0, xtol=LOCATED)
-            except ArithmeticError:
-                return None
-        return None
-
-
 @dataclass(frozen=True, kw_only=True)
 class Branch:
     """
@@ -187,10 +136,35 @@ class Branch:
         """The parameter at the points."""
         return tuple(point.value for point in self.points)
 
-    @property
+    @cached_property
     def orbits(self) -> tuple[PeriodicOrbit, ...]:
         """The motions at the points."""
         return tuple(point.orbit for point in self.points)
+
+    def parts(self) -> Iterator[tuple[str, slice]]:
+        """
+        Yield the parts of the branch between changes of stability or viability.
+
+        Yields
+        ------
+        status : str
+            'stable', 'neutral', 'unstable', or 'not viable'.
+        part : slice
+            The points of it; each part begins with the last point of the one before.
+        """
+        special = {id(point.orbit) for point in self.special}
+
+        def status(first: int) -> str:
+            both = self.orbits[first : first + 2]
+            # A special point belongs to both sides
+            known = [orbit for orbit in both if id(orbit) not in special] or both
+            if not all(orbit.viable for orbit in known):
+                return 'not viable'
+            return max(known, key=lambda orbit: abs(orbit.multipliers[0])).stability
+
+        for found, steps in groupby(range(len(self.points) - 1), key=status):
+            first, *others = steps
+            yield found, slice(first, first + len(others) + 2)
 
     def at(self, values: Sequence[float]) -> list[tuple[PeriodicOrbit, ...]]:
         """
@@ -211,10 +185,9 @@ class Branch:
         for value in values:
             here: list[PeriodicOrbit] = []
             for piece in self._pieces:
-                ends = (piece.curve.value(piece.start.place), piece.curve.value(piece.end.place))
-                if not min(ends) <= value <= max(ends) or ends[0] == ends[1]:
-                    continue
-                point = piece.at_value(value)
+                low, high = sorted(piece.values)
+                inside = low < high and low <= value <= high
+                point = piece.at_value(value) if inside else None
                 if point is not None and point.orbit not in here:
                     here.append(point.orbit)
             found.append(tuple(here))

@@ -22,27 +22,17 @@ and Chaos 1 (1991).
 from __future__ import annotations
 
 import itertools
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 
-from .branch import (
-    CLOSES,
-    END,
-    LOCATED,
-    NONE_NEARBY,
-    Branch,
-    BranchPoint,
-    Piece,
-    SpecialKind,
-    SpecialPoint,
-)
+from .branch import CLOSES, END, NONE_NEARBY, Branch, BranchPoint, SpecialKind, SpecialPoint
 from .orbit import PeriodicOrbit
-from .solution_curve import Continuation, CurvePoint, Family, Path, SolutionCurve
+from .solution_curve import LOCATED, CurvePoint, Path, Piece, SolutionCurve, Steps
 from .solved_orbits import performed
 
 #: How far a multiplier may be from where it should be at a special point, and at a guess of one.
@@ -118,49 +108,35 @@ def _genuine(kind: SpecialKind, orbit: PeriodicOrbit, near: float) -> bool:
     return True
 
 
-class _Between(NamedTuple):
-    """Two neighbouring points of a branch, both on a curve, and the step from one to the other."""
-
-    curve: SolutionCurve
-    start: CurvePoint
-    end: CurvePoint
-    step: float
-    #: What changes where the rig leaves the curve before the second one, if it does.
-    change: str = ''
-
-
 class _Located(NamedTuple):
-    """A special point, and the place on the curve where it is."""
+    """A special point, and the place on the curve where it is, as a share of a piece."""
 
-    step: float
+    share: float
     point: CurvePoint
     special: SpecialPoint
 
 
-def _locate(between: _Between, kind: SpecialKind, test: _Test) -> _Located | None:
+def _locate(piece: Piece, kind: SpecialKind, test: _Test) -> _Located | None:
     """Find where a test function changes sign between two points of a branch."""
     from scipy.optimize import brentq
 
-    curve, start, end, step, change = between
-    near, far = (0.0, start), (step, end)
-    side = test(start)
+    near, far = (0.0, piece.start), (1.0, piece.end)
+    side = test(piece.start)
 
-    def value_at(there: float) -> float:
+    def value_at(share: float) -> float:
         nonlocal near, far
-        if there in (0.0, step):
-            return test(end if there else start)
-        middle = curve.ahead(start, there)
+        middle = piece.at(share)
         if middle is None:
             raise ArithmeticError('the corrector fails')
         value = test(middle)
         if (value > 0.0) == (side > 0.0):
-            near = max(near, (there, middle), key=lambda pair: pair[0])
+            near = max(near, (share, middle), key=lambda pair: pair[0])
         else:
-            far = min(far, (there, middle), key=lambda pair: pair[0])
+            far = min(far, (share, middle), key=lambda pair: pair[0])
         return value
 
     try:
-        brentq(value_at, 0.0, step, xtol=LOCATED * step)
+        brentq(value_at, 0.0, 1.0, xtol=LOCATED)
         complete = True
     except ArithmeticError:
         complete = False
@@ -171,25 +147,25 @@ def _locate(between: _Between, kind: SpecialKind, test: _Test) -> _Located | Non
     if kind is SpecialKind.GRAZING:
         best, other = (near, far) if near[1].orbit.viable else (far, near)
         there = other[1].orbit
-        beyond = performed(there, there.parameters) if curve.family.performed else None
-        reason = _difference(best[1].orbit, beyond or there) or change
+        beyond = performed(there, there.parameters) if piece.curve.performed else None
+        reason = _difference(best[1].orbit, beyond or there) or piece.change
     orbit = best[1].orbit
     if not _genuine(kind, orbit, _NEAR if complete else _GUESSED):
         return None
     special = SpecialPoint(
         kind=kind,
-        value=curve.value(best[1].place),
+        value=piece.curve.value(best[1].place),
         orbit=orbit,
-        bracket=(curve.value(near[1].place), curve.value(far[1].place)),
+        bracket=(piece.curve.value(near[1].place), piece.curve.value(far[1].place)),
         converged=complete,
         reason=reason,
     )
     return _Located(*best, special)
 
 
-def _special_points(between: _Between) -> list[_Located]:
+def _special_points(piece: Piece) -> list[_Located]:
     """Locate the special points between two neighbouring points of a branch, in order."""
-    _, start, end, _, change = between
+    start, end = piece.start, piece.end
     turns = _fold(start) * _fold(end) < 0.0
     tests: tuple[tuple[SpecialKind, _Test], ...] = (
         (SpecialKind.FOLD, _fold),
@@ -202,10 +178,10 @@ def _special_points(between: _Between) -> list[_Located]:
     for kind, test in tests:
         if test(start) * test(end) >= 0.0 or (kind is SpecialKind.BRANCH_POINT and turns):
             continue
-        located = _locate(between, kind, test)
-        if located is not None and (located.special.orbit.viable or not change):
+        located = _locate(piece, kind, test)
+        if located is not None and (located.special.orbit.viable or not piece.change):
             found.append(located)
-    return sorted(found, key=lambda located: located.step)
+    return sorted(found, key=lambda located: located.share)
 
 
 _SHARPEST_TURN = 0.95
@@ -216,123 +192,113 @@ _LEAST_STEP = 1e-7
 
 
 def _performed_beyond(
-    curve: SolutionCurve, point: CurvePoint, along: Continuation
+    curve: SolutionCurve, point: CurvePoint
 ) -> tuple[SolutionCurve, CurvePoint] | None:
     """
     Return the motion that the rig performs in place of a solution, and its curve.
 
     It has the same impacts; along the branch a reversal, sticking or rest has come or gone.
     """
+    along = curve.along
     found = performed(point.orbit, point.orbit.parameters)
     if found is None or found.distance(point.orbit) > 4.0 * along.largest_step:
         return None
     value = curve.value(point.place)
-    fresh = SolutionCurve(Family(found, curve.family.along, value), curve.scale)
-    place = np.append(fresh.family.start, point.place[-1])
-    normal = np.zeros_like(place)
-    normal[-1] = math.copysign(1.0, point.tangent[-1])
-    again = fresh.correct(place, normal)
+    fresh = SolutionCurve(found, along, value, curve.scale)
+    again = fresh.at_value(fresh.start, value, point.tangent[-1])
     return (fresh, again) if again is not None and again.orbit.viable else None
 
 
-def _edge(
-    curve: SolutionCurve, here: CurvePoint, step: float, along: Continuation
-) -> CurvePoint | None:
-    """Return the point on the bound that the next step would cross, if any."""
+def _edge(curve: SolutionCurve, here: CurvePoint, step: float) -> tuple[float, CurvePoint] | None:
+    """Return the bound that the next step would cross, if any, and the point there."""
+    along = curve.along
     ahead = curve.value(here.place + step * here.tangent)
     if along.holds(ahead):
         return None
     bound = along.low if ahead < along.low else along.high
     share = (bound / curve.scale - here.place[-1]) / here.tangent[-1]
-    guess = here.place + share * here.tangent
-    guess[-1] = bound / curve.scale
-    normal = np.zeros_like(guess)
-    normal[-1] = math.copysign(1.0, here.tangent[-1])
-    last = curve.correct(guess, normal)
+    last = curve.at_value(here.place + share * here.tangent, bound, here.tangent[-1])
     if last is None or float(last.tangent @ here.tangent) < _SHARPEST_TURN:
         return None
-    return last
+    return bound, last
 
 
-def _follow(curve: SolutionCurve, point: CurvePoint, along: Continuation) -> Iterator[Branch]:
+def _grow(curve: SolutionCurve, point: CurvePoint) -> Iterator[Branch]:
     """Step along a branch until it leaves the bounds, ends or closes; see `grow_branch`."""
-    name, largest_step, most_points = along.name, along.largest_step, along.most_points
-    points, curves = [point], [curve]
-    between: list[_Between] = []
+    along = curve.along
+    points = [BranchPoint(curve.value(point.place), point.orbit)]
+    pieces: list[Piece] = []
 
     def branch(ended: str = '') -> Branch:
-        found = (
-            BranchPoint(c.value(p.place), p.orbit) for c, p in zip(curves, points, strict=True)
-        )
-        return Branch(name=name, points=tuple(found), special=(), ended=ended)
+        return Branch(name=along.name, points=tuple(points), special=(), ended=ended)
 
     yield branch()
-    step = first_step = _FIRST_STEP * largest_step
-    moved = False
-    ended = f'{most_points} points'
-    while len(points) < most_points:
-        here = points[-1]
-        there = edge = _edge(curve, here, step, along)
-        if edge is None:
-            there = curve.ahead(here, step)
-        fresh = None
-        if there is not None and curve.family.performed and not there.orbit.viable:
-            fresh = _performed_beyond(curve, there, along)
+    here, step = point, _FIRST_STEP * along.largest_step
+    ended = f'{along.most_points} points'
+    while len(points) < along.most_points:
+        edge = _edge(curve, here, step)
+        ahead = here.place + step * here.tangent
+        there = edge[1] if edge else curve.correct(ahead, here.tangent)
+        fresh, lost = None, False
+        if there is not None and curve.performed and not there.orbit.viable:
+            fresh = _performed_beyond(curve, there)
+            lost = fresh is None
         if (
             there is None
+            or lost
             or float(there.tangent @ here.tangent) < _SHARPEST_TURN
             or (edge is None and not along.holds(curve.value(there.place)))
-            or (fresh is None and curve.family.performed and not there.orbit.viable)
         ):
             step *= 0.5
-            if step >= _LEAST_STEP * largest_step:
+            if step >= _LEAST_STEP * along.largest_step:
                 continue
             ended = NONE_NEARBY
             break
         if edge is not None:
-            step = float((edge.place - here.place) @ here.tangent)
+            step = float((there.place - here.place) @ here.tangent)
         if fresh is None:
-            between.append(_Between(curve, here, there, step))
+            pieces.append(Piece(curve, here, there))
         else:
-            lost = _difference(here.orbit, fresh[1].orbit)
-            between.append(_Between(curve, here, there, step, lost))
+            change = _difference(here.orbit, fresh[1].orbit)
+            pieces.append(Piece(curve, here, there, change))
             curve, there = fresh
-            step, moved = first_step, True
-        points.append(there)
-        curves.append(curve)
+            step = _FIRST_STEP * along.largest_step
+        here = there
+        points.append(BranchPoint(curve.value(here.place), here.orbit))
         if edge is not None:
-            value = curve.value(there.place)
-            bound = min(along.low, along.high, key=lambda b: abs(b - value))
-            ended = f'{name} = {bound:g}, {END}'
+            ended = f'{along.name} = {edge[0]:g}, {END}'
             break
-        if (
-            not moved
-            and len(points) > 4
-            and np.linalg.norm(there.place - point.place) < 0.5 * step
-        ):
+        round_again = len(points) > 4 and all(piece.curve is curve for piece in pieces)
+        if round_again and np.linalg.norm(here.place - point.place) < 0.5 * step:
             ended = CLOSES
             break
         yield branch()
-        step = min(largest_step, _GROWTH * step)
+        step = min(along.largest_step, _GROWTH * step)
     # The special points take as long as all the rest.
     yield branch(ended)
-    yield _with_special_points(branch(ended), between)
+    yield _with_special_points(branch(ended), pieces)
 
 
-def _with_special_points(branch: Branch, between: Sequence[_Between]) -> Branch:
+def _with_special_points(branch: Branch, between: Sequence[Piece]) -> Branch:
     """Return a branch with its special points, also among its points."""
     special: list[SpecialPoint] = []
     points, pieces = [*branch.points[:1]], []
-    for pair, after in zip(between, branch.points[1:], strict=True):
-        start = pair.start
-        for located in _special_points(pair):
-            special.append(located.special)
-            if located.point.orbit not in (pair.start.orbit, pair.end.orbit):
-                points.append(BranchPoint(located.special.value, located.point.orbit))
-                pieces.append(Piece(pair.curve, start, located.point))
-                start = located.point
+    for piece, after in zip(between, branch.points[1:], strict=True):
+        found = _special_points(piece)
+        special += [located.special for located in found]
+        inside = [(located.share, located.point) for located in found]
+        for one, other in itertools.pairwise(found):
+            # Between two of them the motion is of another kind than on both sides
+            share = 0.5 * (one.share + other.share)
+            inside.append((share, piece.at(share) or other.point))
+        start = piece.start
+        for _, point in sorted(inside, key=itemgetter(0)):
+            if point.orbit not in (start.orbit, piece.end.orbit):
+                points.append(BranchPoint(piece.curve.value(point.place), point.orbit))
+                pieces.append(Piece(piece.curve, start, point))
+                start = point
         points.append(after)
-        pieces.append(Piece(pair.curve, start, pair.end))
+        pieces.append(Piece(piece.curve, start, piece.end))
     return replace(branch, points=tuple(points), special=tuple(special), _pieces=tuple(pieces))
 
 
@@ -386,29 +352,29 @@ def follow(
     >>> round(branch.best('x_max').value, 3)
     58.128
     """
-    along = Continuation(path, low, high, largest_step, most_points, start)
-    down, up = (continue_orbit(orbit, along, upwards=upwards) for upwards in (False, True))
+    along = Steps(path, low, high, start, largest_step, most_points)
+    down, up = ([*_grown(orbit, along, upwards)][-1] for upwards in (False, True))
     return down.joined(up)
 
 
-def continue_orbit(orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True) -> Branch:
-    """Follow a periodic motion in one direction; see `follow`."""
-    *_, branch = grow_branch(orbit, along, upwards=upwards)
-    return branch
-
-
 def grow_branch(
-    orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True
+    orbit: PeriodicOrbit,
+    path: Path,
+    low: float,
+    high: float,
+    *,
+    upwards: bool = True,
+    start: float | None = None,
+    largest_step: float = 0.05,
+    most_points: int = 400,
 ) -> Iterator[Branch]:
     """
     Follow a periodic motion in one direction, point by point.
 
     Parameters
     ----------
-    orbit : PeriodicOrbit
-        The motion to begin with.
-    along : Continuation
-        The parameter, its range and the steps.
+    orbit, path, low, high, start, largest_step, most_points
+        As of `follow`.
     upwards : bool, optional
         Whether the parameter rises at first.
 
@@ -421,23 +387,32 @@ def grow_branch(
     Raises
     ------
     OrbitError
-        If the motion is outside the range.
+        If the motion is outside the range, or the parameter cannot be varied.
     """
-    along.check_start(orbit.parameters)
+    return _grown(orbit, Steps(path, low, high, start, largest_step, most_points), upwards)
+
+
+def _grown(orbit: PeriodicOrbit, along: Steps, upwards: bool) -> Iterator[Branch]:
     value = along.value(orbit.parameters)
-    family = Family(orbit, along, value)
-    curve = SolutionCurve(family, abs(value) or max(abs(along.low), abs(along.high)) or 1.0)
-    place = np.append(family.start, value / curve.scale)
-    normal = np.zeros_like(place)
-    normal[-1] = 1.0 if upwards else -1.0
-    point = curve.correct(place, normal)
+    scale = abs(value) or max(abs(along.low), abs(along.high))
+    curve = SolutionCurve(orbit, along, value, scale)
+    point = curve.at_value(curve.start, value, 1.0 if upwards else -1.0)
     if point is None:
         yield Branch(name=along.name, points=(), special=(), ended='no motion to begin with')
         return
-    yield from _follow(curve, point, along)
+    yield from _grow(curve, point)
 
 
-def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool = False) -> Branch:
+def switch_branch(
+    special: SpecialPoint,
+    path: Path,
+    low: float,
+    high: float,
+    *,
+    mirrored: bool = False,
+    largest_step: float = 0.05,
+    most_points: int = 400,
+) -> Branch:
     """
     Follow the branch that leaves another one at a period doubling or a branch point.
 
@@ -445,8 +420,8 @@ def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool 
     ----------
     special : SpecialPoint
         Where it leaves.
-    along : Continuation
-        The parameter, its range and the steps.
+    path, low, high, largest_step, most_points
+        As of `follow`.
     mirrored : bool, optional
         Whether to begin in the opposite direction.
 
@@ -462,17 +437,14 @@ def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool 
     """
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')
+    along = Steps(path, low, high, special.value, largest_step, most_points)
     times = 2 if special.kind is SpecialKind.PERIOD_DOUBLING else 1
-    family = Family(special.orbit, along, special.value, times)
-    unknowns = family.start
-    curve = SolutionCurve(family, abs(special.value) or 1.0)
-    place = np.append(unknowns, special.value / curve.scale)
-    by_unknowns = family.residual(unknowns, special.value)[1]
+    scale = abs(special.value) or 1.0
+    curve = SolutionCurve(special.orbit, along, special.value, scale, times)
+    by_unknowns = curve.residual(curve.start[:-1], special.value)[1]
     direction = np.append(np.linalg.svd(by_unknowns)[2][-1], 0.0)
     direction = -direction if mirrored else direction
-    step = _FIRST_STEP * along.largest_step
-    point = curve.correct(place + step * direction, direction)
+    point = curve.correct(curve.start + _FIRST_STEP * largest_step * direction, direction)
     if point is None:
         return Branch(name=along.name, points=(), special=(), ended='no branch found')
-    *_, branch = _follow(curve, point, along)
-    return branch
+    return [*_grow(curve, point)][-1]

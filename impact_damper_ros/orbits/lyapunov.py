@@ -156,13 +156,31 @@ def deviations(
     )
 
 
-def monodromy_of(along: Deviations, ends: Array) -> list[Array]:
-    """Return the product of the matrices over each part of a stretch, given the parts' ends, s."""
+def _products(along: Deviations, ends: Array) -> tuple[Array, Array]:
+    """
+    Return the product of the matrices over each part of a stretch, and the logarithm of its size.
+
+    Neighbours are multiplied in all parts at once, and again, until each has one matrix left.
+    """
     matrices, parts = along.steps(ends)
-    products: list[Array] = [np.eye(4) for _ in ends]
-    for matrix, part in zip(matrices, parts, strict=True):
-        products[part] = matrix @ products[part]
-    return products
+    counts = np.bincount(parts, minlength=len(ends))
+    rows = 1 << int(counts.max() - 1).bit_length()
+    product = np.tile(np.eye(4), (len(ends), rows, 1, 1))
+    product[parts, np.arange(len(parts)) - (np.cumsum(counts) - counts)[parts]] = matrices
+    logarithms = np.zeros(len(ends))
+    while product.shape[1] > 1:
+        product = product[:, 1::2] @ product[:, ::2]
+        size = np.abs(product).max(axis=(2, 3))
+        size[size == 0.0] = 1.0
+        product /= size[..., None, None]
+        logarithms += np.log(size).sum(axis=1)
+    return product[:, 0], logarithms
+
+
+def monodromy_of(along: Deviations, ends: Array) -> Array:
+    """Return the product of the matrices over each part of a stretch, given the parts' ends, s."""
+    products, logarithms = _products(along, ends)
+    return products * np.exp(logarithms)[:, None, None]
 
 
 def growth_exponent(along: Deviations, omega: float) -> Exponent:
@@ -176,15 +194,14 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
     """
     ends = np.linspace(along.start, along.end, BATCHES + 2)[1:]
     ends[-1] = along.end
-    matrices, parts = along.steps(ends)
+    products, growth = _products(along, ends)
     scale = np.array([omega, 1.0, omega, 1.0])
-    matrices = scale[:, None] * matrices / scale
+    products = scale[:, None] * products / scale
     # Neither symmetric nor along an axis, so that it has a part in every direction
     vector = np.array([0.6, 0.3, -0.5, 0.55])
-    growth = np.zeros(len(ends))
-    for matrix, part in zip(matrices, parts, strict=True):
-        vector = matrix @ vector
-        norm = math.sqrt(float(vector @ vector))
+    for part, product in enumerate(products):
+        vector = product @ vector
+        norm = float(np.linalg.norm(vector))
         if norm == 0.0:
             return Exponent(-math.inf, 0.0)
         growth[part] += math.log(norm)

@@ -33,8 +33,8 @@ _SPEED = np.array([0.0, -1.0, 0.0, 1.0])
 
 def free_vibration(oscillator: Oscillator, spans: Array) -> Array:
     """Return the matrices (n, 2, 2) of free vibration that carry (X, X') through spans, s."""
-    unit, impulse, slope = free_response(oscillator, spans)
-    rows = (unit, impulse), (-oscillator.omega_squared * impulse, slope)
+    less, impulse, slope = free_response(oscillator.decay, oscillator.frequency, spans)
+    rows = (1.0 + less, impulse), (-oscillator.omega_squared * impulse, slope)
     return np.array(rows).transpose(2, 0, 1)
 
 

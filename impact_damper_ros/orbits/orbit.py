@@ -13,7 +13,6 @@ from impact_damper_ros.rig import EventKind, RigParameters
 #: digits of a double one.
 NEUTRAL = 1e-6
 
-#: Values at the impacts, in the order of the stops.
 #: What a motion has one of for each impact, beside the stop and the phase.
 AT_IMPACTS = (
     'x',
@@ -125,13 +124,11 @@ class Rhythm:
     def begun_at(self, impact: int) -> Self:
         """Return the same motion beginning at another of its impacts, given by index."""
         whole = math.floor(self.phases[impact])
-        phases = self.phases[impact:] + self.phases[:impact]
-        return replace(
-            self,
-            stops=self.stops[impact:] + self.stops[:impact],
-            phases=tuple((phase - whole) % self.cycles for phase in phases),
-            x=self.x[impact:] + self.x[:impact],
-        )
+        late = replace(self, phases=tuple((p - whole) % self.cycles for p in self.phases))
+        turned = {
+            n: getattr(late, n) for n in ('stops', 'phases', *AT_IMPACTS) if hasattr(late, n)
+        }
+        return replace(late, **{n: v[impact:] + v[:impact] for n, v in turned.items()})
 
     def turned_to(self, stops: tuple[int, ...]) -> Iterator[Self]:
         """Yield the same motion from each impact from which it has a sequence of stops."""
@@ -272,17 +269,8 @@ class PeriodicOrbit(Rhythm):
     def begun_at(self, impact: int) -> Self:
         """Return the same motion beginning at another of its impacts, given by index."""
         whole = math.floor(self.phases[impact])
-
-        def turned(name: str) -> tuple[Any, ...]:
-            values = getattr(self, name)
-            return tuple(values[impact:] + values[:impact])
-
-        changed: dict[str, Any] = {name: turned(name) for name in ('stops', *AT_IMPACTS)}
-        changed['phases'] = tuple((p - whole) % self.cycles for p in turned('phases'))
-        changed['events'] = tuple(
-            event._replace(phase=(event.phase - whole) % self.cycles) for event in self.events
-        )
-        return replace(self, **changed)
+        events = (e._replace(phase=(e.phase - whole) % self.cycles) for e in self.events)
+        return replace(super().begun_at(impact), events=tuple(events))
 
     def repeats(self, tolerance: float) -> bool:
         """Return whether the motion repeats within its period, to a relative tolerance."""

@@ -10,8 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.rig.oscillator import Oscillator
-
 #: An angle, rad, to which no other adds anything.
 _RESONANT = 1e-100
 #: Where M loses this much of a free vibration, in powers of e, nothing is left of it.
@@ -20,12 +18,19 @@ _LOST = 500.0
 Array = NDArray[np.float64]
 
 
-def free_response(oscillator: Oscillator, spans: Array) -> tuple[Array, Array, Array]:
-    """Return what X is after spans (s) from a unit X, and what X and X' are from a unit X'."""
-    envelope = np.exp(-oscillator.decay * spans)
-    impulse = envelope * np.sin(oscillator.frequency * spans) / oscillator.frequency
-    cosine = envelope * np.cos(oscillator.frequency * spans)
-    return cosine + oscillator.decay * impulse, impulse, cosine - oscillator.decay * impulse
+def free_response(
+    decay: Array | float, damped: Array | float, spans: Array
+) -> tuple[Array, Array, Array]:
+    """
+    Return what X is after spans (s) from a unit X, less 1, and what X and X' are from a unit X'.
+
+    Nothing cancels in short spans.
+    """
+    less, half = np.expm1(-decay * spans), 0.5 * damped * spans
+    envelope, sine = 1.0 + less, np.sin(half)
+    impulse = 2.0 * envelope * sine * np.cos(half) / damped
+    fall = 2.0 * envelope * sine * sine
+    return less + (decay * impulse - fall), impulse, envelope - fall - decay * impulse
 
 
 def forced_response(

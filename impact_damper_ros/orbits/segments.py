@@ -52,7 +52,7 @@ from impact_damper_ros.rig.state import (
 
 from .flights import Flight, flight_at, machine_of
 from .multipliers import multipliers_of
-from .response import Array, forced_response
+from .response import Array, forced_response, free_response
 
 #: Largest relative residual of a solution; just beyond a fold the least residual is not zero.
 RESIDUAL_TOLERANCE = 1e-12
@@ -329,14 +329,7 @@ class Segments:
         lasts = self.durations(instants)
         x, v, y, u = (states[..., i] for i in range(4))
         decay, damped, stiffness = self._decay, self._damped, self._stiffness
-        # What X is after the flight from a unit X, less 1, without cancellation in short bounces
-        less = np.expm1(-decay * lasts)
-        envelope, half = 1.0 + less, 0.5 * damped * lasts
-        sine = np.sin(half)
-        impulse = 2.0 * envelope * sine * np.cos(half) / damped
-        fall = 2.0 * envelope * sine * sine
-        slope = envelope - fall - decay * impulse
-        less += decay * impulse - fall
+        less, impulse, slope = free_response(decay, damped, lasts)
         x_forced, v_forced = forced_response(
             decay[:, None], damped[:, None], self._frequencies, lasts[..., None]
         )

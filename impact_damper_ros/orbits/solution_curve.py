@@ -10,17 +10,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
 from impact_damper_ros.rig.quoting import shown
 
-from .arguments import OrbitError, checked_number, checked_whole, single_harmonic
+from .arguments import OrbitError, single_harmonic
 from .orbit import PeriodicOrbit
 from .response import Array
 from .search import within_theory
-from .segments import Root, Segments, Solution, newton
+from .segments import Segments, Solution, newton
 from .solved_orbits import guess_on, orbit_of
 
 #: A name for both coefficients of restitution at once.
@@ -60,54 +61,30 @@ def with_value(parameters: RigParameters, name: str, value: float) -> RigParamet
     return parameters.replace(**{name: value})
 
 
-def _limits_of(name: str) -> tuple[float, float]:
-    """Return the least and largest value of a parameter, as `value_of` names it."""
-    spec = PARAMETER_SPECS['restitution_1' if name == BOTH_RESTITUTIONS else name]
-    assert spec.low is not None
-    assert spec.high is not None
-    return spec.low, spec.high
-
-
-#: Widest range of a parameter, and most points of a branch.
-_FARTHEST = 1e15
-_MOST_POINTS = 1_000_000
-
 #: A parameter by its name, or the rig as a function of a number.
 Path = str | Callable[[float], RigParameters]
 
 
 @dataclass(frozen=True)
-class Continuation:
-    """
-    Options of a continuation.
-
-    Parameters
-    ----------
-    path : str or callable
-        The parameter that varies: a number of `RigParameters`, the first entry of an array, or
-        'restitution' for both coefficients; or a function that returns the rig at a number.
-    low, high : float
-        Range of the parameter. The branch may turn within it.
-    largest_step : float, optional
-        Longest step, relative to the displacements, phases and the parameter.
-    most_points : int, optional
-        Largest number of points on the branch.
-    start : float, optional
-        Where a function returns the rig that the branch begins with; `low` or `high`, if not
-        given.
-
-    Raises
-    ------
-    OrbitError
-        If the parameter cannot be varied, or a number is out of range.
-    """
+class Steps:
+    """What varies along a branch, within which bounds, and in which steps; see `follow`."""
 
     path: Path
     low: float
     high: float
+    start: float | None = None
     largest_step: float = 0.05
     most_points: int = 400
-    start: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the range."""
+        if not callable(self.path):
+            _check_name(self.path)
+        if not -math.inf < self.low < self.high < math.inf:
+            raise OrbitError(
+                f'{self.name} from {self.low:.9g} to {self.high:.9g} is no range: give the low '
+                'end first'
+            )
 
     @property
     def name(self) -> str:
@@ -121,123 +98,47 @@ class Continuation:
         return with_value(parameters, path, value) if isinstance(path, str) else path(value)
 
     def value(self, parameters: RigParameters) -> float:
-        """Return the value at which the branch begins with a rig."""
+        """Return the value at which the branch begins with a rig; or raise `OrbitError`."""
         if isinstance(self.path, str):
-            return value_of(parameters, self.path)
-        tried = (self.low, self.high) if self.start is None else (self.start,)
-        found = (value for value in tried if self.path(value) == parameters)
-        value = next(found, None)
-        if value is None:
-            raise OrbitError(
-                f'the motion is of another rig than {self.name} returns at '
-                f'{" and ".join(f"{v:.9g}" for v in tried)}: give start, where it returns that'
-            )
-        return value
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """The least and largest admissible value."""
-        return _limits_of(self.path) if isinstance(self.path, str) else (-math.inf, math.inf)
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        if not callable(self.path):
-            _check_name(self.path)
-        low = checked_number(f'the low end of {self.name}', self.low, -_FARTHEST, _FARTHEST)
-        high = checked_number(f'the high end of {self.name}', self.high, -_FARTHEST, _FARTHEST)
-        if not low < high:
-            raise OrbitError(
-                f'{self.name} from {low:.9g} to {high:.9g} is no range: give the low end first'
-            )
-        checked_number('largest_step', self.largest_step, 1e-9, 1.0)
-        checked_whole('most_points', self.most_points, 1, _MOST_POINTS)
-
-    def check_start(self, parameters: RigParameters) -> None:
-        """Raise OrbitError if the rig is outside the range."""
-        value = self.value(parameters)
-        if not self.low <= value <= self.high:
+            value = value_of(parameters, self.path)
+        else:
+            tried = (self.low, self.high) if self.start is None else (self.start,)
+            found = [value for value in tried if self.path(value) == parameters]
+            if not found:
+                raise OrbitError(
+                    f'the motion is of another rig than {self.name} returns at '
+                    f'{" and ".join(f"{v:.9g}" for v in tried)}: give start, where it returns that'
+                )
+            value = found[0]
+        if not self.holds(value):
             raise OrbitError(
                 f'{self.name} is {value:.9g} where the branch begins: give a range around that, '
                 f'not {self.low:.9g} to {self.high:.9g}'
             )
+        return value
+
+    @property
+    def bounds(self) -> tuple[float, ...]:
+        """The ends of the range, and the least and largest admissible value."""
+        if not isinstance(self.path, str):
+            return self.low, self.high
+        name = 'restitution_1' if self.path == BOTH_RESTITUTIONS else self.path
+        spec = PARAMETER_SPECS[name]
+        assert spec.low is not None
+        assert spec.high is not None
+        return self.low, self.high, spec.low, spec.high
 
     def holds(self, value: float) -> bool:
         """Return whether a value is within the range."""
         return self.low <= value <= self.high
 
 
-class Family:
-    """
-    Motions with the nodes of a given one, or of some periods of it.
-
-    They solve n equations in n unknowns and one parameter.
-    """
-
-    def __init__(
-        self, orbit: PeriodicOrbit, along: Continuation, value: float, times: int = 1
-    ) -> None:
-        guess = guess_on(orbit)
-        if guess is None:
-            raise OrbitError('the motion has too many events to be followed')
-        self.parameters = orbit.parameters
-        self.along = along
-        self._nodes = guess.nodes * times
-        self._cycles = orbit.cycles * times
-        #: Whether motions that the rig cannot perform are left for those that it can: the theory
-        #: of impacts follows its solutions through.
-        self.performed = bool(orbit.events) or not (
-            single_harmonic(orbit.parameters) and within_theory(orbit.parameters, orbit.stops)
-        )
-        segments = Segments(self.parameters, self._nodes, self._cycles)
-        self._units = segments.length, segments.length * segments.rate
-        # Cache of the last value, which is needed up to three times in a row
-        self._last = value, segments
-        self._set_units(segments)
-        later = orbit.period * np.arange(times)[:, None]
-        self.start = segments.unknowns(
-            np.tile(guess.states, (times, 1)), (guess.instants + later).ravel()
-        )
-
-    def _set_units(self, segments: Segments) -> None:
-        # With angles of the force as unknowns, they do not depend on its frequency.
-        segments.set_units(*self._units, segments.parameters.force_frequencies[0])
-
-    def segments(self, value: float) -> Segments:
-        """Return the boundary-value problem at a value of the parameter."""
-        if self._last[0] != value:
-            rig = self.along.rig(self.parameters, value)
-            segments = Segments(rig, self._nodes, self._cycles)
-            self._set_units(segments)
-            self._last = value, segments
-        return self._last[1]
-
-    def longest_part(self, unknowns: Array, step: Array, value: float) -> float:
-        """Return the largest part of a step that keeps impacts in order; other events may pass."""
-        if self.performed:
-            return 1.0
-        return float(self.segments(value).longest_part(unknowns, step))
-
-    def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
-        """Return the equations' residual, and its derivative by the unknowns."""
-        segments = self.segments(value)
-        lasts = segments.durations(segments.motion(unknowns)[1])
-        if not self.performed and float(lasts.min()) <= 0.0:
-            raise ArithmeticError('impacts out of order')
-        return segments.residual(unknowns)
-
-    def orbit(self, root: Root, value: float) -> PeriodicOrbit:
-        """Return the motion at a root, whose last unknown is the parameter."""
-        segments = self.segments(value)
-        states, instants = segments.motion(root.unknowns[:-1])
-        return orbit_of(Solution(segments, states, instants, root.residual, root.history))
-
-
 #: Largest residual of a point on a branch, and one that is small enough.
 RESIDUAL_TOLERANCE, _ENOUGH = 1e-11, 1e-15
 
 _ROUND_OFF = 1e-12
-
-
+#: Error of a place between two points of a branch, as a share of their distance.
+LOCATED = 1e-9
 #: Most equations of which the tangent is a singular vector, as it is for dependent ones.
 _FEW = 16
 
@@ -263,33 +164,79 @@ class CurvePoint:
 
 
 class SolutionCurve:
-    """The solutions of a family as a curve, with the scaled parameter as the last coordinate."""
+    """
+    Motions with the nodes of a given one, or of some periods of it, as a curve.
 
-    def __init__(self, family: Family, scale: float) -> None:
-        self.family = family
+    They solve n equations in n unknowns and one parameter, which is the last coordinate, divided
+    by a scale.
+    """
+
+    def __init__(
+        self, orbit: PeriodicOrbit, along: Steps, value: float, scale: float, times: int = 1
+    ) -> None:
+        guess = guess_on(orbit)
+        if guess is None:
+            raise OrbitError('the motion has too many events to be followed')
+        self.parameters = orbit.parameters
+        self.along = along
         self.scale = scale
+        self._nodes = guess.nodes * times
+        self._cycles = orbit.cycles * times
+        #: Whether motions that the rig cannot perform are left for those that it can: the theory
+        #: of impacts follows its solutions through.
+        self.performed = bool(orbit.events) or not (
+            single_harmonic(orbit.parameters) and within_theory(orbit.parameters, orbit.stops)
+        )
+        segments = Segments(self.parameters, self._nodes, self._cycles)
+        self._units = segments.length, segments.length * segments.rate
+        # Cache of the last value, which is needed up to three times in a row
+        self._last = value, segments
+        self._set_units(segments)
+        later = orbit.period * np.arange(times)[:, None]
+        unknowns = segments.unknowns(
+            np.tile(guess.states, (times, 1)), (guess.instants + later).ravel()
+        )
+        self.start: Array = np.append(unknowns, value / scale)
+
+    def _set_units(self, segments: Segments) -> None:
+        # With angles of the force as unknowns, they do not depend on its frequency.
+        segments.set_units(*self._units, segments.parameters.force_frequencies[0])
+
+    def _segments(self, value: float) -> Segments:
+        """Return the boundary-value problem at a value of the parameter."""
+        if self._last[0] != value:
+            rig = self.along.rig(self.parameters, value)
+            segments = Segments(rig, self._nodes, self._cycles)
+            self._set_units(segments)
+            self._last = value, segments
+        return self._last[1]
 
     def value(self, place: Array) -> float:
         """Return the parameter, that of a bound where only round-off is between."""
         value = float(place[-1]) * self.scale
-        along, slack = self.family.along, _ROUND_OFF * self.scale
-        for bound in (along.low, along.high, *along.limits):
-            if abs(value - bound) <= slack:
-                return bound
-        return value
+        bounds = self.along.bounds
+        return next((b for b in bounds if abs(value - b) <= _ROUND_OFF * self.scale), value)
 
-    def system(self, place: Array) -> tuple[Array, Array]:
+    def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
+        """Return the equations' residual, and its derivative by the unknowns."""
+        segments = self._segments(value)
+        lasts = segments.durations(segments.motion(unknowns)[1])
+        if not self.performed and float(lasts.min()) <= 0.0:
+            raise ArithmeticError('impacts out of order')
+        return segments.residual(unknowns)
+
+    def _system(self, place: Array) -> tuple[Array, Array]:
         """Return the residual and its derivative by unknowns and parameter."""
         value = self.value(place)
-        residual, by_unknowns = self.family.residual(place[:-1], value)
-        if self.family.along.path == 'gap':
-            by_gap = self.family.segments(value).by_gap()
+        residual, by_unknowns = self.residual(place[:-1], value)
+        if self.along.path == 'gap':
+            by_gap = self._segments(value).by_gap()
             return residual, np.column_stack([by_unknowns, by_gap * self.scale])
         step = 1e-6 * max(abs(float(place[-1])), 1e-3)
         sides = []
         for move in (step, -step):
             try:
-                there = self.family.residual(place[:-1], (place[-1] + move) * self.scale)[0]
+                there = self.residual(place[:-1], (place[-1] + move) * self.scale)[0]
                 sides.append((move, there))
             except ParameterError:
                 # At the edge of the admissible range, from within
@@ -302,22 +249,83 @@ class SolutionCurve:
         """Return the point of the curve in the plane through a guess, or None."""
 
         def in_plane(place: Array) -> tuple[Array, Array]:
-            residual, matrix = self.system(place)
+            residual, matrix = self._system(place)
             return np.append(residual, normal @ (place - guess)), np.vstack([matrix, normal])
 
         def longest_part(place: Array, step: Array) -> float:
-            return self.family.longest_part(place[:-1], step[:-1], self.value(place))
+            """Keep impacts in order; other events may pass."""
+            if self.performed:
+                return 1.0
+            segments = self._segments(self.value(place))
+            return float(segments.longest_part(place[:-1], step[:-1]))
 
         try:
             root = newton(in_plane, guess, longest_part, _ENOUGH)
             if not root.residual < RESIDUAL_TOLERANCE:
                 return None
             tangent = _tangent(root.jacobian)
-            orbit = self.family.orbit(root, self.value(root.unknowns))
+            segments = self._segments(self.value(root.unknowns))
+            motion = segments.motion(root.unknowns[:-1])
+            orbit = orbit_of(Solution(segments, *motion, root.residual, root.history))
         except (ArithmeticError, np.linalg.LinAlgError, ParameterError):
             return None
         return CurvePoint(root.unknowns, tangent, orbit)
 
-    def ahead(self, point: CurvePoint, step: float) -> CurvePoint | None:
-        """Return the point a step further along the curve, or None."""
-        return self.correct(point.place + step * point.tangent, point.tangent)
+    def at_value(self, guess: Array, value: float, upwards: float) -> CurvePoint | None:
+        """Return the point at a value of the parameter near a guess, or None."""
+        guess, normal = guess.copy(), np.zeros_like(guess)
+        guess[-1], normal[-1] = value / self.scale, math.copysign(1.0, upwards)
+        return self.correct(guess, normal)
+
+
+class Piece(NamedTuple):
+    """A part of a curve between two neighbouring points of a branch."""
+
+    curve: SolutionCurve
+    start: CurvePoint
+    end: CurvePoint
+    #: What changes where the rig leaves the curve before the second one, if it does.
+    change: str = ''
+
+    @property
+    def values(self) -> tuple[float, float]:
+        """The parameter at both ends."""
+        return self.curve.value(self.start.place), self.curve.value(self.end.place)
+
+    def at(self, share: float) -> CurvePoint | None:
+        """Return the point where the chord between both has a normal plane."""
+        chord = self.end.place - self.start.place
+        length = float(np.linalg.norm(chord))
+        if not 0.0 < share < 1.0 or length == 0.0:
+            return self.end if share >= 1.0 else self.start
+        return self.curve.correct(self.start.place + share * chord, chord / length)
+
+    def at_value(self, value: float) -> CurvePoint | None:
+        """Return the point at a value of the parameter between those of both points."""
+        from scipy.optimize import brentq
+
+        begin, end = self.start.place[-1], self.end.place[-1]
+        there = value / self.curve.scale
+        share = (there - begin) / (end - begin)
+
+        def missed(share: float) -> float:
+            point = self.at(share)
+            if point is None:
+                raise ArithmeticError('the corrector fails')
+            return float(point.place[-1]) - there
+
+        # Towards a fold the curve leaves its chord: nearer then first
+        for _ in range(2):
+            near = self.at(share)
+            if near is None:
+                return None
+            point = self.curve.at_value(near.place, value, end - begin)
+            if point is not None and np.linalg.norm(point.place - near.place) <= np.linalg.norm(
+                self.end.place - self.start.place
+            ):
+                return point
+            try:
+                share = brentq(missed, 0.0, 1.0, xtol=LOCATED)
+            except ArithmeticError:
+                return None
+        return None

@@ -23,11 +23,9 @@ from impact_damper_ros.rig.flight import (
     RELEASE_UP,
     REVERSAL,
 )
-from impact_damper_ros.rig.parameter_spec import number_between
-from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
 
-from .arguments import check_cycles, check_forcing, single_harmonic
+from .arguments import MOST_CYCLES, check_forcing, checked_whole, single_harmonic
 from .extremes import largest_displacement
 from .flights import Flight, flight_at_impact, machine_of
 from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
@@ -322,8 +320,7 @@ def orbit_near(
     PeriodicOrbit or None
         The motion to which Newton's method converges; None if it does not.
     """
-    phase = number_between('phase', phase, -LATEST, LATEST)
-    cycles = check_cycles(cycles)
+    cycles = checked_whole('cycles', cycles, 1, MOST_CYCLES)
     check_forcing(parameters, cycles)
     cycle = math.tau / parameters.force_frequencies[0]
     instant = cycle * (phase % cycles)

@@ -134,8 +134,8 @@ class ImpactEquations:
         """
         n = self.impacts
         lasts = self.durations(instants)
-        unit, impulse, slope = free_response(self._oscillator, lasts)
         free = self._oscillator
+        less, impulse, slope = free_response(free.decay, free.frequency, lasts)
         x_forced, v_forced = forced_response(free.decay, free.frequency, self.frequency, lasts)
         turn = self._force * np.exp(1j * self.frequency * instants)
         constant = self._travel * (1.0 / lasts)
@@ -145,19 +145,19 @@ class ImpactEquations:
         before_0 = self._before_from_after * (constant - half)
         before_0 += self._before_from_before * (constant + half)[..., self._last]
         rows = np.zeros((*lasts.shape[:-1], 2 * n, n + 3))
-        rows[..., :n] = self._by_x(lasts, unit, impulse, slope)
+        rows[..., :n] = self._by_x(lasts, less, impulse, slope)
         place = rows[..., :n, :]
         speed = rows[..., n:, :]
         place[..., n] = -(turn * x_forced).imag
         place[..., n + 1] = -(turn * x_forced).real
         speed[..., n] = -(turn * v_forced).imag
         speed[..., n + 1] = -(turn * v_forced).real
-        place[..., n + 2] = -impulse * after_0 - self.pushes / self._stiffness * (1.0 - unit)
+        place[..., n + 2] = -impulse * after_0 - self.pushes / self._stiffness * -less
         speed[..., n + 2] = before_0[..., self._next] - slope * after_0 - self.pushes * impulse
         speed[..., n:] /= self.rate
         return rows
 
-    def _by_x(self, lasts: Array, unit: Array, impulse: Array, slope: Array) -> Array:
+    def _by_x(self, lasts: Array, less: Array, impulse: Array, slope: Array) -> Array:
         """Return the columns of `linear_system` for X_1 .. X_N, given the free response."""
         n = self.impacts
         mean = self._mean_velocity(lasts)
@@ -171,7 +171,7 @@ class ImpactEquations:
         speed[...] = before[..., self._next, :] - slope[..., None] * after
         for i in range(n):
             place[..., i, (i + 1) % n] += 1.0
-            place[..., i, i] -= unit[..., i]
+            place[..., i, i] -= 1.0 + less[..., i]
             speed[..., i, i] += self._stiffness * impulse[..., i]
         speed /= self.rate
         return rows

@@ -1,34 +1,19 @@
-"""
-Trajectories: the simulator's motion from one instant to a later one, with its derivative.
-
-A flight propagates deviations by its free vibration. An event propagates them by its saltation
-matrix: an impact, a reversal of friction, or the beginning of sticking or rest, where the relative
-deviation is lost. A release leaves deviations unchanged, since the relative acceleration is zero
-there. The infinitely many impacts that end a chatter act as one plastic impact.
-"""
+"""Trajectories: the simulator's motion from one instant to a later one, flight by flight."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.rig import Event
-from impact_damper_ros.rig.event import events_of
-from impact_damper_ros.rig.flight import (
-    CHATTER_END,
-    CONTACT_1,
-    CONTACT_2,
-    NO_EVENT,
-    RELEASE_DOWN,
-    RELEASE_UP,
-)
-from impact_damper_ros.rig.state import STICK
+from impact_damper_ros.rig import EVENT_TYPE
+from impact_damper_ros.rig.event import EventRow
+from impact_damper_ros.rig.flight import NO_EVENT
 
 from .flights import Flight
-from .multipliers import event_matrices, flight_matrices
+from .lyapunov import deviations, monodromy_of
 from .response import Array
 
 #: Largest number of events that are followed in one trajectory.
@@ -48,57 +33,37 @@ class FlightPart(NamedTuple):
         """The mode of the motion."""
         return self.flight.run.mode
 
-    def rates(self, tau: float) -> tuple[float, float, float, float]:
-        """Return (X', X'', Z', Z'') some time after its start, s."""
-        motion = self.flight.motion(tau)
-        if self.flight.run.joint:
-            return motion.velocity, motion.x_2, motion.velocity, motion.x_2
-        return (
-            motion.velocity,
-            motion.x_2,
-            motion.velocity + motion.relative_velocity,
-            motion.x_2 + motion.relative_2,
-        )
-
 
 @dataclass(frozen=True)
 class Trajectory:
     """Motion from one instant to a later one."""
 
     end: Flight
-    #: Their time is that from the beginning.
-    events: list[Event]
+    duration: float
+    #: The events as rows, their time that from the beginning.
+    rows: list[EventRow]
     flights: list[FlightPart]
 
     @cached_property
     def matrix(self) -> Array:
         """The derivative of (X, X', Z, Z') at the end by the same at the beginning."""
-        machine = self.end.machine.constants
-        before, after = self.flights[:-1], self.flights[1:]
-        endings = np.array([part.ending for part in before])
-        modes = np.array([part.mode for part in self.flights], np.int64)
-        carried = flight_matrices(
-            machine, modes, np.array([part.duration for part in self.flights])
+        begun = self.flights[0].flight
+        along = deviations(
+            begun.machine,
+            tuple(wave.angle for wave in begun.waves),
+            np.array([astuple(row) for row in self.rows], EVENT_TYPE),
+            begun.run.mode,
+            begun.run.last_stop,
+            0.0,
+            self.duration,
         )
-        hit_1 = endings == CONTACT_1
-        restitution = np.where(hit_1, machine.restitution_1, machine.restitution_2)
-        events = event_matrices(
-            machine.mass_ratio,
-            hit_1 | (endings == CONTACT_2),
-            np.where(modes[1:] >= STICK, 0.0, restitution),
-            np.reshape([part.rates(part.duration) for part in before], (-1, 4)),
-            np.reshape([part.rates(0.0) for part in after], (-1, 4)),
-            ~np.isin(endings, (RELEASE_UP, RELEASE_DOWN, CHATTER_END)),
-        )
-        matrix: Array = carried[0]
-        for event, flight in zip(events, carried[1:], strict=True):
-            matrix = flight @ (event @ matrix)
-        return matrix
+        product: Array = monodromy_of(along, np.array([self.duration]))[0]
+        return product
 
 
 def follow_trajectory(flight: Flight, duration: float) -> Trajectory | None:
     """Follow the motion for a time; return None if it has more than `MOST_EVENTS` events."""
-    events: list[Event] = []
+    rows: list[EventRow] = []
     flights: list[FlightPart] = []
     elapsed = 0.0
     for _ in range(MOST_EVENTS):
@@ -106,8 +71,8 @@ def follow_trajectory(flight: Flight, duration: float) -> Trajectory | None:
         kind, span = flight.first_event(left)
         flights.append(FlightPart(elapsed, span, flight, kind))
         if kind == NO_EVENT:
-            return Trajectory(flight.after(left), events, flights)
-        flight, rows = flight.resolved()
+            return Trajectory(flight.after(left), duration, rows, flights)
+        flight, fresh = flight.resolved()
         elapsed += span
-        events += [event._replace(time=elapsed) for event in events_of(rows, len(rows))]
+        rows += [replace(row, time=elapsed) for row in fresh]
     return None

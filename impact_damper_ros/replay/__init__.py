@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from .command import Command
+    from .command import Command, Setting
     from .findings import Difference, Findings, ReplayVerdict
     from .replay import Part, Replay
     from .run import RecordedRun, Rows
-    from .setting import Setting
     from .what_if import WhatIf
 
 __all__ = [
@@ -32,11 +31,10 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
-        'command': ('Command',),
+        'command': ('Command', 'Setting'),
         'findings': ('Difference', 'Findings', 'ReplayVerdict'),
         'replay': ('Part', 'Replay'),
         'run': ('RecordedRun', 'Rows'),
-        'setting': ('Setting',),
         'what_if': ('WhatIf',),
     },
 )

@@ -12,19 +12,21 @@ from collections.abc import Mapping
 from contextlib import suppress
 from math import inf, isfinite, nextafter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from impact_damper_ros.bag import RecordedMessage, RecordingError, String
 from impact_damper_ros.bag.messages import STRING, decode
-from impact_damper_ros.bag.snapshots import FORMAT, motion_of
-from impact_damper_ros.control import GAP_CONTROL_SPECS, Rig
+from impact_damper_ros.bag.snapshots import FORMAT, RATES, motion_of
+from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters, Rig
 from impact_damper_ros.control.controller import initial_state
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
     InitialConditions,
+    RigParameters,
     RunawayError,
 )
+from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.quoting import as_line, shown
 from impact_damper_ros.rig.snapshot import FORMAT as STATE_FORMAT
 from impact_damper_ros.rig.snapshot import (
@@ -65,6 +67,39 @@ def _finite(text: str) -> float:
     return number
 
 
+class Setting(NamedTuple):
+    """All parameters of a rig and of its gap control, as commands change them."""
+
+    rig: RigParameters
+    control: GapControlParameters
+
+    @classmethod
+    def of(cls, state: Mapping[str, Any]) -> Self:
+        """Return the parameters that a snapshot holds."""
+        return cls(
+            RigParameters(**state['parameters']),
+            GapControlParameters(**state['gap_control']['parameters']),
+        )
+
+    def replaced(self, values: Mapping[str, Any]) -> Setting:
+        """
+        Return the setting with other values of those parameters that it has.
+
+        Raises
+        ------
+        ParameterError
+            If that is not admissible.
+        """
+        return Setting(
+            self.rig.replace(**{n: v for n, v in values.items() if n in PARAMETER_SPECS}),
+            self.control.replace(**{n: v for n, v in values.items() if n in GAP_CONTROL_SPECS}),
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return name and value of every parameter."""
+        return {**self.rig.as_dict(), **self.control.as_dict()}
+
+
 #: What is done to a rig: parameters that change together, a reset, or stamps that move.
 Deed = Mapping[str, Any] | InitialConditions | int
 
@@ -85,6 +120,8 @@ class Command(NamedTuple):
         Full name of the node.
     topics : mapping of str to str
         Full names of its topics.
+    rate : float
+        Joint states per second of rig time.
     done : tuple
         In order: a mapping of parameters to the values that they took together, the initial
         conditions of a reset, or the stamp from then on of rig time 0.
@@ -104,6 +141,7 @@ class Command(NamedTuple):
     number: int
     node: str
     topics: Mapping[str, str]
+    rate: float
     done: tuple[Deed, ...]
     initial: InitialConditions
     state: dict[str, Any]
@@ -176,6 +214,7 @@ def _checked(held: dict[str, Any]) -> Command:
     for name, number in numbers.items():
         if type(number) is not int:
             raise ValueError(f'{name} is {shown(number)}: it must be a whole number')
+    number_between('rate', held['rate'], *RATES)
     return Command(
         offset_ns + time_ns,
         offset_ns,
@@ -183,6 +222,7 @@ def _checked(held: dict[str, Any]) -> Command:
         as_line(str(held['reason'])),
         node=str(held['node']),
         topics={str(key): str(name) for key, name in held['topics'].items()},
+        rate=held['rate'],
         done=tuple(_deed(name, value) for name, value in held['done']),
         initial=InitialConditions(**held['initial']),
         state=_checked_state(held['state']),
@@ -227,25 +267,31 @@ def _checked_state(state: dict[str, Any]) -> dict[str, Any]:
     try:
         _check_control('gap_control.state', control, initial_state())
         check_numbers('sample', Rig.restore(state).sample())
-        _check_flight(Rig.restore(motion_of(state)))
         return state
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
         raise ValueError(f'{type(error).__name__}: {error}') from error
 
 
-def _check_flight(rig: Rig) -> None:
-    """Check that the present flight lasts up to the rig's time, and does not take too long."""
-    looks, now = iter(range(_MOST_LOOKS)), rig.time
+def restored(command: Command, path: Path) -> Rig:
+    """
+    Return the rig after a command of the bag at a path.
+
+    Its present flight must last up to then, and must not take too long to search.
+    """
+    looks, now = iter(range(_MOST_LOOKS)), command.state['time']
     # Not to an instant that is reached already: such an advance cannot be interrupted
-    then = min(nextafter(now, inf), LATEST)
+    then, fault = min(nextafter(now, inf), LATEST), ''
     with suppress(RunawayError):
+        rig = Rig.restore(motion_of(command.state))
         events = rig.advance(then, 2, lambda: next(looks, None) is None)
         if events and events[0].time < now - SAME_TIME:
-            raise ValueError(
-                f'the flight from origin.time ends at {events[0].time!r} s, before time, {now!r} s'
-            )
+            fault = f'ends at {events[0].time!r} s, before time, {now!r} s'
     if next(looks, None) is None:
-        raise ValueError(f'the flight from origin.time to time, {now!r} s, takes too long')
+        fault = 'takes too long'
+    if fault:
+        cause = f'the flight from origin.time in the snapshot at {command.stamp_ns} ns {fault}'
+        raise RecordingError('replay', path, cause)
+    return Rig.restore(command.state)
 
 
 #: Lengths allowed for lists of the control's state that do not keep their length.

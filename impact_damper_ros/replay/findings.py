@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-#: Differences kept one by one.
+#: Differences kept after each change of the rig, and remarks and faults kept.
 _MOST_KEPT = 20
-#: Differences kept after each change of the rig.
-_KEPT_EACH = 20
 #: Differing samples after which the difference is noted.
 _MARKS = tuple(m * 10**k for k in range(8) for m in (1, 2, 5))
 
@@ -130,9 +128,7 @@ class Findings:
     start_ns, end_ns : int or None
         Rig times of the first and last sample, in nanoseconds.
     differences : list of Difference
-        The first ones.
-    kept : list of Difference
-        The first ones after each change of the rig.
+        The first ones after each change of the rig, and the first one of each topic.
     difference_count : int
         How many there are.
     by_topic : dict of str to int
@@ -174,7 +170,6 @@ class Findings:
     start_ns: int | None = None
     end_ns: int | None = None
     differences: list[Difference] = field(default_factory=list)
-    kept: list[Difference] = field(default_factory=list)
     difference_count: int = 0
     by_topic: dict[str, int] = field(default_factory=dict)
     divergence: Divergence = field(default_factory=Divergence)
@@ -212,10 +207,7 @@ class Findings:
         if self.after != self._kept_after:
             self._kept_after, self._kept_count = self.after, 0
         self._kept_count += 1
-        if self._kept_count <= _KEPT_EACH:
-            self.kept.append(difference)
-        # The first of every topic is kept in any case.
-        if len(self.differences) < _MOST_KEPT or first:
+        if self._kept_count <= _MOST_KEPT or first:
             self.differences.append(difference)
 
     def fault(self, text: str) -> None:

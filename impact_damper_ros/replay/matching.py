@@ -20,7 +20,7 @@ from impact_damper_ros.control import CONTROL_JOINTS
 
 from .findings import Difference, Findings, SampleGap
 from .rows import Numbers, Table
-from .run import Disorder
+from .run import TWICE, Disorder
 
 #: Gaps without samples that are remembered, to excuse the impacts missing there.
 _REMEMBERED_GAPS = 64
@@ -132,7 +132,7 @@ class Matcher:
                 row = there[i]
                 if row in ((there[i - 1] if i else self._last), *there[i + 1 : i + 2]):
                     # Copied, as where recordings that overlap are joined
-                    self._disorder.note(self._disorder.doubled, self.topic, [row[0]])
+                    self._disorder.note(TWICE, self.topic, [row[0]])
                 else:
                     self.differ(row[0], self._what, '', row[1], None)
         self._last = there[-1] if there else self._last

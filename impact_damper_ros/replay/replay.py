@@ -10,7 +10,8 @@ piece by piece to whoever measures it.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import zip_longest
 from math import inf
 from typing import Any, NamedTuple
 
@@ -25,7 +26,7 @@ from impact_damper_ros.rig.compiled import has_numba
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, EventBudget
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
-from .command import Command
+from .command import Command, Deed, Setting, restored
 from .findings import Difference, Findings, SampleGap
 from .matching import Matcher, differing_states, note_states
 from .rows import (
@@ -42,18 +43,13 @@ from .rows import (
     published_states,
     samples_as_rows,
 )
-from .run import RecordedRun, Rows, StatedParameters
-from .seats import Seats, near
-from .setting import Setting
+from .run import LATE, TWICE, RecordedRun, Rows, StatedParameters
+from .shadowing import Shadowing, near
 
 #: A longer time without samples, and without so many of them, counts as a wrong stamp.
 _LONGEST_GAP_NS, _MOST_MISSING = 6 * 3600 * 10**9, 10
 #: The same after the snapshot that a recorder gets when it joins.
 _LONGEST_WAIT_NS = 10 * 86_400 * 10**9
-#: Joint states that are checked against `state_rate`, and their tolerance, ns.
-_LOOKED_AT, _OFF_GRID_NS = 100, 2
-#: Samples from which the period is estimated if the rate is not known.
-_LEARNT_FROM = 50
 #: Joint states from which on compiled code is worth its loading time.
 _COMPILED_FROM = 100_000
 _REMEDY = 'replay the bag with the version of impact_damper_ros that recorded it'
@@ -133,6 +129,8 @@ class Replay:
         The rig at the present instant.
     initial : InitialConditions
         To which a reset would put it.
+    period : float
+        Rig time from one joint state to the next, s.
 
     Raises
     ------
@@ -144,7 +142,7 @@ class Replay:
         start = recorded.start
         assert start is not None
         self.recorded, self.start = recorded, start
-        self.rig = Rig.restore(start.state)
+        self.rig = self._restored(start)
         self.initial = start.initial
         self.findings = findings = Findings(offset_ns=start.offset_ns)
         if start.arithmetic != ARITHMETIC:
@@ -163,11 +161,9 @@ class Replay:
         self._before: list[tuple[int, Numbers]] = []
         self._stated: list[StatedParameters] = []
         self._has_events = False
-        # Joint states per second as listed, and how many are known to lie on that grid
-        self._rate, self._on_grid = 0.0, 0
-        #: Rig time from one sample to the next, ns; 0 if it is not known
-        self._period_ns = 0.0
-        self._early: list[Ints] = []
+        #: Rig time from one sample to the next, s and ns
+        self.period = 1.0 / start.rate
+        self._period_ns = 1e9 / start.rate
         self._left_out = 0
         topics, stamped = recorded.topics, recorded.stamped
         counts = {name: topic.message_count for name, topic in recorded.reader.topics.items()}
@@ -178,12 +174,7 @@ class Replay:
             Matcher(key, getattr(topics, key), findings, recorded.disorder, stamped=stamped)
             for key in ('impacts', 'gap_control')
         ]
-        self._seats = Seats(self, self._matchers[0]) if findings.other_bits else None
-
-    @property
-    def period(self) -> float:
-        """Rig time from one joint state to the next, s; 0 if it is not known yet."""
-        return self._period_ns / 1e9
+        self._shadowing = Shadowing(self, self._matchers[0]) if findings.other_bits else None
 
     def run(self, progress: Callable[[float], object] = float) -> Findings:
         """
@@ -219,9 +210,8 @@ class Replay:
     # The rows
 
     def _take_rows(self, rows: Rows) -> Part:
-        self._check_stated_before(rows)
-        if self._seats is not None:
-            self._seats.expect(rows.impacts)
+        if self._shadowing is not None:
+            self._shadowing.expect(rows.impacts)
             self.findings.recorded_impacts += rows.impacts.size
         else:
             for matcher, table in zip(self._matchers, rows[1:], strict=True):
@@ -235,8 +225,8 @@ class Replay:
         if not states.size:
             return Part(NO_SAMPLES, NO_EVENTS)
         instants = times_ns / 1e9
-        if self._seats is not None:
-            samples, events, numbers, differs = self._seats.follow(states, instants)
+        if self._shadowing is not None:
+            samples, events, numbers, differs = self._shadowing.follow(states, instants)
             tried = _Stretch(samples, events, [], numbers, differs)
             return self._note_rows(tried, states, times_ns, stamps_ns)
         tried = self._tried(self.rig, states, times_ns)
@@ -257,7 +247,6 @@ class Replay:
         stamped = self.recorded.stamped
         numbers, differs = tried.numbers, tried.differs
         note_states(findings, topic, states, instants, numbers, differs, stamped=stamped)
-        self._check_rate(times_ns)
         if first:
             findings.start_ns = int(times_ns[0])
         self._look_for_gaps(times_ns)
@@ -356,7 +345,7 @@ class Replay:
         return _Stretch(*found, numbers, differs)
 
     def _expect(self, events: Events, records: list[ControlRecord]) -> None:
-        if self._seats is not None:
+        if self._shadowing is not None:
             return
         offset_ns = self.findings.offset_ns
         impacts, acts = self._matchers
@@ -364,44 +353,11 @@ class Replay:
         if records:
             acts.expect(published_acts(records, offset_ns))
 
-    def _check_rate(self, times_ns: Ints) -> None:
-        """Check the first joint states against the rate among the parameters."""
-        if not self._rate or not self.recorded.stamped or self._on_grid >= _LOOKED_AT:
-            return
-        times_ns = times_ns[: _LOOKED_AT - self._on_grid]
-        self._on_grid += len(times_ns)
-        # Stamps are whole nanoseconds.
-        ticks = np.rint(times_ns * (self._rate / 1e9))
-        off = np.abs(np.rint(ticks * (1e9 / self._rate)) - times_ns)
-        wrong = np.flatnonzero(off > _OFF_GRID_NS) if self._rate <= 1e9 else np.arange(1)
-        if len(wrong):
-            at_ns = int(times_ns[wrong[0]])
-            topic = self.recorded.topics.parameter_events
-            self._differ(topic, 'state_rate', self._rate, None, at_ns)
-            self._on_grid = _LOOKED_AT
-
     # Gaps without samples
 
     def _look_for_gaps(self, times_ns: Ints) -> None:
         last_ns = self.findings.end_ns
-        steps_ns = times_ns if last_ns is None else np.concatenate([[last_ns], times_ns])
-        if self._period_ns:
-            self._note_gaps(steps_ns)
-            return
-        self._early.append(steps_ns)
-        if sum(map(len, self._early)) > _LEARNT_FROM:
-            self._learn_period()
-
-    def _learn_period(self) -> None:
-        """Check the first samples by the shortest step among them."""
-        early, self._early = self._early, []
-        steps = np.concatenate([np.diff(times) for times in early] or [np.empty(0)])
-        if (steps > 0).any():
-            self._period_ns = self._period_ns or float(steps[steps > 0][:_LEARNT_FROM].min())
-            for times in early:
-                self._note_gaps(times)
-
-    def _note_gaps(self, times_ns: Ints) -> None:
+        times_ns = times_ns if last_ns is None else np.concatenate([[last_ns], times_ns])
         steps = np.diff(times_ns)
         for i in np.flatnonzero(steps > 1.5 * self._period_ns):
             begin, step = int(times_ns[i]), int(steps[i])
@@ -436,10 +392,10 @@ class Replay:
         disorder = self.recorded.disorder
         assert last is not None
         if command == last:
-            disorder.note(disorder.doubled, topic, [command.stamp_ns])
+            disorder.note(TWICE, topic, [command.stamp_ns])
             return
         if command.time_ns < self._time_ns:
-            disorder.note(disorder.late, topic, [command.stamp_ns])
+            disorder.note(LATE, topic, [command.stamp_ns])
             return
         self._command = command
         findings.snapshots += 1
@@ -449,13 +405,13 @@ class Replay:
         lost = command.number != last.number + 1
         if lost and self.recorded.stamped:
             self._differ(topic, 'number', command.number, last.number + 1)
-        for name in ('arithmetic', 'mathematics', 'node', 'topics'):
+        for name in ('arithmetic', 'mathematics', 'node', 'topics', 'rate'):
             recorded, expected = getattr(command, name), getattr(last, name)
             if recorded != expected:
                 self._differ(topic, name, recorded, expected)
+        self._check_stated(command.done)
         before = self.rig.snapshot()
         steps, more = self._carry_out(command)
-        self._take_back_stated()
         self._judge(command, lost=lost)
         if command.reason == 'slip':
             findings.slips += 1
@@ -488,7 +444,6 @@ class Replay:
                     described.append('reset')
                     steps.append((command.time_ns, deed))
                 else:
-                    self._check_stated(deed)
                     described += [f'{name} = {value!r}' for name, value in deed.items()]
                     initial = self.initial.as_dict()
                     initial |= {n: v for n, v in deed.items() if n in initial}
@@ -525,12 +480,12 @@ class Replay:
                 command.initial.as_dict(), self.initial.as_dict()
             )
         ] + state_differences(recorded, replayed)
-        if self._seats is not None:
+        if self._shadowing is not None:
             initial = command.initial.as_dict()
             if not near(recorded, replayed) or initial != self.initial.as_dict():
                 self._differ(topic, *differences[0])
-            self.rig, self.initial = Rig.restore(command.state), command.initial
-            self._seats.sit()
+            self.rig, self.initial = self._restored(command), command.initial
+            self._shadowing.restart()
             return
         if not differences:
             return
@@ -539,10 +494,13 @@ class Replay:
                 f'snapshots from before rig time {command.time:.9g} s are missing: what was done '
                 'to the rig is not known, and it goes on from this one'
             )
-            self.rig, self.initial = Rig.restore(command.state), command.initial
+            self.rig, self.initial = self._restored(command), command.initial
             return
         self._differ(topic, *differences[0])
-        self._rig_of_snapshot = Rig.restore(command.state)
+        self._rig_of_snapshot = self._restored(command)
+
+    def _restored(self, command: Command) -> Rig:
+        return restored(command, self.recorded.reader.path)
 
     def _differ(
         self,
@@ -575,62 +533,39 @@ class Replay:
 
     def _take_stated(self, stated: StatedParameters) -> None:
         self._has_events = True
-        rate = stated.values.get('state_rate')
-        if isinstance(rate, float) and rate > 0.0:
-            self._period_ns = 1e9 / rate
-            self._rate, self._on_grid = rate, 0
         if not stated.listing:
             self._stated.append(stated)
             return
-        known = {**self._known(), 'record': True}
-        self._contradict(stated, {n: known.get(n) for n in stated.values if n != 'state_rate'})
+        known = {**self._known(), 'record': True, 'state_rate': self.start.rate}
+        self._contradict(stated.values, {n: known.get(n) for n in stated.values})
 
-    def _contradict(self, stated: StatedParameters, known: Mapping[str, Any]) -> None:
+    def _contradict(self, stated: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
         """Note what a parameter event states otherwise."""
         topic = self.recorded.topics.parameter_events
-        expected_ns = self.findings.offset_ns + self._time_ns
-        if stated.stamp_ns != expected_ns and not stated.listing:
-            self._differ(topic, 'stamp', stated.stamp_ns, expected_ns)
-        for name, value in known.items():
-            if stated.values.get(name) != value:
-                self._differ(topic, name, stated.values.get(name), value)
+        for name in {**expected, **stated}:
+            if stated.get(name) != expected.get(name):
+                self._differ(topic, name, stated.get(name), expected.get(name))
 
-    def _new(self, stated: StatedParameters) -> dict[str, Any]:
-        """Return what a parameter event changes."""
+    def _check_stated(self, done: Sequence[Deed]) -> None:
+        """Hold the parameter events since the last command against what was done."""
         known = self._known()
-        return {n: v for n, v in stated.values.items() if n in known and v != known[n]}
-
-    def _check_stated(self, deed: Mapping[str, Any]) -> None:
-        """Hold the next parameter event that changes anything against what was done."""
-        while self._stated and not self._new(self._stated[0]):
-            self._stated.pop(0)
-        if self._stated:
-            stated = self._stated.pop(0)
-            extra = {n: self._known()[n] for n in self._new(stated) if n not in deed}
-            self._contradict(stated, {**deed, **extra})
-        elif self._has_events and self.recorded.stamped:
-            topic = self.recorded.topics.parameter_events
-            for name, value in deed.items():
-                self._differ(topic, name, None, value)
-
-    def _take_back_stated(self) -> None:
-        """Note parameter events of which the snapshot does not say that they were carried out."""
-        left, self._stated = self._stated, []
-        for stated in left:
-            if new := self._new(stated):
-                self._contradict(stated, {n: self._known()[n] for n in new})
-
-    def _check_stated_before(self, rows: Rows) -> None:
-        """Note parameter events that no snapshot followed."""
-        if self._stated and any((t.log_ns > self._stated[0].log_ns).any() for t in rows):
-            self._take_back_stated()
+        nothing: Mapping[str, Any] = {}
+        changes = []
+        for stated in self._stated:
+            new = {n: v for n, v in stated.values.items() if n in known and v != known[n]}
+            known |= new
+            changes += [new] if new else []
+        self._stated = []
+        deeds = [deed for deed in done if isinstance(deed, Mapping)]
+        if self._has_events and self.recorded.stamped:
+            for pair in zip_longest(changes, deeds, fillvalue=nothing):
+                self._contradict(*pair)
 
     # The end
 
     def _finish(self) -> Part:
         """Compare the messages after the last sample, and report the faults of the bag."""
         findings, recorded = self.findings, self.recorded
-        self._learn_period()
         end_ns = findings.offset_ns + self._time_ns
         last_ns = max(matcher.last_ns for matcher in self._matchers)
         longest = max(_LONGEST_GAP_NS, _MOST_MISSING * self._period_ns)
@@ -646,6 +581,8 @@ class Replay:
             matcher.forget(inf)
             matcher.settle(inf)
         self._judge_losses(end_ns, last_ns)
+        if self._stated and self._stated[0].log_ns < end_ns:
+            self._check_stated(())
         if self._left_out:
             findings.fault(f'joint states left out because of impossible stamps: {self._left_out}')
         for fault in recorded.faults():
@@ -675,7 +612,7 @@ class Replay:
                     f'{matcher.before_recorder} messages of {matcher.topic} precede the first one '
                     'that the recorder received'
                 )
-        if not recorded.stamped or not period_ns or findings.start_ns is None:
+        if not recorded.stamped or findings.start_ns is None:
             return
         # Before the first sample, and after the last one if impacts follow
         head_ns = findings.start_ns - self.start.time_ns

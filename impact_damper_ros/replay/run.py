@@ -9,9 +9,10 @@ there the stamps in the messages give the order.
 from __future__ import annotations
 
 import heapq
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -78,22 +79,32 @@ class StatedParameters(NamedTuple):
 Item = Rows | Command | StatedParameters
 
 
-@dataclass
+#: What may be wrong with a message.
+TWICE, LATE = 'twice', 'out of order'
+MISDATED, UNREADABLE = 'whose own stamp is not that of the bag', 'that cannot be read'
+
+
 class Disorder:
-    """Misplaced messages: how many by topic, and the stamp of the first."""
+    """Misplaced messages: how many by what is wrong and topic, and the stamp of the first."""
 
-    doubled: dict[str, int] = field(default_factory=dict)
-    late: dict[str, int] = field(default_factory=dict)
-    misdated: dict[str, int] = field(default_factory=dict)
-    unreadable: dict[str, int] = field(default_factory=dict)
-    first_ns: int | None = None
+    def __init__(self) -> None:
+        self._counts: Counter[tuple[str, str]] = Counter()
+        self._first_ns: int | None = None
 
-    def note(self, counts: dict[str, int], topic: str, stamps_ns: Sequence[int] | Ints) -> None:
+    def note(self, wrong: str, topic: str, stamps_ns: Sequence[int] | Ints) -> None:
         """Count misplaced messages."""
         if len(stamps_ns):
-            counts[topic] = counts.get(topic, 0) + len(stamps_ns)
-            if self.first_ns is None:
-                self.first_ns = int(stamps_ns[0])
+            self._counts[wrong, topic] += len(stamps_ns)
+            if self._first_ns is None:
+                self._first_ns = int(stamps_ns[0])
+
+    def faults(self) -> Iterator[str]:
+        """Yield what is wrong."""
+        for kind in (TWICE, LATE, MISDATED, UNREADABLE):
+            for (wrong, topic), count in self._counts.items():
+                if wrong == kind:
+                    text = f'messages of {topic} {wrong}: {count}'
+                    yield f'{text} (first at stamp {self._first_ns} ns)'
 
 
 class RecordedRun:
@@ -151,13 +162,15 @@ class RecordedRun:
         self.disorder = Disorder()
         self.early = 0
         self.damage: RecordingError | None = None
-        self.start = None if first is None else read_command(first, self.reader.path, purpose)
+        self.start, at_once = None, True
+        if first is not None:
+            self.start = read_command(first, self.reader.path, purpose)
+            at_once = self.start.stamp_ns == first.stamp_ns
         if not self.reader.topics[self.topics.joint_states].message_count:
             cause = f'there is no message on {self.topics.joint_states}: nothing to compare'
             raise RecordingError(purpose, path, cause)
         noted = self.reader.custom.get('joint_states') == self.topics.joint_states
-        own = noted or first is None or self.start.stamp_ns == first.stamp_ns  # type: ignore[union-attr]
-        self.stamped = own and (self.reader.own or self._has_rig_stamps())
+        self.stamped = (noted or at_once) and (self.reader.own or self._has_rig_stamps())
 
     def _has_rig_stamps(self) -> bool:
         """
@@ -181,17 +194,7 @@ class RecordedRun:
 
     def faults(self) -> list[str]:
         """Return why only a part of the bag could be used; complete after the walk."""
-        disorder = self.disorder
-        found = [
-            f'messages of {topic} {text}: {count} (first at stamp {disorder.first_ns} ns)'
-            for text, counts in (
-                ('twice', disorder.doubled),
-                ('out of order', disorder.late),
-                ('whose own stamp is not that of the bag', disorder.misdated),
-                ('that cannot be read', disorder.unreadable),
-            )
-            for topic, count in counts.items()
-        ]
+        found = [*self.disorder.faults()]
         if self.damage is not None:
             found.append(f'{self.damage}; the remainder was not compared')
         found += self.reader.faults()
@@ -268,7 +271,7 @@ class RecordedRun:
     def _check_stamp(self, record: RecordedMessage, within_ns: int) -> None:
         """Note a message of the node's own bag whose stamps contradict each other."""
         if self.stamped and within_ns != record.stamp_ns:
-            self.disorder.note(self.disorder.misdated, record.topic, [record.stamp_ns])
+            self.disorder.note(MISDATED, record.topic, [record.stamp_ns])
 
     def _stated(self, record: RecordedMessage) -> StatedParameters | None:
         """Return a parameter event of the rig; None for one of another node."""
@@ -309,7 +312,7 @@ class _Tables:
         self._run = run
         self._topics = {key: getattr(run.topics, key) for key in _LAYOUTS}
         self._columns = {
-            key: JointStateColumns((joints,), counts) for key, (joints, counts) in _LAYOUTS.items()
+            key: JointStateColumns(joints, counts) for key, (joints, counts) in _LAYOUTS.items()
         }
         self._waiting: dict[str, list[RecordedMessage]] = {t: [] for t in self._topics.values()}
         self._last: dict[str, tuple[int, bytes]] = {}
@@ -330,20 +333,18 @@ class _Tables:
         columns, topic, disorder = self._columns[key], self._topics[key], self._run.disorder
         records = self._waiting[topic] if topic else []
         self._waiting[topic] = []
-        found = columns.read([record.content for record in records])
         log_ns = np.array([record.stamp_ns for record in records], dtype=np.int64)
-        if found.unreadable:
-            bad = [index for index, _ in found.unreadable]
-            disorder.note(disorder.unreadable, topic, log_ns[bad])
-            log_ns = np.delete(log_ns, bad)
-            records = [r for i, r in enumerate(records) if i not in set(bad)]
-        frame = np.array(columns.frames or [''])[found.frames]
-        table = Table(log_ns, found.stamps_ns, frame, found.numbers)
+        stamps, frames, numbers, readable = columns.read([record.content for record in records])
+        table = Table(log_ns, stamps, frames, numbers)
+        if not readable.all():
+            disorder.note(UNREADABLE, topic, log_ns[~readable])
+            table = table[readable]
+            records = [r for r, good in zip(records, readable, strict=True) if good]
         if not table.size:
             return table
         if self._run.stamped:
             wrong = table.stamp_ns != table.log_ns
-            disorder.note(disorder.misdated, topic, table.log_ns[wrong])
+            disorder.note(MISDATED, topic, table.log_ns[wrong])
         # A paused rig repeats its joint states; the node does not record them, others may.
         kept = table.frame != PAUSED_FRAME
         before_ns, before = self._last.get(topic, (None, b''))
@@ -353,10 +354,10 @@ class _Tables:
             if records[i].content == (records[i - 1].content if i else before):
                 # Changes may repeat an impact or an act while the rig is paused.
                 if key == 'joint_states':
-                    disorder.note(disorder.doubled, topic, table.log_ns[i : i + 1])
+                    disorder.note(TWICE, topic, table.log_ns[i : i + 1])
                     kept[i] = False
             elif steps[i] < 0:
-                disorder.note(disorder.late, topic, table.log_ns[i : i + 1])
+                disorder.note(LATE, topic, table.log_ns[i : i + 1])
         self._last[topic] = int(table.stamp_ns[-1]), records[-1].content
         return table if kept.all() else table[kept]
 

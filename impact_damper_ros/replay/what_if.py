@@ -18,7 +18,7 @@ from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import InitialConditions, ParameterError, Sample
 from impact_damper_ros.rig.event_budget import EventBudget
 
-from .command import Command
+from .command import Command, Setting
 from .replay import Part, Step
 from .rows import (
     NO_EVENTS,
@@ -29,9 +29,8 @@ from .rows import (
     impacts_of,
     samples_as_rows,
 )
-from .setting import Setting, setting_of
 
-#: Values of a parameter that are kept with their times.
+#: Values of a parameter that are listed in JSON.
 _MOST_VALUES = 100
 
 
@@ -80,7 +79,7 @@ class WhatIf:
         self._held = dict(held)
         self.reached: tuple[Samples, Events] = NO_SAMPLES, NO_EVENTS
         self._held_initial = dict(held_initial or {})
-        self._logged = setting_of(start.state)
+        self._logged = Setting.of(start.state)
         setting = self._logged.replaced(held)
         rig = _from_initial(start, self._logged, setting, self._held_initial)
         self._early: list[Events] = []
@@ -100,7 +99,7 @@ class WhatIf:
         """Return a rig in a state, held as another what-if is, or not at all."""
         other = cls.__new__(cls)
         other.rig, other._early, other.from_initial = Rig.restore(dict(state)), [], False
-        other._logged, other._budget = setting_of(state), EventBudget()
+        other._logged, other._budget = Setting.of(state), EventBudget()
         other._held = {} if like is None else like._held
         other._held_initial = {} if like is None else like._held_initial
         return other
@@ -198,28 +197,22 @@ class RecordedValues:
     """
 
     def __init__(self, value: Any) -> None:
-        self.value = self._last = value
-        #: The first values after that one, each with the rig time of its change, s
-        self.first: list[tuple[float, Any]] = []
-        #: How many there are after that one
-        self.count = 0
-        #: Rig time of the last change, s
-        self.last_time = -math.inf
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        #: The smallest and the largest of all; None if they are no numbers
-        self.range = (value, value) if number else None
+        self.value = value
+        #: The others in order, each with the rig time of its change, s
+        self.changes: list[tuple[float, Any]] = []
 
     def take(self, time: float, value: Any) -> None:
         """Take the value from an instant on, s, if it differs from the last one."""
-        if value == self._last:
-            return
-        self._last = value
-        self.last_time = time
-        self.count += 1
-        if self.count <= _MOST_VALUES:
-            self.first.append((time, value))
-        if self.range is not None:
-            self.range = min(self.range[0], value), max(self.range[1], value)
+        if value != (self.changes[-1][1] if self.changes else self.value):
+            self.changes.append((time, value))
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """The smallest and the largest value; None if they are no numbers."""
+        if not isinstance(self.value, int | float) or isinstance(self.value, bool):
+            return None
+        values = [self.value, *(value for _, value in self.changes)]
+        return min(values), max(values)
 
     def described(self, shown: Callable[[Any], str], most: int) -> str:
         """
@@ -227,10 +220,10 @@ class RecordedValues:
 
         At most `most` are listed with their times, the others by number and range.
         """
-        listed = self.first[:most]
+        listed = self.changes[:most]
         parts = [shown(self.value), *(f'{shown(v)} from {t:.9g} s' for t, v in listed)]
-        if more := self.count - len(listed):
-            parts.append(f'and {more} more until {self.last_time:.9g} s')
+        if more := len(self.changes) - len(listed):
+            parts.append(f'and {more} more until {self.changes[-1][0]:.9g} s')
             if self.range is not None:
                 parts.append('all within {} to {}'.format(*map(shown, self.range)))
         return ', '.join(parts)
@@ -239,8 +232,8 @@ class RecordedValues:
         """Return the values for JSON; times in s."""
         return {
             'at_first': self.value,
-            'changes': [list(entry) for entry in self.first],
-            'change_count': self.count,
+            'changes': [list(entry) for entry in self.changes[:_MOST_VALUES]],
+            'change_count': len(self.changes),
             'range': self.range,
         }
 

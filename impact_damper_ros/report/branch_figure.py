@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby, pairwise
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.orbits import Branch, SpecialKind
@@ -46,15 +45,6 @@ def parameter_label(name: str) -> str:
     return f'{name} [{spec.unit}]' if spec.unit else name
 
 
-def _words(one: Any, other: Any) -> str:
-    """Return what the part of a branch between two motions is."""
-    if not (one.viable and other.viable):
-        return 'not viable'
-    if one.unstable or other.unstable:
-        return 'unstable'
-    return 'stable' if one.stable or other.stable else 'neutral'
-
-
 @print_style()
 def branch_figure(branches: Sequence[Branch], title: str = '') -> Figure:
     """
@@ -80,13 +70,10 @@ def branch_figure(branches: Sequence[Branch], title: str = '') -> Figure:
     lines: set[str] = set()
     marks: set[SpecialKind] = set()
     for branch in branches:
-        parts = [(_words(a.orbit, b.orbit), a, b) for a, b in pairwise(branch.points)]
-        for words, group in groupby(parts, key=lambda part: part[0]):
-            chain = list(group)
-            points = [chain[0][1], *(part[2] for part in chain)]
+        for words, part in branch.parts():
             look = {k: v for k, v in _LINES[words].items() if k != 'label'}
-            swings = [point.orbit.x_max for point in points]
-            axes.plot([point.value for point in points], swings, linewidth=1.6, **look)
+            swings = [orbit.x_max for orbit in branch.orbits[part]]
+            axes.plot(branch.values[part], swings, linewidth=1.6, **look)
             lines.add(words)
         for special in branch.special:
             axes.plot(special.value, special.orbit.x_max, marker=_MARKS[special.kind], **mark)

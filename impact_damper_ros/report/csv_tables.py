@@ -36,7 +36,7 @@ def impact_rows(events: Sequence[Event]) -> str:
     )
 
 
-class Table(Protocol):
+class CsvTable(Protocol):
     """What rows are written to."""
 
     def write(self, rows: str, /) -> object:
@@ -97,11 +97,11 @@ class _File:
                         self._draft.replace(self._path.resolve())
 
 
-def open_table(path: Path | None, columns: Sequence[str], stack: ExitStack) -> Table | None:
+def open_table(path: Path | None, columns: Sequence[str], stack: ExitStack) -> CsvTable | None:
     """Open a table, if one is asked for, and write its head; - stands for standard output."""
     if path is None:
         return None
-    table: Table = sys.stdout
+    table: CsvTable = sys.stdout
     if str(path) != '-':
         file = _File(path)
         stack.callback(file.close)

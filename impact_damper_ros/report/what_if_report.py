@@ -15,9 +15,9 @@ from impact_damper_ros.compare import Beginning, LoggedRig, Overall
 from impact_damper_ros.compare.result import SwingEnvelope
 from impact_damper_ros.compare.stretches import RecordedStretch, StretchBuilder
 from impact_damper_ros.control import Rig
-from impact_damper_ros.replay.replay import Part, Replay, Step
+from impact_damper_ros.replay import Part, Replay, Setting
+from impact_damper_ros.replay.replay import Step
 from impact_damper_ros.replay.rows import Events, Samples
-from impact_damper_ros.replay.setting import setting_of
 from impact_damper_ros.replay.what_if import Ending, RecordedValues, WhatIf
 from impact_damper_ros.rig import ALL_SPECS, InitialConditions, RigParameters
 from impact_damper_ros.rig.event_budget import EventBudget
@@ -145,7 +145,7 @@ class WhatIfReport:
     ) -> None:
         start = replay.start
         self._replay = replay
-        logged = setting_of(start.state)
+        logged = Setting.of(start.state)
         values = logged.as_dict()
         for name in held:
             if name not in values:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -265,55 +265,22 @@ def _exponent(orbit: PeriodicOrbit) -> float:
     return math.log(largest) / orbit.cycles if largest else -math.inf
 
 
-class _Course(NamedTuple):
-    """A branch in a figure: where it is, and which of its parts rigs can perform."""
+def _ends_of_stability(branch: Branch) -> Iterator[SpecialPoint]:
+    """Yield the special points at the ends of parts that are stable, or within them."""
+    stable = {
+        id(orbit)
+        for status, part in branch.parts()
+        if status == 'stable'
+        for orbit in branch.orbits[part]
+    }
+    return (special for special in branch.special if id(special.orbit) in stable)
 
-    branch: Branch
-    values: Array
-    orbits: list[PeriodicOrbit]
-    viable: NDArray[np.bool_]  # of each part between two points
-    stable: NDArray[np.bool_]
 
-    @classmethod
-    def of(cls, branch: Branch) -> Self:
-        """Return the course of a branch."""
-        orbits = [point.orbit for point in branch.points]
-        viable = np.array([orbit.viable for orbit in orbits])
-        # A special point is on the unit circle, and belongs to the parts on both sides
-        inside = np.array([abs(orbit.multipliers[0]) < 1.0 - 1e-4 for orbit in orbits])
-        return cls(
-            branch,
-            np.array([point.value for point in branch.points]),
-            orbits,
-            viable[:-1] & viable[1:],
-            inside[:-1] | inside[1:],
-        )
-
-    def of_each(self, quantity: Callable[[PeriodicOrbit], float]) -> Array:
-        """Return a quantity of all points."""
-        return np.array([quantity(orbit) for orbit in self.orbits])
-
-    def ends_of_stability(self) -> Iterator[SpecialPoint]:
-        """Yield the special points next to parts that are stable."""
-        calm = self.viable & self.stable
-        for special in self.branch.special:
-            nearest = int(np.argmin([abs(v - special.value) for v in self.values]))
-            here = [i for i, orbit in enumerate(self.orbits) if orbit is special.orbit] or [
-                nearest
-            ]
-            if special.orbit.viable and calm[max(here[0] - 1, 0) : here[0] + 1].any():
-                yield special
-
-    def draw(self, axes: Any, heights: Array, *, unstable: bool = True) -> None:
-        """Draw a quantity along it: solid where it is stable, dashed where it is not."""
-        finite = np.isfinite(heights[:-1]) & np.isfinite(heights[1:])
-        for calm in (True, False) if unstable else (True,):
-            drawn = self.viable & finite & (self.stable == calm)
-            # Runs of parts that hang together, so that their dashes do
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], drawn.astype(int), [0]])))
-            for first, last in edges.reshape(-1, 2):
-                part = slice(first, last + 1)
-                axes.plot(self.values[part], heights[part], **_LINES[calm])
+def _draw_branch(axes: Any, branch: Branch, heights: Array, *, unstable: bool = True) -> None:
+    """Draw a quantity along a branch: solid where it is stable, dashed where it is not."""
+    for status, part in branch.parts():
+        if status != 'not viable' and (unstable or status != 'unstable'):
+            axes.plot(branch.values[part], heights[part], **_LINES[status != 'unstable'])
 
 
 def _draw_phases(axes: Any, table: pd.DataFrame, grid: Grid) -> None:
@@ -347,18 +314,19 @@ def _draw_theory(panels: Sequence[Any], branches: Sequence[Branch], measure: str
     upper, middle, *lower = panels
     of_measure = _THEORY.get(measure)
     kinds = set()
-    for course in map(_Course.of, branches):
-        phases = np.array([orbit.phases for orbit in course.orbits])
+    for branch in branches:
+        phases = np.array([orbit.phases for orbit in branch.orbits])
         for column in np.unwrap(phases.T, period=1.0):
             # Once for each turn into which the line reaches
             for turn in range(math.floor(column.min()), math.floor(column.max()) + 1):
-                course.draw(upper, column - turn)
+                _draw_branch(upper, branch, column - turn)
         for axes in lower:
-            course.draw(axes, course.of_each(_exponent), unstable=False)
+            exponents = np.array([_exponent(orbit) for orbit in branch.orbits])
+            _draw_branch(axes, branch, exponents, unstable=False)
         if of_measure is None:
             continue
-        course.draw(middle, course.of_each(of_measure))
-        for special in course.ends_of_stability():
+        _draw_branch(middle, branch, np.array([of_measure(orbit) for orbit in branch.orbits]))
+        for special in _ends_of_stability(branch):
             kinds.add(special.kind)
             place = special.value, of_measure(special.orbit)
             middle.plot(*place, **_special_look(special.kind))

@@ -379,21 +379,19 @@ class Grid:
         )
 
 
-def _number(value: Any, where: str) -> float:
-    if isinstance(value, str) and value.strip().lower() in _BOOLS:
-        return _BOOLS[value.strip().lower()]
-    if isinstance(value, bool):
-        return value
+def _number(text: str, where: str) -> float:
+    if text.strip().lower() in _BOOLS:
+        return _BOOLS[text.strip().lower()]
     try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise GridError(f'{where}: {shown(value)} is not a number') from None
+        number = float(text)
+    except ValueError:
+        raise GridError(f'{where}: {shown(text)} is not a number') from None
     if not math.isfinite(number):
-        raise GridError(f'{where}: {shown(value)} is not a finite number')
+        raise GridError(f'{where}: {shown(text)} is not a finite number')
     return number
 
 
-def _spaced(low: float, high: float, count: Any, spacing: str, where: str) -> list[float]:
+def _spaced(low: float, high: float, count: str, spacing: str, where: str) -> list[float]:
     """Return values from end to end, both included."""
     number = _number(count, where)
     if isinstance(low, bool) or isinstance(high, bool):
@@ -462,8 +460,6 @@ def range_from_text(text: str) -> tuple[str, list[float]]:
 
 def _range_from_entry(name: str, entry: Any) -> tuple[str, list[float]]:
     """Read one entry of a file of ranges: text, values, or a mapping with from, to and count."""
-    if isinstance(entry, str):
-        return range_from_text(f'{name}={entry}')
     if isinstance(entry, Mapping):
         keys = set(entry)
         if not {'from', 'to', 'count'} <= keys <= {'from', 'to', 'count', 'spacing'}:
@@ -471,10 +467,11 @@ def _range_from_entry(name: str, entry: Any) -> tuple[str, list[float]]:
                 f'{name}: has the keys {", ".join(map(str, entry)) or "(none)"}: give from, to '
                 'and count, and spacing: log if wanted'
             )
-        low, high = (_number(entry[key], name) for key in ('from', 'to'))
-        return name, _spaced(low, high, entry['count'], str(entry.get('spacing', 'linear')), name)
-    listed = entry if isinstance(entry, Sequence) else [entry]
-    return name, [_number(value, name) for value in listed]
+        order = ('from', 'to', 'count', 'spacing')
+        entry = ':'.join(str(entry[key]) for key in order if key in keys)
+    elif isinstance(entry, list):
+        entry = ','.join(map(str, entry))
+    return range_from_text(f'{name}={entry}')
 
 
 def ranges_from_file(path: Path) -> list[tuple[str, list[float]]]:

@@ -13,7 +13,6 @@ import numpy as np
 
 from impact_damper_ros.orbits import (
     Branch,
-    Continuation,
     OrbitError,
     PeriodicOrbit,
     SpecialPoint,
@@ -59,8 +58,8 @@ def _parts(start: PeriodicOrbit, *, upwards: bool) -> Iterator[_Part]:
     while not ways or (bound and len(ways) <= _MOST_FURTHER):
         here = known[-1].orbits[-1] if known else start
         gap = here.parameters.gap
-        along = Continuation('gap', gap / span, gap * span, most_points=MOST_POINTS)
-        ways.append(grow_branch(here, along, upwards=upwards))
+        ends = gap / span, gap * span
+        ways.append(grow_branch(here, 'gap', *ends, upwards=upwards, most_points=MOST_POINTS))
         known.append(next(ways[-1]))
         while known[-1].points and not known[-1].ended:
             yield _Part(reduce(Branch.extended, known))
@@ -69,7 +68,6 @@ def _parts(start: PeriodicOrbit, *, upwards: bool) -> Iterator[_Part]:
         if len(whole.points) < 2:
             break
         last, end = whole.values[-2:]
-        ends = along.low, along.high
         cut = len(known[-1].points) >= MOST_POINTS or any(math.isclose(end, e) for e in ends)
         span, upwards = _FURTHER, end > last
         best = whole.best(_ratio)

@@ -9,7 +9,7 @@ from bag import samples
 from impact_damper_ros.bag.messages import decode
 from impact_damper_ros.bag.snapshots import mathematics, motion_of
 from impact_damper_ros.control import GapControlParameters, Rig
-from impact_damper_ros.replay.setting import Setting
+from impact_damper_ros.replay import Setting
 from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, RigParameters
 
 LIVELY = RigParameters(
@@ -93,10 +93,11 @@ class RecordedRig:
     def announce(self, reason):
         self.number += 1
         text = {
-            'format': 4,
+            'format': 5,
             'number': self.number,
             'node': NODE,
             'topics': TOPICS,
+            'rate': self.rate,
             'stamp_offset_ns': self.offset,
             'time_ns': self.time_ns,
             'reason': reason,

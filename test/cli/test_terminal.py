@@ -65,7 +65,7 @@ def test_paths_and_values(tmp_path, capsys):
 
 def test_tests_can_interrupt_in_the_background_of_a_script():
     """SIGINT is ignored there by inheritance, which children of the tests must not inherit."""
-    one = 'test_a_console_script_that_still_imports[recover_run-SIGINT]'
+    one = 'test_a_run_that_is_stopped_is_whole[SIGINT]'
     file = ROOT / 'test' / 'cli' / 'test_interruption.py'
     words = [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', f'{file}::{one}']
     done = subprocess.run(

@@ -646,6 +646,28 @@ def test_between_two_far_ticks_impacts_are_sent_and_requests_answered():
         assert not bench.engine._thread.is_alive()
 
 
+def test_changes_between_two_far_ticks_are_replayed(tmp_path):
+    """They take effect when they are made, and the samples stay on their grid."""
+    log = recording(tmp_path / 'bag')
+    with Bench(factor=1.0, rate=2.0) as bench:
+        bench.engine.record_to(log, event_bytes())
+        bench.engine.start()
+        until(lambda: bench.engine.status().time_ns > 0)
+        calm = LIVELY.replace(gap=0.5)
+        change = done(bench.engine.change(calm, change_event(LIVELY, calm)))
+        done(bench.engine.pause(True))
+        until(lambda: len(bench.paused()) > 1)
+        done(bench.engine.pause(False))
+        reset = done(bench.engine.reset(InitialConditions(initial_primary_position=2.0)))
+        until(lambda: len(bench.samples()) > 4)
+        done(bench.engine.stop_recording())
+    assert (change.time_ns % 500_000_000, reset.time_ns % 500_000_000) != (0, 0)
+    assert log.close().error is None
+    replay = Replay(RecordedRun(tmp_path / 'bag'))
+    assert sum(len(part.samples) for part in replay) >= 5
+    assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
+
+
 def test_paused_states_that_were_missed_are_not_made_up_for(monkeypatch):
     """The process stands still for a minute while the rig is paused."""
     clock = [time.monotonic_ns()]

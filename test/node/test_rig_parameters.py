@@ -260,14 +260,9 @@ def test_directory_of_recordings_in_the_home_directory(monkeypatch):
         assert NodeParameters.from_values({}).changed({'bag_directory': text}) == node
 
 
-@pytest.mark.parametrize(
-    'text', ['runs\nrm', 'runs\x1b[2J', 'a\tb', 'x' * 1001, '~nobody-of-this-name/runs', 'a\0b']
-)
-def test_directories_that_nobody_means(text):
-    with pytest.raises(ParameterError, match=r'^bag_directory is ') as refused:
-        NodeParameters.from_values({'bag_directory': text})
-    assert str(refused.value).isprintable()
-    assert len(str(refused.value)) < 300
+def test_a_home_directory_that_is_not_there():
+    with pytest.raises(ParameterError, match='there is no such home directory, write it out'):
+        NodeParameters.from_values({'bag_directory': '~nobody-of-this-name/runs'})
 
 
 #: Entries of a parameters file in which the order, the namespace or a wildcard decides.

@@ -144,8 +144,8 @@ def heard(client, launch, namespace):
     def known():
         heard.look()
         values = heard.series()
-        node = f'{namespace[1:]}/sim_node'
-        share = f'/diagnostics/{node}/{node}: {{}} motion/Largest X / A'
+        name = f'{namespace[1:]}/sim_node'
+        share = f'/diagnostics/{name}/{name}: {{}} motion/Largest X / A'
         return all(values.get(share.format(kind)) for kind in ('measured', 'predicted'))
 
     until(known, lambda: process.output)
@@ -177,7 +177,7 @@ def paths_of(tree):
 
 
 def test_all_that_the_layouts_show_is_there(heard, namespace, tmp_path):
-    names = Path('config', 'lichtblick.json'), Path('config', 'plotjuggler.xml')
+    names = Path('layouts', 'lichtblick.json'), Path('layouts', 'plotjuggler.xml')
     texts = [
         in_namespace((SOURCE / name).read_text(encoding='utf-8'), namespace, tmp_path)
         for name in names

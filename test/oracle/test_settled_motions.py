@@ -5,13 +5,25 @@ import pytest
 from impact_damper_ros.rig import EventKind
 from oracle.settled_motions import trial
 
+TURNS, RESTS = {EventKind.REVERSAL}, {EventKind.RELEASE, EventKind.REST}
+STICKS = {EventKind.STICK, EventKind.RELEASE, EventKind.REVERSAL}
+
 
 @pytest.mark.parametrize(
     ('seed', 'impacts', 'cycles', 'events'),
     [
-        (11, 7, 1, {EventKind.RELEASE, EventKind.REST}),
-        (15, 8, 1, {EventKind.RELEASE, EventKind.REST, EventKind.STICK, EventKind.REVERSAL}),
+        (11, 7, 1, RESTS),
+        (15, 8, 1, RESTS | STICKS),
         (19, 2, 1, set()),
+        (555, 2, 2, set()),
+        (396, 3, 2, set()),
+        # With friction
+        (193, 4, 2, TURNS),
+        (1569, 7, 2, RESTS),
+        (793, 2, 3, TURNS),
+        (1797, 2, 3, STICKS),
+        (2459, 7, 4, RESTS | TURNS),
+        (1074, 4, 6, STICKS),
     ],
 )
 def test_settled_motion(seed, impacts, cycles, events):

@@ -1,23 +1,311 @@
-"""Whole branches: followed both ways, read at values, and their best points."""
+"""Branches of motions: their points, special and best ones, and where others leave them."""
 
 import math
 
 import numpy as np
 import pytest
-from rigs import FRICTION, HORIZONTAL, VERTICAL
+from orbits.begun_rigs import begun_on
+from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
-from impact_damper_ros.orbits import OrbitError, SpecialKind, find_orbits, follow
-from impact_damper_ros.orbits.branch import Limit
+from impact_damper_ros.orbits import (
+    Limit,
+    OrbitError,
+    SpecialKind,
+    find_orbits,
+    follow,
+    grow_branch,
+    settle,
+    switch_branch,
+    value_of,
+)
+from impact_damper_ros.orbits.solution_curve import with_value
+from impact_damper_ros.rig import EventKind
+
+#: A W^2/g of the vertical rig for a force of 1 N
+LOUDNESS = 100.0 * VERTICAL.response_amplitude / 0.8
 
 
 def stable_orbit(rig, stops=(1, 2)):
     return next(o for o in find_orbits(rig, stops).orbits if o.stable and o.viable)
 
 
+def nearest_at(orbit, rig, stops=(1, 2), **options):
+    """Return the motion of a rig, as the search finds it, that is nearest to one of another."""
+    found = find_orbits(rig, stops, **options).orbits
+    return min(found, key=orbit.distance)
+
+
+def only(branch, kind):
+    (special,) = (special for special in branch.special if special.kind is kind)
+    return special
+
+
 @pytest.fixture(scope='module')
 def gaps():
     """Follow the level rig's symmetric motion at resonance in the gap."""
     return follow(stable_orbit(HORIZONTAL), 'gap', 20.0, 70.0)
+
+
+@pytest.fixture(scope='module')
+def detuned():
+    """Follow that beside the resonance."""
+    return follow(stable_orbit(OFF_RESONANCE), 'gap', 10.0, 60.0)
+
+
+@pytest.fixture(scope='module')
+def vertical():
+    """Follow the vertical rig's motion over the force, around the fold."""
+    return follow(stable_orbit(VERTICAL, (1,)), 'force_amplitudes', 0.2, 2.0)
+
+
+@pytest.mark.parametrize(
+    ('name', 'low', 'high'),
+    [
+        ('gap', 25.0, 60.0),
+        ('friction', 0.0, 3.0),
+        ('angle', -0.5, 1.5),
+        ('damper_mass', 0.01, 0.2),
+        ('restitution', 0.5, 0.95),
+        ('restitution_2', 0.6, 0.95),
+        ('force_amplitudes', 0.8, 2.0),
+        ('force_frequencies', 0.95, 1.15),
+        ('gravity', 0.0, 5.0),
+        ('air_force', 0.0, 0.05),
+    ],
+)
+def test_every_point_is_a_motion_of_its_rig(name, low, high):
+    orbit = stable_orbit(FRICTION)
+    branch = follow(orbit, name, low, high, most_points=60)
+    for end, values in ((branch.began, branch.values[0]), (branch.ended, branch.values[-1])):
+        assert 'corrector' not in end
+        assert 'range' not in end or values in (pytest.approx(low, abs=1e-12), pytest.approx(high))
+    assert all(low <= value <= high for value in branch.values)
+    places = np.linspace(0, len(branch.points) - 1, 5).astype(int)
+    for value, orbit in (branch.points[i] for i in places):
+        assert value_of(orbit.parameters, name) == value
+        assert orbit.residual < 1e-11
+        assert orbit.parameters == with_value(FRICTION, name, value)
+        assert nearest_at(orbit, orbit.parameters, simulate=False).distance(orbit) < 1e-8
+
+
+def test_a_branch_grows_point_by_point(detuned):
+    orbit = stable_orbit(OFF_RESONANCE)
+    *parts, last = grow_branch(orbit, 'gap', 10.0, 60.0, upwards=False)
+    assert last.values == detuned.values[: len(last.values)][::-1]
+    counts = [len(part.orbits) for part in parts]
+    assert counts == [*range(1, len(last.orbits) - len(last.special) + 1)]
+    located = {special.value for special in last.special}
+    plain = tuple(value for value in last.values if value not in located)
+    for part in parts:
+        assert part.values == plain[: len(part.values)]
+        assert part.special == ()
+    # The curve is there before its special points, which take as long.
+    assert [bool(part.ended) for part in parts] == [*([False] * (len(parts) - 1)), True]
+    assert parts[-1].ended == last.ended
+    assert last.special
+
+
+def test_fold_of_the_vertical_rig(vertical):
+    fold = only(vertical, SpecialKind.FOLD)
+    assert fold.converged
+    # The paper's lower limit, 0.45, and the design's, 0.454
+    assert fold.value * LOUDNESS == pytest.approx(0.453620, abs=1e-6)
+    assert min(abs(m - 1.0) for m in fold.orbit.multipliers) < 1e-5
+    # No motion below, two above
+    assert min(vertical.values) >= fold.value
+    assert fold.bracket == pytest.approx((fold.value, fold.value), rel=1e-9)
+    below = VERTICAL.replace(force_amplitudes=(fold.value * (1 - 1e-6),))
+    above = VERTICAL.replace(force_amplitudes=(fold.value * (1 + 1e-6),))
+    assert find_orbits(below, (1,)).orbits == ()
+    assert len(find_orbits(above, (1,)).orbits) == 2
+    for value in (fold.value * (1.0 + 1e-7), 0.6):
+        (pair,) = vertical.at([value])
+        assert [orbit.stable for orbit in pair] == [False, True]
+        rig = VERTICAL.replace(force_amplitudes=value)
+        for orbit in pair:
+            assert nearest_at(orbit, rig, (1,)).distance(orbit) < 1e-7
+    assert vertical.at([fold.value * (1.0 - 1e-7)]) == [()]
+
+
+def test_period_doubling_of_the_vertical_rig(vertical):
+    doubling = only(vertical, SpecialKind.PERIOD_DOUBLING)
+    assert doubling.converged
+    assert doubling.value * LOUDNESS == pytest.approx(1.126731, abs=1e-6)
+    assert min(abs(m + 1.0) for m in doubling.orbit.multipliers) < 1e-7
+    low, high = sorted(doubling.bracket)
+    assert high - low < 1e-8
+    for value, stable in ((doubling.value - 1e-4, True), (doubling.value + 1e-4, False)):
+        rig = VERTICAL.replace(force_amplitudes=(value,))
+        orbits = find_orbits(rig, (1,)).orbits
+        assert any(orbit.stable for orbit in orbits) == stable
+
+
+def test_branch_of_twice_the_period(vertical):
+    doubling = only(vertical, SpecialKind.PERIOD_DOUBLING)
+    branch = switch_branch(doubling, 'force_amplitudes', 0.2, 1.3)
+    assert branch.values[0] == pytest.approx(doubling.value, rel=1e-4)
+    orbit = branch.orbits[len(branch.orbits) // 3]
+    assert (orbit.stops, orbit.cycles) == ((1, 1), 2)
+    assert not orbit.repeats(1e-3)
+    # What the rig does there
+    assert orbit.stable
+    assert orbit.viable
+    moved = {'initial_primary_position': 0.01 * orbit.x[0]}
+    reached = settle(begun_on(orbit, **moved), tolerance=1e-11)
+    assert (reached.rhythm.stops, reached.rhythm.cycles) == ((1, 1), 2)
+    assert sorted(reached.rhythm.x) == pytest.approx(sorted(orbit.x), rel=1e-8)
+
+
+def test_twice_the_period_with_reversals():
+    """The events of two periods, where the motion is beyond the impact equations."""
+    branch = follow(stable_orbit(FRICTION.replace(gap=16.0), (1, 1, 2)), 'gap', 12.9, 16.0)
+    turning, sticking = (s for s in branch.special if s.kind is SpecialKind.GRAZING)
+    assert sticking.value == pytest.approx(13.5309, abs=1e-4)
+    assert sticking.reason == '1 more stick, 1 more release'
+    # The sticking phase ends as short as it began, now before a flight the other way.
+    assert turning.value == pytest.approx(13.4904169, abs=1e-6)
+    assert turning.reason == '1 more reversal, 1 less stick, 1 less release'
+    for gap, sticks in ((turning.value + 1e-3, True), (turning.value - 1e-3, False)):
+        nearest = nearest_at(turning.orbit, FRICTION.replace(gap=gap), (1, 1, 2))
+        assert (EventKind.STICK in {event.kind for event in nearest.events}) is sticks
+    doubling = only(branch, SpecialKind.PERIOD_DOUBLING)
+    assert doubling.converged
+    assert doubling.value == pytest.approx(13.1245463, abs=1e-6)
+    twice = switch_branch(doubling, 'gap', 12.5, 14.0, most_points=25).orbits[-1]
+    assert sorted(twice.stops) == [1, 1, 1, 1, 2, 2]
+    assert twice.cycles == 2
+    assert twice.residual < 1e-11
+    assert len(twice.events) >= 2
+    assert not twice.repeats(1e-3)
+
+
+def test_loss_of_symmetry(detuned):
+    point = only(detuned, SpecialKind.BRANCH_POINT)
+    assert point.converged
+    assert point.value == pytest.approx(24.2826432, abs=1e-6)
+    assert min(abs(m - 1.0) for m in point.orbit.multipliers) < 1e-6
+    # Motions that are each other's mirror image leave it
+    first = switch_branch(point, 'gap', 20.0, 60.0)
+    second = switch_branch(point, 'gap', 20.0, 60.0, mirrored=True)
+    for branch in (first, second):
+        assert branch.values[-1] == pytest.approx(20.0)
+        assert branch.orbits[10].stable
+        assert branch.orbits[10].viable
+        assert abs(branch.orbits[10].x[0] + branch.orbits[10].x[1]) > 1e-3
+    orbit = first.orbits[-1]
+    other = second.orbits[-1]
+    assert orbit.x == pytest.approx([-x for x in reversed(other.x)], rel=1e-8)
+    found = find_orbits(OFF_RESONANCE.replace(gap=24.0), (1, 2)).orbits
+    assert sum(o.stable for o in found) == 2
+
+
+def test_neimark_sacker(detuned):
+    point = only(detuned, SpecialKind.NEIMARK_SACKER)
+    assert point.converged
+    assert point.value == pytest.approx(56.9469910, abs=1e-6)
+    assert abs(point.orbit.multipliers[0]) == pytest.approx(1.0, abs=1e-9)
+    assert point.orbit.multipliers[0].imag > 0.1
+    for gap, stable in ((point.value - 1e-3, True), (point.value + 1e-3, False)):
+        orbits = [
+            o for o in find_orbits(OFF_RESONANCE.replace(gap=gap), (1, 2)).orbits if o.viable
+        ]
+        assert any(o.stable for o in orbits) == stable
+
+
+def test_loss_of_viability():
+    branch = follow(stable_orbit(FRICTION), 'gap', 20.0, 40.0)
+    point = only(branch, SpecialKind.GRAZING)
+    assert point.converged
+    assert point.orbit.viable
+    assert 'friction changes sign' in point.reason
+    assert point.value == pytest.approx(23.3097876, abs=1e-6)
+    for gap, viable in ((point.value + 1e-4, True), (point.value - 1e-4, False)):
+        nearest = nearest_at(point.orbit, FRICTION.replace(gap=gap), simulate=False)
+        assert nearest.distance(point.orbit) < 1e-3
+        assert nearest.viable == viable
+    least = branch.best(lambda orbit: orbit.parameters.gap)
+    assert (least.limit, least.beyond) == (Limit.VIABILITY, point.reason)
+
+
+def test_motions_with_reversals_are_followed():
+    rig = FRICTION.replace(gap=16.0)
+    orbit = stable_orbit(rig, (1, 1, 2))
+    branch = follow(orbit, 'friction', 0.0, 0.5)
+    assert branch.began == 'friction = 0, the end of the range'
+    level = stable_orbit(rig.replace(friction=0.0), (1, 1, 2))
+    assert branch.orbits[0].x_max == pytest.approx(level.x_max, rel=1e-9)
+    wider = follow(orbit, 'gap', 16.0, 20.6)
+    point = only(wider, SpecialKind.NEIMARK_SACKER)
+    assert point.value == pytest.approx(20.3677203, abs=1e-6)
+    for gap, stable in ((point.value - 1e-3, True), (point.value + 1e-3, False)):
+        assert nearest_at(point.orbit, rig.replace(gap=gap), (1, 1, 2)).stable == stable
+
+
+def test_impacts_that_lose_their_speed_are_no_special_points():
+    """A multiplier runs through infinity there, and changes the sign of every product."""
+    orbit = find_orbits(FRICTION, (1, 2)).orbits[-1]
+    assert not orbit.viable
+    branch = follow(orbit, 'force_frequencies', 1.0, 1.04)
+    speeds = [
+        min(
+            (b - a) * (1.0 if stop == 1 else -1.0)
+            for a, b, stop in zip(
+                o.primary_velocity_before, o.damper_velocity_before, o.stops, strict=True
+            )
+        )
+        for o in branch.orbits
+    ]
+    assert min(speeds) < 0.0 < max(speeds)
+    for special in branch.special:
+        if special.kind in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
+            assert max(abs(m) for m in special.orbit.multipliers) < 1e6
+
+
+def test_motions_under_several_harmonics_are_followed():
+    rig = FRICTION.replace(
+        force_amplitudes=(1.0, 0.05), force_frequencies=(1.02, 2.04), force_phases=(0.0, 1.0)
+    )
+    orbit = find_orbits(rig, (1, 2), simulate=False).orbits[0]
+    branch = follow(orbit, 'gap', 35.0, 40.0)
+    assert branch.ended == 'gap = 40, the end of the range'
+    end = branch.orbits[-1]
+    assert nearest_at(end, rig.replace(gap=40.0), simulate=False).distance(end) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ('low', 'high', 'words'),
+    [
+        (40.0, 30.0, 'gap from 40 to 30 is no range: give the low end first'),
+        (37.0, 37.0, 'gap from 37 to 37 is no range'),
+        (30.0, math.inf, 'gap from 30 to inf is no range'),
+        (math.nan, 40.0, 'gap from nan to 40 is no range'),
+        (50.0, 60.0, 'gap is 37 where the branch begins: give a range around that, not 50 to 60'),
+    ],
+)
+def test_ranges_without_the_motion(low, high, words):
+    """Such a range once ended in a message of a root finder, or at an end that was not reached."""
+    orbit = stable_orbit(HORIZONTAL)
+    with pytest.raises(OrbitError, match=words):
+        follow(orbit, 'gap', low, high)
+
+
+@pytest.mark.parametrize('name', [None, 5, 'one_sided', 'colour', 'multisine_lines'])
+def test_what_cannot_be_varied(name):
+    with pytest.raises(OrbitError, match='cannot be varied: give one of primary_mass'):
+        follow(stable_orbit(HORIZONTAL), name, 0.0, 1.0)
+
+
+def test_both_restitutions_and_the_first_entry_of_an_array():
+    rig = FRICTION.replace(restitution_1=0.5, restitution_2=0.6, force_amplitudes=(3.0,))
+    assert (value_of(rig, 'force_amplitudes'), value_of(rig, 'restitution')) == (3.0, 0.5)
+    assert with_value(rig, 'force_amplitudes', 2.0).force_amplitudes == (2.0,)
+    both = with_value(rig, 'restitution', 0.7)
+    assert (both.restitution_1, both.restitution_2) == (0.7, 0.7)
+
+
+def test_no_branch_leaves_a_fold(vertical):
+    with pytest.raises(ValueError, match='no branch leaves at a fold'):
+        switch_branch(only(vertical, SpecialKind.FOLD), 'force_amplitudes', 0.2, 1.0)
 
 
 def test_both_directions_are_one_branch(gaps):
@@ -48,21 +336,7 @@ def test_the_motions_at_some_values(gaps):
     assert [len(orbits) for orbits in found] == [1, 1, 1, 0]
     for value, (orbit,) in zip((25.0, 37.0), found, strict=False):
         assert orbit.parameters == HORIZONTAL.replace(gap=value)
-        others = find_orbits(orbit.parameters, (1, 2), simulate=False).orbits
-        assert min(orbit.distance(other) for other in others) < 1e-9
-
-
-def test_a_branch_that_turns_has_two_motions_at_a_value():
-    branch = follow(stable_orbit(VERTICAL, (1,)), 'force_amplitudes', 0.2, 2.0)
-    (fold,) = (s for s in branch.special if s.kind is SpecialKind.FOLD)
-    for value in (fold.value * (1.0 + 1e-7), 0.6):
-        (pair,) = branch.at([value])
-        assert [orbit.stable for orbit in pair] == [False, True]
-        rig = VERTICAL.replace(force_amplitudes=value)
-        for orbit in pair:
-            others = find_orbits(rig, (1,)).orbits
-            assert min(orbit.distance(other) for other in others) < 1e-7
-    assert branch.at([fold.value * (1.0 - 1e-7)]) == [()]
+        assert nearest_at(orbit, orbit.parameters, simulate=False).distance(orbit) < 1e-9
 
 
 def test_the_best_gap_is_a_minimum(gaps):
@@ -83,16 +357,12 @@ def test_the_best_gap_is_a_minimum(gaps):
     assert gaps.best('x_max').value == pytest.approx(best.value, abs=1e-4)
 
 
-def test_edges_are_named():
+def test_edges_are_named(vertical):
     hanging = HORIZONTAL.replace(gravity=9.81, angle=0.5 * math.pi, gap=59.3)
     best = follow(stable_orbit(hanging), 'gap', 50.0, 65.0).best()
     assert (best.limit, best.beyond) == (Limit.STABILITY, 'period doubling')
     assert best.value == pytest.approx(59.2426, abs=1e-3)
-    branch = follow(stable_orbit(VERTICAL, (1,)), 'force_amplitudes', 0.2, 2.0)
-    assert branch.best().limit is Limit.FOLD
-    least = follow(stable_orbit(FRICTION), 'gap', 20.0, 40.0).best(lambda o: o.parameters.gap)
-    assert least.limit is Limit.VIABILITY
-    assert 'friction changes sign' in least.beyond
+    assert vertical.best().limit is Limit.FOLD
 
 
 def test_any_path_through_the_parameters():
@@ -106,8 +376,7 @@ def test_any_path_through_the_parameters():
     assert branch.ended == 'wider = 1, the end of the range'
     end = branch.orbits[-1]
     assert end.parameters == wider(1.0)
-    found = find_orbits(wider(1.0), (1, 2), simulate=False).orbits
-    assert min(end.distance(other) for other in found) < 1e-9
+    assert nearest_at(end, wider(1.0), simulate=False).distance(end) < 1e-9
     assert branch.at([0.5])[0][0].parameters == wider(0.5)
     middle = follow(stable_orbit(wider(0.5)), wider, 0.0, 1.0, start=0.5)
     assert middle.values[0] == 0.0
@@ -139,8 +408,7 @@ def test_the_fold_of_a_vanishing_damper_mass(restitution, ratio):
     start = rig.replace(gap=0.9 * expected * amplitude)
     orbit = stable_orbit(start)
     branch = follow(orbit, 'gap', start.gap, 1.1 * expected * amplitude)
-    (fold,) = (s for s in branch.special if s.kind is SpecialKind.FOLD)
-    assert fold.value / amplitude == pytest.approx(expected, abs=1e-6)
+    assert only(branch, SpecialKind.FOLD).value / amplitude == pytest.approx(expected, abs=1e-6)
 
 
 def test_friction_comes_and_goes_along_a_branch():
@@ -149,5 +417,18 @@ def test_friction_comes_and_goes_along_a_branch():
     assert branch.special == ()
     assert all(orbit.viable for orbit in branch.orbits)
     for value, (orbit,) in zip((0.2, 0.5), branch.at([0.2, 0.5]), strict=True):
-        others = find_orbits(FRICTION.replace(friction=value), (1, 2), simulate=False).orbits
-        assert min(orbit.distance(other) for other in others) < 1e-9
+        rig = FRICTION.replace(friction=value)
+        assert nearest_at(orbit, rig, simulate=False).distance(orbit) < 1e-9
+
+
+def test_a_window_narrower_than_a_step():
+    """Two special points in one step, between which alone the motion is stable."""
+    rig = OFF_RESONANCE.replace(gravity=1.0, angle=0.25 * math.pi, gap=12.6)
+    found = find_orbits(rig, (1, 2, 2, 2), simulate=False).orbits
+    orbit = min((o for o in found if o.viable), key=lambda orbit: orbit.x_max)
+    branch = follow(orbit, 'gap', 12.5, 12.83, largest_step=0.3)
+    (window,) = (branch.values[part] for status, part in branch.parts() if status == 'stable')
+    assert (window[0], window[-1]) == pytest.approx((12.7705036, 12.7900414), abs=1e-6)
+    for gap, stable in ((12.7704, False), (12.7706, True), (12.7899, True), (12.7901, False)):
+        nearest = nearest_at(orbit, rig.replace(gap=gap), (1, 2, 2, 2), simulate=False)
+        assert nearest.stable is stable

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from rigs import FRICTION, VERTICAL
 
-from impact_damper_ros.orbits import Continuation, ImpactEquations, continue_orbit, find_orbits
-from impact_damper_ros.orbits.branch import SpecialKind
+from impact_damper_ros.orbits import ImpactEquations, find_orbits
 from impact_damper_ros.orbits.segments import Node, Segments, impact_nodes, solve
 from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.state import (
@@ -189,27 +188,3 @@ def test_newton_converges_quadratically_to_round_off():
     first, second, third = solution.history[1:4]
     assert second < 1e2 * first**2
     assert third < 1e2 * second**2 + 1e-15
-
-
-@pytest.mark.parametrize(
-    ('restitution', 'ratio'), [(0.5, 9.6346), (0.6, 12.7245), (0.65, 14.9448), (0.75, 22.0819)]
-)
-def test_the_fold_of_a_light_damper(restitution, ratio):
-    """For m -> 0 two impacts in a cycle end at d/A = sqrt(pi^2 + 4 s^2)/s, s = (1 - R)/(1 + R)."""
-    share = (1.0 - restitution) / (1.0 + restitution)
-    expected = math.sqrt(math.pi**2 + 4.0 * share**2) / share
-    assert expected == pytest.approx(ratio, abs=5e-5)
-    rig = RigParameters(
-        gravity=0.0,
-        damping=0.1,
-        damper_mass=1e-7,
-        restitution_1=restitution,
-        restitution_2=restitution,
-        force_frequencies=0.8,
-    )
-    amplitude = rig.response_amplitude
-    rig = rig.replace(gap=0.8 * expected * amplitude)
-    orbit = next(orbit for orbit in find_orbits(rig, (1, 2)).orbits if orbit.stable)
-    along = Continuation('gap', 0.5 * rig.gap, 2.0 * rig.gap)
-    (fold,) = [p for p in continue_orbit(orbit, along).special if p.kind is SpecialKind.FOLD]
-    assert fold.value / amplitude == pytest.approx(expected, rel=1e-5)

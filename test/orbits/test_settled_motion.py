@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from orbits.begun_rigs import begun_on
 from rigs import FRICTION
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import MotionKind, find_orbits, settle
-from impact_damper_ros.rig import GapControlParameters, InitialConditions, RigParameters
+from impact_damper_ros.rig import GapControlParameters, RigParameters
 
 HORIZONTAL = RigParameters(gravity=0.0)
 DETUNED = HORIZONTAL.replace(force_frequencies=1.02)
@@ -69,15 +70,7 @@ def test_an_unstable_motion_is_left():
     rig = HORIZONTAL.replace(gap=12.0)
     unstable = [o for o in find_orbits(rig, (1, 2)).orbits if o.viable and not o.stable]
     (orbit,) = unstable[:1]
-    phase = rig.force_frequencies[0] * orbit.instants[0]
-    start = InitialConditions(
-        initial_primary_position=orbit.x[0],
-        initial_primary_velocity=orbit.primary_velocity_before[0],
-        initial_damper_offset=0.5 * rig.gap * (1.0 if orbit.stops[0] == 1 else -1.0),
-        initial_damper_velocity=orbit.damper_velocity_before[0],
-    )
-    there = rig.replace(force_phases=(math.remainder(phase, math.tau),))
-    found = settle(Rig(there, start), cycles=600)
+    found = settle(begun_on(orbit, before=True), cycles=600)
     assert found.rhythm is None or orbit.distance(found.rhythm) > 1e-2
 
 

@@ -4,10 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from rigs import FRICTION, INCLINED, VERTICAL
+from orbits.begun_rigs import begun_on
+from rigs import FRICTION, HORIZONTAL, INCLINED, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import OrbitError, find_orbits, orbit_near, settle
+from impact_damper_ros.orbits.multipliers import multipliers_of
 from impact_damper_ros.orbits.search import carried_over, settled_orbits
 from impact_damper_ros.orbits.segments import Segments
 from impact_damper_ros.orbits.solved_orbits import guess_on
@@ -118,22 +120,12 @@ def test_motions_in_which_friction_reverses(rig, stops, reversals, stable):
         assert seen == pytest.approx(turns, rel=1e-9)
 
 
-def begun_on(orbit):
-    """Return a simulator just after the orbit's first impact, its force turned accordingly."""
-    rig = orbit.parameters
-    start = InitialConditions(
-        initial_primary_position=orbit.x[0],
-        initial_primary_velocity=orbit.primary_velocity_after[0],
-        initial_damper_offset=0.5 * rig.gap * (1 if orbit.stops[0] == 1 else -1),
-        initial_damper_velocity=orbit.damper_velocity_after[0],
-    )
-    phase = rig.force_phases[0] + math.tau * orbit.phases[0]
-    return Rig(rig.replace(force_phases=(phase,)), start)
-
-
 @pytest.mark.parametrize(
     ('rig', 'modes', 'zeros', 'kinds'),
     [
+        (HORIZONTAL, set(Mode), 0, set()),
+        (FRICTION, set(Mode), 0, set()),
+        (OFF_RESONANCE.replace(gap=8.0), set(Mode), 0, set()),
         (FRICTION.replace(gap=16.0), set(Mode), 0, {EventKind.REVERSAL}),
         (
             PLASTIC,
@@ -154,7 +146,15 @@ def begun_on(orbit):
             {EventKind.REST, EventKind.RELEASE, EventKind.REVERSAL},
         ),
     ],
-    ids=['reversal', 'plastic', 'sticking', 'chatter'],
+    ids=[
+        'level',
+        'friction',
+        'four impacts',
+        'reversal',
+        'plastic',
+        'sticking',
+        'chatter',
+    ],
 )
 def test_multipliers_are_those_of_the_simulators_map(rig, modes, zeros, kinds):
     orbit = settled_orbit(rig)
@@ -336,3 +336,51 @@ def test_a_harmonic_without_amplitude_does_not_count():
         force_amplitudes=(1.0, 0.0), force_frequencies=(1.02, 2.5), force_phases=(0.0, 0.0)
     )
     assert find_orbits(rig, (1, 2)).orbits[0].x == find_orbits(FRICTION, (1, 2)).orbits[0].x
+
+
+@pytest.mark.parametrize(
+    ('rig', 'stops'),
+    [
+        (HORIZONTAL, (1, 2)),
+        (FRICTION, (1, 2)),
+        (INCLINED.replace(air_force=0.02, restitution_1=0.6, friction=0.2), (1, 2)),
+        (OFF_RESONANCE.replace(gap=18.0), (1, 1, 2)),
+        (OFF_RESONANCE.replace(gap=8.0), (1, 1, 2, 2)),
+        (VERTICAL, (1,)),
+    ],
+)
+def test_the_determinant_is_what_damping_and_impacts_leave(rig, stops):
+    """exp(-2 zeta omega T) times the product of all R^2."""
+    for orbit in find_orbits(rig, stops).orbits:
+        expected = math.exp(-2.0 * rig.zeta * rig.omega * orbit.period)
+        for stop in stops:
+            expected *= (rig.restitution_1 if stop == 1 else rig.restitution_2) ** 2
+        guess = guess_on(orbit)
+        segments = Segments(rig, guess.nodes, orbit.cycles)
+        matrix = segments.monodromy(segments.flights(*guess[1:]))
+        assert np.linalg.det(matrix) == pytest.approx(expected, rel=1e-8)
+        assert np.prod(orbit.multipliers) == pytest.approx(expected, rel=1e-8)
+
+
+def test_the_simulator_settles_as_fast_as_the_multiplier_says():
+    rig = INCLINED.replace(air_force=0.02, friction=0.2)
+    orbit = find_orbits(rig, (1, 2)).orbits[0]
+    assert orbit.viable
+    assert orbit.stable
+    impacts = [
+        event
+        for event in Rig(rig).advance(500 * orbit.period)
+        if event.kind is EventKind.IMPACT and event.stop == 1
+    ]
+    away = np.array([abs(event.x - orbit.x[0]) for event in impacts])
+    # A complex pair: the rate of the envelope, over many of its turns
+    periods = np.arange(len(away))
+    kept = (away < 1e-3) & (away > 1e-10)
+    slope = np.polyfit(periods[kept], np.log(away[kept]), 1)[0]
+    assert math.exp(slope) == pytest.approx(abs(orbit.multipliers[0]), rel=5e-3)
+
+
+def test_multipliers_are_ordered():
+    matrix = np.diag([0.1, -0.9, 0.0, 0.0])
+    matrix[2:, 2:] = [[0.3, -0.4], [0.4, 0.3]]
+    assert multipliers_of(matrix) == pytest.approx((-0.9, 0.3 + 0.4j, 0.3 - 0.4j, 0.1))

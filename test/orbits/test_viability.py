@@ -1,37 +1,23 @@
 """Viability: what the simulator does decides, and the reason says why."""
 
-import math
 import re
 
 import numpy as np
 import pytest
+from orbits.begun_rigs import begun_on
 from rigs import INCLINED
 
-from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits.segments import Segments, impact_nodes
 from impact_damper_ros.orbits.solved_orbits import guess_on
 from impact_damper_ros.orbits.viability import extremes
-from impact_damper_ros.rig import EventKind, InitialConditions
-
-
-def simulated(orbit, periods=1.0):
-    """Return the events of the simulator, started just after the orbit's first impact."""
-    rig = orbit.parameters
-    start = InitialConditions(
-        initial_primary_position=orbit.x[0],
-        initial_primary_velocity=orbit.primary_velocity_after[0],
-        initial_damper_offset=0.5 * rig.gap * (1 if orbit.stops[0] == 1 else -1),
-        initial_damper_velocity=orbit.damper_velocity_after[0],
-    )
-    turned = rig.force_phases[0] + rig.force_frequencies[0] * orbit.instants[0]
-    run = Rig(rig.replace(force_phases=(math.remainder(turned, math.tau),)), start)
-    return run.advance(periods * orbit.period * (1 + 1e-9))
+from impact_damper_ros.rig import EventKind
 
 
 def follows(orbit):
     """Return whether the simulator makes the orbit's impacts, and nothing else, for a period."""
-    events = [e for e in simulated(orbit) if e.time > 1e-9 * orbit.period]
+    run = begun_on(orbit).advance(orbit.period * (1 + 1e-9))
+    events = [e for e in run if e.time > 1e-9 * orbit.period]
     expected = orbit.stops[1:] + orbit.stops[:1]
     if [e.kind for e in events] != [EventKind.IMPACT] * orbit.impacts:
         return False
@@ -113,14 +99,7 @@ def test_reason_friction_reverses():
 
 def test_largest_displacement_is_the_simulators():
     orbit = find_orbits(INCLINED, (1, 2)).orbits[0]
-    rig = orbit.parameters
-    start = InitialConditions(
-        initial_primary_position=orbit.x[0],
-        initial_primary_velocity=orbit.primary_velocity_after[0],
-        initial_damper_offset=0.5 * rig.gap,
-        initial_damper_velocity=orbit.damper_velocity_after[0],
-    )
-    run = Rig(rig.replace(force_phases=(math.tau * orbit.phases[0],)), start)
+    run = begun_on(orbit)
     largest = 0.0
     for tau in np.linspace(0.0, orbit.period, 40001):
         run.advance(tau)

@@ -20,6 +20,7 @@ COMMANDS = [
     'recover_run',
     'replay_run',
     'rig_page',
+    'set_rig',
     'sim_node',
     'simulate_rig',
     'solve_periodic',
@@ -93,9 +94,9 @@ def test_built_as_an_ament_package(prefix):
 
 def test_share_holds_what_users_start_from(prefix):
     share = prefix / 'share' / NAME
-    wanted = ['package.xml', 'launch/rig.launch.py', 'rviz/rig.rviz', 'urdf/rig.urdf.xacro']
+    wanted = ['package.xml', 'launch/rig.launch.py', 'rviz/rig.rviz']
     wanted += ['config/paper.yaml', 'config/bench_rig.yaml']
-    wanted += ['config/lichtblick.json', 'config/plotjuggler.xml']
+    wanted += ['layouts/lichtblick.json', 'layouts/plotjuggler.xml']
     wanted += ['examples/output.py', 'examples/paper/claims.py', 'examples/gap_control/study.py']
     for path in wanted:
         assert (share / path).read_bytes() == (ROOT / path).read_bytes()

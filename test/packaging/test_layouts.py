@@ -18,7 +18,7 @@ def panels_of(node):
 
 
 def test_layout_of_lichtblick():
-    layout = json.loads((ROOT / 'config' / 'lichtblick.json').read_text(encoding='utf-8'))
+    layout = json.loads((ROOT / 'layouts' / 'lichtblick.json').read_text(encoding='utf-8'))
     # Without these an import is refused.
     assert layout['playbackConfig'] == {'speed': 1}
     assert layout['globalVariables'] == layout['userNodes'] == {}
@@ -53,7 +53,7 @@ def areas_of(splitter):
 
 
 def test_layout_of_plotjuggler():
-    root = ElementTree.parse(ROOT / 'config' / 'plotjuggler.xml').getroot()
+    root = ElementTree.parse(ROOT / 'layouts' / 'plotjuggler.xml').getroot()
     assert root.tag == 'root'
     (window,) = root.findall('tabbed_widget')
     assert (window.get('parent'), window.get('name')) == ('main_window', 'Main Window')

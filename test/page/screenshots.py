@@ -1,8 +1,11 @@
 """
 Pictures of the page for README and docs, of a real rig in a real browser.
 
-From the directory of the package: `PYTHONPATH=.:test python -m page.screenshots docs/reference/page_pictures`. With
-`--all DIR` five views at three sizes, light and dark, for a look before a change is published.
+From the directory of the package:
+
+    PYTHONPATH=.:test python -m page.screenshots docs/reference/page_pictures
+
+With `--all DIR` five views at three sizes, light and dark.
 """
 
 import argparse

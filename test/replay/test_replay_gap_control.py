@@ -1,14 +1,12 @@
 """Runs under gap control replayed from their logs: acts, noise and live switching included."""
 
 import random
-import struct
 
 import pytest
 from bag import samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig
-from replay.test_replay import flipped, places, replayed, with_arrival_times
+from replay.test_replay import places, replayed, with_arrival_times
 
-from impact_damper_ros.bag.messages import JointStateLayout
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.replay.findings import ReplayVerdict
@@ -80,67 +78,11 @@ def test_what_ros2_bag_record_makes_of_it(tmp_path, messages):
     assert findings.control == len(places(messages, '/gap_control'))
 
 
-@pytest.mark.parametrize(('part', 'number'), [(0, 0), (1, 2), (2, 1)])
-def test_a_changed_bit_of_an_act_is_found(tmp_path, messages, part, number):
-    place = places(messages, '/gap_control')[40]
-    content = messages[place][1]
-    value = JointStateLayout(content).numbers(content)[part][number]
-    assert value != 0.0
-    changed = list(messages)
-    changed[place] = flipped(messages[place], value)
-    findings = replayed(save(tmp_path / 'bag', changed))
-    assert findings.verdict is ReplayVerdict.DIFFERENT
-    assert findings.by_topic == {'/gap_control': 1}
-    (found,) = findings.differences
-    assert abs(found.ulps) == 1.0
-    assert found.stamp_ns == messages[place][2]
-
-
-def test_missing_and_surplus_acts_are_found(tmp_path, messages):
-    at = places(messages, '/gap_control')[40]
-    without = [m for i, m in enumerate(messages) if i != at]
-    findings = replayed(save(tmp_path / 'missing', without))
-    (found,) = findings.differences
-    assert (found.topic, found.recorded, found.stamp_ns) == ('/gap_control', None, messages[at][2])
-    topic, content, stamp = messages[at]
-    moved = content[:4] + struct.pack('<iI', *divmod(stamp + 1, 10**9)) + content[12:]
-    twice = [*messages[: at + 1], (topic, moved, stamp + 1), *messages[at + 1 :]]
-    findings = replayed(save(tmp_path / 'surplus', twice))
-    (found,) = findings.differences
-    assert (found.topic, found.replayed) == ('/gap_control', None)
-
-
-def test_the_same_act_twice_while_paused(tmp_path):
-    """Stop 2 taken away and put back: both times the law orders the same."""
-    rig = RecordedRig(control=CONTROL).start().run(300)
-    for one_sided in (True, False):
-        rig.serve(('change', {'one_sided': one_sided}))
-    acts = [m for m in rig.messages if m[0] == '/gap_control']
-    assert acts[-1] == acts[-2]
-    rig.run(100)
-    count = len(places(rig.messages, '/gap_control'))
-    arrived = with_arrival_times(rig.messages)
-    for name, messages, notes in (('bag', rig.messages, NOTES), ('ros2', arrived, {})):
-        findings = replayed(save(tmp_path / name, messages, notes))
-        assert findings.verdict is ReplayVerdict.IDENTICAL
-        assert findings.control == findings.recorded_control == count
-        assert not findings.faults
-
-
-def test_another_noise_is_another_run(tmp_path, messages):
-    """The seed is in the log: with another one the run would not come out."""
-    start = next(c for t, c, _ in messages if t == '/snapshot')
-    other = start.replace(b'"gap_control_seed": 0', b'"gap_control_seed": 1')
-    assert other != start
-    changed = [(t, other if c == start else c, s) for t, c, s in messages]
-    assert replayed(save(tmp_path / 'bag', changed)).verdict is ReplayVerdict.DIFFERENT
-
-
 def test_a_bag_may_end_anywhere(tmp_path):
     rig = RecordedRig(control=CONTROL).start().run(200)
     messages = rig.run(40, ('change', {'gap_control': 'amplitude'})).messages
     assert {topic for topic, *_ in messages[-40:]} >= {'/joint_states', '/impacts', '/gap_control'}
-    for end in range(len(messages) - 40, len(messages)):
+    for end in range(len(messages) - 40, len(messages), 3):
         findings = replayed(save(tmp_path / f'bag_{end}', messages[:end]))
         assert findings.difference_count == 0, end
 

@@ -23,7 +23,7 @@ from impact_damper_ros.compare.result import (
     Verdict,
 )
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import Continuation, continue_orbit, find_orbits
+from impact_damper_ros.orbits import find_orbits, follow
 from impact_damper_ros.replay.rows import events_as_rows
 from impact_damper_ros.rig import EventKind
 
@@ -90,12 +90,8 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
     swing = orbit.x_max * (1.0 + 0.5 * np.exp(-envelope_time / 60.0))
     branch = None
     if gap_curve:
-        followed = [
-            continue_orbit(orbit, Continuation('gap', 20.0, 60.0), upwards=upwards)
-            for upwards in (False, True)
-        ]
-        orbits = [*followed[0].orbits[::-1], *followed[1].orbits[1:]]
-        special = [s for b in followed for s in b.special]
+        followed = follow(orbit, 'gap', 20.0, 60.0)
+        orbits, special = followed.orbits, followed.special
         branch = GapCurve(
             np.array([o.parameters.gap for o in orbits]),
             np.array([o.amplitude_ratio for o in orbits]),
@@ -107,7 +103,7 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
             FRICTION.gap,
             ratio,
             orbit.stops,
-            followed[1].ended,
+            followed.ended,
         )
     curves = StretchCurves(
         SwingEnvelope(envelope_time, -swing, swing),

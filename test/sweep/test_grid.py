@@ -1,12 +1,13 @@
 """Grids: what ranges mean, the order of the rigs, and what is said of grids that cannot be."""
 
 import json
+import math
 
 import numpy as np
 import pytest
 
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.sweep import Grid, GridError, range_from_text
+from impact_damper_ros.sweep import Grid, GridError, Settling, range_from_text
 from impact_damper_ros.sweep.grid import Varied, ranges_from_file
 
 RIG = RigParameters()
@@ -162,3 +163,13 @@ def test_a_long_range_is_quoted_in_short():
     with pytest.raises(GridError, match=r"'x' is not a number") as caught:
         range_from_text('gap=1,2,' + '3,' * 100_000 + 'x')
     assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize('name', ['cycles', 'watch', 'events', 'section'])
+@pytest.mark.parametrize('number', [0, 2.5, math.nan, 10**30, 'x'])
+def test_how_long_a_rig_may_settle(name, number):
+    """2.5 cycles were once refused for the instants of samples, and 2.5 events taken."""
+    with pytest.raises(ValueError, match=f'{name} is .*: give a whole number from'):
+        Settling(**{name: number})
+    with pytest.raises(ValueError, match=r'tolerance is 1\.0: give a number'):
+        Settling(tolerance=1.0)

@@ -1,0 +1,244 @@
+"""
+The live rig for half a minute: its gap and angle change, it is recorded and held against theory.
+
+Run by `make demo`. It leaves the recording, a picture and a report in demo_run/.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from time import monotonic
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from impact_damper_ros.cli.command_line import CommandError, outcome
+from impact_damper_ros.cli.compare_run import main as compare_run
+from impact_damper_ros.cli.set_rig import RigParameterClient, ros_node
+from impact_damper_ros.replay import RecordedRun, Replay
+from impact_damper_ros.replay.rows import impacts_of
+from impact_damper_ros.report.drawing import save_figure
+from impact_damper_ros.report.run_figures import Closeup, SampledMotion, draw_motion
+from impact_damper_ros.rig import load_parameters
+from impact_damper_ros.rig.parameters_file import preset_file
+
+#: Seconds of the rig per second of the demonstration, so that each stage has time to settle.
+SPEED = 3.0
+PATIENCE_S = 30.0
+BENCH = preset_file(Path('bench_rig'))
+CLOSEUP_CYCLES = 3
+
+
+class Stage(NamedTuple):
+    """What is set at the start of a stage of the demonstration."""
+
+    parameter: str
+    value: float
+    text: str
+
+
+STAGES = (
+    Stage('gap', 0.0145, 'gap 14.5 mm: too narrow'),
+    Stage('gap', 0.024, 'gap 24 mm: as it should be'),
+    Stage('angle', 0.2, 'inclined by 0.2 rad (11°)'),
+)
+
+
+def start_node(directory: Path) -> subprocess.Popen[bytes]:
+    """Start the node at the first stage; it records into a directory."""
+    # Apart from other ROS systems, on this machine and on others
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
+    if (Path(sys.prefix) / 'share' / 'ament_index').is_dir():
+        # ROS 2 from wheels, with no workspace sourced
+        os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
+    first = STAGES[0]
+    settings = (
+        f'{first.parameter}:={first.value}',
+        f'real_time_factor:={SPEED}',
+        f'bag_directory:={directory}',
+        'record:=true',
+    )
+    return subprocess.Popen(
+        [
+            *(sys.executable, '-m', 'impact_damper_ros.node.sim_node', '--ros-args'),
+            *('--params-file', str(BENCH)),
+            *(word for setting in settings for word in ('-p', setting)),
+        ]
+    )
+
+
+class Listener:
+    """Counts what arrives from the rig."""
+
+    def __init__(self, client: Any, node: subprocess.Popen[bytes]) -> None:
+        from sensor_msgs.msg import JointState
+
+        self._client, self._node = client, node
+        self.states = self.impacts = 0
+        # Stamp of the newest joint states, s, and when they came
+        self.time, self._heard = 0.0, monotonic()
+        client.create_subscription(JointState, 'joint_states', self._take_states, 100)
+        client.create_subscription(JointState, 'impacts', self._take_impact, 1000)
+
+    def _take_states(self, message: Any) -> None:
+        self.states += 1
+        self._heard = monotonic()
+        self.time = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+    def _take_impact(self, _message: Any) -> None:
+        self.impacts += 1
+
+    def listen_until(self, time: float, bar: Any) -> None:
+        """Listen until the time of the rig, which may lag behind the clock on a busy machine."""
+        import rclpy
+
+        while self.time < time:
+            before = self.time
+            rclpy.spin_once(self._client, timeout_sec=1.0)
+            if self._node.poll() is not None:
+                raise CommandError(f'the node ended with exit code {self._node.returncode}')
+            if monotonic() > self._heard + PATIENCE_S:
+                raise CommandError(f'no joint_states arrived for {PATIENCE_S:g} s')
+            bar.set_postfix_str(f'{self.impacts} impacts', refresh=False)
+            bar.update((self.time - before) / SPEED)
+
+
+def perform(node: subprocess.Popen[bytes], duration: float) -> None:
+    """Change parameters while the node runs."""
+    bar = tqdm(
+        total=duration,
+        bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} s  {postfix}',
+        disable=None,
+    )
+    with ros_node('demo') as client, bar:
+        listener = Listener(client, node)
+        rig = RigParameterClient(client, '/sim_node')
+        for number, stage in enumerate(STAGES, 1):
+            if number > 1:
+                rig.set({stage.parameter: stage.value})
+            bar.write(f'  {stage.text}   (set_rig {stage.parameter}={stage.value:g})')
+            listener.listen_until(SPEED * duration * number / len(STAGES), bar)
+        rig.set({'record': False})
+    print(f'\n{listener.states} joint_states and {listener.impacts} impacts arrived over DDS.')
+
+
+def recorded_motion(bag: Path) -> tuple[SampledMotion, list[float]]:
+    """Return the motion of a recording, and the instants at which its stages end."""
+    parts = list(Replay(RecordedRun(bag)))
+    samples = np.concatenate([part.samples for part in parts])
+    impacts = impacts_of(np.concatenate([part.events for part in parts]))
+    start, turned = float(samples['time'][0]), {stage.parameter for stage in STAGES}
+    changes = [
+        part.command.time - start
+        for part in parts
+        if part.command is not None
+        for done in part.command.done
+        if isinstance(done, Mapping) and done.keys() & turned
+    ]
+    motion = SampledMotion(
+        samples['time'] - start,
+        *(samples[name] for name in ('x', 'z', 'stop_1', 'stop_2')),
+        impacts['time'] - start,
+        impacts['x'] + impacts['y'],
+        impacts['stop'].astype(np.int64),
+    )
+    return motion, [*changes, float(motion.time[-1])]
+
+
+def draw(bag: Path, measured: Sequence[Mapping[str, Any]], picture: Path) -> None:
+    """Draw the run, and the last cycles of each stage."""
+    cycle = math.tau / load_parameters(BENCH)[0].force_frequencies[0]
+    motion, ends = recorded_motion(bag)
+    closeups = [
+        Closeup(
+            end - CLOSEUP_CYCLES * cycle,
+            end,
+            f'{stage.text}\n{part["impacts_per_cycle"]:.2f} impacts per cycle, '
+            f'|X| up to {1e3 * part["x_max"]:.1f} mm',
+        )
+        for stage, part, end in zip(STAGES, measured, ends, strict=False)
+    ]
+    labels = [(at, stage.text) for at, stage in zip([0.0, *ends], STAGES, strict=False)]
+    title = 'Impact damper, 5 Hz bench rig, recorded live from ROS 2'
+    save_figure(draw_motion(motion, closeups, labels, title), picture)
+
+
+def table(measured: Sequence[Mapping[str, Any]]) -> str:
+    """Return what was measured of each stage."""
+    without = load_parameters(BENCH)[0].response_amplitude
+    lines = [
+        '                              impacts    largest   of the motion    mean      measured',
+        'stage                         per cycle  |X|       without damper   impulse   from, to',
+    ]
+    lines += [
+        f'{stage.text:<29} {part["impacts_per_cycle"]:<10.2f} '
+        f'{1e3 * part["x_max"]:4.1f} mm   {part["x_max"] / without:<16.3f} '
+        f'{1e3 * part["mean_impulse"]:.0f} mN s   {part["start"]:.1f} s, {part["end"]:.1f} s'
+        for stage, part in zip(STAGES, measured, strict=False)
+    ]
+    return '\n'.join(lines)
+
+
+def demonstrate(directory: Path, duration: float) -> int:
+    """Run the demonstration."""
+    directory.mkdir(parents=True, exist_ok=True)
+    known = set(directory.iterdir())
+    print(
+        f'A 5 Hz bench rig runs live on ROS 2 for {duration:.0f} s, at {SPEED:g} times its speed, '
+        'and is recorded to MCAP.'
+    )
+    node = start_node(directory)
+    try:
+        perform(node, duration)
+    finally:
+        node.send_signal(signal.SIGINT)
+        node.wait(PATIENCE_S)
+    (bag,) = (path for path in set(directory.iterdir()) - known if path.is_dir())
+    picture, report = directory / 'motion.png', directory / 'report'
+    print('Comparing it with the exact periodic theory (compare_run) ...', flush=True)
+    # Its tables are in the report; progress goes to stderr.
+    with contextlib.redirect_stdout(io.StringIO()):
+        code = compare_run([str(bag), '--report', str(report)])
+    stretches = json.loads((report / 'report.json').read_text(encoding='utf-8'))['stretches']
+    measured = [stretch['measured'] for stretch in stretches]
+    draw(bag, measured, picture)
+    print('From the recording:\n')
+    print(table(measured), end='\n\n')
+    for stretch in stretches:
+        text = f'{stretch["cause"]}: {stretch["verdict"]}. {stretch["sentence"]}'
+        print(textwrap.fill(text, 96, initial_indent='  ', subsequent_indent='      '))
+    readers = '(rig_page --bag, ros2 bag play, or any MCAP reader)'
+    print(f'\nrecording  {os.path.relpath(bag)}   {readers}')
+    print(f'picture    {os.path.relpath(picture)}')
+    print(f'report     {os.path.relpath(report / "report.html")}   (any browser)')
+    return code
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Read the options and run the demonstration."""
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
+    parser.add_argument('directory', nargs='?', type=Path, default=Path('demo_run'))
+    parser.add_argument('--duration', type=float, default=30.0, help='seconds [30]')
+    arguments = parser.parse_args(argv)
+    return outcome(
+        'demo',
+        lambda: demonstrate(arguments.directory.resolve(), arguments.duration),
+        'interrupted; the recording so far is kept',
+    )
+
+
+if __name__ == '__main__':
+    sys.exit(main())

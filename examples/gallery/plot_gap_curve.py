@@ -1,0 +1,36 @@
+"""
+The gap curve: stable and unstable branches
+===========================================
+
+Each periodic motion is the solution of a boundary-value problem, so it can be followed through the
+gap where it is unstable and no rig settles into it. Motions with two and three impacts per cycle
+of the frictionless rig a little above its resonance, and the bifurcations on their way.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from impact_damper_ros.orbits import find_orbits, follow
+from impact_damper_ros.rig import load_parameters
+
+plt.style.use('print.mplstyle')  # beside this script
+
+parameters, _, _ = load_parameters('bench_rig')
+rig = parameters.replace(friction=0.0, force_frequencies=1.02 * parameters.omega)
+
+figure, axes = plt.subplots(figsize=(3.5, 2.8))
+marks = {}
+for stops, start, color in (((1, 2), 0.02, 'C0'), ((1, 1, 2), 0.011, 'C1')):
+    orbit = find_orbits(rig.replace(gap=start), stops).orbits[0]
+    branch = follow(orbit, 'gap', 0.004, 0.04)
+    gap, x = 1e3 * np.array(branch.values), 1e3 * np.array([o.x_max for o in branch.orbits])
+    fit = np.array([orbit.stable and orbit.viable for orbit in branch.orbits])
+    axes.plot(gap, np.where(fit, x, np.nan), color=color, label=f'{len(stops)} impacts per cycle')
+    axes.plot(gap, np.where(fit, np.nan, x), '--', color=color, lw=0.8)
+    for point in branch.special:
+        marks.setdefault(point.kind.value, []).append((1e3 * point.value, 1e3 * point.orbit.x_max))
+for (name, points), shape in zip(marks.items(), 'os^Dv', strict=False):
+    axes.plot(*np.transpose(points), shape, color='k', mfc='white', mew=0.8, label=name)
+axes.set(xlabel='gap d, mm', ylabel='largest |X|, mm', ylim=(0.0, None))
+axes.legend()
+plt.show()

@@ -1,0 +1,164 @@
+"""`set_rig`: set parameters of a running rig, or list them, without the `ros2` command."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import Any
+
+from impact_damper_ros.report.formatting import setting
+from impact_damper_ros.rig import ALL_SPECS
+
+from .command_line import EXIT_FAILED, CommandError, command_parser, outcome
+from .rig_options import values_of
+
+#: Time in which the rigs of the network become known, and in which one must answer, s.
+DISCOVERY_S, PATIENCE_S = 1.0, 15.0
+
+_DESCRIPTION = """\
+Set parameters of a running rig, all at once, or list all with values, units and ranges.
+The same as "ros2 param set" and "ros2 param list", without the ros2 command.
+"""
+_EPILOG = """\
+Exit code: 0 on success; 1 if no rig answers; 2 if a name or a value is invalid, or the rig rejects
+it: nothing is changed then; 130 on Ctrl-C, 143 on SIGTERM.
+Example: set_rig gap=0.012 record=true
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = command_parser('set_rig', _DESCRIPTION, _EPILOG)
+    parser.add_argument(
+        'settings',
+        nargs='*',
+        metavar='NAME=VALUE',
+        help='a parameter and its new value, as in gap=0.012 or force_amplitudes=[2.4]; without '
+        'any, all parameters are listed',
+    )
+    parser.add_argument(
+        '--node', metavar='NAME', help='full name of the node of the rig, if several run'
+    )
+    return parser
+
+
+class RigParameterClient:
+    """
+    The parameters of a running rig.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Of the client.
+    name : str, optional
+        Full name of the rig's node; the only rig of the network by default.
+    """
+
+    def __init__(self, node: Any, name: str | None = None) -> None:
+        from rclpy.parameter_client import AsyncParameterClient
+
+        self._node = node
+        self.name = name or self._only_rig()
+        self._client = AsyncParameterClient(node, self.name)
+        if not self._client.wait_for_services(PATIENCE_S):
+            raise CommandError(f'{self.name} does not answer: does it run?', EXIT_FAILED)
+
+    def _only_rig(self) -> str:
+        """Return the node that offers the services of a rig."""
+        start = time.monotonic()
+        rigs: list[str] = []
+        # Those that are there are found one after the other.
+        while time.monotonic() < start + (DISCOVERY_S if rigs else PATIENCE_S) and len(rigs) < 2:
+            services = dict(self._node.get_service_names_and_types())
+            found = (name for name in services if name.endswith('/step_to_impact'))
+            rigs = sorted(name.removesuffix('/step_to_impact') for name in found)
+            time.sleep(0.05)
+        if not rigs:
+            raise CommandError(
+                'no rig runs on this ROS network: start one with sim_node, or rig_page --start',
+                EXIT_FAILED,
+            )
+        if len(rigs) > 1:
+            raise CommandError(f'several rigs run, {", ".join(rigs)}: name one with --node')
+        return rigs[0]
+
+    def _answer(self, future: Any) -> Any:
+        import rclpy
+
+        rclpy.spin_until_future_complete(self._node, future, timeout_sec=PATIENCE_S)
+        if not future.done():
+            raise CommandError(f'{self.name} does not answer', EXIT_FAILED)
+        return future.result()
+
+    def values(self) -> dict[str, Any]:
+        """Return the values of all parameters by name."""
+        from rclpy.parameter import parameter_value_to_python
+
+        names = self._answer(self._client.list_parameters()).result.names
+        values = self._answer(self._client.get_parameters(names)).values
+        return dict(zip(names, map(parameter_value_to_python, values), strict=True))
+
+    def set(self, values: Mapping[str, Any]) -> None:
+        """Set parameters, all or none; raise CommandError if the rig rejects them."""
+        from rclpy.parameter import Parameter
+
+        checked = {n: ALL_SPECS[n].checked(v) if n in ALL_SPECS else v for n, v in values.items()}
+        request = [Parameter(name, value=value) for name, value in checked.items()]
+        result = self._answer(self._client.set_parameters_atomically(request)).result
+        if not result.successful:
+            raise CommandError(result.reason)
+
+
+@contextmanager
+def ros_node(name: str) -> Iterator[Any]:
+    """Join the ROS network as a node that needs no name of its own; signals stay Python's."""
+    if find_spec('rclpy') is None:
+        raise CommandError('rclpy is missing: source ROS 2, or install the extra [ros]')
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        # Hidden, as are the nodes of the command ros2
+        yield rclpy.create_node(f'_{name}', start_parameter_services=False)
+    finally:
+        rclpy.try_shutdown()
+
+
+def listed(values: Mapping[str, Any]) -> str:
+    """Return name, value, unit and range of parameters, one in a line."""
+    rows = []
+    for name, value in values.items():
+        spec = ALL_SPECS.get(name)
+        text = setting(tuple(value)) if hasattr(value, 'tolist') else setting(value)
+        rows.append((name, text, spec.unit if spec else '', spec.span if spec else ''))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return '\n'.join(
+        '  '.join(f'{text:<{width}}' for text, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    )
+
+
+def _set(arguments: argparse.Namespace) -> int:
+    with ros_node('set_rig') as node:
+        rig = RigParameterClient(node, arguments.node)
+        present = rig.values()
+        given = values_of(arguments.settings, present, '', 'set_rig')
+        if given:
+            rig.set(given)
+            present = rig.values()
+        print(listed({name: present[name] for name in given or present}))
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    arguments = _parser().parse_args(argv)
+    return outcome('set_rig', lambda: _set(arguments))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

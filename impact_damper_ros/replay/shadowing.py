@@ -1,0 +1,227 @@
+"""
+A replay where the last bits cannot agree: on another C library, processor or version.
+
+Differences of round-off grow from impact to impact, in chaotic motions without bound. The replay
+therefore shadows the recorded motion: at each recorded impact it takes the numbers after it, and
+is held against the recording up to the next impact only. How far round-off leads astray on the way
+is not estimated but tried: a second rig, which differs by `_NUDGE` and `_STAMP_S`, runs along.
+What is recorded must be as near to the replay as some times that rig. Where the two have other
+events, as at a grazing impact or at the end of a chatter, the flight is not decided, and counted.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.bag.snapshots import motion_of
+from impact_damper_ros.control import Rig
+from impact_damper_ros.rig import EventKind
+
+from .matching import Matcher
+from .rows import (
+    NO_EVENTS,
+    NO_SAMPLES,
+    Events,
+    Numbers,
+    Samples,
+    Table,
+    impacts_of,
+    published_impacts,
+    published_states,
+)
+
+if TYPE_CHECKING:
+    from .replay import Replay
+
+#: Relative change of the second rig, and how many times as far off the recording may be.
+_NUDGE, _TIMES = 1e-12, 10.0
+#: Stamps are whole nanoseconds; the second rig is late by as much.
+_STAMP_S = 1e-9
+#: What else a number may be off, as a share of the largest of its kind (and by what the motion
+#: does in 2 ns), and a stamp.
+_FLOOR, _STAMP_NS = 1e-9, 2.0
+#: Time after a recorded impact within which the replay must have it, s.
+_LATE_S = 1e-6
+#: Tolerance of a snapshot: share of each number, and of the largest of its origin.
+_OF_SNAPSHOT = 1e-6
+_MOVING = (0, 1, 2)  # modes in which m moves freely
+
+
+def _nudged(rig: Rig, later: float = 0.0) -> Rig:
+    """Return a rig whose motion differs by little from that of another one, and is later, s."""
+    state = rig.snapshot()
+    origin = state['origin']
+    for name in ('x', 'velocity', 'relative_velocity'):
+        origin[name] *= 1.0 + _NUDGE
+    return Rig.restore(motion_of(_shifted(state, rig, later) if later else state))
+
+
+def _shifted(state: dict[str, Any], rig: Rig, later: float) -> dict[str, Any]:
+    """Return the state of a rig at the origin of its flight, in the same place at another time."""
+    time = state['origin']['time'] + later
+    frequencies = [rig.force_frequency, *rig.parameters.harmonics[1][1:]]
+    turned = [a + w * later for a, w in zip(state['origin']['angles'], frequencies, strict=True)]
+    origin = {**state['origin'], 'time': time, 'time_low': 0.0, 'angles': turned}
+    return {**state, 'time': time, 'origin': origin}
+
+
+def near(recorded: Any, replayed: Any, size: float = 0.0) -> bool:
+    """Return whether two snapshots are as near as round-off explains."""
+    if isinstance(replayed, dict) and isinstance(recorded, dict):
+        numbers = [abs(v) for v in replayed.values() if isinstance(v, float)]
+        size = max(numbers, default=0.0)
+        keys = recorded.keys() | replayed.keys()
+        return all(near(recorded.get(k), replayed.get(k), size) for k in keys)
+    if isinstance(replayed, list) and isinstance(recorded, list):
+        pairs = zip(recorded, replayed, strict=False)
+        return len(recorded) == len(replayed) and all(near(a, b, size) for a, b in pairs)
+    if isinstance(replayed, float) and isinstance(recorded, float):
+        return abs(recorded - replayed) <= _OF_SNAPSHOT * (abs(replayed) + size)
+    return bool(recorded == replayed)
+
+
+class Shadowing:
+    """Holds the rows of a replay's run against it, from impact to impact."""
+
+    def __init__(self, replay: Replay, matcher: Matcher) -> None:
+        self._replay, self._matcher = replay, matcher
+        self._near = _nudged(replay.rig)
+        self._waiting: list[Table] = []
+        self._sizes = np.zeros(2)  # largest position and velocity so far
+
+    def restart(self) -> None:
+        """Take the present state of the replay for that of the second rig."""
+        self._near = _nudged(self._replay.rig)
+
+    def expect(self, impacts: Table) -> None:
+        """Take recorded impacts."""
+        if impacts.size:
+            self._waiting.append(impacts)
+
+    def follow(
+        self, states: Table, instants: Numbers
+    ) -> tuple[Samples, Events, Numbers, NDArray[np.bool_]]:
+        """Return samples, events, numbers of the joint states, and which of these differ."""
+        replay, offset_ns = self._replay, self._replay.findings.offset_ns
+        self._grow(states.numbers[:, :4], states.numbers[:, 5:9])
+        waiting = Table.joined(self._waiting) if self._waiting else states[:0]
+        times = (waiting.stamp_ns - offset_ns) / 1e9
+        due = int(np.searchsorted(times, instants[-1], side='right'))
+        self._waiting = [waiting[due:]] if due < waiting.size else []
+        found = []
+        begin = 0
+        for i in range(due):
+            end = int(np.searchsorted(instants, times[i], side='left'))
+            found.append(self._flights(states[begin:end], instants[begin:end]))
+            found.append(self._impact(waiting[i : i + 1], float(times[i])))
+            begin = end
+        found.append(self._flights(states[begin:], instants[begin:]))
+        samples, events, numbers, differs = (np.concatenate(c) for c in zip(*found, strict=True))
+        replay.findings.impacts += due
+        return samples, events, numbers, differs
+
+    def _grow(self, positions: Numbers, velocities: Numbers) -> None:
+        with np.errstate(invalid='ignore'):
+            for i, part in enumerate((positions, velocities)):
+                sizes = np.abs(part[np.isfinite(part)])
+                # A wrong number must not determine the tolerance of the others.
+                size = float(np.quantile(sizes, 0.99)) if len(sizes) else 0.0
+                self._sizes[i] = max(self._sizes[i], size)
+
+    def _floors(self) -> tuple[float, float]:
+        """Return what a position and a velocity may be off in any case."""
+        rig, (length, speed) = self._replay.rig.parameters, self._sizes
+        force = rig.stiffness * length + rig.damping * speed + sum(map(abs, rig.harmonics[0]))
+        acceleration = force / rig.primary_mass + rig.gravity
+        return (
+            float(_FLOOR * length + 2.0 * _STAMP_S * speed),
+            float(_FLOOR * speed + 2.0 * _STAMP_S * acceleration),
+        )
+
+    def _flights(
+        self, states: Table, instants: Numbers
+    ) -> tuple[Samples, Events, Numbers, NDArray[np.bool_]]:
+        """Run on through joint states without an impact."""
+        replay, rig = self._replay, self._replay.rig
+        (samples, events, _), (others, near_events, _) = (
+            replay.advanced(one, instants) for one in (rig, self._near)
+        )
+        numbers = published_states(samples, rig.parameters)
+        doubt = np.abs(published_states(others, rig.parameters) - numbers)
+        length, speed = self._floors()
+        floor = np.repeat([length, _FLOOR, speed, _FLOOR], [4, 1, 4, 1])
+        differs = ~(np.abs(states.numbers - numbers) <= _TIMES * doubt + floor).all(axis=1)
+        alike = np.array_equal(events['kind'], near_events['kind'])
+        if not alike:
+            replay.findings.undecided += 1
+            differs[:] = False
+        for hit in impacts_of(events) if alike else ():
+            self._matcher.differ(
+                self._stamp(hit['time']), 'impact', '', None, f'stop_{hit["stop"]}'
+            )
+        return samples, events, numbers, differs
+
+    def _stamp(self, time: float) -> int:
+        return self._replay.findings.offset_ns + round(float(time) * 1e9)
+
+    def _to_impact(self, rig: Rig, until: float) -> Events:
+        """Run on to the next impact, or for some time beyond it."""
+        found = []
+        while rig.time < until:
+            found.append(self._replay.moved(rig, until, 1))
+            if (found[-1]['kind'] == EventKind.IMPACT).any():
+                break
+        return np.concatenate(found) if found else NO_EVENTS
+
+    def _impact(
+        self, recorded: Table, time: float
+    ) -> tuple[Samples, Events, Numbers, NDArray[np.bool_]]:
+        """Run on to a recorded impact, and begin anew there."""
+        replay, rig = self._replay, self._replay.rig
+        events, others = (self._to_impact(one, time + _LATE_S) for one in (rig, self._near))
+        offset_ns = replay.findings.offset_ns
+        here, there = (published_impacts(e, rig.parameters, offset_ns) for e in (events, others))
+        stamp_ns, frame = int(recorded.stamp_ns[0]), str(recorded.frame[0])
+        if here.size != there.size or not np.array_equal(events['kind'], others['kind']):
+            replay.findings.undecided += 1
+        elif not here.size:
+            self._matcher.differ(stamp_ns, 'impact', '', frame, None)
+        else:
+            doubt_ns = abs(float(events['time'][-1] - others['time'][-1])) * 1e9
+            doubt = np.abs(here.numbers - there.numbers)[0]
+            length, speed = self._floors()
+            floor = np.repeat([length, speed, rig.parameters.damper_mass * speed], 2)
+            off = np.abs(recorded.numbers - here.numbers)[0]
+            wrong = np.flatnonzero(~(off <= _TIMES * doubt + floor))
+            if abs(stamp_ns - int(here.stamp_ns[0])) > _STAMP_NS + _TIMES * doubt_ns:
+                self._matcher.differ(stamp_ns, 'stamp', 'ns', stamp_ns, int(here.stamp_ns[0]))
+            elif frame != str(here.frame[0]):
+                self._matcher.differ(stamp_ns, 'frame_id', '', frame, str(here.frame[0]))
+            elif len(wrong):
+                numbers = (float(t.numbers[0, wrong[0]]) for t in (recorded, here))
+                self._matcher.differ(stamp_ns, *self._matcher.fields[2 + wrong[0]], *numbers)
+        if here.size:
+            self._begin(recorded.numbers[0], time, float(events['time'][-1]))
+        nothing = published_states(NO_SAMPLES, rig.parameters)
+        return NO_SAMPLES, events, nothing, np.empty(0, np.bool_)
+
+    def _begin(self, numbers: Numbers, time: float, here: float) -> None:
+        """Go on from the numbers recorded after an impact, which the replay had at `here`."""
+        replay, rig = self._replay, self._replay.rig
+        state = rig.snapshot()
+        origin, velocity = state['origin'], float(numbers[2])
+        if origin['time'] != here or not np.isfinite(numbers).all():
+            return
+        origin |= {'x': float(numbers[0]) - rig.parameters.static_deflection, 'velocity': velocity}
+        if origin['mode'] in _MOVING:
+            origin['relative_velocity'] = float(numbers[3]) - velocity
+        # The stamp is rounded, so that the replay's own instant is kept where it may be.
+        late = here - time
+        late -= math.copysign(min(abs(late), 0.5 * _STAMP_S), late)
+        state = _shifted(state, rig, -late)
+        replay.rig = Rig.restore(motion_of(state))
+        self._near = _nudged(replay.rig, _STAMP_S)

@@ -1,0 +1,87 @@
+"""`set_rig` on a running node, over DDS."""
+
+import re
+
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+from node.rig_client import LIVELY, SimProcess
+
+from impact_damper_ros.cli import set_rig
+from impact_damper_ros.rig import ALL_SPECS
+
+
+@pytest.fixture(scope='module')
+def node(tmp_path_factory):
+    process = SimProcess(tmp_path_factory.mktemp('node'), ('__ns:=/bench',), **LIVELY)
+    yield process
+    process.kill()
+
+
+def rows_of(said):
+    """Return the columns of each line by the first one."""
+    return {line.split()[0]: re.split(r'  +', line)[1:] for line in said.splitlines()}
+
+
+@pytest.mark.usefixtures('node')
+def test_all_parameters_with_units_and_ranges(capsys):
+    assert set_rig.main([]) == 0
+    rows = rows_of(capsys.readouterr().out)
+    assert set(ALL_SPECS) <= set(rows)
+    assert rows['gap'] == ['0.01', 'm', '1e-09 to 1e+09']
+    assert rows['force_amplitudes'] == ['[10]', 'N', '-1e+12 to 1e+12']
+    assert rows['gap_control'] == ['off', 'off, amplitude, timed, predictive']
+    assert rows['record'] == ['false', 'true, false']
+
+
+@pytest.mark.usefixtures('node')
+def test_parameters_are_set_together(capsys):
+    words = ['gap=0.008', 'force_amplitudes=[8, 1.5]', 'gap_control=timed', 'friction=1e-2']
+    assert set_rig.main([*words, '--node', '/bench/sim_node']) == 0
+    rows = rows_of(capsys.readouterr().out)
+    assert list(rows) == ['gap', 'force_amplitudes', 'gap_control', 'friction']
+    assert [row[0] for row in rows.values()] == ['0.008', '[8, 1.5]', 'timed', '0.01']
+
+
+@pytest.mark.usefixtures('node')
+@pytest.mark.parametrize(
+    ('setting', 'reason'),
+    [
+        ('gab=3', 'gab=3: there is no parameter gab to set: did you mean gap?'),
+        ('xyzzy=3', 'set_rig lists all parameters'),
+        ('gap', 'gap: give NAME=VALUE'),
+        ('gap=-1', 'gap is -1.0 m: give a number from'),
+        # The node's own words
+        ('damping=1e3', 'underdamped'),
+        ('state_rate=100', 'state_rate is fixed while the node runs'),
+    ],
+)
+def test_what_cannot_be_set_changes_nothing(setting, reason, capsys):
+    assert set_rig.main(['angle=0.3', setting]) == 2
+    assert reason in capsys.readouterr().err
+    assert set_rig.main([]) == 0
+    assert rows_of(capsys.readouterr().out)['angle'][0] == '0'
+
+
+def test_no_rig_and_several(node, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(set_rig, 'PATIENCE_S', 1.0)
+    assert set_rig.main(['--node', '/nobody']) == 1
+    assert '/nobody does not answer: does it run?' in capsys.readouterr().err
+    monkeypatch.setattr(set_rig, 'DISCOVERY_S', 15.0)
+    other = SimProcess(tmp_path / 'other', ('__ns:=/other',), **LIVELY)
+    try:
+        assert set_rig.main(['gap=0.01']) == 2
+    finally:
+        other.kill()
+    expected = 'several rigs run, /bench/sim_node, /other/sim_node: name one with --node'
+    assert expected in capsys.readouterr().err
+    node.kill()
+    monkeypatch.setattr(set_rig, 'DISCOVERY_S', 1.0)
+    assert set_rig.main([]) == 1
+    assert 'no rig runs on this ROS network' in capsys.readouterr().err
+
+
+def test_without_ros(monkeypatch, capsys):
+    monkeypatch.setattr(set_rig, 'find_spec', lambda _: None)
+    assert set_rig.main([]) == 2
+    assert 'rclpy is missing' in capsys.readouterr().err

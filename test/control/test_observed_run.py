@@ -1,0 +1,64 @@
+"""A run before observers is the run without them, and they see all of it."""
+
+import pytest
+
+from impact_damper_ros.control import GapControlParameters, Observer, Rig, TimedChange, run
+from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
+
+LEVEL = RigParameters(gravity=0.0)
+CONTROL = GapControlParameters()
+
+
+class Diary(Observer):
+    def __init__(self, rig, ticks=()):
+        self.rig, self.instants = rig, ticks
+        self.events, self.looks, self.changes = [], [], []
+
+    def ticks(self):
+        return iter(self.instants)
+
+    def happened(self, events):
+        self.events += events
+
+    def changed(self, time_ns, values, events):
+        assert self.rig.parameters.gap == values['gap']
+        self.changes.append((time_ns, values, self.rig.time))
+        super().changed(time_ns, values, events)
+
+    def reached(self, instant):
+        assert self.rig.time == instant
+        self.looks.append(instant)
+
+
+def test_observers_see_all_and_alter_nothing():
+    change = TimedChange(50_000_000_000, {'gap': 30.0}, LEVEL.replace(gap=30.0), CONTROL)
+    rig = Rig(LEVEL)
+    often, plain = Diary(rig, (0.0, 0.7, 50.0, 79.9, 90.0)), Diary(rig, (0.7, 3.0))
+    run(rig, 80.0, [often, plain], [change])
+    alone = Rig(LEVEL)
+    events = alone.advance(50.0) + alone.change(change.parameters) + alone.advance(80.0)
+    assert len(events) > 5
+    assert often.events == plain.events == events
+    assert rig.snapshot() == alone.snapshot()
+    # Each sees the rig wherever it stops, once, and not beyond the end
+    assert often.looks == plain.looks == [0.0, 0.7, 3.0, 50.0, 79.9, 80.0]
+    assert often.changes == [(50_000_000_000, {'gap': 30.0}, 50.0)]
+
+
+def test_a_run_goes_on_from_where_the_rig_is():
+    rig = Rig(LEVEL)
+    first = Diary(rig)
+    run(rig, 45.0, [first])
+    run(rig, 60.0, [first])
+    assert first.events == Rig(LEVEL).advance(60.0)
+    assert first.looks == [0.0, 45.0, 45.0, 60.0]
+
+
+def test_the_budget_of_a_run():
+    hammering = LEVEL.replace(gap=1e-6, restitution_1=1.0, restitution_2=1.0)
+    rig = Rig(hammering)
+    diary = Diary(rig)
+    with pytest.raises(EndlessEventsError, match='the rig had 2000 events'):
+        run(rig, 100.0, [diary], budget=EventBudget(2000))
+    assert len(diary.events) == 2000

@@ -1,0 +1,181 @@
+"""
+A page of the documentation as its reader works through it, block by block, in one directory.
+
+A ``python`` or ``yaml`` block that begins with the name of a file as a comment is saved under that
+name; other ``python`` blocks share one namespace. ``bash`` blocks run in bash; a node or page goes
+on in the background. A ``text`` block is what the block before it prints: '...' stands for
+anything, and numbers agree to one unit of their last digit.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from impact_damper_ros import entry_points
+
+ROOT = Path(entry_points.__file__).parents[1]
+COMMANDS = [name for name in entry_points.__all__ if not name.startswith(('begin', 'run'))]
+#: What goes on in the background, with what it prints once it has started.
+LIVE = {'sim_node': 'runs in real time', 'rig_page': 'the page is at'}
+#: Of others: ROS 2 as installed, and the set-up.
+FOREIGN = ('make', 'pip', 'ros2', 'source')
+PATIENCE_S = 200.0
+
+_FENCE = re.compile(r'^```(python|yaml|bash|text)\n(.*?)^```$', re.DOTALL | re.MULTILINE)
+_NUMBER = re.compile(r'-?\d+(?:\.\d+)?(?:e[-+]?\d+)?')
+
+
+def differences(shown, printed):
+    """Return the lines of a page that are not those printed."""
+    lines = printed.splitlines()
+    found = []
+    for line in shown.splitlines():
+        if line.strip() == '...':
+            continue
+        while lines and not agrees(line, lines[0]):
+            found.append(f'printed, not shown: {lines.pop(0)!r}')
+        if not lines:
+            return [*found, f'shown, not printed: {line!r}']
+        lines.pop(0)
+    return [] if '...' in shown.splitlines() else found
+
+
+def agrees(line, printed):
+    """Return whether a line of a page is the one printed."""
+    words = [re.escape(part).replace(r'\.\.\.', '.*') for part in _NUMBER.split(line)]
+    # Columns may move with the length of a number.
+    pattern = re.sub(r'(\\ )+', r'\\s+', f'({_NUMBER.pattern})'.join(words))
+    match = re.fullmatch(pattern.rstrip(), printed.rstrip())
+    if match is None:
+        return False
+    pairs = zip(_NUMBER.findall(line), match.groups(), strict=True)
+    return all(abs(float(one) - float(other)) <= 1.001 * last_digit(one) for one, other in pairs)
+
+
+def last_digit(number):
+    """Return the unit of the last digit of a printed number; 0 of a whole one."""
+    mantissa, _, exponent = number.partition('e')
+    decimals = len(mantissa.partition('.')[2])
+    return 10.0 ** (int(exponent or 0) - decimals) if decimals or exponent else 0.0
+
+
+class Reader:
+    """One who follows a page, in a directory."""
+
+    def __init__(self, page, place):
+        self.page = page
+        self.place = place
+        self.names = {'__name__': '__main__'}
+        self.printed = ''
+        self.live = []
+        tools = place / 'bin'
+        tools.mkdir()
+        for name in COMMANDS:
+            module = 'node.sim_node' if name == 'sim_node' else f'cli.{name}'
+            self._tool(tools / name, f'-m impact_damper_ros.{module}')
+        self._tool(tools / 'python', '')
+        self.environment = {
+            **os.environ,
+            'MPLBACKEND': 'agg',
+            'PATH': f'{tools}:{os.environ["PATH"]}',
+            'PYTHONPATH': os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')])),
+        }
+
+    def _tool(self, path, arguments):
+        path.write_text(f'#!/bin/sh\nexec {sys.executable} {arguments} "$@"\n')
+        path.chmod(0o755)
+
+    def read(self):
+        """Do all that the page says; raise an AssertionError where it is not so."""
+        try:
+            for language, text in _FENCE.findall(self.page.read_text(encoding='utf-8')):
+                getattr(self, f'_{language}')(text)
+        finally:
+            for process in self.live:
+                process.send_signal(signal.SIGINT)
+            for process in self.live:
+                try:
+                    process.wait(PATIENCE_S)
+                finally:
+                    process.kill()
+
+    def _saved(self, text):
+        name = re.match(r'# (\w+\.\w+)\n', text)
+        if name:
+            (self.place / name[1]).write_text(text, encoding='utf-8')
+        return name
+
+    def _yaml(self, text):
+        assert self._saved(text), text
+
+    def _python(self, text):
+        if self._saved(text):
+            return
+        printed = io.StringIO()
+        with contextlib.chdir(self.place), contextlib.redirect_stdout(printed):
+            exec(compile(text, str(self.page), 'exec'), self.names)
+        self.printed = printed.getvalue()
+
+    def _bash(self, text):
+        lines = []
+        for line in text.replace('\\\n', ' ').splitlines():
+            words = shlex.split(line, comments=True)
+            if words and words[0] in LIVE:
+                self._start(words)
+            elif words and words[0] not in FOREIGN:
+                lines.append(line)
+        done = subprocess.run(
+            ['bash', '-e', '-c', '\n'.join(lines)],
+            cwd=self.place,
+            env=self.environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+        assert done.returncode == 0, done.stdout
+        self.printed = done.stdout
+
+    def _start(self, words):
+        said = self.place / f'{words[0]}.txt'
+        if words[0] == 'rig_page':
+            words = [*words, '--port', '0']
+        with said.open('wb') as output:
+            process = subprocess.Popen(
+                words,
+                cwd=self.place,
+                env=self.environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                executable=str(self.place / 'bin' / words[0]),
+            )
+        self.live.append(process)
+        deadline = time.monotonic() + PATIENCE_S
+        while LIVE[words[0]] not in said.read_text():
+            assert process.poll() is None, said.read_text()
+            assert time.monotonic() < deadline, said.read_text()
+            time.sleep(0.05)
+
+    def _text(self, shown):
+        found = differences(shown, self.printed)
+        assert not found, '\n'.join([*found, 'all that was printed:', self.printed])
+
+
+def pictures(page):
+    """Return the names of the pictures that a page makes and shows."""
+    text = page.read_text(encoding='utf-8')
+    made = set(re.findall(r"savefig\('([\w.]+)'", text))
+    made |= set(re.findall(r'--figure ([\w.]+\.png)', text))
+    return sorted(name for name in made if f']({name})' in text)

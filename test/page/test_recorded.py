@@ -1,0 +1,382 @@
+"""Recordings: played to their end, cut ones too, with jumps and another rig beside."""
+
+import asyncio
+import shutil
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag.recorded_rig import RecordedRig
+
+from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.control import Rig
+from impact_damper_ros.page.recorded import load_recording
+from impact_damper_ros.page.recordings import Recordings
+from impact_damper_ros.page.what_if import WhatIfMotion
+from impact_damper_ros.rig import EventKind, load_parameters
+from impact_damper_ros.rig.parameters_file import presets
+
+from .served import get, in_loop, opened, serving
+
+SECONDS = 12.0
+
+
+@pytest.fixture(scope='module')
+def runs(tmp_path_factory):
+    """Make a directory with a recording that changes its gap and then its angle."""
+    directory = tmp_path_factory.mktemp('runs')
+    arguments = ['--change', '4:gap=0.03', '--change', '8:angle=0.1', '--quiet']
+    bag = str(directory / 'run')
+    assert simulate_rig(['bench_rig', '--duration', f'{SECONDS}', '--bag', bag, *arguments]) == 0
+    return directory
+
+
+@pytest.fixture(scope='module')
+def recorded(runs):
+    return load_recording(runs / 'run')
+
+
+def test_the_angle_is_that_of_each_instant(tmp_path):
+    rig = RecordedRig().start().run(200)
+    rig.run(200, ('change', {'angle': 0.2})).run(100, ('reset', None))
+    angles = load_recording(rig.save(tmp_path / 'bag')).motion.samples[:, 7]
+    assert angles.tolist() == [0.0] * 201 + [0.2] * 300
+
+
+def test_recording_is_read_as_it_was(recorded):
+    rig, _, _ = load_parameters(presets()['bench_rig'])
+    samples = recorded.motion.samples
+    assert len(samples) == pytest.approx(200 * SECONDS, abs=2)
+    assert recorded.start == pytest.approx(0.0, abs=0.006)
+    assert recorded.motion.end == pytest.approx(SECONDS)
+    simulator = Rig(rig)
+    for row in samples[100:700:50]:
+        simulator.advance(row[0])
+        sample = simulator.sample()
+        assert row[1:5] == pytest.approx(
+            [sample.x, sample.primary_velocity, sample.z, sample.damper_velocity], rel=1e-12
+        )
+    # Positions count from the equilibrium of each time: X goes on around zero when tilted.
+    late = samples[samples[:, 0] > 9.0]
+    assert abs(late[:, 1].mean()) < 1e-3
+    assert late[-1, 7] == 0.1
+    assert recorded.changes == [
+        {'time': 0.0, 'kind': 'stretch', 'values': {}, 'preset': ''},
+        {'time': 4.0, 'kind': 'change', 'values': {'gap': 0.03}, 'preset': ''},
+        {'time': 8.0, 'kind': 'change', 'values': {'angle': 0.1}, 'preset': ''},
+    ]
+    assert [recorded.era(time) for time in (0.0, 3.99, 4.0, 7.0, 8.0, 99.0)] == [0, 0, 1, 1, 2, 2]
+    assert recorded.setting(1).values['initial_damper_offset'] == 0.0
+    assert recorded.remark == ''
+
+
+def test_a_cut_recording_is_read_as_far_as_it_goes(runs, tmp_path, recorded):
+    bag = tmp_path / 'cut'
+    bag.mkdir()
+    (file,) = (runs / 'run').glob('*.mcap')
+    content = file.read_bytes()
+    (bag / file.name).write_bytes(content[: len(content) // 2])
+    cut = load_recording(bag)
+    assert 'cut short' in cut.remark
+    count = len(cut.motion.samples)
+    assert 200 < count < len(recorded.motion.samples)
+    assert np.array_equal(cut.motion.samples, recorded.motion.samples[:count], equal_nan=True)
+
+
+def test_what_is_no_recording_is_refused(tmp_path):
+    (tmp_path / 'broken_0.mcap').write_bytes(b'\x89MCAP0\r\n' + b'x' * 1000)
+    with pytest.raises(RecordingError):
+        load_recording(tmp_path / 'broken_0.mcap')
+
+
+@in_loop
+async def test_a_recording_is_played_to_its_end(runs):
+    async with serving(runs / 'run') as server, opened(server) as page:
+        hello = await page.next('hello', mode='player', bag='run')
+        assert hello['duration'] == pytest.approx(SECONDS, abs=0.01)
+        assert len(hello['changes']) == 3
+        assert {k['name']: k['value'] for k in hello['parameters']}['gap'] == 0.024
+        await page.send(type='play', speed=100)
+        await page.next('status', state='ended')
+        gap = await page.next('parameters', values={'gap': 0.03})
+        assert gap['kind'] == 'change'
+        await page.next('parameters', values={'angle': 0.1})
+        assert page.frames[-1].end == pytest.approx(SECONDS)
+        times = np.concatenate([f.samples[:, 0] + f.end for f in page.frames])
+        motion = load_recording(runs / 'run').motion
+        assert times == pytest.approx(motion.samples[:, 0], abs=1e-4)
+        assert sum(len(f.impacts) for f in page.frames) == len(motion.impacts)
+        # From the end it begins again.
+        await page.send(type='play', speed=0.01)
+        await page.until(lambda: page.frames[-1].end < 1.0)
+        assert any(frame.flags & 2 for frame in page.frames[-2:])
+
+
+@in_loop
+async def test_scrub_and_jumps(runs, recorded):
+    async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
+        await page.next('hello', mode='player')
+        await page.send(type='play', speed=0)
+        await page.next('status', state='paused')
+        times = []
+        for message in (
+            {'type': 'seek', 'time': 6.0},
+            {'type': 'jump', 'to': 'impact', 'direction': 1},
+            {'type': 'jump', 'to': 'impact', 'direction': 1},
+            {'type': 'jump', 'to': 'impact', 'direction': -1},
+            {'type': 'jump', 'to': 'change', 'direction': 1},
+            {'type': 'jump', 'to': 'change', 'direction': -1},
+            {'type': 'jump', 'to': 'stretch', 'direction': -1},
+            {'type': 'jump', 'to': 'change', 'direction': -1},
+            {'type': 'seek', 'time': 1e9},
+        ):
+            await page.send(**message)
+            times.append((await page.next('seek_done', after=len(times)))['time'])
+        impacts = recorded.motion.impacts[:, 0]
+        after = impacts[impacts > 6.0]
+        assert times[:4] == pytest.approx([6.0, after[0], after[1], after[0]])
+        assert times[4:6] == pytest.approx([8.0, 4.0])
+        assert times[6:] == pytest.approx([recorded.start, recorded.start, SECONDS], abs=0.006)
+        # Steps go to the next impact or sample, as on a live rig.
+        await page.send(type='seek', time=6.0)
+        assert (await page.ask(type='service', name='step_to_impact'))[0]
+        await page.until(lambda: page.frames[-1].end == pytest.approx(after[0], abs=1e-9))
+        samples = recorded.motion.samples[:, 0]
+        first = samples[samples > after[0]][0]
+        assert (await page.ask(type='service', name='step'))[0]
+        await page.until(lambda: page.frames[-1].end == pytest.approx(first, abs=1e-9))
+        count = len(page.of('seek_done'))
+        await page.send(type='jump', to='sample', direction=-1)
+        back = (await page.next('seek_done', after=count))['time']
+        assert back == samples[samples < first][-1] < after[0]
+        assert 'recording' in (await page.ask(type='set', values={'gap': 1.0}))[1]
+        for wrong in ({'to': 'moon', 'direction': 1}, {'to': 'impact', 'direction': 'up'}):
+            assert not (await page.ask(type='jump', **wrong))[0]
+
+
+@in_loop
+async def test_what_if_shows_another_rig(runs):
+    async with serving(runs / 'run') as server, opened(server) as page:
+        await page.next('hello', mode='player')
+        await page.send(type='play', speed=0)
+        await page.send(type='what_if', values={'gap': 0.02})
+        end = await page.next('what_if', done=True)
+        assert end['on']
+        assert end['until'] == pytest.approx(SECONDS)
+        assert end['text'] == 'computed from its initial conditions'
+        await page.send(type='seek', time=3.0)
+        frame = (
+            await page.until(
+                lambda: [f for f in page.frames if f.end == 3.0 and len(f.ghost_samples)]
+            )
+        )[-1]
+        # At the same instants as the recorded one
+        assert np.array_equal(frame.ghost_samples[:, 0], frame.samples[:, 0])
+        rig, _, _ = load_parameters(presets()['bench_rig'])
+        other = Rig(rig.replace(gap=0.02))
+        hits = [e for e in other.advance(3.0) if e.kind is EventKind.IMPACT]
+        sample, row = other.sample(), frame.ghost_samples[frame.ghost_samples[:, 0] <= 0.0][-1]
+        assert row[1:7] == pytest.approx(
+            [
+                *(sample.x, sample.primary_velocity, sample.z, sample.damper_velocity),
+                *(sample.stop_1, sample.stop_2),
+            ],
+            rel=1e-5,
+        )
+        assert frame.ghost_impacts[frame.ghost_impacts[:, 0] <= 0.0][:, 8] == pytest.approx(
+            [hit.impulse for hit in hits], rel=1e-5
+        )
+        seen = len(page.of('what_if'))
+        await page.send(type='what_if', values={'gap': -1.0})
+        refused = await page.next('what_if', after=seen, done=True)
+        assert not refused['on']
+        assert 'gap is -1.0 m' in refused['text']
+        seen = len(page.of('what_if'))
+        await page.send(type='what_if', values={'state_rate': 1.0})
+        assert 'not a parameter' in (await page.next('what_if', after=seen, done=True))['text']
+        seen = len(page.of('what_if'))
+        await page.send(type='what_if', values=None)
+        assert (await page.next('what_if', after=seen, on=False))['done']
+
+
+@in_loop
+async def test_a_what_if_whose_process_is_killed_says_so(runs, monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.page.what_if.__name__', 'no_such_module')
+    async with serving(runs / 'run') as server, opened(server) as page:
+        await page.next('hello', mode='player')
+        await page.send(type='what_if', values={'gap': 0.02})
+        end = await page.next('what_if', done=True)
+        assert (end['on'], 'try it again' in end['text']) == (False, True)
+
+
+@in_loop
+async def test_a_bag_that_vanishes_while_it_is_played(runs, tmp_path):
+    place = tmp_path / 'runs'
+    shutil.copytree(runs, place)
+    async with serving(place) as server, opened(server, '/ws?bag=run') as page:
+        await page.until(lambda: page.frames)
+        shutil.rmtree(place / 'run')
+        seen = page.frames[-1].end
+        await page.until(lambda: page.frames[-1].end > seen)
+        await page.send(type='what_if', values={'gap': 0.02})
+        end = await page.next('what_if', done=True)
+        assert (end['on'], 'no such file' in end['text']) == (False, True)
+        await page.send(type='seek', time=1.0)
+        await page.next('seek_done')
+        assert page.closed is None
+
+
+def test_the_motion_of_a_what_if(runs):
+    found = []
+    other = WhatIfMotion(runs / 'run', {'initial_primary_position': 0.001}, found.append)
+    try:
+        while not found[-1]['done']:
+            other.tick()
+            time.sleep(0.01)
+    finally:
+        other.close()
+    assert (found[-1]['on'], found[-1]['text']) == (True, 'computed from its initial conditions')
+    own = load_recording(runs / 'run').motion
+    assert len(own.impacts) / 2 < len(other.motion.impacts) < 2 * len(own.impacts)
+    assert set(other.motion.impacts[:, 1]) == {1.0, 2.0}
+    assert other.motion.samples[:, 0].tolist() == own.samples[:, 0].tolist()
+    assert other.motion.samples[0, 1] == pytest.approx(0.001, rel=0.1)
+
+
+@in_loop
+async def test_recordings_are_listed_and_handed_out(runs, tmp_path):
+    place = tmp_path / 'runs'
+    shutil.copytree(runs, place)
+    secret = tmp_path / 'secret'
+    secret.mkdir()
+    (secret / 'x_0.mcap').write_bytes(b'secret')
+    (place / 'link').mkdir()
+    (place / 'link' / 'link_0.mcap').symlink_to(secret / 'x_0.mcap')
+    (place / 'empty').mkdir()
+    (place / '.hidden').mkdir()
+    async with serving(place) as server:
+        listed = server.recordings.list()
+        assert {entry['name'] for entry in listed} == {'run', 'link'}
+        run = next(entry for entry in listed if entry['name'] == 'run')
+        (file,) = (place / 'run').glob('*.mcap')
+        assert run['whole']
+        assert run['size'] == file.stat().st_size
+        assert run['duration'] == pytest.approx(SECONDS, abs=0.01)
+        answer = await get(server, '/recordings/run/download')
+        assert answer.body == file.read_bytes()
+        assert answer.headers['Content-Disposition'] == f'attachment; filename="{file.name}"'
+        # A link out of the directory is no recording of it.
+        assert (await get(server, '/recordings/link/download')).code == 404
+    only = Recordings(place / 'run')
+    assert (only.single, only.names()) == ('run', ['run'])
+    with pytest.raises(LookupError):
+        only.path('link')
+
+
+@in_loop
+async def test_a_loose_file_beside_recordings_is_one_of_them(runs, tmp_path):
+    place = tmp_path / 'runs'
+    shutil.copytree(runs, place)
+    (file,) = (place / 'run').glob('*.mcap')
+    shutil.copy(file, place / 'loose.mcap')
+    async with serving(place) as server:
+        listed = server.recordings.list()
+        assert {entry['name'] for entry in listed} == {'run', 'loose.mcap'}
+        for bag in ('run', 'loose.mcap'):
+            async with opened(server, f'/ws?bag={bag}') as page:
+                assert (await page.next('hello'))['duration'] == pytest.approx(SECONDS, abs=0.01)
+
+
+@in_loop
+async def test_no_directory_is_read_between_two_frames(runs, monkeypatch):
+    """A slow disk must not delay them: all that reads directories runs in other threads."""
+    scanned, plain = [], Path.iterdir
+
+    def iterdir(path):
+        scanned.append((path, threading.current_thread() is threading.main_thread()))
+        return plain(path)
+
+    async with serving(runs) as server:
+        monkeypatch.setattr(Path, 'iterdir', iterdir)
+        async with opened(server, '/ws?bag=run') as page:
+            await page.next('hello')
+            await page.ask(type='compare', recording='none', on=True)
+        for path in ('/recordings/run/download', '/reports/run/report.html'):
+            await get(server, path)
+    assert len(scanned) > 4
+    assert [path for path, in_loop in scanned if in_loop] == []
+
+
+def test_bags_that_do_not_change_are_described_once(runs, monkeypatch):
+    read = []
+    monkeypatch.setattr(
+        'impact_damper_ros.page.recordings.read_listing',
+        lambda path: read.append(path) or None,
+    )
+    recordings = Recordings(runs)
+    first = recordings.list()
+    assert recordings.list() == first
+    assert len(read) == 1
+    extra = runs / 'run' / 'note.txt'
+    extra.write_text('changed', encoding='utf-8')
+    try:
+        recordings.list()
+    finally:
+        extra.unlink()
+    assert len(read) == 2
+
+
+@in_loop
+async def test_a_comparison_is_shown_in_the_page(runs):
+    async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
+        await page.next('hello')
+        ask = {'type': 'compare', 'recording': 'run', 'on': True}
+        assert await page.ask(**ask) == (True, '')
+        assert 'being compared already' in (await page.ask(**ask))[1]
+        assert 'no recording none' in (await page.ask(**{**ask, 'recording': 'none'}))[1]
+        done = await page.next('compare_done')
+        assert done['ok'], done['text']
+        assert done['url'] == '/reports/run/report.html'
+        report = await get(server, done['url'])
+        assert report.headers['Content-Type'].startswith('text/html')
+        policy = report.headers['Content-Security-Policy']
+        assert "default-src 'none'" in policy
+        assert 'sandbox' in policy
+        assert 'script' not in policy
+        assert b'<!doctype html>' in report.body.lower()
+        assert (await get(server, '/reports/run/other.html')).code == 404
+
+
+@in_loop
+async def test_a_comparison_is_cancelled(runs):
+    async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
+        await page.next('hello')
+        ask = {'type': 'compare', 'recording': 'run', 'on': True}
+        await page.ask(**ask)
+        while server.recordings._comparing.get('run') is None:
+            await asyncio.sleep(0.01)
+        assert await page.ask(**{**ask, 'on': False}) == (True, '')
+        done = await page.next('compare_done')
+        assert (done['ok'], done['text']) == (False, 'the comparison of run was cancelled')
+        assert await page.ask(**ask) == (True, '')
+        assert (await page.next('compare_done', after=1))['ok']
+
+
+@in_loop
+async def test_a_recording_that_is_not_there(runs, tmp_path):
+    for place, path, words in (
+        (runs, '/ws?bag=none', 'no recording none'),
+        (tmp_path, '/ws', 'no recording to play'),
+    ):
+        async with serving(place) as server, opened(server, path) as page:
+            await page.until(lambda page=page: page.closed == 4404)
+            assert words in page.messages[0]['text']
+
+
+@in_loop
+async def test_the_newest_recording_of_a_directory_is_played(runs):
+    async with serving(runs) as server, opened(server) as page:
+        assert (await page.next('hello'))['bag'] == 'run'
