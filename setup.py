@@ -70,7 +70,7 @@ setup(
             'ros-jazzy-rclpy>=7.1.6,<8',
             'ros-jazzy-rmw-fastrtps-cpp>=8.4.3,<9',
         ],
-        'plot': ['jinja2>=3.0', 'matplotlib>=3.6'],
+        'plot': ['Jinja2>=3.0', 'matplotlib>=3.6'],
         # rig_page: the rig in a browser
         'page': ['tornado>=6.1'],
         'compiled': ['llvmlite', 'numba>=0.59'],

@@ -70,12 +70,6 @@ class ForceClock:
         angles: Array = turned + starts[:, None]
         return angles
 
-    def force(self, time: Array) -> Array:
-        """Return the force, N."""
-        amplitudes = np.array(self.parameters.harmonics[0])
-        force: Array = amplitudes @ np.sin(self.angles_at(time))
-        return force
-
     def counted_from_zero(self) -> RigParameters:
         """
         Return the rig with the phases that its harmonics have when the first angle is zero.

@@ -6,6 +6,7 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from impact_damper_ros.outputs import whole
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from markupsafe import Markup
     from matplotlib.figure import Figure
 
 
@@ -142,10 +142,8 @@ _DOCUMENT = re.compile(r'<metadata>.*?</metadata>|<style [^>]*>.*?</style>', re.
 _ID = re.compile(r'(\bid="|href="#|url\(#)')
 
 
-def inline_svg(figure: Figure, key: str, label: str) -> Markup:
+def inline_svg(figure: Figure, key: str, label: str) -> str:
     """Return a figure as an element of an HTML page, in the colours of that, with its own ids."""
-    from markupsafe import Markup, escape
-
     content = io.StringIO()
     nothing = dict.fromkeys(('Date', 'Creator', 'Format', 'Type'))
     figure.savefig(content, format='svg', metadata=nothing, dpi=144)
@@ -154,7 +152,7 @@ def inline_svg(figure: Figure, key: str, label: str) -> Markup:
     for name, color in COLORS.items():
         text = text.replace(color, f'var(--{name})')
     described = f'<svg role="img" aria-label="{escape(label)}"'
-    return Markup(text.replace('<svg', described, 1).strip())
+    return text.replace('<svg', described, 1).strip()
 
 
 @print_style()

@@ -92,8 +92,8 @@ def shown_stretches(
 class _Shown(NamedTuple):
     """A picture as the template shows it, in its variants for a wide and a narrow page."""
 
-    svg: Any
-    narrow: Any
+    svg: str
+    narrow: str | None
     title: str
     caption: str
     wide: bool
@@ -265,15 +265,14 @@ def with_gap_curves(
     followed: Callable[[int, int], None] | None = None,
 ) -> RunComparison:
     """Follow the predicted motions in the gap, of stretches that are shown in detail."""
-    curves, stretches = GapCurves(closely=closely), list(comparison.stretches)
+    curves, found = GapCurves(closely=closely), {s.number: s for s in comparison.stretches}
     detailed = shown_stretches(comparison.stretches, MOST_DETAILED)
     for count, stretch in enumerate(detailed, 1):
         if stretch.curves.gap_curve is None:
-            place = stretch.number - 1
-            stretches[place] = replace(stretch, curves=curves.added(stretch))
+            found[stretch.number] = replace(stretch, curves=curves.added(stretch))
         if followed is not None:
             followed(count, len(detailed))
-    return replace(comparison, stretches=tuple(stretches))
+    return replace(comparison, stretches=tuple(found.values()))
 
 
 def report_page(
@@ -284,7 +283,6 @@ def report_page(
 ) -> str:
     """Return the page; the parameters are those of `write_report`."""
     import jinja2
-    from markupsafe import Markup
 
     folder = files('impact_damper_ros.report') / 'template'
     environment = jinja2.Environment(
@@ -299,7 +297,7 @@ def report_page(
             detailed.append(_detail(stretch, before.get(stretch.number)))
             if drawn is not None:
                 drawn(count, len(chosen))
-    style = Markup((folder / 'report.css').read_text('utf-8').strip())
+    style = (folder / 'report.css').read_text('utf-8').strip()
     template = environment.from_string((folder / 'report.html').read_text('utf-8'))
     page: str = template.render(
         **_head(comparison, command),

@@ -79,7 +79,7 @@ def test_what_it_says(bag, tmp_path, capsys):
     for words in (
         'stretch 2    24.005 s to 48.005 s; begins with: gap = 0.021 m (was 0.024 m)',
         'periodic, 2 impacts in 1 cycle, stops 1,2, settled at',
-        'phase [cycles]          X [m]',
+        'phase [cycles]           X [m]',
         'Xmax/A 0.107195',
         'energy     force',
         'largest multiplier 0.8711',
