@@ -125,16 +125,6 @@ def test_gap_curve_comes_part_by_part(paper):
     assert 'Neimark-Sacker' in {special['kind'] for special in last['special']}
 
 
-def test_a_branch_with_as_many_points_as_there_may_be_has_its_special_points(monkeypatch):
-    monkeypatch.setattr('impact_damper_ros.page.theory._MOST_POINTS', 25)
-    *_, last = messages(RigParameters(gravity=0.0), orbit=False)
-    branch = last['branches'][0]
-    assert len(branch['gap']) > 40
-    assert max(branch['gap']) < 4.0 * 37.0
-    assert {special['kind'] for special in last['special']} >= {'branch point'}
-    assert all(min(branch['gap']) < s['gap'] < max(branch['gap']) for s in last['special'])
-
-
 def test_no_optimum_is_taken_where_the_curve_goes_on(paper):
     """Its first parts fall to their ends: the best gap may be beyond."""
     *parts, last = (m for m in paper if m['type'] == 'gap_curve')
