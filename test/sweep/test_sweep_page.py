@@ -17,7 +17,7 @@ ROOT = Path(impact_damper_ros.__file__).parents[1]
 
 def test_the_program_runs_as_it_stands(tmp_path):
     """With fewer gaps, of which the widest is best."""
-    page = (ROOT / 'docs' / 'sweep' / 'README.md').read_text(encoding='utf-8')
+    page = (ROOT / 'docs' / 'reference' / 'sweeps.md').read_text(encoding='utf-8')
     program = page.split('```python\n')[-1].split('```')[0]
     assert 'np.linspace(10, 60, 200)' in program
     (tmp_path / 'program.py').write_text(program.replace('(10, 60, 200)', '(24, 40, 3)'))
