@@ -86,6 +86,7 @@ setup(
             'mpmath>=1.3',
             'numba>=0.59',
             'pandas>=2.1',
+            'playwright>=1.40',
             'pyarrow>=14.0.1',
             'pytest>=7.4',
             'rosbags>=0.10.11',

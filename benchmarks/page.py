@@ -45,12 +45,11 @@ from node_process import (
     say,
 )
 
-from impact_damper_ros.control import GapControlParameters, Rig
+from impact_damper_ros.control import Rig
 from impact_damper_ros.page.presets import load_presets
-from impact_damper_ros.page.theorist import Theorist
-from impact_damper_ros.rig import InitialConditions, RigParameters
+from impact_damper_ros.theory import TheoryProcess
 
-HEADER = struct.Struct('<BBHHHHHddd')
+HEADER = struct.Struct('<BBHHHHxxdd')
 RATE = 200
 CLIENTS = 4
 
@@ -60,7 +59,7 @@ async def take_frames(url: str, seconds: float) -> dict[str, Any]:
     from tornado.websocket import websocket_connect
 
     page = await websocket_connect(url)
-    await page.write_message(json.dumps({'type': 'view', 'window': 30.0, 'width': 1000}))
+    await page.write_message(json.dumps({'type': 'view', 'window': 30.0, 'rate': 60}))
     latencies, sizes, texts = [], [], 0
     begin = time.monotonic() + WARM_UP_S
     while (now := time.monotonic()) < begin + seconds:
@@ -230,55 +229,44 @@ def measure_memory(seconds: float, directory: str) -> list[dict[str, float]]:
 def measure_theory(rounds: int) -> list[dict[str, Any]]:
     """Return how long after a change the parts of its theory come, medians."""
     states = {}
-    for preset in load_presets():
-        values = preset.all_values()
-        parts = {
-            kind: kind(**{n: value for n, value in values.items() if n in kind().as_dict()})
-            for kind in (RigParameters, InitialConditions, GapControlParameters)
-        }
-        rig = Rig(
-            *(parts[RigParameters], parts[InitialConditions]), control=parts[GapControlParameters]
-        )
+    for preset in load_presets().values():
+        rig = Rig(preset.rig, preset.initial, control=preset.control)
         rig.advance(20.0)
         states[preset.name] = rig.snapshot()
     rows = []
     for name, state in states.items():
-        found = [asyncio.run(theory_times(state)) for _ in range(rounds)]
+        found = [theory_times(state) for _ in range(rounds)]
         if 'first part' in found[0]:
             times = {k: quantile(sorted(f[k] for f in found), 0.5) for k in found[0]}
             rows.append({'preset': name, **times})
     return rows
 
 
-async def theory_times(state: dict[str, Any]) -> dict[str, float]:
+def theory_times(state: dict[str, Any]) -> dict[str, float]:
     """Return when the parts of the theory of a rig come, s."""
     times: dict[str, float] = {}
-    done = asyncio.Event()
-    newest = 0.0
-
-    def take(message: dict[str, Any]) -> None:
-        nonlocal newest
+    theory = TheoryProcess(documents=True)
+    theory.poll()
+    time.sleep(WARM_UP_S)
+    began, newest, known = time.monotonic(), 0.0, None
+    theory.ask(state)
+    while not theory.done:
+        time.sleep(0.005)
+        theory.poll()
         now = time.monotonic() - began
-        curve = message['type'] == 'gap_curve'
-        times.setdefault('orbit', now)
-        if curve and message['branches']:
+        document = json.loads(theory.document)
+        orbit, curve = document['orbit'], document['gap_curve']
+        if orbit:
+            times.setdefault('orbit', now)
+        if curve and curve['branches']:
             times.setdefault('first part', now)
-        # It is followed to its ends before the other motions are looked for.
-        if not curve and message.get('complete') and 'first part' in times:
-            times['curve of the motion'] = newest
-        if curve:
-            newest = now
-        if (curve and message['done']) or message['type'] == 'theory_failed':
-            times['all'] = now
-            done.set()
-
-    theorist = Theorist(take)
-    theorist.start()
-    await asyncio.sleep(WARM_UP_S)
-    began = time.monotonic()
-    theorist.ask(state)
-    await asyncio.wait_for(done.wait(), 120.0)
-    await theorist.close()
+            # It is followed to its ends before the other motions are looked for.
+            if orbit and orbit['complete']:
+                times.setdefault('curve of the motion', newest or now)
+        if curve != known:
+            known, newest = curve, now
+    times['all'] = time.monotonic() - began
+    theory.close()
     return times
 
 

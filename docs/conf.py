@@ -59,6 +59,7 @@ sphinx_gallery_conf = {
     'min_reported_time': 1e9,
     'remove_config_comments': True,
     'show_signature': False,
+    'write_computation_times': False,
 }
 
 html_theme = 'furo'

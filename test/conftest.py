@@ -20,6 +20,7 @@ LONGEST = (
     'page/test_browser.py',
     'node/test_absurd_rigs.py',
     'examples/test_paper.py',
+    'docs/test_tutorials.py',
     'report/test_comparison_report.py',
     'compare/test_kind.py',
     'examples/test_demo.py',

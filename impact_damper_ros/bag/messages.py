@@ -3,14 +3,13 @@ The recorded messages as typed Python objects, and their encoding in CDR.
 
 Plain CDR (XCDR version 1), as of DDS-XTypes 1.3, section 7.4.3, little-endian as on all machines
 of ROS 2: four bytes that name the encoding, then the fields, each aligned to its own size counted
-from there. Everything here works
-without ROS, and the bytes are those of the middleware with zeros for padding. `_FIELDS` lists the
-fields of each type; reading and writing follow it.
+from there. Everything here works without ROS, and the bytes are those of the middleware with zeros
+for padding. `_FIELDS` lists the fields of each type; reading and writing follow it.
 
 Stamps are integers of nanoseconds; a header is flattened into `stamp_ns` and `frame_id`.
 
 The messages of a topic of joint states differ in stamp and numbers only, so that the rest is
-written, compared and read at once: see `JointStateLayout`.
+written, compared and read at once: see `JointStateLayout`. Only the columns need numpy.
 """
 
 from __future__ import annotations
@@ -18,10 +17,12 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Self, cast
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self, cast
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 STRING = 'std_msgs/msg/String'
@@ -330,18 +331,24 @@ class JointStateLayout:
         # The places of the parts that are the same among the values of `_whole`
         self._at = [0, 3, *(3 + i + sum(counts[:i]) for i in (1, 2, 3))]
         self._no_efforts = (0.0,) * counts[2]
-        # The same as a row
+        self._content, self._begins, self._ends = content, begins, ends
+
+    @cached_property
+    def _row(self) -> tuple[np.dtype[np.void], NDArray[np.int64], NDArray[np.uint8]]:
+        """The dtype of a message, and of its bytes the places of those that are the same."""
+        import numpy as np
+
         names = ('seconds', 'rest', 'position', 'velocity', 'effort')
-        formats = ['<i4', '<u4', *(f'{n}<f8' for n in counts)]
-        offsets = [_STAMP_AT, _STAMP_AT + 4, *begins]
-        self._row = np.dtype(
-            {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': len(content)}
+        formats = ['<i4', '<u4', *(f'{n}<f8' for n in self.counts)]
+        offsets = [_STAMP_AT, _STAMP_AT + 4, *self._begins]
+        dtype = np.dtype(
+            {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': self.size}
         )
-        self._content = np.frombuffer(content, np.uint8)
-        differing = np.zeros(len(content), dtype=np.bool_)
-        for begin, end in ((_STAMP_AT, _STAMP_END), *zip(begins, ends, strict=True)):
-            differing[begin:end] = True
-        self._fixed = np.flatnonzero(~differing)
+        same = np.ones(self.size, dtype=np.bool_)
+        for begin, end in ((_STAMP_AT, _STAMP_END), *zip(self._begins, self._ends, strict=True)):
+            same[begin:end] = False
+        fixed = np.flatnonzero(same)
+        return dtype, fixed, np.frombuffer(self._content, np.uint8)[fixed]
 
     @classmethod
     def of(cls, frame_id: str, names: Sequence[str], *counts: int) -> Self:
@@ -385,14 +392,17 @@ class JointStateLayout:
 
     def fitting(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Return which of many messages of this size, one per row, have this layout."""
-        fits: NDArray[np.bool_] = (rows[:, self._fixed] == self._content[self._fixed]).all(axis=1)
+        _, fixed, content = self._row
+        fits: NDArray[np.bool_] = (rows[:, fixed] == content).all(axis=1)
         return fits
 
     def columns(
         self, rows: NDArray[np.uint8], counts: Sequence[int]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return stamps, ns, and the first positions, velocities and efforts of such messages."""
-        held = np.ascontiguousarray(rows).view(self._row)[:, 0]
+        import numpy as np
+
+        held = np.ascontiguousarray(rows).view(self._row[0])[:, 0]
         stamps = held['seconds'].astype(np.int64) * _NS_PER_S + held['rest']
         names = ('position', 'velocity', 'effort')
         parts = [held[name][:, :n] for name, n in zip(names, counts, strict=True) if n]
@@ -440,6 +450,8 @@ class JointStateColumns:
         self, contents: Sequence[bytes]
     ) -> tuple[NDArray[np.int64], NDArray[np.str_], NDArray[np.float64], NDArray[np.bool_]]:
         """Return stamps, ns, frames and numbers of messages, and which of them can be read."""
+        import numpy as np
+
         stamps = np.zeros(len(contents), dtype=np.int64)
         frames = [''] * len(contents)
         numbers = np.zeros((len(contents), sum(self._counts)))

@@ -52,7 +52,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar='DIR',
         help='directory of the recordings to list [runs]',
     )
-    parser.add_argument('--port', type=_port, default=8088, help='port [8088]; 0: any free port')
+    parser.add_argument(
+        '--port', type=_port, metavar='PORT', default=8088, help='port [8088]; 0: any free port'
+    )
     parser.add_argument(
         '--host',
         default='127.0.0.1',
@@ -122,9 +124,9 @@ async def _serve(arguments: argparse.Namespace) -> int:
     gate = Gate(arguments.host, arguments.name)
     recordings = Recordings(arguments.bag or arguments.recordings, listed=arguments.bag is None)
     if arguments.bag is None:
-        from impact_damper_ros.page.ros_client import NoAnswerError, RosClient
+        from impact_damper_ros.page.ros_client import RosClient
 
-        server = PageServer(gate, recordings, RosClient(), NoAnswerError, arguments.node)
+        server = PageServer(gate, recordings, RosClient(), arguments.node)
     else:
         server = PageServer(gate, recordings)
     end = asyncio.Event()
@@ -143,6 +145,8 @@ async def _serve(arguments: argparse.Namespace) -> int:
         await server.close()
         return 1
     print(f'{COMMAND}: the page is at {gate.url()}', flush=True)
+    if gate.tokens:
+        print(f'{COMMAND}: to watch only: {gate.url("watch")}', flush=True)
     if arguments.open:
         loop.run_in_executor(None, _open, gate.url())
     await end.wait()

@@ -31,9 +31,9 @@ Mask = NDArray[np.bool_]
 #: Kinds of rows beside those of events: the state at some instant, and a recorded sample.
 STATE, SAMPLE = 0, -1
 # Gauss points on [0, 1], and the longest piece, as an angle of the fastest oscillation
-_NODES, _GAUSS = np.polynomial.legendre.leggauss(6)
+_NODES, _GAUSS = np.polynomial.legendre.leggauss(8)
 _PLACES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _GAUSS
-_PIECE = math.pi / 4.0
+_PIECE = math.pi / 2.0
 #: A turning point is sought from points of this share of the largest |X|, in so many steps.
 _NEARLY, _STEPS = 0.98, 5
 

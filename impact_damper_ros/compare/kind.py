@@ -125,7 +125,7 @@ def run_on(stretch: RecordedStretch, cycle: float, quiet: float = _QUIET) -> Set
     found = settle(
         rig,
         cycles=most,
-        watch=3 * most // 4,
+        watch=3 * most // 4 if math.isfinite(quiet) else most,
         tolerance=_SURE,
         events=_MOST_EVENTS,
         quiet=quiet,

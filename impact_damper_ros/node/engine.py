@@ -447,6 +447,8 @@ class Engine:
         self._slipped = False
         before_ns = self._stamps.offset_ns
         if self._stamps.catch_up(self._time_ns):
+            # Deadlines are not before the stamps, however late this thread comes here.
+            self._pacer.anchor(self._time_ns)
             # The messages made ahead have other stamps.
             self._motion.stand_at(self._time_ns)
             self._motion.discard()

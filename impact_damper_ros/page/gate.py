@@ -51,25 +51,25 @@ class Gate:
         The address that the server listens on.
     names : sequence of str, optional
         Further host names of the server.
-    token : str, optional
-        The token to require. By default there is none on the loopback interface, and a new one on
-        any other address.
 
     Attributes
     ----------
+    tokens : dict
+        The token to require by what it allows, ``'steer'`` or ``'watch'``; empty on the loopback
+        interface, where everyone may steer.
     port : int
         Set once the server listens.
     """
 
     host: str
     names: Sequence[str] = ()
-    token: str = ''
+    tokens: dict[str, str] = field(default_factory=dict, init=False)
     port: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        """Make a token where one is needed."""
-        if not self.token and not is_loopback(self.host):
-            self.token = secrets.token_urlsafe(24)
+        """Make tokens where they are needed."""
+        if not is_loopback(self.host):
+            self.tokens = {role: secrets.token_urlsafe(24) for role in ('steer', 'watch')}
 
     @property
     def cookie(self) -> str:
@@ -99,15 +99,19 @@ class Gate:
         own = _split(rest) == _split(netloc)
         return scheme in ('http', 'https') and own and self.accepts_host(rest)
 
-    def accepts_token(self, *given: str | None) -> bool:
-        """Return whether one of the given values is the token, or none is required."""
-        if not self.token:
-            return True
-        return any(hmac.compare_digest(self.token.encode(), (g or '').encode()) for g in given)
+    def role(self, *given: str | None) -> str:
+        """Return what the first known one of the given tokens allows; empty for none of them."""
+        if not self.tokens:
+            return 'steer'
+        for text in given:
+            for role, token in self.tokens.items():
+                if hmac.compare_digest(token.encode(), (text or '').encode()):
+                    return role
+        return ''
 
-    def url(self) -> str:
+    def url(self, role: str = 'steer') -> str:
         """Return the address to open."""
         host = self.host if self.host not in ('0.0.0.0', '::', '') else socket.gethostname()
         host = f'[{host}]' if ':' in host else host
-        query = f'?token={self.token}' if self.token else ''
+        query = f'?token={self.tokens[role]}' if self.tokens else ''
         return f'http://{host}:{self.port}/{query}'

@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple, Protocol
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from impact_damper_ros.bag import DiagnosticArray, DiagnosticStatus, ParameterEvent, String
-from impact_damper_ros.bag.messages import CdrError, JointStateDecoder, decode
-from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
+from impact_damper_ros.bag.messages import (
+    DIAGNOSTIC_ARRAY,
+    PARAMETER_EVENT,
+    STRING,
+    CdrError,
+    JointStateColumns,
+    decode,
+)
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_FRAME
 from impact_damper_ros.bag.snapshots import FORMAT
 from impact_damper_ros.replay.command import parsed
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.replay.rows import Table
 from impact_damper_ros.rig.snapshot import Snapshot
 
-from .frames import PAUSED
-from .knobs import Knob, as_json
-from .measures import RigNumbers
-from .motion import ForcePhase, MotionHistory, Rows, impact_rows
-from .presets import preset_with
+from .frames import PAUSED, View
+from .knobs import as_json, knobs_of
+from .motion import Era, ForcePhase, Motion
+from .numbers import numbers_of
+from .presets import load_presets, preset_with
+from .source import RequestError, Source
+
+if TYPE_CHECKING:
+    from .client import Client
+    from .ros_client import RigLink
 
 #: Samples and impacts that are kept for the traces.
 _MOST_SAMPLES, _MOST_IMPACTS = 60_000, 20_000
@@ -30,92 +44,50 @@ GONE_S = 3.5
 _STATUS_PERIOD_S = 1.0
 #: Time for which several nodes of a name are tolerated, s: a killed one stays listed for 20 s.
 _NAMESAKE_S = 30.0
+#: Time after which no more messages of an earlier era come, ns.
+_LATE_NS = 10 * 10**9
+_RETRY_S = 1.0
 _LEVELS = ('ok', 'warn', 'error')
 #: Largest difference from the system time of stamps that count from it, s.
 _WALL_S = 3600.0
-#: Reasons of snapshots after which stamps count from another instant, and of those after which the
-#: motion of the rig is the same.
+#: Reasons of snapshots after which stamps count from another instant.
 _MOVING = ('slip', 'resume')
-_SAME_COURSE = (*_MOVING, 'record')
+_TRIGGERS = ('reset', 'step', 'step_to_impact')
 
 
-class Messages(Protocol):
-    """Messages of a rig that have come in, in CDR; see `ros_client.Polled`."""
-
-    states: list[bytes]
-    impacts: list[bytes]
-    snapshots: list[bytes]
-    diagnostics: list[bytes]
-    events: list[bytes]
+class NoAnswerError(Exception):
+    """A node that does not answer."""
 
 
-class Link(Protocol):
-    """The connection to a node; see `ros_client.RigLink`."""
-
-    name: str
-
-    def poll(self) -> Messages:
-        """Return the messages since the last call."""
-
-    def count(self) -> int:
-        """Return how many nodes have the name."""
-
-    async def knobs(self) -> list[Knob]:
-        """Return all parameters."""
-
-    async def set(self, values: Mapping[str, Any]) -> str:
-        """Set parameters; return why they are rejected, or an empty text."""
-
-    async def pause(self, hold: bool) -> tuple[bool, str]:
-        """Pause the rig, or resume it."""
-
-    async def trigger(self, service: str) -> tuple[bool, str]:
-        """Call `reset`, `step` or `step_to_impact`."""
-
-    def close(self) -> None:
-        """Close the connection."""
-
-
-class _Era(NamedTuple):
-    """The rig from a snapshot on, and the origins of its stamps and positions."""
-
-    stamp_ns: int
-    offset_ns: int
-    rest: float
-    rig: RigParameters
-    phase: ForcePhase
-
-
-class LiveRig:
+class LiveRig(Source):
     """
-    The state of a rig, reconstructed from its messages.
+    A rig of the network.
 
     Parameters
     ----------
-    link : Link
+    link : RigLink
         The connection to its node.
-    tell : callable
-        Called with each message for the pages.
+    common : callable
+        See `Source`.
 
     Attributes
     ----------
-    motion : MotionHistory
+    motion : Motion
         The last minutes.
-    knobs : list of Knob
-        Its parameters; empty until they are known.
     values : dict
-        Their present values.
+        The present values of the parameters that are known.
     state : dict or None
         Of the last snapshot.
     """
 
-    def __init__(self, link: Link, tell: Callable[[dict[str, Any]], None]) -> None:
+    kept_s = 30.0
+
+    def __init__(self, link: RigLink, common: Callable[[], dict[str, Any]]) -> None:
+        super().__init__(common)
         self.link = link
-        self._tell = tell
-        self.knobs: list[Knob] = []
         self.values: dict[str, Any] = {}
         self.state: dict[str, Any] | None = None
-        self.reports: dict[str, DiagnosticStatus] = {}
+        self._reports: dict[str, DiagnosticStatus] = {}
         self._forget()
         self._heard = time.monotonic()
         self._said: tuple[str, str] = ('', '')
@@ -123,83 +95,104 @@ class LiveRig:
         self._was_gone = False
         # Since when there are several nodes of this name
         self._namesakes_since = 0.0
-        #: Called when the rig has other parameters, or is another one.
-        self.on_course: Callable[[], None] = lambda: None
-        #: Called when the parameters have to be requested.
-        self.on_restart: Callable[[], None] = lambda: None
+        self._asking: asyncio.Task[None] | None = None
 
     def _forget(self) -> None:
         """Discard all messages: the node was restarted."""
-        self.motion = MotionHistory(_MOST_SAMPLES, _MOST_IMPACTS)
-        self._states, self._impacts = JointStateDecoder(), JointStateDecoder()
-        self._eras: list[_Era] = []
+        self.motion = Motion(_MOST_SAMPLES, _MOST_IMPACTS)
+        self._columns = {
+            'joint_states': JointStateColumns(JOINTS, (5, 5, 0)),
+            'impacts': JointStateColumns(IMPACT_JOINTS, (2, 2, 2)),
+        }
+        # Those whose messages may still come
+        self._eras: list[Era] = []
         self._paused = False
         self._epoch = 0.0
+        self._all_known = False
 
-    @property
-    def rig(self) -> RigParameters | None:
-        """The rig, as the last snapshot has it."""
-        return self._eras[-1].rig if self._eras else None
+    async def close(self) -> None:
+        """Leave the rig."""
+        if self._asking is not None:
+            self._asking.cancel()
+            await asyncio.gather(self._asking, return_exceptions=True)
+        self.link.close()
 
-    @property
-    def flags(self) -> int:
-        """Of the frames."""
-        return PAUSED if self._paused else 0
+    # To the pages
 
-    @property
-    def epoch(self) -> float:
-        """Wall time of the newest sample, s."""
-        return self._epoch
+    def hello(self) -> dict[str, Any]:
+        """Return the first message."""
+        return {
+            **super().hello(),
+            'rig': self.link.name,
+            'parameters': knobs_of(self.values) if self._all_known else [],
+        }
 
-    # Messages
+    def news(self) -> list[dict[str, Any]]:
+        """Return the present state."""
+        return [self._status(), self._diagnostics(), *self._numbers(), *self.theory.values()]
 
-    def look(self) -> None:
-        """Process the messages that have come since the last call."""
+    def frame(self, view: View) -> bytes | None:
+        """Return a frame with what is new; None if nothing is."""
+        end = self.motion.end
+        if math.isnan(end):
+            return None
+        return view.frame(self.motion, end, self._epoch, PAUSED if self._paused else 0)
+
+    def _numbers(self) -> list[dict[str, Any]]:
+        return [numbers_of(e.rig, self.motion, self.motion.end) for e in self._eras[-1:]]
+
+    # Messages of the node
+
+    def tick(self) -> None:
+        """Take in the messages that have come since the last call."""
         messages = self.link.poll()
         # /diagnostics are of all nodes; see below.
-        if messages.states or messages.snapshots or messages.impacts:
+        if any(messages[name] for name in ('joint_states', 'impacts', 'snapshot')):
             self._heard = time.monotonic()
-        for content in messages.snapshots:
+        for content in messages['snapshot']:
             self._take_snapshot(content)
-        self._take_states(messages.states)
-        self._take_impacts(messages.impacts)
-        for content in messages.events:
+        if self._eras:
+            for era, table in self._tables('joint_states', messages['joint_states']):
+                self.motion.add_samples(era.samples(table))
+            for era, table in self._tables('impacts', messages['impacts']):
+                self.motion.add_impacts(era.impacts(table))
+        for content in messages['parameter_events']:
             self._take_event(content)
-        for content in messages.diagnostics:
+        for content in messages['diagnostics']:
             self._take_diagnostics(content)
+        for content in messages['theory']:
+            self._take_theory(content)
         self._say_status()
 
     def _take_snapshot(self, content: bytes) -> None:
         try:
-            message = decode('std_msgs/msg/String', content)
+            message = decode(STRING, content)
             assert isinstance(message, String)
             held = parsed(message.data)
             if held['format'] != FORMAT:
                 return
             snapshot = Snapshot.from_dict(held['state'])
             offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])
-            control = dict(held['state']['gap_control']['parameters'])
+            reason, control = held['reason'], held['state']['gap_control']['parameters']
+            values = {**snapshot.parameters.as_dict(), **control}
         except (CdrError, ValueError, KeyError, TypeError, LookupError):
             return
-        time_ = time_ns / 1e9
-        if self._eras and self._is_another_run(held['reason'], offset_ns, time_):
+        if self._eras and self._is_another_run(reason, offset_ns, time_ns / 1e9):
             self._forget()
-            self.knobs = []
         self._was_gone = False
         began = not self._eras
-        rig = snapshot.parameters
-        before = (self.rig, self.state and self.state['gap_control']['parameters'])
         self.state = held['state']
+        late_ns = time_ns - _LATE_NS
+        kept = [era for era, after in pairwise(self._eras) if after.time_ns > late_ns]
+        phase = ForcePhase(snapshot)
         self._eras = [
-            *self._eras[-1:],
-            _Era(offset_ns + time_ns, offset_ns, rig.static_deflection, rig, ForcePhase(snapshot)),
+            *(kept + self._eras[-1:]),
+            Era(time_ns, offset_ns, snapshot.parameters, phase),
         ]
-        kind = 'reset' if held['reason'] == 'reset' else 'change'
-        self._note({**rig.as_dict(), **control}, None if began else time_, kind)
-        if began:
-            self.on_restart()
-        if began or held['reason'] not in _SAME_COURSE or before != (rig, control):
-            self.on_course()
+        kind = 'reset' if reason == 'reset' else 'change'
+        self._note(values, None if began else time_ns / 1e9, kind)
+        if began and (self._asking is None or self._asking.done()):
+            self._asking = asyncio.ensure_future(self._ask())
 
     def _is_another_run(self, reason: str, offset_ns: int, time_: float) -> bool:
         """
@@ -220,110 +213,57 @@ class LiveRig:
     def _note(self, values: Mapping[str, Any], time_: float | None, kind: str = 'change') -> None:
         """Store values, and report those that have changed, or a reset."""
         plain = {name: as_json(value) for name, value in values.items()}
-        changed = {
-            name: value
-            for name, value in plain.items()
-            if name in self.values and self.values[name] != value
-        }
+        changed = {n: v for n, v in plain.items() if self.values.get(n, v) != v}
         self.values |= plain
         if changed or kind == 'reset':
-            self._tell(
-                {
-                    'type': 'parameters',
-                    'time': time_,
-                    'kind': kind,
-                    'values': changed,
-                    'preset': preset_with(self.values),
-                }
-            )
+            preset = preset_with(self.values)
+            message = {'time': time_, 'kind': kind, 'values': changed, 'preset': preset}
+            self.tell({'type': 'parameters', **message})
 
-    def _era(self, stamp_ns: int, end: float) -> _Era:
-        """Return the era of a message from about `end`; a change comes with its snapshot."""
-        first, last = self._eras[0], self._eras[-1]
-        back_ns = first.offset_ns - last.offset_ns
-        if back_ns > 0:
-            # The system clock was set back: earlier messages have later stamps.
-            ahead_s = (stamp_ns - last.offset_ns) / 1e9 - end
-            return first if ahead_s > 0.5e-9 * back_ns else last
-        return last if stamp_ns >= last.stamp_ns else first
-
-    def _take_states(self, contents: list[bytes]) -> None:
-        if not self._eras:
-            return
-        rows, groups, time_ = [], [], self.motion.end
-        for content in contents:
-            try:
-                message = self._states.decode(content)
-            except CdrError:
-                continue
-            self._paused = message.frame_id == PAUSED_FRAME
-            if self._paused or len(message.position) < 4 or len(message.velocity) < 4:
-                continue
-            era = self._era(message.stamp_ns, time_)
-            x, z, stop_1, stop_2 = (place - era.rest for place in message.position[:4])
-            primary, damper, velocity_1, velocity_2 = message.velocity[:4]
-            time_ = (message.stamp_ns - era.offset_ns) / 1e9
-            angle = era.rig.angle
-            rows.append(
-                (
-                    *(time_, x, primary, z, damper),
-                    *(stop_1, velocity_1, stop_2, velocity_2, angle, 0.0),
-                )
-            )
-            groups.append(era)
-            now = time.time()
-            stamp = message.stamp_ns / 1e9
+    def _tables(self, topic: str, contents: list[bytes]) -> Iterable[tuple[Era, Table]]:
+        """Return messages of a topic as tables, each of one era."""
+        if not contents:
+            return []
+        stamps_ns, frames, numbers, readable = self._columns[topic].read(contents)
+        table = Table(stamps_ns, stamps_ns, frames, numbers)[readable]
+        if topic == 'joint_states' and table.size:
+            self._paused = bool(table.frame[-1] == PAUSED_FRAME)
+            stamp, now = table.stamp_ns[-1] / 1e9, time.time()
             self._epoch = stamp if abs(stamp - now) < _WALL_S else now
-        if rows:
-            self.motion.add_samples(self._completed(np.array(rows), groups))
+            # A paused rig repeats its last sample.
+            table = table[table.frame != PAUSED_FRAME]
+        if len(self._eras) == 1:
+            return [(self._eras[0], table)]
+        places = self._places(table.stamp_ns.tolist())
+        return [(self._eras[n], table[places == n]) for n in np.unique(places)]
 
-    def _completed(self, rows: Rows, eras: list[_Era]) -> Rows:
-        """Return samples with the phase of the force, later than the last known one."""
-        for era in {id(era): era for era in eras}.values():
-            own = np.array([other is era for other in eras])
-            rows[own, -1] = era.phase.at(rows[own, 0])
-            if era.rig.one_sided:
-                rows[own, 7:9] = np.nan
+    def _places(self, stamps_ns: list[int]) -> np.ndarray[Any, np.dtype[np.int64]]:
+        """
+        Return the number of the era of each message.
+
+        Topics may overtake each other, and after a step of the system clock a stamp may lie in
+        two eras: it is that in which the message comes soonest after, or before, the last one.
+        """
         end = self.motion.end
-        later = np.maximum.accumulate(rows[:, 0])
-        keep = (rows[:, 0] > (end if end == end else -math.inf)) & (
-            np.diff(later, prepend=-math.inf) > 0.0
-        )
-        rows = rows[keep]
-        rows[:, :9][np.isinf(rows[:, :9])] = np.nan
-        return rows
-
-    def _take_impacts(self, contents: list[bytes]) -> None:
-        if not self._eras:
-            return
-        # A change comes between two impacts: those of the era before it are the first ones.
-        rows: dict[int, list[tuple[float, ...]]] = {}
-        impacts = self.motion.impacts
-        end = float(impacts[-1, 0]) if len(impacts) else -math.inf
-        for content in contents:
-            try:
-                message = self._impacts.decode(content)
-            except CdrError:
-                continue
-            stop = {'stop_1': 1.0, 'stop_2': 2.0}.get(message.frame_id)
-            numbers = (*message.position, *message.velocity, *message.effort)
-            if stop is None or len(numbers) != 6 or not all(map(math.isfinite, numbers)):
-                continue
-            era = self._era(message.stamp_ns, self.motion.end)
-            time_ = (message.stamp_ns - era.offset_ns) / 1e9
-            if time_ >= end:
-                end = time_
-                rows.setdefault(self._eras.index(era), []).append((time_, stop, *numbers))
-        for index, group in sorted(rows.items()):
-            era, table = self._eras[index], np.array(group)
-            self.motion.add_impacts(
-                impact_rows(table, era.rig, era.phase.at(table[:, 0]), era.rest)
-            )
+        last_ns = self._eras[0].time_ns if math.isnan(end) else round(end * 1e9)
+        begins = [era.time_ns for era in self._eras]
+        ends = [*begins[1:], math.inf]
+        places = []
+        for stamp_ns in stamps_ns:
+            times = [stamp_ns - era.offset_ns for era in self._eras]
+            spans = zip(begins, times, ends, strict=True)
+            there = [n for n, (begin, at, end_ns) in enumerate(spans) if begin <= at <= end_ns]
+            # At the instant of a change, it is the later one.
+            far = [(abs(times[n] - last_ns), -n) for n in there or range(len(times))]
+            place = -min(far)[1]
+            places.append(place)
+            last_ns = times[place]
+        return np.array(places, dtype=np.int64)
 
     def _take_event(self, content: bytes) -> None:
         """Process parameters that no snapshot holds: settings of the node."""
         try:
-            event = decode('rcl_interfaces/msg/ParameterEvent', content)
+            event = decode(PARAMETER_EVENT, content)
         except CdrError:
             return
         assert isinstance(event, ParameterEvent)
@@ -333,11 +273,19 @@ class LiveRig:
         changed = {parameter.name: parameter.value for parameter in event.changed_parameters}
         self._note({n: v for n, v in changed.items() if n not in held}, None)
 
+    def _take_theory(self, content: bytes) -> None:
+        try:
+            message = decode(STRING, content)
+            assert isinstance(message, String)
+            self.tell_theory(parsed(message.data))
+        except ValueError:
+            return
+
     # Reports
 
     def _take_diagnostics(self, content: bytes) -> None:
         try:
-            array = decode('diagnostic_msgs/msg/DiagnosticArray', content)
+            array = decode(DIAGNOSTIC_ARRAY, content)
         except CdrError:
             return
         assert isinstance(array, DiagnosticArray)
@@ -345,63 +293,26 @@ class LiveRig:
         found = {s.name.removeprefix(own): s for s in array.status if s.name.startswith(own)}
         if found:
             self._heard = time.monotonic()
-            self.reports |= found
-            self._tell(self.diagnostics())
+            self._reports |= found
+            self.tell(self._diagnostics())
 
-    def diagnostics(self) -> dict[str, Any]:
-        """Return the last report of the node."""
+    def _diagnostics(self) -> dict[str, Any]:
+        """Return the last report of the node, as far as the page shows it."""
         measured, predicted = (
-            self.reports.get(f'{name} motion') for name in ('measured', 'predicted')
+            self._reports.get(f'{name} motion') for name in ('measured', 'predicted')
         )
-        values = {
-            f'{prefix}: {key}': value
-            for prefix, report in (('measured', measured), ('predicted', predicted))
-            if report is not None
-            for key, value in report.values
-        }
         return {
             'type': 'diagnostics',
-            'level': _level(self.reports.values()),
+            'level': _level(self._reports.values()),
             'message': measured.message if measured else '',
             'verdict': predicted.message if predicted else '',
-            'agreement': values.get('predicted: Agreement', ''),
-            'values': values,
-            'statuses': [
-                {
-                    'task': task,
-                    'level': _level([report]),
-                    'message': report.message,
-                    'values': dict(report.values),
-                }
-                for task, report in self.reports.items()
-            ],
+            'agreement': dict(predicted.values).get('Agreement', '') if predicted else '',
         }
 
-    def numbers(self) -> RigNumbers:
-        """Return the key numbers, as far as they are measured."""
-        report = self.reports.get('measured motion')
-        values = dict(report.values) if report is not None else {}
-        return RigNumbers(
-            self.rig,
-            self.motion,
-            self.motion.end,
-            _number(values.get('Largest X [m]', '')),
-            _number(values.get('Impacts per cycle of the force', '')),
-        )
-
-    def status(self) -> dict[str, Any]:
+    def _status(self) -> dict[str, Any]:
         """Return whether the rig runs."""
         state, text = self._judged()
-        pacing = self.reports.get('pacing')
-        values = dict(pacing.values) if pacing is not None else {}
-        return {
-            'type': 'status',
-            'state': state,
-            'text': text,
-            'time': as_json(self.motion.end),
-            'rate': _number(values.get('Achieved rate [Hz]', '')),
-            'overruns': _number(values.get('Overruns', '')),
-        }
+        return {'type': 'status', 'state': state, 'text': text, 'time': as_json(self.motion.end)}
 
     def _judged(self) -> tuple[str, str]:
         now = time.monotonic()
@@ -416,16 +327,10 @@ class LiveRig:
         if self._paused:
             return 'paused', 'paused'
         for task in ('rig', 'pacing'):
-            report = self.reports.get(task)
+            report = self._reports.get(task)
             if report is not None and report.level:
                 return 'lagging', report.message
         return 'running', ''
-
-    def _look_for_namesakes(self, now: float) -> None:
-        if self.link.count() < 2:
-            self._namesakes_since = 0.0
-        elif not self._namesakes_since:
-            self._namesakes_since = now
 
     def _say_status(self) -> None:
         now, judged = time.monotonic(), self._judged()
@@ -434,18 +339,61 @@ class LiveRig:
         if news or now >= self._said_at + _STATUS_PERIOD_S:
             self._said, self._said_at = judged, now
             self._was_gone |= judged[0] == 'gone'
-            self._look_for_namesakes(now)
-            self._tell(self.status())
+            if self.link.count() < 2:
+                self._namesakes_since = 0.0
+            elif not self._namesakes_since:
+                self._namesakes_since = now
+            self.tell(self._status())
+            for numbers in self._numbers():
+                self.tell(numbers)
+
+    # The node
+
+    async def _ask(self) -> None:
+        """Request the parameters until they are known; then send them to the pages."""
+        while not self._all_known:
+            try:
+                self.values = as_json(await self.link.parameters()) | self.values
+                self._all_known = True
+            except NoAnswerError:
+                await asyncio.sleep(_RETRY_S)
+        for client in list(self.clients):
+            client.show(self)
+
+    async def handle(self, message: dict[str, Any], client: Client) -> dict[str, Any] | None:
+        """Process a request."""
+        del client
+        kind = message['type']
+        try:
+            if kind == 'set':
+                reason = await self.link.set(dict(message['values']))
+                return {'ok': not reason, 'reason': reason}
+            if kind == 'preset':
+                return await self._take_preset(message['name'])
+            if kind == 'service':
+                return await self._serve(message['name'])
+        except NoAnswerError as error:
+            raise RequestError(str(error)) from error
+        raise RequestError(f'{kind[:80]} is not a request for a live rig')
+
+    async def _serve(self, name: str) -> dict[str, Any]:
+        if name == 'pause':
+            ok, text = await self.link.pause(not self._paused)
+        elif name in _TRIGGERS:
+            ok, text = await self.link.trigger(name)
+        else:
+            raise RequestError(f'{str(name)[:80]} is not a service of a rig')
+        return {'ok': ok, 'reason': text}
+
+    async def _take_preset(self, name: str) -> dict[str, Any]:
+        """Set the parameters of a preset, all at once, and reset the rig."""
+        if name not in load_presets():
+            raise RequestError(f'there is no preset {str(name)[:80]}')
+        if reason := await self.link.set(load_presets()[name].values):
+            return {'ok': False, 'reason': reason}
+        return await self._serve('reset')
 
 
 def _level(reports: Iterable[DiagnosticStatus]) -> str:
     worst = max((report.level for report in reports), default=0)
     return _LEVELS[min(worst, 2)]
-
-
-def _number(text: str) -> float | None:
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None

@@ -1,54 +1,36 @@
-"""The last minutes of a motion as arrays: samples, impacts, and the phase of the force."""
+"""The motion of a rig as arrays: samples, impacts, and the phase of the force."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.replay.rows import (
+    Events,
+    Samples,
+    Table,
+    impacts_of,
+    recorded_impacts,
+    recorded_samples,
+)
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
 from impact_damper_ros.rig.snapshot import Snapshot
 
 Rows = NDArray[np.float64]
 
-#: Columns of samples; positions count from the static equilibrium of M, m, s, cycles.
-SAMPLE_COLUMNS = (
-    *('time', 'x', 'x_velocity', 'z', 'z_velocity'),
-    *('stop_1', 'stop_1_velocity', 'stop_2', 'stop_2_velocity', 'angle', 'phase'),
+_SAMPLE = ('time', 'x', 'primary_velocity', 'z', 'damper_velocity', 'stop_1', 'stop_2')
+#: Columns of samples; positions count from the static equilibrium of M, m, s, rad, cycles.
+SAMPLE_COLUMNS = (*_SAMPLE, 'angle', 'phase')
+_IMPACT = (
+    *('time', 'stop', 'x', 'y', 'primary_velocity_before', 'primary_velocity_after'),
+    *('damper_velocity_before', 'damper_velocity_after', 'impulse'),
 )
-#: Columns of impacts; velocities just after, impulse as its modulus.
-IMPACT_COLUMNS = (
-    *('time', 'stop', 'x', 'x_velocity', 'z_velocity', 'impulse', 'phase', 'y'),
-    'x_velocity_before',
-    'z_velocity_before',
-)
-
-
-def impact_rows(rows: Rows, rig: RigParameters, phases: NDArray[np.float64], rest: float) -> Rows:
-    """
-    Return impacts as `IMPACT_COLUMNS`.
-
-    Parameters
-    ----------
-    rows : ndarray of shape (n, 8)
-        Time, stop, then positions, velocities after and impulses of M and m, as published.
-    rig : RigParameters
-        The rig.
-    phases : ndarray of shape (n,)
-        Of the force, cycles.
-    rest : float
-        Published position of M in its static equilibrium, m.
-    """
-    time, stop, x, z, x_after, z_after, primary, damper = rows.T
-    return np.column_stack(
-        [
-            *(time, stop, x - rest, x_after, z_after, np.abs(primary), phases, z - x),
-            x_after - primary / rig.primary_mass,
-            z_after - damper / rig.damper_mass,
-        ]
-    )
+#: Columns of impacts.
+IMPACT_COLUMNS = (*_IMPACT, 'phase')
 
 
 class ForcePhase:
@@ -77,14 +59,50 @@ class ForcePhase:
         self._cycles = turned + own + np.concatenate([[0.0], np.cumsum(lengths)])
         self._known = rig.force_amplitudes[0] != 0.0 and bool(self._frequencies.any())
 
-    def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, time: Rows) -> Rows:
         """Return the phases at instants, in cycles from 0 to 1; NaN without a force."""
         if not self._known:
             return np.full(len(time), np.nan)
         place = np.clip(np.searchsorted(self._times, time, side='right') - 1, 0, None)
         cycles = self._cycles[place] + (time - self._times[place]) * self._frequencies[place]
-        phases: NDArray[np.float64] = np.remainder(cycles, 1.0)
+        phases: Rows = np.remainder(cycles, 1.0)
         return phases
+
+
+@dataclass(frozen=True)
+class Era:
+    """The rig from one command to the next, which turns its messages into rows."""
+
+    time_ns: int  # rig time at which it begins
+    offset_ns: int  # stamp of rig time 0
+    rig: RigParameters
+    phase: ForcePhase | None  # None if it is not needed
+
+    def samples(self, table: Table) -> Rows:
+        """Return joint states as `SAMPLE_COLUMNS`."""
+        times = (table.stamp_ns - self.offset_ns) / 1e9
+        return self.sample_rows(recorded_samples(table, self.rig, times))
+
+    def impacts(self, table: Table) -> Rows:
+        """Return messages of impacts as `IMPACT_COLUMNS`."""
+        times = (table.stamp_ns - self.offset_ns) / 1e9
+        return self.impact_rows(recorded_impacts(table, self.rig, times))
+
+    def sample_rows(self, samples: Samples) -> Rows:
+        """Return samples of the rig as `SAMPLE_COLUMNS`."""
+        rows = np.column_stack([samples[name] for name in _SAMPLE])
+        if self.rig.one_sided:
+            rows[:, -1] = np.nan
+        return np.column_stack([rows, np.full(len(rows), self.rig.angle), self._phases(rows)])
+
+    def impact_rows(self, events: Events) -> Rows:
+        """Return the impacts among events of the rig as `IMPACT_COLUMNS`."""
+        hits = impacts_of(events)
+        rows = np.column_stack([hits[name] for name in _IMPACT])
+        return np.column_stack([rows, self._phases(rows)])
+
+    def _phases(self, rows: Rows) -> Rows:
+        return np.full(len(rows), np.nan) if self.phase is None else self.phase.at(rows[:, 0])
 
 
 class _Table:
@@ -113,7 +131,7 @@ class _Table:
         self._begin = max(self._begin, self._end - self._most)
 
 
-class MotionHistory:
+class Motion:
     """
     Samples and impacts of a rig in the order of their instants.
 
@@ -144,12 +162,18 @@ class MotionHistory:
         return float(rows[-1, 0]) if len(rows) else math.nan
 
     def add_samples(self, rows: Rows) -> None:
-        """Append samples, which must be later than the last one."""
-        self._samples.add(rows)
+        """Append the samples that are later than the one before them."""
+        rows = rows[np.isfinite(rows[:, :6]).all(axis=1)]
+        before = np.fmax.accumulate(np.append(self.end, rows[:, 0]))[:-1]
+        self._samples.add(rows[~(rows[:, 0] <= before)])
 
     def add_impacts(self, rows: Rows) -> None:
-        """Append impacts, which must not be earlier than the last one."""
-        self._impacts.add(rows)
+        """Append the impacts that are not earlier than the last one, in their order."""
+        rows = rows[np.isfinite(rows[:, :9]).all(axis=1)]
+        known = self._impacts.rows
+        if len(known):
+            rows = rows[rows[:, 0] >= known[-1, 0]]
+        self._impacts.add(rows[np.argsort(rows[:, 0], kind='stable')])
 
     def samples_between(self, start: float, end: float) -> Rows:
         """Return the samples after an instant, up to another one."""

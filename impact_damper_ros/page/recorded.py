@@ -1,48 +1,56 @@
-"""A recording as arrays, read once: its motion, and the changes of the rig."""
+"""A recording as the source of one page: its motion and changes, its position and speed."""
 
 from __future__ import annotations
 
+import json
+import math
+import time
+import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_damper_ros.replay import Command, RecordedRun, Rows
-from impact_damper_ros.replay.rows import Table
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.snapshot import Snapshot
+from impact_damper_ros.theory import TheoryProcess
 
-from .knobs import as_json
-from .motion import ForcePhase, MotionHistory, impact_rows
+from .frames import PAUSED, View
+from .knobs import as_json, knobs_of
+from .motion import Era, ForcePhase, Motion
+from .numbers import numbers_of
 from .presets import preset_with
+from .source import RequestError, Source
+from .what_if import WhatIfMotion
+
+if TYPE_CHECKING:
+    from .client import Client
 
 #: Largest number of samples and impacts that are read of a recording.
 MOST_SAMPLES, MOST_IMPACTS = 2_000_000, 1_000_000
-_MOST_CHANGES = 2000
+#: Largest number of changes that are marked.
+_MOST_CHANGES = 10_000
+_SLOWEST, _FASTEST = 0.01, 100.0
+_STATUS_PERIOD_S = 1.0
+#: The jumps that correspond to services of a live rig.
+_STEPS = {'step': 'sample', 'step_to_impact': 'impact'}
+_KINDS = {'stretch': ('stretch', 'change', 'reset'), 'change': ('change',)}
 
 
-@dataclass(frozen=True)
-class Era:
-    """
-    The rig from one change to the next.
+class Setting(NamedTuple):
+    """The rig from one change to the next."""
 
-    Attributes
-    ----------
-    time : float
-        Rig time at which it begins, s.
-    rig : RigParameters
-        The rig.
-    values : dict
-        Parameters of the rig and of its control, and the initial conditions as far as known.
-    state : dict
-        State of its snapshot.
-    """
+    state: dict[str, Any]  # of its snapshot
+    values: dict[str, Any]  # parameters of rig and control, and initial conditions
 
-    time: float
-    rig: RigParameters
-    values: dict[str, Any]
-    state: dict[str, Any]
+    @property
+    def rig(self) -> RigParameters:
+        """The rig."""
+        return Snapshot.from_dict(self.state).parameters
 
 
 @dataclass(frozen=True)
@@ -52,20 +60,20 @@ class Recording:
 
     Attributes
     ----------
-    motion : MotionHistory
+    motion : Motion
         The whole motion.
-    eras : list of Era
-        The rigs, in order.
     changes : list of dict
         The changes and resets: time, kind, new values, and the preset that the rig then matches.
     remark : str
         What is missing from the recording; empty if nothing is.
     """
 
-    motion: MotionHistory
-    eras: list[Era]
+    motion: Motion
     changes: list[dict[str, Any]]
     remark: str
+    #: Of each change the rig after it: what is shown of thousands of them is a few.
+    packed: list[bytes]
+    times: NDArray[np.float64]
 
     @property
     def start(self) -> float:
@@ -73,81 +81,12 @@ class Recording:
         return float(self.motion.samples[0, 0])
 
     def era(self, time: float) -> int:
-        """Return the number of the era of an instant."""
-        times = [era.time for era in self.eras]
-        return max(int(np.searchsorted(times, time, side='right')) - 1, 0)
+        """Return the number of the setting at an instant."""
+        return max(int(np.searchsorted(self.times, time, side='right')) - 1, 0)
 
-
-class _Reading:
-    """Collects the content of a bag."""
-
-    def __init__(self, recorded: RecordedRun) -> None:
-        count = recorded.reader.topics[recorded.topics.joint_states].message_count
-        # Surplus samples are dropped below, at the end.
-        self.motion = MotionHistory(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
-        self.eras: list[Era] = []
-        self.changes: list[dict[str, Any]] = []
-
-    def take(self, rows: Rows) -> None:
-        """Take the messages of the present rig."""
-        if rows.states.size:
-            self._take_states(rows.states)
-        if rows.impacts.size:
-            self._take_impacts(rows.impacts)
-
-    def enter(self, snapshot: Command) -> None:
-        """Take what was done to the rig."""
-        state = snapshot.state
-        restored = Snapshot.from_dict(dict(state))
-        rig = restored.parameters
-        control = state['gap_control']['parameters']
-        values = {**rig.as_dict(), **control, **snapshot.initial.as_dict()}
-        time = snapshot.time_ns / 1e9
-        era = Era(time, rig, {n: as_json(v) for n, v in values.items()}, state)
-        before = self.eras[-1].values if self.eras else {}
-        changed = {n: v for n, v in era.values.items() if before.get(n, v) != v}
-        kind = 'reset' if snapshot.resets else 'change' if changed else ''
-        if not self.eras:
-            kind = 'stretch'
-        if kind and len(self.changes) < _MOST_CHANGES:
-            preset = preset_with(era.values)
-            self.changes.append({'time': time, 'kind': kind, 'values': changed, 'preset': preset})
-        if kind or not self.eras:
-            self.eras.append(era)
-        self._phase = ForcePhase(restored)
-        self._rig = rig
-        self._offset_ns = snapshot.offset_ns
-        self._rest = rig.static_deflection
-
-    def _take_states(self, table: Table) -> None:
-        time = (table.stamp_ns - self._offset_ns) / 1e9
-        later = np.maximum.accumulate(np.append(self.motion.end, time)) if len(time) else time
-        known = np.nan_to_num(later[:-1], nan=-np.inf)
-        keep = (time > known) & np.isfinite(table.numbers[:, :4:2]).all(axis=1)
-        time, numbers = time[keep], table.numbers[keep]
-        x, z, stop_1, stop_2 = numbers[:, :4].T - self._rest
-        primary, damper, velocity_1, velocity_2 = numbers[:, 5:9].T
-        if self._rig.one_sided:
-            stop_2, velocity_2 = np.full((2, len(time)), np.nan)
-        angle = np.full(len(time), self._rig.angle)
-        phase = self._phase.at(time)
-        self.motion.add_samples(
-            np.column_stack(
-                [
-                    *(time, x, primary, z, damper),
-                    *(stop_1, velocity_1, stop_2, velocity_2, angle, phase),
-                ]
-            )
-        )
-
-    def _take_impacts(self, table: Table) -> None:
-        stops = np.select([table.frame == 'stop_1', table.frame == 'stop_2'], [1.0, 2.0], 0.0)
-        time = (table.stamp_ns - self._offset_ns) / 1e9
-        rows = np.column_stack([time, stops, table.numbers[:, :6]])
-        rows = rows[np.isfinite(rows).all(axis=1) & (rows[:, 1] > 0.0)]
-        rows = rows[np.argsort(rows[:, 0], kind='stable')]
-        phases = self._phase.at(rows[:, 0])
-        self.motion.add_impacts(impact_rows(rows, self._rig, phases, self._rest))
+    def setting(self, era: int) -> Setting:
+        """Return a setting by its number."""
+        return Setting(*json.loads(zlib.decompress(self.packed[era])))
 
 
 def load_recording(path: Path) -> Recording:
@@ -171,19 +110,227 @@ def load_recording(path: Path) -> Recording:
     ValueError
         If it holds no motion.
     """
-    recorded = RecordedRun(path, purpose='play')
-    reading = _Reading(recorded)
-    remarks = []
-    for item in recorded.walk():
+    run = RecordedRun(path, purpose='play')
+    # Surplus samples are dropped at the end.
+    count = run.reader.topics[run.topics.joint_states].message_count
+    motion = Motion(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
+    changes: list[dict[str, Any]] = []
+    packed: list[bytes] = []
+    before: dict[str, Any] = {}
+    remarks: list[str] = []
+    era: Era | None = None
+    for item in run.walk():
         if isinstance(item, Rows):
-            reading.take(item)
+            assert era is not None
+            motion.add_samples(era.samples(item.states))
+            motion.add_impacts(era.impacts(item.impacts))
         elif isinstance(item, Command):
-            reading.enter(item)
-        if len(reading.motion.samples) >= MOST_SAMPLES:
+            snapshot = Snapshot.from_dict(dict(item.state))
+            rig = snapshot.parameters
+            era = Era(item.time_ns, item.offset_ns, rig, ForcePhase(snapshot))
+            control = item.state['gap_control']['parameters']
+            values = as_json({**rig.as_dict(), **control, **item.initial.as_dict()})
+            changed = {n: v for n, v in values.items() if before.get(n, v) != v}
+            kind = 'reset' if item.resets else 'change' if changed else ''
+            kind = kind if before else 'stretch'
+            before = values
+            if kind and len(changes) < _MOST_CHANGES:
+                preset = preset_with(values)
+                changes.append(
+                    {'time': item.time, 'kind': kind, 'values': changed, 'preset': preset}
+                )
+                packed.append(zlib.compress(json.dumps([item.state, values]).encode()))
+            elif kind:
+                remarks = [f'only the first {_MOST_CHANGES:,} changes are marked']
+        if len(motion.samples) >= MOST_SAMPLES:
             remarks.append(f'only the first {MOST_SAMPLES:,} samples are shown')
             break
-    if not len(reading.motion.samples):
+    if not len(motion.samples):
         raise ValueError(f'{path.name} holds no joint states of a rig')
-    if not recorded.reader.complete:
+    if not run.reader.complete:
         remarks.append('the recording was cut short')
-    return Recording(reading.motion, reading.eras, reading.changes, '; '.join(remarks))
+    times = np.array([change['time'] for change in changes])
+    return Recording(motion, changes, '; '.join(remarks), packed, times)
+
+
+class Player(Source):
+    """
+    A recording that is played to one page.
+
+    Parameters
+    ----------
+    name : str
+        Name of the recording.
+    path : Path
+        The bag.
+    recorded : Recording
+        Its content.
+    common : callable
+        See `Source`.
+    """
+
+    def __init__(
+        self, name: str, path: Path, recorded: Recording, common: Callable[[], dict[str, Any]]
+    ) -> None:
+        super().__init__(common)
+        self._name = name
+        self._path = path
+        self.recorded = recorded
+        self._start, self._end = recorded.start, recorded.motion.end
+        self._speed = 1.0
+        # Rig time at an instant of the clock
+        self._from, self._since = self._start, time.monotonic()
+        self._playing = True
+        self._ghost: WhatIfMotion | None = None
+        self._said_at = -math.inf
+        self._document = ''
+        self._process = TheoryProcess(documents=True)
+        self._enter(recorded.era(self._start))
+
+    def _enter(self, era: int) -> None:
+        self._era, self._setting = era, self.recorded.setting(era)
+        self._rig = self._setting.rig
+        self._process.ask(self._setting.state)
+
+    async def close(self) -> None:
+        """End the child processes."""
+        self._process.close()
+        if self._ghost is not None:
+            self._ghost.close()
+
+    # To the page
+
+    def hello(self) -> dict[str, Any]:
+        """Return the first message."""
+        return {
+            **super().hello(),
+            'mode': 'player',
+            'bag': self._name,
+            'parameters': knobs_of(self._setting.values),
+            'start': self._start,
+            'duration': self._end - self._start,
+            'changes': self.recorded.changes,
+        }
+
+    def news(self) -> list[dict[str, Any]]:
+        """Return the present state."""
+        now = self.time
+        ended = not self._playing and now >= self._end
+        status = {
+            'type': 'status',
+            'state': 'running' if self._playing else 'ended' if ended else 'paused',
+            'text': self.recorded.remark,
+            'time': now,
+        }
+        numbers = numbers_of(self._rig, self.recorded.motion, now)
+        return [status, numbers, *self.theory.values()]
+
+    @property
+    def time(self) -> float:
+        """Rig time now, s."""
+        if not self._playing:
+            return self._from
+        return min(self._from + self._speed * (time.monotonic() - self._since), self._end)
+
+    def tick(self) -> None:
+        """Report a change of parameters, and the state at intervals."""
+        now = self.time
+        if self._playing and now >= self._end:
+            self._go_to(self._end, playing=False)
+        era, before = self.recorded.era(now), self._setting.values
+        if era != self._era:
+            played = era == self._era + 1 and self._playing
+            self._enter(era)
+            change = self.recorded.changes[era]
+            values = {n: v for n, v in self._setting.values.items() if before.get(n, v) != v}
+            self.tell(
+                {**change, 'type': 'parameters', 'kind': 'change', 'values': values}
+                | ({} if played else {'time': None})
+            )
+        self._process.poll()
+        if self._process.document is not self._document:
+            self._document = self._process.document
+            self.tell_theory(json.loads(self._document))
+        if self._ghost is not None:
+            self._ghost.tick()
+        if time.monotonic() >= self._said_at + _STATUS_PERIOD_S:
+            self._say()
+
+    def frame(self, view: View) -> bytes | None:
+        """Return a frame with what is new; None if nothing is."""
+        now, flags = self.time, 0 if self._playing else PAUSED
+        ghost = self._ghost.motion if self._ghost is not None else None
+        return view.frame(self.recorded.motion, now, now, flags, ghost)
+
+    def _say(self) -> None:
+        self._said_at = time.monotonic()
+        for message in self.news()[:2]:
+            self.tell(message)
+
+    # From the page
+
+    async def handle(self, message: dict[str, Any], client: Client) -> dict[str, Any] | None:
+        """Process a request."""
+        del client
+        kind = message['type']
+        if kind == 'seek':
+            self._go_to(float(message['time']))
+        elif kind == 'play':
+            self._play(float(message['speed']))
+        elif kind == 'jump':
+            self._jump(message['to'], int(message['direction']))
+        elif kind == 'what_if':
+            self._what_if(dict(message['values'] or {}))
+        elif kind == 'service' and message['name'] in _STEPS:
+            self._jump(_STEPS[message['name']], 1)
+        elif kind == 'service' and message['name'] == 'pause':
+            self._play(0.0 if self._playing else self._speed)
+        else:
+            raise RequestError(
+                'this is a recording: run a what-if, or change the parameter of a live rig'
+            )
+        if kind in ('seek', 'jump'):
+            self.tell({'type': 'seek_done', 'time': self.time})
+        return {'ok': True, 'reason': ''}
+
+    def _go_to(self, instant: float, *, playing: bool | None = None) -> None:
+        self._from = min(max(instant, self._start), self._end)
+        self._since = time.monotonic()
+        if playing is not None:
+            self._playing = playing
+        self._say()
+
+    def _play(self, speed: float) -> None:
+        now = self.time
+        if speed > 0.0:
+            self._speed = min(max(speed, _SLOWEST), _FASTEST)
+            # At the end playing starts again from the beginning.
+            now = self._start if now >= self._end else now
+        self._go_to(now, playing=speed > 0.0)
+
+    def _jump(self, to: str, direction: int) -> None:
+        """Go to the next or the previous sample, impact or change, and pause there."""
+        if to in ('sample', 'impact'):
+            motion = self.recorded.motion
+            times = (motion.samples if to == 'sample' else motion.impacts)[:, 0]
+        elif to in _KINDS:
+            found = [c['time'] for c in self.recorded.changes if c['kind'] in _KINDS[to]]
+            times = np.array(found, dtype=float)
+        else:
+            raise RequestError(f'a recording has no {str(to)[:80]} to jump to')
+        now = self.time
+        if direction < 0:
+            place = int(np.searchsorted(times, now, side='left')) - 1
+        else:
+            place = int(np.searchsorted(times, now, side='right'))
+        ends = self._start if direction < 0 else self._end
+        self._go_to(float(times[place]) if 0 <= place < len(times) else ends, playing=False)
+
+    def _what_if(self, values: dict[str, Any]) -> None:
+        ghost, self._ghost = self._ghost, None
+        if ghost is not None:
+            ghost.close()
+        if values:
+            self._ghost = WhatIfMotion(self._path, values, self.tell)
+        else:
+            self.tell({'type': 'what_if', 'on': False, 'done': True, 'text': ''})

@@ -10,19 +10,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterEvent, ParameterType
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    ListParameters,
-    SetParametersAtomically,
-)
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -32,43 +26,26 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from .knobs import Knob
+from impact_damper_ros.rig import ALL_SPECS, ParameterError
+
+from .live import NoAnswerError
 
 #: Time after which a request is repeated, since its answer may have been lost during discovery,
 #: and time after which it fails, s.
 ASK_AGAIN_S, PATIENCE_S = 1.0, 6.0
+_TOPICS = ('joint_states', 'impacts', 'snapshot', 'theory')
 _PAUSE, _RESET = '/pause', '/reset'
-_TYPES = {
-    ParameterType.PARAMETER_BOOL: 'bool',
-    ParameterType.PARAMETER_INTEGER: 'integer',
-    ParameterType.PARAMETER_DOUBLE: 'double',
-    ParameterType.PARAMETER_STRING: 'string',
-    ParameterType.PARAMETER_DOUBLE_ARRAY: 'double_array',
-}
-_ROS_TYPES = {
-    'bool': Parameter.Type.BOOL,
-    'integer': Parameter.Type.INTEGER,
-    'double': Parameter.Type.DOUBLE,
-    'string': Parameter.Type.STRING,
-    'double_array': Parameter.Type.DOUBLE_ARRAY,
-}
 #: Most messages of a topic that are taken at once.
 _MOST_TAKEN = 2000
-
-
-class NoAnswerError(Exception):
-    """A node that does not answer."""
-
-
-@dataclass
-class Polled:
-    """The messages since the last call, still serialised."""
-
-    states: list[bytes] = field(default_factory=list)
-    impacts: list[bytes] = field(default_factory=list)
-    snapshots: list[bytes] = field(default_factory=list)
-    diagnostics: list[bytes] = field(default_factory=list)
-    events: list[bytes] = field(default_factory=list)
+_SERVICES = {
+    'list_parameters': ListParameters,
+    'get_parameters': GetParameters,
+    'set_parameters_atomically': SetParametersAtomically,
+    'pause': SetBool,
+    'reset': Trigger,
+    'step': Trigger,
+    'step_to_impact': Trigger,
+}
 
 
 class _Service:
@@ -89,7 +66,8 @@ class _Service:
             if future is not None and not future.done():
                 future.set_result(answer)
 
-    async def call(self, request: Any) -> Any:
+    async def call(self, **fields: Any) -> Any:
+        request = self._kind.Request(**fields)
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         numbers = []
         end = time.monotonic() + PATIENCE_S
@@ -126,7 +104,7 @@ class RigLink:
     name : str
         Full name of the rig's node.
     topics : mapping of str to str
-        Full names of its `joint_states`, `impacts` and `snapshot`.
+        Full names of its `_TOPICS`.
     """
 
     def __init__(self, node: Node, name: str, topics: Mapping[str, str]) -> None:
@@ -135,39 +113,30 @@ class RigLink:
         latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         # With reliable joint states the writer would have to wait for each reader.
         loose = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+        # Snapshots after samples: none published after a snapshot may be processed without it.
         self._subscriptions = {
-            field: node.create_subscription(kind, topic, lambda _: None, qos, raw=True)
-            for field, kind, topic, qos in (
-                ('states', JointState, topics['joint_states'], loose),
+            key: node.create_subscription(kind, topic, lambda _: None, qos, raw=True)
+            for key, kind, topic, qos in (
+                ('joint_states', JointState, topics['joint_states'], loose),
                 ('impacts', JointState, topics['impacts'], QoSProfile(depth=1000)),
-                ('snapshots', String, topics['snapshot'], latched),
+                ('snapshot', String, topics['snapshot'], latched),
+                ('theory', String, topics['theory'], latched),
                 ('diagnostics', DiagnosticArray, '/diagnostics', QoSProfile(depth=20)),
-                ('events', ParameterEvent, '/parameter_events', QoSProfile(depth=100)),
+                ('parameter_events', ParameterEvent, '/parameter_events', QoSProfile(depth=100)),
             )
         }
         self._services = {
             service: _Service(node, kind, f'{name}/{service}')
-            for service, kind in (
-                ('list_parameters', ListParameters),
-                ('describe_parameters', DescribeParameters),
-                ('get_parameters', GetParameters),
-                ('set_parameters_atomically', SetParametersAtomically),
-                ('pause', SetBool),
-                ('reset', Trigger),
-                ('step', Trigger),
-                ('step_to_impact', Trigger),
-            )
+            for service, kind in _SERVICES.items()
         }
-        self._kinds: dict[str, str] = {}
 
-    def poll(self) -> Polled:
-        """Return new messages, and complete the requests that were answered."""
+    def poll(self) -> dict[str, list[bytes]]:
+        """Return new messages, in CDR, by topic; and complete the requests that were answered."""
         for service in self._services.values():
             service.poll()
-        polled = Polled()
-        # Snapshots last: no message published after a snapshot may be processed without it.
+        polled: dict[str, list[bytes]] = {}
         for name, subscription in self._subscriptions.items():
-            messages = getattr(polled, name)
+            messages = polled[name] = []
             with subscription.handle:
                 while len(messages) < _MOST_TAKEN:
                     taken = subscription.handle.take_message(subscription.msg_type, True)
@@ -181,50 +150,36 @@ class RigLink:
         nodes = self._node.get_node_names_and_namespaces()
         return sum(f'{space.rstrip("/")}/{name}' == self.name for name, space in nodes)
 
-    async def knobs(self) -> list[Knob]:
-        """Return all parameters with descriptors and values."""
-        listed = await self._services['list_parameters'].call(ListParameters.Request())
+    async def parameters(self) -> dict[str, Any]:
+        """Return the values of all parameters."""
+        listed = await self._services['list_parameters'].call()
         names = list(listed.result.names)
-        described = await self._services['describe_parameters'].call(
-            DescribeParameters.Request(names=names)
-        )
-        got = await self._services['get_parameters'].call(GetParameters.Request(names=names))
-        values = [parameter_value_to_python(value) for value in got.values]
-        found = [
-            _knob(descriptor, value)
-            for descriptor, value in zip(described.descriptors, values, strict=False)
-            if descriptor.type in _TYPES
-        ]
-        self._kinds = {knob.name: knob.kind for knob in found}
-        return found
+        got = await self._services['get_parameters'].call(names=names)
+        return dict(zip(names, map(parameter_value_to_python, got.values), strict=False))
 
     async def set(self, values: Mapping[str, Any]) -> str:
         """Set parameters, all or none; return why they are rejected, or an empty text."""
-        if not self._kinds:
-            await self.knobs()
+        parameters = []
         try:
-            parameters = [
-                Parameter(name, _ROS_TYPES[self._kinds[name]], _as(self._kinds[name], value))
-                for name, value in values.items()
-            ]
+            for name, value in values.items():
+                checked = ALL_SPECS[name].checked(value)
+                given = list(checked) if isinstance(checked, tuple) else checked
+                parameters.append(Parameter(name, value=given).to_parameter_msg())
         except KeyError as error:
             return f'{error.args[0]} is not a parameter of {self.name}'
-        except (TypeError, ValueError) as error:
+        except ParameterError as error:
             return str(error)
-        request = SetParametersAtomically.Request(
-            parameters=[parameter.to_parameter_msg() for parameter in parameters]
-        )
-        answer = await self._services['set_parameters_atomically'].call(request)
+        answer = await self._services['set_parameters_atomically'].call(parameters=parameters)
         return '' if answer.result.successful else str(answer.result.reason)
 
     async def pause(self, hold: bool) -> tuple[bool, str]:
         """Pause the rig, or resume it."""
-        answer = await self._services['pause'].call(SetBool.Request(data=hold))
+        answer = await self._services['pause'].call(data=hold)
         return bool(answer.success), str(answer.message)
 
     async def trigger(self, service: str) -> tuple[bool, str]:
         """Call `reset`, `step` or `step_to_impact`."""
-        answer = await self._services[service].call(Trigger.Request())
+        answer = await self._services[service].call()
         return bool(answer.success), str(answer.message)
 
     def close(self) -> None:
@@ -233,32 +188,6 @@ class RigLink:
             subscription.destroy()
         for service in self._services.values():
             service.close()
-
-
-def _as(kind: str, value: Any) -> Any:
-    """Return a value of JSON as the type of a parameter."""
-    if kind == 'double' and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if kind == 'integer' and isinstance(value, float) and value.is_integer():
-        return int(value)
-    if kind == 'double_array':
-        return [float(entry) for entry in (value if isinstance(value, list) else [value])]
-    return value
-
-
-def _knob(descriptor: Any, value: Any) -> Knob:
-    ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        value = [float(entry) for entry in value]
-    return Knob.of_descriptor(
-        descriptor.name,
-        _TYPES[descriptor.type],
-        descriptor.description,
-        descriptor.additional_constraints,
-        (ranges[0].from_value, ranges[0].to_value) if ranges else (None, None),
-        descriptor.read_only,
-        value,
-    )
 
 
 class RosClient:
@@ -291,7 +220,7 @@ class RosClient:
     def join(self, rig: str) -> RigLink:
         """Return the link to a rig; its topics may have been remapped."""
         space, _, name = rig.rpartition('/')
-        topics = {topic: f'{space}/{topic}' for topic in ('joint_states', 'impacts', 'snapshot')}
+        topics = {topic: f'{space}/{topic}' for topic in _TOPICS}
         try:
             published = self._node.get_publisher_names_and_types_by_node(name, space or '/')
         except RuntimeError:  # it has just left

@@ -1,89 +1,62 @@
-"""The server: the pages, their sources, and the tick that sends frames."""
+"""The server: addresses, pages and their sources, and the tick that sends frames."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import socket
 import time
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
+from weakref import WeakValueDictionary
 
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
+from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
+from tornado.websocket import WebSocketHandler
 
-from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.run_reader import bag_files
 from impact_damper_ros.rig.quoting import counted
 
-from .frames import View
+from .client import LONGEST_MESSAGE, Client
 from .gate import Gate
-from .handlers import application
-from .live import Link
-from .live_source import LiveSource
-from .player import Player
+from .live import LiveRig
 from .presets import load_presets
-from .recorded import Recording, load_recording
+from .recorded import Player, Recording, load_recording
 from .recordings import Recordings
-from .session import LONGEST_MESSAGE, RequestError, Session
+from .source import RequestError, Source
+
+if TYPE_CHECKING:
+    from .ros_client import RosClient
 
 _FRAMES_PER_SECOND = 60.0
 #: Period of the tick while no page is open, s.
 _IDLE_PERIOD_S = 0.25
 _LOOK_PERIOD_S = 1.0
-#: Time for which a rig without pages is kept, s, so that a reloaded page has its traces.
-_KEPT_S = 30.0
 _LIST_PERIOD_S = 2.0
 _COMPLAINT_PERIOD_S = 10.0
-#: Largest number of pages; more would slow one another down.
+#: Largest number of pages, as more would slow one another down; and of samples of the recordings
+#: that are open, which take some 70 bytes each.
 _MOST_PAGES = 100
+_MOST_SAMPLES = 6_000_000
 
-
-class Network(Protocol):
-    """The ROS network; see `ros_client.RosClient`."""
-
-    def rigs(self) -> list[str]:
-        """Return the nodes that are rigs."""
-
-    def join(self, rig: str) -> Link:
-        """Return a link to a rig."""
-
-    def close(self) -> None:
-        """Leave the network."""
-
-
-class _NoRig:
-    """The source of a page while there is no rig."""
-
-    def __init__(self, common: Callable[[], dict[str, Any]]) -> None:
-        self._common = common
-
-    def hello(self) -> dict[str, Any]:
-        return {
-            'type': 'hello',
-            'version': __version__,
-            'mode': 'live',
-            'rig': '',
-            'parameters': [],
-            'presets': [],
-            'window': 30.0,
-            'can_record': False,
-            'static_deflection': 0.0,
-            'one_sided': False,
-            **self._common(),
-        }
-
-    def frame(self, view: View) -> bytes | None:
-        del view
-        return None
-
-    async def handle(self, message: dict[str, Any], session: Session) -> dict[str, Any] | None:
-        del session
-        if message['type'] == 'theory':
-            return None
-        raise RequestError('there is no rig on the network')
+_STATIC = Path(__file__).with_name('static')
+_POLICY = (
+    "default-src 'self'; connect-src 'self'; img-src 'self' data: blob:; style-src 'self'; "
+    "frame-src 'self'; object-src 'none'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+#: A report is one file with its own styles and pictures, and no scripts.
+_REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'self'; sandbox allow-popups"
+)
+_SEND_BUFFER = 256 * 1024
+_PIECE = 256 * 1024
 
 
 class PageServer:
@@ -96,38 +69,35 @@ class PageServer:
         Access control.
     recordings : Recordings
         The recordings to play and to download.
-    network : Network, optional
+    network : RosClient, optional
         The ROS network; without it only recordings can be shown.
-    no_answer : type of Exception, optional
-        The exception that links raise if a node does not answer.
     node : str, optional
         The rig to show first.
 
     Attributes
     ----------
-    gate : Gate
+    gate, recordings
         As given.
+    sources : dict
+        The rigs that are or were shown, by name, and the recordings, by a key of their own.
     """
 
     def __init__(
         self,
         gate: Gate,
         recordings: Recordings,
-        network: Network | None = None,
-        no_answer: type[Exception] = TimeoutError,
+        network: RosClient | None = None,
         node: str = '',
     ) -> None:
         self.gate = gate
         self.recordings = recordings
         self._network = network
-        self._no_answer = no_answer
         self._node = node
-        self._presets = list(load_presets())
-        self._sources: dict[str, LiveSource] = {}
-        self._left_at: dict[str, float] = {}
-        self._sessions: set[Session] = set()
+        self.sources: dict[object, Source] = {}
+        self._nothing = Source(self._common)
+        self._left_at: dict[object, float] = {}
+        self._clients: set[Client] = set()
         self._rigs: list[str] = []
-        self._listed = json.dumps([])
         self._list: list[dict[str, Any]] = []
         self._looked = self._listed_at = 0.0
         self._failed = -_COMPLAINT_PERIOD_S
@@ -135,7 +105,7 @@ class PageServer:
         # These are not cancelled: processes end meanwhile.
         self._endings: set[asyncio.Task[Any]] = set()
         self._http: HTTPServer | None = None
-        self._read_last: tuple[object, Recording] | None = None
+        self._recorded: WeakValueDictionary[object, Recording] = WeakValueDictionary()
 
     # Start and end
 
@@ -150,10 +120,10 @@ class PageServer:
         """
         sockets = bind_sockets(port, self.gate.host)
         self.gate.port = sockets[0].getsockname()[1]
-        self._http = HTTPServer(application(self), max_body_size=LONGEST_MESSAGE)
+        self._http = HTTPServer(_application(self), max_body_size=LONGEST_MESSAGE)
         self._http.add_sockets(sockets)
         self._look_for_rigs()
-        self._spawn(self._run())
+        self._spawn(self._run(), self._tasks)
 
     async def close(self) -> None:
         """Stop the server, and leave the network."""
@@ -162,23 +132,27 @@ class PageServer:
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        for session in list(self._sessions):
-            session.outbox.close()
-            self.leave(session)
+        for client in list(self._clients):
+            client.close()
+            self.leave(client)
         if self._http is not None:
             await self._http.close_all_connections()
+        for key in list(self.sources):
+            self._end(key)
         await asyncio.gather(*self._endings, return_exceptions=True)
-        for source in self._sources.values():
-            await source.close()
         if self._network is not None:
             self._network.close()
         self.recordings.close()
 
-    def _spawn(self, work: Any) -> None:
-        _keep(asyncio.ensure_future(work), self._tasks)
+    def _spawn(self, work: Any, tasks: set[asyncio.Task[Any]]) -> None:
+        """Start a task, and hold a reference to it until it is done."""
+        task = asyncio.ensure_future(work)
+        tasks.add(task)
+        task.add_done_callback(tasks.discard)
 
-    def _end(self, source: LiveSource | Player) -> None:
-        _keep(asyncio.ensure_future(source.close()), self._endings)
+    def _end(self, key: object) -> None:
+        self._left_at.pop(key, None)
+        self._spawn(self.sources.pop(key).close(), self._endings)
 
     # The tick
 
@@ -187,7 +161,7 @@ class PageServer:
         while True:
             now = time.monotonic()
             # A tick that is missed is missed.
-            period = 1.0 / _FRAMES_PER_SECOND if self._sessions else _IDLE_PERIOD_S
+            period = 1.0 / _FRAMES_PER_SECOND if self._clients else _IDLE_PERIOD_S
             due = max(due + period, now)
             await asyncio.sleep(due - now)
             self._try(self._tick)
@@ -204,157 +178,301 @@ class PageServer:
 
     def _tick(self) -> None:
         now = time.monotonic()
-        for source in self._sources.values():
+        for source in list(self.sources.values()):
             self._try(source.tick)
-        for session in list(self._sessions):
-            if not isinstance(session.source, LiveSource):
-                self._try(session.pump)
+        for client in list(self._clients):
+            self._try(client.pump)
         if now > self._looked + _LOOK_PERIOD_S:
             self._looked = now
             self._look_for_rigs()
-            self._leave_rigs(now)
-        if self._sessions and now > self._listed_at + _LIST_PERIOD_S:
+            self._end_unused(now)
+        if self._clients and now > self._listed_at + _LIST_PERIOD_S:
             self._listed_at = now
-            self._spawn(self.list_recordings())
+            self._spawn(self._list_recordings(), self._tasks)
 
     def _look_for_rigs(self) -> None:
-        if self._network is None:
-            return
-        rigs = self._network.rigs()
+        rigs = self._network.rigs() if self._network is not None else []
         if rigs != self._rigs:
             self._rigs = rigs
             self._send({'type': 'rigs', 'list': rigs})
-        waiting = [s for s in self._sessions if isinstance(s.source, _NoRig)]
-        if rigs and waiting:
-            for session in waiting:
-                self._show(session, rigs[0])
-                session.greet()
+        for client in list(self._nothing.clients) if rigs else ():
+            client.show(self._rig(rigs[0]))
 
-    def _leave_rigs(self, now: float) -> None:
-        for name, source in list(self._sources.items()):
-            if source.sessions:
-                self._left_at[name] = now
-            elif now > self._left_at.get(name, now) + _KEPT_S:
-                self._end(self._sources.pop(name))
-                self._left_at.pop(name, None)
+    def _end_unused(self, now: float) -> None:
+        for key, source in list(self.sources.items()):
+            if source.clients:
+                self._left_at[key] = now
+            elif now > self._left_at.setdefault(key, now) + source.kept_s:
+                self._end(key)
 
-    async def list_recordings(self) -> list[dict[str, Any]]:
-        """Return the recordings, and send the list to the pages if it has changed."""
+    async def _list_recordings(self) -> None:
+        """Send the list of the recordings to the pages if it has changed."""
         # In a thread: a slow disk must not delay the frames.
-        loop = asyncio.get_running_loop()
-        self._list = await loop.run_in_executor(None, self.recordings.list)
-        listed = json.dumps(self._list)
-        if listed != self._listed:
-            self._listed = listed
-            self._send({'type': 'recordings', 'list': self._list})
-        return self._list
+        listed = await asyncio.to_thread(self.recordings.list)
+        if listed != self._list:
+            self._list = listed
+            self._send({'type': 'recordings', 'list': listed})
 
     def _send(self, message: dict[str, Any]) -> None:
-        for session in list(self._sessions):
-            session.outbox.put(message)
+        for client in list(self._clients):
+            client.put(message)
 
     # Pages
 
     def _common(self) -> dict[str, Any]:
-        return {'rigs': self._rigs, 'recordings': self._list}
+        presets = [
+            {'name': p.name, 'title': p.title, 'description': p.description, 'values': p.values}
+            for p in load_presets().values()
+        ]
+        return {'rigs': self._rigs, 'recordings': self._list, 'presets': presets}
 
-    def _source(self, rig: str) -> LiveSource:
+    def _rig(self, name: str) -> Source:
         assert self._network is not None
-        if rig not in self._sources:
-            self._sources[rig] = LiveSource(
-                self._network.join(rig), self._no_answer, self._presets, self._common
-            )
-            self._left_at[rig] = time.monotonic()
-        return self._sources[rig]
+        if name not in self.sources:
+            self.sources[name] = LiveRig(self._network.join(name), self._common)
+        return self.sources[name]
 
-    def _show(self, session: Session, rig: str) -> None:
-        source = self._source(rig)
-        session.source = source
-        source.sessions.add(session)
-        source.greet(session)
-
-    async def open(self, socket: Any, rig: str, bag: str) -> Session:
+    async def open(self, socket: Any, rig: str, bag: str, role: str) -> Client:
         """
-        Open a session that shows a rig or a recording.
+        Open a page that shows a rig or a recording.
 
         Raises
         ------
         RequestError
             If it does not exist, or too many pages are open.
         """
-        if len(self._sessions) >= _MOST_PAGES:
+        if len(self._clients) >= _MOST_PAGES:
             raise RequestError(
                 f'{counted(_MOST_PAGES, "page")} open already: close one, and reload this one'
             )
-        await self.list_recordings()
+        await self._list_recordings()
         if not bag and self._network is None:
             # The newest
             bag = next((entry['name'] for entry in self._list), '')
         if bag:
-            return await self._play(socket, bag)
-        if self._network is None:
+            source = await self._player(bag)
+        elif self._network is None:
             raise RequestError('there is no recording to play, and the page runs without ROS')
-        rig = rig or self._node or (self._rigs[0] if self._rigs else '')
-        if rig and rig not in self._rigs and rig not in (self._node, *self._sources):
-            raise RequestError(f'there is no rig {rig[:200]}')
-        source: Any = self._source(rig) if rig else _NoRig(self._common)
-        session = Session(socket, source)
-        self._sessions.add(session)
-        if isinstance(source, LiveSource):
-            source.sessions.add(session)
-            source.greet(session)
         else:
-            session.outbox.put({'type': 'status', 'state': 'gone', 'text': 'no rig', 'time': None})
-        return session
+            rig = rig or self._node or (self._rigs[0] if self._rigs else '')
+            if rig and rig not in (*self._rigs, self._node, *self.sources):
+                raise RequestError(f'there is no rig {rig[:200]}')
+            source = self._rig(rig) if rig else self._nothing
+        client = Client(socket, source, self._handle, steers=role == 'steer')
+        self._clients.add(client)
+        return client
 
-    async def _play(self, socket: Any, bag: str) -> Session:
-        """Open a session that plays a recording."""
+    async def _player(self, bag: str) -> Source:
+        """Return a source that plays a recording."""
         try:
             # In a thread: the frames of the other pages go on.
             path, recorded = await asyncio.to_thread(self._read, bag)
         except (LookupError, RecordingError, ValueError) as error:
             raise RequestError(str(error)) from error
         player = Player(bag, path, recorded, self._common)
-        session = Session(socket, player)
-        self._sessions.add(session)
-        player.begin(session)
-        return session
+        self.sources[player] = player
+        return player
 
     def _read(self, bag: str) -> tuple[Path, Recording]:
-        """Read a recording; the last one is cached while its files do not change."""
+        """Read a recording; pages that play the same one share it."""
         path = self.recordings.path(bag)
         files = bag_files(path)
         key = path, tuple((f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files)
-        if self._read_last is None or self._read_last[0] != key:
-            self._read_last = key, load_recording(path)
-        return path, self._read_last[1]
+        found = self._recorded.get(key)
+        if found is None:
+            others = sum(len(one.motion.samples) for one in list(self._recorded.values()))
+            found = load_recording(path)
+            if others and others + len(found.motion.samples) > _MOST_SAMPLES:
+                raise ValueError('the recordings that are open fill the memory: close one of them')
+            self._recorded[key] = found
+        return path, found
 
-    def leave(self, session: Session) -> None:
-        """Close the session of a page."""
-        if session in self._sessions and isinstance(session.source, Player):
-            self._end(session.source)
-        self._sessions.discard(session)
-        if isinstance(session.source, LiveSource):
-            session.source.sessions.discard(session)
+    def leave(self, client: Client) -> None:
+        """Forget a page that was closed."""
+        self._clients.discard(client)
+        client.source.clients.discard(client)
 
-    async def compare(self, name: str) -> bool:
-        """Start a comparison, whose result is sent to all pages; return whether it began."""
-        path = await asyncio.to_thread(self.recordings.path, name)
+    async def _handle(self, message: dict[str, Any], client: Client) -> dict[str, Any] | None:
+        """Process a request of a page, or let its source do so."""
+        if message['type'] != 'compare':
+            return await client.source.handle(message, client)
+        name = message['recording']
+        if not message['on']:
+            self.recordings.cancel_comparison(name)
+            return {'ok': True, 'reason': ''}
+        try:
+            path = await asyncio.to_thread(self.recordings.path, name)
+        except LookupError as error:
+            raise RequestError(str(error)) from error
         if not self.recordings.start_comparison(name):
-            return False
+            raise RequestError('it is being compared already, or two others are: wait for them')
 
         async def work() -> None:
             self._send(await self.recordings.compare(path))
 
-        self._spawn(work())
-        return True
-
-    def presets(self) -> list[dict[str, Any]]:
-        """Return the presets with all their values."""
-        return [p.as_dict() | {'values': p.all_values()} for p in self._presets]
+        self._spawn(work(), self._tasks)
+        return {'ok': True, 'reason': ''}
 
 
-def _keep(task: asyncio.Task[Any], tasks: set[asyncio.Task[Any]]) -> None:
-    """Hold a reference to a task until it is done."""
-    tasks.add(task)
-    task.add_done_callback(tasks.discard)
+class _Guarded(RequestHandler):
+    """A request that passes the gate, answered with restrictive security headers."""
+
+    policy = _POLICY
+    role = ''
+
+    def initialize(self, server: PageServer) -> None:
+        self.server = server
+
+    def set_default_headers(self) -> None:
+        self.clear_header('Server')
+        for name, value in (
+            ('Content-Security-Policy', self.policy),
+            ('X-Content-Type-Options', 'nosniff'),
+            ('Referrer-Policy', 'no-referrer'),
+            ('Cross-Origin-Opener-Policy', 'same-origin'),
+            ('Cross-Origin-Resource-Policy', 'same-origin'),
+            ('Cache-Control', 'no-cache'),
+        ):
+            self.set_header(name, value)
+
+    def prepare(self) -> None:
+        gate, request = self.server.gate, self.request
+        if not gate.accepts_host(request.headers.get('Host', '')):
+            raise HTTPError(421, reason='This server has another name')
+        origin = request.headers.get('Origin')
+        if origin is not None and not gate.accepts_origin(origin, request.headers['Host']):
+            raise HTTPError(403, reason='Foreign Origin')
+        given = self.get_query_argument('token', None), self.get_cookie(gate.cookie)
+        self.role = gate.role(*given)
+        if not self.role:
+            raise HTTPError(403, reason='The token is missing: open the address with it')
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        del kwargs
+        self.set_header('Content-Type', 'text/plain; charset=utf-8')
+        self.finish(f'{status_code} {self._reason}\n')
+
+
+class _Index(_Guarded):
+    def get(self) -> None:
+        gate = self.server.gate
+        if gate.tokens and self.get_query_argument('token', None) is not None:
+            # Kept in a cookie that scripts cannot read, and out of the address
+            token = gate.tokens[self.role]
+            self.set_cookie(gate.cookie, token, httponly=True, samesite='Strict', path='/')
+            self.redirect('/')
+            return
+        self.set_header('Content-Type', 'text/html; charset=utf-8')
+        self.finish((_STATIC / 'index.html').read_bytes())
+
+
+class _Missing(_Guarded):
+    def prepare(self) -> None:
+        super().prepare()
+        raise HTTPError(404)
+
+
+class _Static(_Guarded, StaticFileHandler):
+    def initialize(self, path: str, server: PageServer) -> None:  # type: ignore[override]
+        self.server = server
+        StaticFileHandler.initialize(self, path)
+
+    def prepare(self) -> None:
+        super().prepare()
+        if '\0' in unquote(self.request.path):
+            raise HTTPError(404)
+
+    def set_extra_headers(self, path: str) -> None:
+        del path
+        self.set_header('Cache-Control', 'no-cache')
+
+
+class _File(_Guarded):
+    """A file that `find` looks up by the names in the address."""
+
+    def find(self, *names: str) -> Path:
+        raise NotImplementedError
+
+    async def get(self, *names: str) -> None:
+        try:
+            path = await asyncio.to_thread(self.find, *map(unquote, names))
+        except LookupError:
+            raise HTTPError(404) from None
+        with path.open('rb') as stream:
+            while piece := stream.read(_PIECE):
+                self.write(piece)
+                await self.flush()
+
+
+class _Download(_File):
+    def find(self, *names: str) -> Path:
+        path = self.server.recordings.file(*names)
+        plain = ''.join(sign if sign.isalnum() or sign in '._-' else '_' for sign in path.name)
+        plain = plain.encode('ascii', 'replace').decode().replace('?', '_')
+        self.set_header('Content-Type', 'application/octet-stream')
+        self.set_header('Content-Disposition', f'attachment; filename="{plain}"')
+        self.set_header('Content-Length', path.stat().st_size)
+        return path
+
+
+class _Report(_File):
+    policy = _REPORT_POLICY
+
+    def find(self, *names: str) -> Path:
+        path = self.server.recordings.report(*names)
+        kind = 'text/html' if path.suffix == '.html' else 'application/json'
+        self.set_header('Content-Type', f'{kind}; charset=utf-8')
+        return path
+
+
+class _Socket(_Guarded, WebSocketHandler):
+    client: Client | None = None
+
+    def check_origin(self, origin: str) -> bool:
+        return self.server.gate.accepts_origin(origin, self.request.headers['Host'])
+
+    async def open(self, *args: str, **kwargs: str) -> None:
+        del args, kwargs
+        self.set_nodelay(True)
+        connection = self.ws_connection
+        stream = getattr(connection, 'stream', None)
+        if stream is not None and stream.socket is not None:
+            # A small buffer: what it holds for a page that does not read is outdated afterwards.
+            stream.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        rig, bag = (self.get_query_argument(name, '') for name in ('rig', 'bag'))
+        try:
+            self.client = await self.server.open(self, rig, bag, self.role)
+        except RequestError as error:
+            text = json.dumps({'type': 'status', 'state': 'gone', 'text': str(error)[:2000]})
+            await self.write_message(text)
+            self.close(4404, 'not found')
+        else:
+            if self.ws_connection is None or self.ws_connection.is_closing():
+                self.on_close()
+
+    async def on_message(self, message: str | bytes) -> None:
+        if self.client is not None:
+            await self.client.take(message)
+
+    def on_close(self) -> None:
+        if self.client is not None:
+            self.server.leave(self.client)
+
+
+def _application(server: PageServer) -> Application:
+    """Return the application with all addresses of a server."""
+    own = {'server': server}
+    return Application(
+        [
+            (r'/', _Index, own),
+            (r'/static/(.*)', _Static, {'path': str(_STATIC), **own}),
+            (r'/recordings/([^/]+)/download', _Download, own),
+            (r'/reports/([^/]+)/([^/]+)', _Report, own),
+            (r'/ws', _Socket, own),
+        ],
+        default_handler_class=_Missing,
+        default_handler_args=own,
+        websocket_max_message_size=LONGEST_MESSAGE,
+        websocket_ping_interval=20,
+        log_function=lambda _: None,
+    )

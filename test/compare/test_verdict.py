@@ -239,7 +239,7 @@ def test_curves_are_bounded_and_whole():
     assert np.all(np.diff(motion.time) >= 0.0)
     assert np.all(motion.stop_1 == pytest.approx(18.5, abs=1e-10))
     assert np.abs(motion.y).max() == pytest.approx(18.5, abs=1e-10)
-    assert len(curves.impacts.time) == found.impacts
+    assert len(curves.impacts) == len(curves.phases) == found.impacts
     predicted = curves.predicted
     # The prediction in rig time, over the recording
     there = predicted.force_zero + predicted.phase * predicted.cycle

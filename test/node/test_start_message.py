@@ -5,7 +5,7 @@ from node.rig_client import LIVELY, until
 
 def test_start_message_names_what_runs(launch, namespace):
     process = launch(f'__ns:={namespace}', **LIVELY, gap_control='timed', publish_clock=True)
-    until(lambda: 'record true' in process.output, lambda: process.output)
+    until(lambda: 'or rig_page' in process.output, lambda: process.output)
     said = process.output
     assert f'{namespace}/sim_node runs in real time\n' in said
     assert (

@@ -1,194 +1,125 @@
-"""What a browser does with the server: requests, a WebSocket, and frames taken apart."""
+"""A browser, and pages in it that keep what comes on their console."""
 
-import asyncio
 import contextlib
-import functools
 import json
-import struct
-from dataclasses import dataclass
+import time
 
-import numpy as np
-from tornado.httpclient import AsyncHTTPClient, HTTPRequest
-from tornado.websocket import websocket_connect
+from playwright.sync_api import Error, sync_playwright
 
-from impact_damper_ros.page.gate import Gate
-from impact_damper_ros.page.recordings import Recordings
-from impact_damper_ros.page.server import PageServer
-
-from .fake_rig import FakeLink, FakeNetwork, NoAnswerError
-
-DEADLINE_S = 300.0
+OPTIONS = ('--disable-gpu', '--autoplay-policy=no-user-gesture-required', '--mute-audio')
+#: Longer than anything takes on a machine with much else to do, s.
+LONG = 90.0
 
 
-def in_loop(test):
-    """Run a test that is a coroutine in an event loop."""
+class Browser:
+    """
+    Chromium without a window.
 
-    @functools.wraps(test)
-    def run(*args, **kwargs):
-        asyncio.run(test(*args, **kwargs))
+    While it is open, this thread has an event loop that runs: `asyncio.run` cannot be used.
+    """
 
-    return run
+    def __init__(self, path):
+        self._driver = sync_playwright().start()
+        self._browser = self._driver.chromium.launch(executable_path=path, args=OPTIONS)
 
+    def open(self, address, *, width=1280, height=800, scale=1.0, dark=False):
+        """Open a page that has never been there before."""
+        context = self._browser.new_context(
+            viewport={'width': width, 'height': height},
+            device_scale_factor=scale,
+            color_scheme='dark' if dark else 'light',
+        )
+        return Page(context, address)
 
-HEADER = struct.Struct('<BBHHHHHddd')
-
-
-@dataclass
-class Frame:
-    flags: int
-    end: float
-    start: float
-    epoch: float
-    state: np.ndarray
-    ghost: np.ndarray | None
-    columns: np.ndarray
-    impacts: np.ndarray
-    samples: np.ndarray
-    ghost_columns: np.ndarray
-    ghost_samples: np.ndarray
-
-
-def taken_apart(content):
-    """Return a frame as the page reads it."""
-    kind, flags, *counts, end, start, epoch = HEADER.unpack_from(content)
-    assert kind == 1
-    numbers = np.frombuffer(content[HEADER.size :], '<f4')
-    widths = (8, 8, 6, 8, 6)
-    sizes = [10, 10 if flags & 2 else 0, *(n * w for n, w in zip(counts, widths, strict=True))]
-    assert sum(sizes) == len(numbers)
-    state, ghost, *tables = np.split(numbers, np.cumsum(sizes)[:-1])
-    return Frame(
-        *(flags, end, start, epoch, state, ghost if len(ghost) else None),
-        *(t.reshape(-1, width) for t, width in zip(tables, widths, strict=True)),
-    )
+    def close(self):
+        """End the browser."""
+        self._browser.close()
+        self._driver.stop()
 
 
 class Page:
-    """A page with its WebSocket; it keeps what comes."""
+    """
+    A page.
 
-    def __init__(self, socket):
-        self.socket = socket
-        self.messages = []
-        self.frames = []
-        self.closed = None
-        self._count = 0
-        self._changed = asyncio.Condition()
-        self._task = asyncio.ensure_future(self._read())
+    `said` is what came on its console, with errors and refusals of the policy.
+    """
 
-    async def _read(self):
+    def __init__(self, context, address):
+        self._context = context
+        self.tab = context.new_page()
+        self.said = []
+        self.tab.on('console', lambda message: self.said.append(f'{message.type}: {message.text}'))
+        self.tab.on('pageerror', lambda error: self.said.append(f'exception: {error}'))
+        self.tab.goto(address)
+
+    def run(self, script):
+        """Return the value of an expression, awaited."""
+        return self.tab.evaluate(script)
+
+    def wait(self, script, seconds=LONG):
+        """Wait until an expression is true; while the page is being loaded it is not."""
+        # `wait_for_function` evaluates texts, which the policy of the page forbids.
+        tried = f'(() => {{ try {{ return Boolean({script}); }} catch {{ return false; }} }})()'
+        end = time.monotonic() + seconds
         while True:
-            content = await self.socket.read_message()
-            async with self._changed:
-                if content is None:
-                    self.closed = self.socket.close_code
-                elif isinstance(content, bytes):
-                    self.frames.append(taken_apart(content))
-                else:
-                    self.messages.append(json.loads(content))
-                self._changed.notify_all()
-            if content is None:
-                return
+            with contextlib.suppress(Error):
+                if self.run(tried):
+                    return
+            assert time.monotonic() < end, f'in vain: {script}; {self.described()}'
+            time.sleep(0.05)
 
-    async def until(self, condition, what='it did not happen'):
-        """Wait for something and return it."""
-        try:
-            async with asyncio.timeout(DEADLINE_S), self._changed:
-                while not (value := condition()):
-                    assert self.closed is None or condition(), f'closed: {self.messages[-1:]}'
-                    await self._changed.wait()
-                return value
-        except TimeoutError:
-            last = [str(message)[:300] for message in self.messages[-3:]]
-            raise AssertionError(f'{what}; {len(self.frames)} frames, {last}') from None
+    def described(self):
+        """Return what a failed test should say of the page."""
+        state = self.run("""[location.href, document.querySelector('#status')?.textContent,
+            document.querySelector('#curtain')?.textContent,
+            document.querySelector('#toast')?.textContent, globalThis.impactDamper?.counted.frames,
+            globalThis.impactDamper?.history.impacts.length]""")
+        return f'page: {state}; console: {self.said}'
 
-    def of(self, kind):
-        return [message for message in self.messages if message['type'] == kind]
+    def text(self, selector):
+        """Return the text of an element."""
+        return self.run(f'document.querySelector({json.dumps(selector)})?.textContent')
 
-    async def next(self, kind, after=0, **wanted):
-        """Wait for a message of a kind with some values, after so many of the kind."""
+    def value(self, selector):
+        """Return the value of a field."""
+        return self.run(f'document.querySelector({json.dumps(selector)}).value')
 
-        def found():
-            for message in self.of(kind)[after:]:
-                if all(message.get(name) == value for name, value in wanted.items()):
-                    return message
-            return None
+    def click(self, selector):
+        """Click on the middle of an element, as a mouse does."""
+        self.tab.click(selector, force=True)
 
-        return await self.until(found, f'no {kind} with {wanted}')
+    def type(self, selector, text, *, enter=True):
+        """Replace what is in a field by a text, with the keyboard."""
+        self.run(f"""(() => {{ const one = document.querySelector({json.dumps(selector)});
+            one.focus(); one.select(); }})()""")
+        self.tab.keyboard.insert_text(text)
+        if enter:
+            self.key('Enter')
 
-    async def send(self, **message):
-        await self.socket.write_message(json.dumps(message))
+    def key(self, name):
+        """Press a key."""
+        self.tab.keyboard.press(name)
 
-    async def ask(self, **message):
-        """Send a request and return its result."""
-        self._count += 1
-        await self.send(id=self._count, **message)
+    def choose(self, selector, value):
+        """Choose from a list, or move a slider."""
+        self.run(f"""(() => {{ const one = document.querySelector({json.dumps(selector)});
+            one.value = {value}; one.dispatchEvent(new Event('change')); }})()""")
 
-        def found():
-            return [
-                m
-                for m in self.messages
-                if m['type'] in ('set_result', 'service_result') and m['id'] == self._count
-            ]
+    def resize(self, width, height):
+        """Give the window another size, in CSS pixels."""
+        self.tab.set_viewport_size({'width': width, 'height': height})
 
-        return (await self.until(found, f'no answer to {message}'))[0]
+    def shade(self, dark, calm=False):
+        """Let the system be dark or light, and ask for little motion."""
+        self.tab.emulate_media(
+            color_scheme='dark' if dark else 'light',
+            reduced_motion='reduce' if calm else 'no-preference',
+        )
 
-    async def close(self):
-        self.socket.close()
-        with contextlib.suppress(asyncio.CancelledError):
-            await self._task
+    def protocol(self):
+        """Return a session of the DevTools protocol."""
+        return self._context.new_cdp_session(self.tab)
 
-
-@contextlib.asynccontextmanager
-async def serving(directory, network=None, **options):
-    """Run a server; yield it."""
-    gate = Gate(options.pop('host', '127.0.0.1'), **options.pop('gate', {}))
-    server = PageServer(
-        gate, Recordings(directory), network, options.pop('no_answer', NoAnswerError), **options
-    )
-    await server.start(0)
-    try:
-        yield server
-    finally:
-        await server.close()
-
-
-def url(server, path, scheme='http'):
-    return f'{scheme}://127.0.0.1:{server.gate.port}{path}'
-
-
-async def get(server, path, *, headers=None, method='GET', body=None):
-    """Return the answer to a request, whatever its code."""
-    request = HTTPRequest(
-        url(server, path),
-        method=method,
-        headers=headers or {},
-        body=body,
-        follow_redirects=False,
-        request_timeout=DEADLINE_S,
-    )
-    return await AsyncHTTPClient().fetch(request, raise_error=False)
-
-
-@contextlib.asynccontextmanager
-async def opened(server, path='/ws', headers=None):
-    """Open a page; yield it."""
-    request = HTTPRequest(url(server, path, 'ws'), headers=headers or {})
-    page = Page(await websocket_connect(request))
-    try:
-        yield page
-    finally:
-        await page.close()
-
-
-def started(link):
-    """Return the link to a rig that has run for a while."""
-    link.run(20.0)
-    return link
-
-
-@contextlib.asynccontextmanager
-async def live_page(directory, link=None):
-    """Show a rig that has run for a while to a page; yield its link and the page."""
-    link = started(link or FakeLink())
-    async with serving(directory, FakeNetwork(link)) as server, opened(server) as page:
-        yield link, page
+    def close(self):
+        """Close the page."""
+        self._context.close()

@@ -1,31 +1,19 @@
 """A rig without ROS: its messages as the node serialises them, run on by hand."""
 
-from dataclasses import dataclass, field
-
 from impact_damper_ros.bag import DiagnosticArray, DiagnosticStatus, String
 from impact_damper_ros.bag.messages import encode
 from impact_damper_ros.bag.rig_recorder import parameter_event
 from impact_damper_ros.bag.rig_topics import RigMessages
 from impact_damper_ros.bag.snapshots import Snapshots
 from impact_damper_ros.control import GapControlParameters, Rig
-from impact_damper_ros.page.knobs import knobs_of
+from impact_damper_ros.page.live import NoAnswerError
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 OFFSET_NS = 1_700_000_000 * 10**9
 RATE = 200
 
 
-class NoAnswerError(Exception):
-    pass
-
-
-@dataclass
-class Messages:
-    states: list[bytes] = field(default_factory=list)
-    impacts: list[bytes] = field(default_factory=list)
-    snapshots: list[bytes] = field(default_factory=list)
-    diagnostics: list[bytes] = field(default_factory=list)
-    events: list[bytes] = field(default_factory=list)
+TOPICS = ('joint_states', 'impacts', 'snapshot', 'theory', 'diagnostics', 'parameter_events')
 
 
 def diagnostics(*statuses):
@@ -43,7 +31,7 @@ class FakeLink:
     def __init__(self, name='/sim_node', rig=None, reason='start'):
         self.name = name
         self.rig = Rig(rig or RigParameters(gravity=0.0), InitialConditions())
-        self.messages = Messages()
+        self.messages = {topic: [] for topic in TOPICS}
         self.calls = []
         self.answers = True
         self.closed = False
@@ -62,7 +50,7 @@ class FakeLink:
         state = self.rig.snapshot()
         self._snapshots.move_stamps(self._offset_ns)
         text = self._snapshots.text(self._now_ns, reason, state)
-        self.messages.snapshots.append(encode(String(text)))
+        self.messages['snapshot'].append(encode(String(text)))
 
     def run(self, seconds):
         """Run on, sample by sample."""
@@ -74,8 +62,10 @@ class FakeLink:
             for event in events:
                 if event.kind is EventKind.IMPACT:
                     at = self._offset_ns + round(event.time * 1e9)
-                    self.messages.impacts.append(self._pattern.impact(at, event, rest))
-            self.messages.states.append(self._pattern.states(stamp, sample, rest, rig.angle))
+                    self.messages['impacts'].append(self._pattern.impact(at, event, rest))
+            self.messages['joint_states'].append(
+                self._pattern.states(stamp, sample, rest, rig.angle)
+            )
 
     def change(self, **values):
         """Turn knobs, as somebody else on the network."""
@@ -89,12 +79,12 @@ class FakeLink:
 
     def settings(self, **values):
         """Change settings of the node, which no snapshot holds."""
-        self.messages.events.append(parameter_event(OFFSET_NS, self.name, values))
+        self.messages['parameter_events'].append(parameter_event(OFFSET_NS, self.name, values))
 
     def report(self, *statuses):
         """Report on /diagnostics."""
         name = self.name.removeprefix('/')
-        self.messages.diagnostics.append(
+        self.messages['diagnostics'].append(
             diagnostics(*((level, f'{name}: {task}', *rest) for level, task, *rest in statuses))
         )
 
@@ -108,17 +98,17 @@ class FakeLink:
     # Link
 
     def poll(self):
-        taken, self.messages = self.messages, Messages()
+        taken, self.messages = self.messages, {topic: [] for topic in TOPICS}
         return taken
 
     def count(self):
         return self.namesakes
 
-    async def knobs(self):
+    async def parameters(self):
         if not self.answers:
             raise NoAnswerError('the node does not answer')
         parts = (self.rig.parameters, self.rig.control, InitialConditions())
-        return knobs_of({n: v for part in parts for n, v in part.as_dict().items()})
+        return {n: v for part in parts for n, v in part.as_dict().items()}
 
     async def set(self, values):
         self.calls.append(('set', values))

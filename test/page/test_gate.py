@@ -59,14 +59,15 @@ def test_origin_is_the_page_itself(local):
     assert not local.accepts_origin('http://attacker.example:8088', 'attacker.example:8088')
 
 
-def test_token_is_asked_for_on_open_addresses_only(local, public):
-    assert local.accepts_token(None)
-    assert len(public.token) > 30
-    assert Gate('0.0.0.0').token != public.token
-    assert public.accepts_token(None, public.token)
-    for wrong in ('', public.token[:-1], f'{public.token}x', 'ä', None):
-        assert not public.accepts_token(wrong)
-    assert public.token in public.url()
+def test_tokens_are_asked_for_on_open_addresses_only(local, public):
+    assert local.role(None) == 'steer'
+    assert all(len(token) > 30 for token in public.tokens.values())
+    assert not {*Gate('0.0.0.0').tokens.values()} & {*public.tokens.values()}
+    for role, token in public.tokens.items():
+        assert public.role(None, token) == role
+        assert f'token={token}' in public.url(role)
+        for wrong in ('', token[:-1], f'{token}x', 'ä', None):
+            assert public.role(wrong) == ''
     assert local.url() == 'http://127.0.0.1:8088/'
 
 

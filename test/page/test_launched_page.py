@@ -13,7 +13,7 @@ import chromium
 from launched import Launched
 from node.rig_client import DEADLINE_S, RigClient, RigParametersClient, until
 
-from page.devtools import Browser
+from page.browser import Browser
 
 NODE = f"""#!/bin/sh
 exec {sys.executable} -m impact_damper_ros.node.sim_node "$@"

@@ -1,5 +1,7 @@
 """A rig as the page follows it, from its messages."""
 
+import asyncio
+
 import numpy as np
 import pytest
 
@@ -7,27 +9,72 @@ from impact_damper_ros.page.live import LiveRig
 from impact_damper_ros.rig import RigParameters
 
 from .fake_rig import FakeLink
+from .served import in_loop
+
+
+def followed(link):
+    return LiveRig(link, dict)
+
+
+async def left(live):
+    await asyncio.sleep(0.0)
+    await live.close()
 
 
 @pytest.mark.parametrize('seconds', [1, 3600, -1, -3600])
-def test_a_step_of_the_system_clock_leaves_the_motion_as_it_is(seconds):
+@in_loop
+async def test_a_step_of_the_system_clock_leaves_the_motion_as_it_is(seconds):
     """Also of the messages from before it that come in with its snapshot."""
     found = []
     for step in (0, seconds):
         link = FakeLink(rig=RigParameters(gravity=0.0, gap=1.0))
-        live = LiveRig(link, lambda _: None)
+        live = followed(link)
         for _ in range(3):
             link.run(5.0)
-            live.look()
+            live.tick()
             link.run(0.1)
             link.slip(step)
             link.run(0.1)
-            live.look()
+            live.tick()
         found.append((live.motion.samples.copy(), live.motion.impacts.copy()))
+        await left(live)
     (samples, impacts), (after, hits) = found
     assert len(samples) == 3120
-    assert np.array_equal(after[:, :10], samples[:, :10])
+    assert np.array_equal(after[:, :8], samples[:, :8])
     # The phase, counted from either snapshot
-    assert np.abs(after[:, 10] - samples[:, 10]).max() < 1e-12
+    assert np.abs(after[:, 8] - samples[:, 8]).max() < 1e-12
     assert len(impacts) > 0
-    assert np.array_equal(hits, impacts)
+    assert np.array_equal(hits[:, :9], impacts[:, :9])
+
+
+@in_loop
+async def test_changes_that_come_in_at_once_belong_each_to_its_samples():
+    """Positions count from the equilibrium, which each angle moves."""
+    link = FakeLink(rig=RigParameters(gravity=1.0, gap=3.0))
+    live = followed(link)
+    exact = []
+    for angle in (0.1, 0.3, -0.2, 0.0):
+        for _ in range(20):
+            link.run(1 / 200)
+            sample = link.rig.sample()
+            exact.append((sample.time, sample.x, sample.z, link.rig.parameters.angle))
+        link.change(angle=angle)
+    live.tick()
+    found = live.motion.samples[:, [0, 1, 3, 7]]
+    # The sample at the instant of a change may be of either rig.
+    inside = np.arange(80) % 20 != 19
+    assert np.allclose(found[inside], np.array(exact)[inside], rtol=0.0, atol=1e-14)
+    await left(live)
+
+
+@in_loop
+async def test_changes_without_end_are_forgotten():
+    link = FakeLink()
+    live = followed(link)
+    for number in range(200):
+        link.run(0.1)
+        link.change(gap=10.0 + number)
+        live.tick()
+    # Of the last ten seconds, within which messages may come late
+    assert len(live._eras) == pytest.approx(101, abs=2)
+    await left(live)

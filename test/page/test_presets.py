@@ -9,7 +9,7 @@ from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.page.presets import load_presets, preset_with
 from impact_damper_ros.rig import EventKind, RigParameters
 
-PRESETS = {preset.name: preset for preset in load_presets()}
+PRESETS = load_presets()
 #: Of the rigs that settle: stops of a period of one cycle, Xmax/A, and cycles until then.
 SETTLED = {
     'bench': ([1, 2], 0.107195, 100),
@@ -141,7 +141,7 @@ def test_control_halves_the_motion_under_the_changing_load():
 
 def test_values_are_complete():
     """So that a preset leaves nothing of the rig before it."""
-    values = PRESETS['bench'].all_values()
+    values = PRESETS['bench'].values
     names = {*RigParameters().as_dict(), *GapControlParameters().as_dict()}
     assert names < set(values)
     assert sum(name.startswith('initial_') for name in values) == 4
@@ -150,7 +150,7 @@ def test_values_are_complete():
 
 def test_a_rig_is_known_as_a_preset_by_its_values():
     for preset in PRESETS.values():
-        values = preset.all_values()
+        values = preset.values
         assert preset_with(values) == preset.title
         # Where it starts is no part of it.
         assert preset_with({**values, 'initial_primary_position': 1.0}) == preset.title

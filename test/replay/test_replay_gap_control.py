@@ -82,7 +82,7 @@ def test_a_bag_may_end_anywhere(tmp_path):
     rig = RecordedRig(control=CONTROL).start().run(200)
     messages = rig.run(40, ('change', {'gap_control': 'amplitude'})).messages
     assert {topic for topic, *_ in messages[-40:]} >= {'/joint_states', '/impacts', '/gap_control'}
-    for end in range(len(messages) - 40, len(messages)):
+    for end in range(len(messages) - 40, len(messages), 3):
         findings = replayed(save(tmp_path / f'bag_{end}', messages[:end]))
         assert findings.difference_count == 0, end
 

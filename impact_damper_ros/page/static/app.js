@@ -46,20 +46,22 @@ const traces = new Traces(history, theory);
 const portrait = new PhasePortrait(byId('portrait-canvas'), history, theory);
 const map = new ImpactMap(byId('map-canvas'), history, theory);
 const multipliers = new Multipliers(byId('multipliers-canvas'));
-const slow = new SlowMotion(connection);
+const slow = new SlowMotion(history);
 const clicks = new Clicks();
 const verdict = new Verdict();
 const player = new Player(connection);
 const knobs = new Knobs((values) => setValues(values));
 const curve = new GapCurve(byId('curve-canvas'), theory, (gap) => turn({ gap }));
-const recordings = new Recordings((name) => join({ bag: name }));
+const recordings = new Recordings(connection, (name) => join({ bag: name }));
 
 /** What the address holds, and what of it still has to be sent to the rig. */
 const asked = readAddress();
+addEventListener('hashchange', () => location.reload());
 let wanted = isOwnAddress() ? null : asked;
 const shared = { rig: asked.rig ?? '', bag: asked.bag ?? '', preset: '', values: asked.bag ? asked.values : {}, view: { ...asked.view } };
 let hello = { mode: 'live', parameters: [] };
 let ghostValues = {};
+let numbers = {};
 /** Values of the rig itself; beside a recording the knobs hold those of the ghost. */
 let rigValues = {};
 let status = 'connecting';
@@ -101,6 +103,8 @@ function join({ rig: name = '', bag = '' }) {
   shared.rig = name;
   shared.bag = bag;
   wanted = null;
+  // Its time is not that of what is joined.
+  history.clear();
   connection.join({ rig: name, bag });
   keepAddress();
 }
@@ -184,11 +188,21 @@ function reportLateImpact() {
   }, 2000);
 }
 
+/** Show which preset the rig has. */
 function showPreset() {
   write(byId('preset-name'), presetList.find((one) => one.name === shared.preset)?.title ?? '');
   for (const button of document.querySelectorAll('#presets button')) {
     mark(button, 'aria-current', String(button.dataset.name === shared.preset));
   }
+}
+
+/** Offer rigs to choose from; the one that is shown stays among them though it is gone. */
+function offer(names, shown) {
+  const all = names.includes(shown) || !shown ? names : [shown, ...names];
+  const choice = byId('rig-choice');
+  choice.replaceChildren(...(all.length ? all : ['no rig']).map((name) => element('option', { value: name, text: name })));
+  if (shown) choice.value = shown;
+  choice.disabled = all.length < 2;
 }
 
 // What comes in
@@ -197,6 +211,7 @@ connection.addEventListener('hello', ({ detail }) => {
   hello = detail;
   history.clear();
   theory.clear();
+  for (const id of ['map-line', 'curve-line']) write(byId(id), '');
   multipliers.stale = true;
   rig.clear();
   slow.clear();
@@ -205,21 +220,18 @@ connection.addEventListener('hello', ({ detail }) => {
   rigValues = {};
   byId('clear-ghost').hidden = true;
   history.window = Number(shared.view.window) || 30;
-  presetList = detail.presets ?? [];
-  player.begin({ ...detail, duration: detail.duration ?? (detail.bag?.end - detail.bag?.start) });
+  presetList = detail.presets;
+  player.begin(detail);
   const live = detail.mode !== 'player';
   for (const id of ['pause', 'reset', ...STEPS]) byId(id).hidden = !live;
-  byId('record').hidden = !live || detail.can_record === false;
+  byId('record').hidden = !live;
   for (const id of ['presets-open', 'tour-open']) byId(id).hidden = !live;
   if (!live) verdict.recorded();
   write(byId('knobs-title'), live ? 'Knobs' : 'What if');
   write(byId('preset-name'), live ? '' : 'as a ghost');
   curve.settable = live;
-  const choice = byId('rig-choice');
-  const names = live ? detail.rigs ?? [] : [detail.bag_name ?? shared.bag ?? detail.rig];
-  choice.replaceChildren(...(names.length ? names : ['no rig']).map((name) => element('option', { value: name, text: name })));
-  choice.value = live ? detail.rig : names[0];
-  choice.disabled = names.length < 2;
+  shared.bag = detail.bag;
+  offer(live ? detail.rigs : [detail.bag], live ? detail.rig : detail.bag);
   byId('presets').querySelector('ul').replaceChildren(...presetList.map((one) => element('li', {}, element(
     'button',
     { type: 'button', 'data-name': one.name, onclick: () => {
@@ -233,7 +245,7 @@ connection.addEventListener('hello', ({ detail }) => {
   history.recorded = !live;
   for (const one of detail.changes ?? []) if (one.kind !== 'stretch') history.change(one.time, knobs.done(one));
   takeValues(Object.fromEntries(detail.parameters.map((one) => [one.name, one.value])));
-  recordings.show(detail.recordings ?? []);
+  recordings.show(detail.recordings);
   counted.latest = performance.now();
   setStatus(detail.rig || !live ? 'running' : 'gone');
   sendView();
@@ -265,8 +277,8 @@ async function applyWanted() {
 function takeValues(values) {
   Object.assign(rigValues, values);
   if (values.force_frequencies) {
-    [theory.frequency] = values.force_frequencies;
-    if (!shared.view.window) chooseWindow((60 * Math.PI) / theory.frequency);
+    // Some twelve cycles of the force
+    if (!shared.view.window) chooseWindow((24 * Math.PI) / values.force_frequencies[0]);
   }
   if ('record' in values) {
     mark(byId('record'), 'aria-pressed', String(values.record));
@@ -274,7 +286,6 @@ function takeValues(values) {
   }
   const all = rigValues;
   const frequency = all.force_frequencies?.[0] / (2 * Math.PI);
-  if (all.primary_mass > 0) portrait.masses = [all.primary_mass, all.damper_mass];
   portrait.seconds = frequency > 0 ? Math.min(40, 8 / frequency) : 10;
   const force = Math.abs(all.force_amplitudes?.[0] ?? 0);
   write(byId('rig-line'), [
@@ -332,16 +343,12 @@ connection.addEventListener('missing', ({ detail }) => {
   if (shared.rig || shared.bag) join({});
 });
 connection.addEventListener('rigs', ({ detail }) => {
-  if (hello.mode === 'player') return;
-  const choice = byId('rig-choice');
-  const names = detail.list.includes(hello.rig) || !hello.rig ? detail.list : [hello.rig, ...detail.list];
-  choice.replaceChildren(...(names.length ? names : ['no rig']).map((name) => element('option', { value: name, text: name })));
-  if (hello.rig) choice.value = hello.rig;
-  choice.disabled = names.length < 2;
+  if (hello.mode !== 'player') offer(detail.list, hello.rig);
 });
 connection.addEventListener('diagnostics', ({ detail }) => verdict.diagnostics(detail));
 connection.addEventListener('numbers', ({ detail }) => {
-  verdict.numbers(detail);
+  numbers = detail;
+  verdict.numbers(detail, theory);
   curve.place(detail.gap, detail.x_max_ratio_measured ?? NaN);
 });
 for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
@@ -350,15 +357,15 @@ for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
     curve.stale = true;
     multipliers.stale = true;
     redraw();
-    const { gap: best, bound } = theory.curve?.optimum ?? {};
-    const sign = theory.curve?.done ? bound && `${bound} ` : '≈\u202f';
+    verdict.numbers(numbers, theory);
+    const { gap: best, basis } = theory.best;
+    const sign = basis === 'part' ? '≈\u202f' : basis && `${basis} `;
     write(byId('curve-line'), best > 0 ? `optimum ${sign}${withUnit(best, 'm')}` : '');
-    if (type !== 'gap_curve') write(byId('map-line'), theory.orbit ? theory.orbit.label ?? theory.orbit.text : '');
+    write(byId('map-line'), theory.orbit?.label ?? '');
   });
 }
 connection.addEventListener('recordings', ({ detail }) => recordings.show(detail.list));
 connection.addEventListener('compare_done', ({ detail }) => recordings.done(detail));
-connection.addEventListener('slow_motion', ({ detail }) => slow.take(detail));
 connection.addEventListener('what_if', ({ detail }) => {
   byId('clear-ghost').hidden = !detail.on;
   if (!detail.on && detail.text) toast(detail.text, 'bad');
@@ -373,7 +380,7 @@ byId('step').addEventListener('click', () => step('step'));
 byId('step-to-impact').addEventListener('click', () => step('step_to_impact'));
 byId('record').addEventListener('click', async () => {
   const on = byId('record').getAttribute('aria-pressed') !== 'true';
-  const { ok, reason } = await connection.ask({ type: 'record', on });
+  const { ok, reason } = await connection.ask({ type: 'set', values: { record: on } });
   if (ok) takeValues({ record: on });
   else toast(reason, 'bad');
 });
@@ -396,14 +403,12 @@ byId('theory').addEventListener('change', () => {
   const on = byId('theory').checked;
   for (const picture of [traces, portrait, map]) picture.showTheory = on;
   redraw();
-  connection.send({ type: 'theory', orbit: on, curve: true });
   keepView('theory', on ? '' : '0');
 });
 byId('link').addEventListener('click', async () => {
   if (hello.mode === 'live') {
     // The whole rig, or what differs from the preset that it started from, whoever turned it.
-    const presets = shared.preset ? await fetch('/presets').then((answer) => answer.json()).catch(() => []) : [];
-    const start = presets.find((one) => one.name === shared.preset)?.values ?? {};
+    const start = presetList.find((one) => one.name === shared.preset)?.values ?? {};
     shared.values = Object.fromEntries(Object.entries(knobs.values()).filter(
       ([name, value]) => reproducible(name) && JSON.stringify(value) !== JSON.stringify(start[name]),
     ));
@@ -450,7 +455,7 @@ function keepView(name, value) {
 }
 
 function sendView() {
-  connection.send({ type: 'view', window: history.window, width: traces.columns(), rate: document.hidden ? 1 : 60 });
+  connection.send({ type: 'view', window: history.window, rate: document.hidden ? 1 : 60 });
 }
 
 function setWindow(seconds) {
@@ -461,7 +466,7 @@ function setWindow(seconds) {
   sendView();
 }
 
-/** Of the windows, the shortest one with so many seconds: some thirty cycles of the force. */
+/** Of the windows, the shortest one with so many seconds. */
 function chooseWindow(least) {
   const seconds = [...WINDOWS].reverse().find((one) => one >= least) ?? WINDOWS[0];
   if (seconds !== history.window) setWindow(seconds);
@@ -474,11 +479,6 @@ for (const seconds of WINDOWS) {
     },
   }));
 }
-let widthDue = 0;
-traces.onWidth = () => {
-  clearTimeout(widthDue);
-  widthDue = setTimeout(sendView, 200);
-};
 document.addEventListener('visibilitychange', sendView);
 
 const SHADES = ['', 'light', 'dark'];
@@ -553,11 +553,11 @@ function draw(now) {
   const driven = (rigValues.force_amplitudes?.[0] ?? 1) !== 0;
   if ((anew || rig.stale || rig.flashing) && history.state) {
     const extent = history.extent(4);
-    const oneSided = !Number.isFinite(history.state[6]);
+    const oneSided = !Number.isFinite(history.state.stop2);
     rig.draw(history.state, { extent, ghost: history.ghost, driven, oneSided, now });
     slow.options = { extent, oneSided };
   } else if (!history.state && rig.stale) rig.begin();
-  if (slow.on && history.state) slow.draw(now, history.state, slow.options ?? { extent: { swing: 0, apart: 0 } });
+  slow.draw(now, slow.options);
   if (anew) {
     traces.draw();
     portrait.draw(now);
@@ -566,9 +566,9 @@ function draw(now) {
     drawn = history.version;
     counted.drawn += 1;
   } else if (portrait.stale) portrait.draw(now);
-  if (history.impactVersion !== drawnImpacts || map.stale) {
+  if (history.impacts.end !== drawnImpacts || map.stale) {
     map.draw(now);
-    drawnImpacts = history.impactVersion;
+    drawnImpacts = history.impacts.end;
   }
   if (curve.stale) curve.draw();
   if (multipliers.stale) multipliers.draw(theory.orbit?.multipliers);
@@ -576,7 +576,7 @@ function draw(now) {
   if (status === 'running' && !player.on && now - counted.latest > SILENCE) setStatus('offline');
   if (now - spoken > 2000 && history.state) {
     spoken = now;
-    const [x, , , , , , , , angle] = history.state;
+    const { x, angle } = history.state;
     mark(byId('rig-canvas'), 'aria-label', `The rig: M at ${withUnit(x, 'm')}, inclined by ${digits((angle * 180) / Math.PI, 3)} degrees, ${history.impacts.length} impacts in view`);
   }
   if (anew) {

@@ -151,6 +151,18 @@ export class Axes extends Canvas {
     return { box, toX, toY, xLow, xHigh, yLow, yHigh };
   }
 
+  /** A point that moves, with a rim. */
+  dot(x, y, colour, radius) {
+    const { context } = this;
+    context.fillStyle = colour;
+    context.strokeStyle = colours.page;
+    context.lineWidth = 1.5;
+    context.beginPath();
+    context.arc(x, y, radius, 0, 7);
+    context.fill();
+    context.stroke();
+  }
+
   /** Run a drawing within the frame only. */
   inside(box, draw) {
     const { context } = this;

@@ -1,40 +1,33 @@
 // The WebSocket: joins a rig or a recording, reads frames, comes back by itself.
 
-const HEADER = 36;
+import { IMPACT, SAMPLE } from './history.js';
+
+const HEADER = 28;
 /** Code of a connection to a rig or recording that is not there. */
 const NOT_THERE = 4404;
 const FIRST_WAIT = 400;
 const LONGEST_WAIT = 5000;
 
-/** Read a binary frame; see the protocol in docs/page.md. */
+/** Read a binary frame; its layout is in frames.py. */
 export function readFrame(buffer) {
   const view = new DataView(buffer);
-  if (buffer.byteLength < HEADER || view.getUint8(0) !== 1) return null;
+  if (buffer.byteLength < HEADER || view.getUint8(0) !== 2) return null;
   const flags = view.getUint8(1);
-  const columns = view.getUint16(2, true);
-  const impacts = view.getUint16(4, true);
-  const samples = view.getUint16(6, true);
-  const ghostColumns = view.getUint16(8, true);
-  const ghostSamples = view.getUint16(10, true);
   let place = HEADER;
-  const next = (count) => {
-    const values = new Float32Array(buffer, place, count);
+  const parts = [SAMPLE, IMPACT, SAMPLE, IMPACT].map((fields, n) => {
+    const count = fields.length * view.getUint16(2 + 2 * n, true);
+    const rows = new Float32Array(buffer, place, count);
     place += 4 * count;
-    return values;
-  };
+    return rows;
+  });
+  const [samples, impacts, ghostSamples, ghostImpacts] = parts;
   return {
     paused: (flags & 1) !== 0,
-    replace: (flags & 4) !== 0,
-    replaceGhost: (flags & 8) !== 0,
+    replace: (flags & 2) !== 0,
+    replaceGhost: (flags & 4) !== 0,
     end: view.getFloat64(12, true),
-    epoch: view.getFloat64(28, true),
-    state: next(10),
-    ghost: (flags & 2) !== 0 ? next(10) : null,
-    columns: next(8 * columns),
-    impacts: next(8 * impacts),
-    samples: next(6 * samples),
-    ghostColumns: next(8 * ghostColumns),
-    ghostSamples: next(6 * ghostSamples),
+    epoch: view.getFloat64(20, true),
+    samples, impacts, ghostSamples, ghostImpacts,
     bytes: buffer.byteLength,
   };
 }
@@ -91,8 +84,8 @@ export class Connection extends EventTarget {
       return;
     }
     const message = JSON.parse(data);
-    if ((message.type === 'set_result' || message.type === 'service_result') && this.pending.has(message.id)) {
-      this.pending.get(message.id)(message);
+    if (message.type === 'answer') {
+      this.pending.get(message.id)?.(message);
       this.pending.delete(message.id);
     }
     this.dispatchEvent(new CustomEvent(message.type, { detail: message }));

@@ -133,13 +133,7 @@ export class GapCurve extends Axes {
         context.stroke();
         context.globalAlpha = 1;
         if (Number.isFinite(this.measured)) {
-          context.fillStyle = colours.primary;
-          context.strokeStyle = colours.page;
-          context.lineWidth = 2;
-          context.beginPath();
-          context.arc(toX(this.gap), Math.max(toY(this.measured), box.top + 2), 6, 0, 7);
-          context.fill();
-          context.stroke();
+          this.dot(toX(this.gap), Math.max(toY(this.measured), box.top + 2), colours.primary, 6);
         }
       }
     });

@@ -1,12 +1,13 @@
-// The last stretch of the motion: columns of the traces, impacts, samples, turned knobs.
+// The last stretch of the motion, as it comes: samples, impacts, turned knobs.
 
-const ROOM = 16384;
-const IMPACTS = 4000;
-const SAMPLES = 6000;
+const ROOM = 2 ** 17;
+const IMPACTS = 2 ** 12;
 /** Changes of the rig within this time are one, s. */
 const AT_ONCE = 0.5;
-const LINE = ['time', 'x', 'z', 'stop1', 'stop2'];
-const SAMPLE = ['time', 'x', 'xv', 'z', 'zv', 'phase'];
+/** A state is known for so long after the last sample, s. */
+const HELD = 0.1;
+export const SAMPLE = ['time', 'x', 'xv', 'z', 'zv', 'stop1', 'stop2', 'angle', 'phase'];
+export const IMPACT = ['time', 'stop', 'x', 'y', 'xvBefore', 'xv', 'zvBefore', 'zv', 'impulse', 'phase'];
 
 /** Rows of numbers of which the oldest are dropped; one typed array for each field. */
 class Rows {
@@ -26,111 +27,131 @@ class Rows {
     return this.end - this.start;
   }
 
-  push(...values) {
-    if (this.end === 2 * this.room) {
-      const start = Math.max(this.start, this.end - this.room);
-      for (const array of this.arrays) array.copyWithin(0, start, this.end);
-      this.end -= start;
-      this.start = 0;
+  /** Append rows of which the first field counts from an instant. */
+  push(rows, since) {
+    const width = this.fields.length;
+    for (let n = 0; n < rows.length; n += width) {
+      if (this.end === 2 * this.room) {
+        for (const array of this.arrays) array.copyWithin(0, this.room, this.end);
+        [this.start, this.end] = [0, this.room];
+      }
+      this.arrays[0][this.end] = since + rows[n];
+      for (let k = 1; k < width; k += 1) this.arrays[k][this.end] = rows[n + k];
+      this.end += 1;
+      if (this.length > this.room) this.start += 1;
     }
-    for (let n = 0; n < values.length; n += 1) this.arrays[n][this.end] = values[n];
-    this.end += 1;
-    if (this.length > this.room) this.start += 1;
-  }
-
-  /** Drop rows whose first field is below a value. */
-  dropBefore(value) {
-    while (this.start < this.end && this.arrays[0][this.start] < value) this.start += 1;
   }
 
   field(name) {
     return this.arrays[this.fields.indexOf(name)];
+  }
+
+  row(n) {
+    return Object.fromEntries(this.fields.map((name, k) => [name, this.arrays[k][n]]));
+  }
+
+  /** Place of the first row that is later than an instant, or the end. */
+  after(time) {
+    const [times] = this.arrays;
+    let [low, high] = [this.start, this.end];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (times[middle] > time) high = middle;
+      else low = middle + 1;
+    }
+    return low;
+  }
+}
+
+/** Place on the cubic through two places with their velocities. */
+function between([t0, x0, v0], [t1, x1, v1], t) {
+  const length = Math.max(t1 - t0, 1e-12);
+  const share = Math.min(1, Math.max(0, (t - t0) / length));
+  const rest = 1 - share;
+  return x0 * rest ** 2 * (1 + 2 * share) + x1 * share ** 2 * (1 + 2 * rest) + length * share * rest * (v0 * rest - v1 * share);
+}
+
+/** Samples and impacts of one rig. */
+class Motion {
+  constructor() {
+    this.samples = new Rows(SAMPLE, ROOM);
+    this.impacts = new Rows(IMPACT, IMPACTS);
+  }
+
+  clear() {
+    this.samples.clear();
+    this.impacts.clear();
+  }
+
+  /** The state at an instant: between samples and impacts by cubics through places and velocities. */
+  at(time) {
+    const { samples, impacts } = this;
+    const n = samples.after(time) - 1;
+    if (n < samples.start) return null;
+    const state = samples.row(n);
+    if (n + 1 === samples.end) return time > state.time + HELD ? null : state;
+    const next = samples.row(n + 1);
+    let [left, right] = [state, next].map(({ time: t, x, xv, z, zv }) => [[t, x, xv], [t, z, zv]]);
+    const hit = impacts.after(time);
+    if (hit > impacts.start && impacts.arrays[0][hit - 1] > state.time) {
+      const { time: t, x, y, xv, zv } = impacts.row(hit - 1);
+      left = [[t, x, xv], [t, x + y, zv]];
+    }
+    if (hit < impacts.end && impacts.arrays[0][hit] < next.time) {
+      const { time: t, x, y, xvBefore, zvBefore } = impacts.row(hit);
+      right = [[t, x, xvBefore], [t, x + y, zvBefore]];
+    }
+    const [x, z] = [0, 1].map((k) => between(left[k], right[k], time));
+    const turned = (((next.phase - state.phase) % 1) + 1) % 1;
+    const phase = (state.phase + (turned * (time - state.time)) / (next.time - state.time)) % 1;
+    // The stops ride on M.
+    return { ...state, x, z, stop1: state.stop1 + x - state.x, stop2: state.stop2 + x - state.x, phase };
   }
 }
 
 export class History {
   constructor() {
     this.window = 30;
-    this.line = new Rows(LINE, ROOM);
-    this.impacts = new Rows(['time', 'stop', 'x', 'primary', 'damper', 'impulse', 'phase', 'y'], IMPACTS);
-    this.samples = new Rows(SAMPLE, SAMPLES);
-    // Those of the what-if beside a recording
-    this.ghostLine = new Rows(LINE, ROOM);
-    this.ghostSamples = new Rows(SAMPLE, SAMPLES);
-    this.changes = [];
+    this.own = new Motion();
+    // The what-if beside a recording
+    this.other = new Motion();
     /** Whether all that was done is known from the start. */
     this.recorded = false;
     this.clear();
   }
 
   clear() {
-    this.line.clear();
-    this.impacts.clear();
-    this.samples.clear();
-    this.clearGhost();
+    this.own.clear();
+    this.other.clear();
     this.changes = [];
     this.end = NaN;
     this.state = null;
+    this.ghost = null;
     this.fresh = [];
     this.version = 0;
-    this.impactVersion = 0;
   }
 
-  clearGhost() {
-    this.ghostLine.clear();
-    this.ghostSamples.clear();
-    this.ghost = null;
+  get impacts() {
+    return this.own.impacts;
   }
 
   /** Take in a frame. */
   add(frame) {
-    if (frame.replace || frame.end < this.end - 1e-9) {
-      const changes = this.changes;
-      this.clear();
-      this.changes = changes;
-    }
-    const { end, columns, impacts, samples } = frame;
-    if (frame.replaceGhost) this.clearGhost();
-    this.addColumns(this.line, end, columns);
-    this.addColumns(this.ghostLine, end, frame.ghostColumns);
-    this.fresh = [];
-    for (let n = 0; n < impacts.length; n += 8) {
-      const [offset, stop, x, primary, damper, impulse, phase, y] = impacts.subarray(n, n + 8);
-      this.impacts.push(end + offset, stop, x, primary, damper, impulse, phase, y);
-      if (!frame.replace) this.fresh.push({ stop, impulse });
-    }
-    if (impacts.length) this.impactVersion += 1;
-    this.addSamples(this.samples, end, samples);
-    this.addSamples(this.ghostSamples, end, frame.ghostSamples);
+    const { end } = frame;
+    if (frame.replace) this.own.clear();
+    if (frame.replaceGhost) this.other.clear();
+    this.own.samples.push(frame.samples, end);
+    this.own.impacts.push(frame.impacts, end);
+    this.other.samples.push(frame.ghostSamples, end);
+    this.other.impacts.push(frame.ghostImpacts, end);
+    const [from, to] = frame.replace ? [0, 0] : [this.own.impacts.after(this.end), this.own.impacts.after(end)];
+    this.fresh = Array.from({ length: Math.max(0, to - from) }, (_, n) => this.own.impacts.row(from + n));
     this.end = end;
-    this.state = frame.state;
-    this.ghost = frame.ghost;
+    this.state = this.own.at(end) ?? this.state;
+    this.ghost = this.other.samples.length ? this.other.at(end) : null;
     this.paused = frame.paused;
-    for (const line of [this.line, this.ghostLine]) line.dropBefore(end - this.window - 1);
     while (!this.recorded && this.changes.length && this.changes[0].time < end - 120) this.changes.shift();
     this.version += 1;
-  }
-
-  /** Two points of a line through each column, in the order that follows on from the one before. */
-  addColumns(line, end, columns) {
-    const [xs, zs] = [line.field('x'), line.field('z')];
-    for (let n = 0; n < columns.length; n += 8) {
-      const [xLow, xHigh, zLow, zHigh, stop1, stop2, from, to] = columns.subarray(n, n + 8);
-      const first = end + from + 0.25 * (to - from);
-      const second = end + from + 0.75 * (to - from);
-      const [lastX, lastZ] = [xs[line.end - 1] ?? 0, zs[line.end - 1] ?? 0];
-      const [xa, xb] = Math.abs(lastX - xLow) <= Math.abs(lastX - xHigh) ? [xLow, xHigh] : [xHigh, xLow];
-      const [za, zb] = Math.abs(lastZ - zLow) <= Math.abs(lastZ - zHigh) ? [zLow, zHigh] : [zHigh, zLow];
-      line.push(first, xa, za, xa + stop1, xa + stop2);
-      line.push(second, xb, zb, xb + stop1, xb + stop2);
-    }
-  }
-
-  addSamples(rows, end, samples) {
-    for (let n = 0; n < samples.length; n += 6) {
-      const [offset, x, xv, z, zv, phase] = samples.subarray(n, n + 6);
-      rows.push(end + offset, x, xv, z, zv, phase);
-    }
   }
 
   /** Keep what was done to the rig as a line in the traces. */
@@ -151,16 +172,15 @@ export class History {
 
   /** When a knob was turned last, or minus infinity. */
   get lastChange() {
-    const past = this.changes.filter((change) => !(change.time > this.end));
-    return past.length ? past.at(-1).time : -Infinity;
+    return this.changes.findLast((change) => !(change.time > this.end))?.time ?? -Infinity;
   }
 
-  /** Largest |X| and |Y| of the last seconds, from the samples, those of the what-if too. */
+  /** Largest |X| and |Y| of the last seconds, those of the what-if too. */
   extent(seconds) {
     let [swing, apart] = [0, 0];
-    for (const samples of [this.samples, this.ghostSamples]) {
-      const [time, x, z] = [samples.field('time'), samples.field('x'), samples.field('z')];
-      for (let n = samples.end - 1; n >= samples.start && time[n] >= this.end - seconds; n -= 1) {
+    for (const { samples } of [this.own, this.other]) {
+      const [x, z] = [samples.field('x'), samples.field('z')];
+      for (let n = samples.after(this.end - seconds); n < samples.end; n += 1) {
         swing = Math.max(swing, Math.abs(x[n]));
         apart = Math.max(apart, Math.abs(z[n] - x[n]));
       }

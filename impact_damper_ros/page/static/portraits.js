@@ -4,15 +4,25 @@ import { Axes, Canvas, colours, font, SteadyRange } from './chart.js';
 import { digits, lengthUnit, niceAbove, velocityUnit } from './format.js';
 
 const BANDS = 6;
+/** Most points of a portrait, and impacts of a map. */
+const MOST_POINTS = 4000;
+const MOST_DOTS = 1500;
 
-const fields = (samples) => ['time', 'x', 'xv', 'z', 'zv'].map((name) => samples.field(name));
-
-/** Index of the first of the rows that are not older. */
-function firstSince(samples, oldest) {
-  const time = samples.field('time');
-  let first = samples.end;
-  while (first > samples.start && time[first - 1] >= oldest) first -= 1;
-  return first;
+/** Y and its rate at the samples since an instant; an impact between two of them is a corner. */
+function pointsSince({ samples, impacts }, oldest) {
+  const [time, x, xv, z, zv] = samples.arrays;
+  const first = samples.after(oldest);
+  const stride = Math.max(1, Math.ceil((samples.end - first) / MOST_POINTS));
+  const points = [];
+  let hit = impacts.after(time[first]);
+  for (let n = first; n < samples.end; n += stride) {
+    for (; hit < impacts.end && impacts.arrays[0][hit] <= time[n]; hit += 1) {
+      const { y, xvBefore, zvBefore, xv: after, zv: other } = impacts.row(hit);
+      points.push([y, zvBefore - xvBefore], [y, other - after]);
+    }
+    points.push([z[n] - x[n], zv[n] - xv[n]]);
+  }
+  return points;
 }
 
 /** Velocity of m relative to M over its place in the gap, the last cycles, older ones paler. */
@@ -24,29 +34,19 @@ export class PhasePortrait extends Axes {
     this.across = new SteadyRange();
     this.up = new SteadyRange();
     this.seconds = 2;
-    this.masses = [1, 1];
     this.showTheory = true;
   }
 
   draw(now) {
     if (!this.begin()) return;
-    const { samples, state, ghost, ghostSamples } = this.history;
-    const [time, x, xv, z, zv] = fields(samples);
-    const oldest = this.history.end - this.seconds;
-    const first = firstSince(samples, oldest);
-    const predicted = this.showTheory ? this.theory.portrait() : null;
-    let [far, fast] = [0, 0];
-    for (const rows of [samples, ghostSamples]) {
-      const [, x, xv, z, zv] = fields(rows);
-      for (let n = firstSince(rows, oldest); n < rows.end; n += 1) {
-        far = Math.max(far, Math.abs(z[n] - x[n]));
-        fast = Math.max(fast, Math.abs(zv[n] - xv[n]));
-      }
-    }
-    for (const one of [state, ghost]) {
-      if (one) far = Math.max(far, Math.abs(one[4] - one[0]), Math.abs(one[6] - one[0]) || 0);
-    }
-    if (predicted) for (const value of predicted.rate) fast = Math.max(fast, Math.abs(value));
+    const { own, other, state, ghost, end } = this.history;
+    const [line, ghostLine] = [own, other].map((motion) => pointsSince(motion, end - this.seconds));
+    const { y = [], relative_velocity: rate = [] } = (this.showTheory && this.theory.orbit) || {};
+    const orbit = y.map((value, n) => [value, rate[n]]);
+    const stops = [ghost, state].map((one) => (one ? [one.stop1 - one.x, one.stop2 - one.x].filter(Number.isFinite) : []));
+    const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
+    const far = largest([...line, ...ghostLine].map(([place]) => place).concat(...stops));
+    const fast = largest([...line, ...ghostLine, ...orbit].map(([, speed]) => speed));
     const width = this.across.fit(far > 0 ? niceAbove(1.08 * far) : 0, now);
     const height = this.up.fit(fast > 0 ? niceAbove(1.05 * fast) : 0, now);
     const [length, speed] = [lengthUnit(width), velocityUnit(height)];
@@ -59,88 +59,31 @@ export class PhasePortrait extends Axes {
     const toX = (value) => axes.toX(value * length.factor);
     const toY = (value) => axes.toY(value * speed.factor);
     this.inside(axes.box, (context) => {
-      for (const [one, stroke, width] of [[ghost, colours.special, 1], [state, colours.steel, 2]]) {
-        if (!one) continue;
+      const draw = (points, stroke, wide) => {
         context.strokeStyle = stroke;
-        context.lineWidth = width;
+        context.lineWidth = wide;
         context.beginPath();
-        for (const place of [one[4] - one[0], one[6] - one[0]]) {
-          if (!Number.isFinite(place)) continue;
-          context.moveTo(toX(place), axes.box.top);
-          context.lineTo(toX(place), axes.box.top + axes.box.height);
-        }
+        for (const [a, b] of points) context.lineTo(toX(a), toY(b));
         context.stroke();
-      }
-      const { damper } = colours;
-      context.strokeStyle = damper;
-      context.lineWidth = 1.3;
-      const count = samples.end - first;
-      const { impacts } = this.history;
-      const inverse = 1 / this.masses[0] + 1 / this.masses[1];
-      let hit = impacts.start;
-      if (count > 0) while (hit < impacts.end && impacts.arrays[0][hit] <= time[first]) hit += 1;
+      };
+      [[colours.special, 1], [colours.steel, 2]].forEach(([stroke, wide], n) => {
+        for (const place of stops[n]) draw([[place, -height], [place, height]], stroke, wide);
+      });
       for (let band = 0; band < BANDS; band += 1) {
-        const from = first + Math.floor((band * count) / BANDS);
-        const to = Math.min(samples.end, first + Math.floor(((band + 1) * count) / BANDS) + 1);
         context.globalAlpha = 0.12 + (0.78 * (band + 1)) / BANDS;
-        context.beginPath();
-        for (let n = from; n < to; n += 1) {
-          const [a, b] = [toX(z[n] - x[n]), toY(zv[n] - xv[n])];
-          if (n === from) {
-            context.moveTo(a, b);
-            while (hit < impacts.end && impacts.arrays[0][hit] <= time[n]) hit += 1;
-            continue;
-          }
-          // An impact between two samples is a corner that none of them has.
-          while (hit < impacts.end && impacts.arrays[0][hit] <= time[n]) {
-            const [, stop, , primary, mass, impulse, , y] = impacts.arrays.map((values) => values[hit]);
-            const after = mass - primary;
-            context.lineTo(toX(y), toY(after + (stop === 1 ? 1 : -1) * impulse * inverse));
-            context.lineTo(toX(y), toY(after));
-            hit += 1;
-          }
-          context.lineTo(a, b);
-        }
-        context.stroke();
+        const [from, to] = [band, band + 1].map((n) => Math.floor((n * line.length) / BANDS));
+        draw(line.slice(from, to + 1), colours.damper, 1.3);
       }
       context.globalAlpha = 0.8;
-      this.whatIf(oldest, toX, toY);
+      draw(ghostLine, colours.special, 1);
       context.globalAlpha = 1;
-      if (predicted) {
-        context.strokeStyle = colours.theory;
-        context.lineWidth = 1.2;
-        context.setLineDash([5, 4]);
-        context.beginPath();
-        predicted.y.forEach((value, n) => {
-          if (n === 0) context.moveTo(toX(value), toY(predicted.rate[n]));
-          else context.lineTo(toX(value), toY(predicted.rate[n]));
-        });
-        context.stroke();
-        context.setLineDash([]);
-      }
-      if (state) {
-        context.fillStyle = damper;
-        context.strokeStyle = colours.page;
-        context.lineWidth = 1.5;
-        context.beginPath();
-        context.arc(toX(state[2] - state[0]), toY(state[3] - state[1]), 4.5, 0, 7);
-        context.fill();
-        context.stroke();
-      }
+      context.setLineDash([5, 4]);
+      draw(orbit, colours.theory, 1.2);
+      context.setLineDash([]);
+      if (!state || !line.length) return;
+      const [place, velocity] = line.at(-1);
+      this.dot(toX(place), toY(velocity), colours.damper, 4.5);
     });
-  }
-  /** The what-if beside a recording: a thin line from sample to sample. */
-  whatIf(oldest, toX, toY) {
-    const { context } = this;
-    const { ghostSamples: rows } = this.history;
-    const [, x, xv, z, zv] = fields(rows);
-    context.strokeStyle = colours.special;
-    context.lineWidth = 1;
-    context.beginPath();
-    for (let n = firstSince(rows, oldest); n < rows.end; n += 1) {
-      context.lineTo(toX(z[n] - x[n]), toY(zv[n] - xv[n]));
-    }
-    context.stroke();
   }
 }
 
@@ -157,13 +100,13 @@ export class ImpactMap extends Axes {
   draw(now) {
     if (!this.begin()) return;
     const { impacts } = this.history;
-    const [time, stop, damper, phase] = ['time', 'stop', 'damper', 'phase'].map((name) => impacts.field(name));
+    const [time, stop, damper, phase] = ['time', 'stop', 'zv', 'phase'].map((name) => impacts.field(name));
     const predicted = (this.showTheory && this.theory.orbit?.impacts) || [];
     const since = this.history.lastChange;
     let fast = 0;
-    const first = Math.max(impacts.start, impacts.end - 1500);
+    const first = Math.max(impacts.start, impacts.end - MOST_DOTS);
     for (let n = first; n < impacts.end; n += 1) fast = Math.max(fast, Math.abs(damper[n]));
-    for (const one of predicted) fast = Math.max(fast, Math.abs(one.damper_velocity_after ?? one.velocity_after));
+    for (const one of predicted) fast = Math.max(fast, Math.abs(one.damper_velocity_after));
     const height = this.up.fit(fast > 0 ? niceAbove(1.2 * fast) : 0, now);
     const speed = velocityUnit(height);
     const axes = this.axes({
@@ -178,7 +121,7 @@ export class ImpactMap extends Axes {
       const dot = impacts.end - first > 400 ? 1.3 : 1.9;
       for (let n = first; n < impacts.end; n += 1) {
         if (!Number.isFinite(phase[n])) continue;
-        const age = (impacts.end - n) / 1500;
+        const age = (impacts.end - n) / MOST_DOTS;
         const old = time[n] < since;
         context.globalAlpha = old ? 0.14 : Math.max(0.25, 0.95 - age);
         context.fillStyle = old ? colours.quiet : stop[n] === 1 ? colours.damper : colours.upper;
@@ -196,18 +139,13 @@ export class ImpactMap extends Axes {
       for (const one of predicted) {
         const place = ((one.phase % 1) + 1) % 1;
         context.beginPath();
-        context.arc(axes.toX(place), toY(one.damper_velocity_after ?? one.velocity_after), 6.5, 0, 7);
+        context.arc(axes.toX(place), toY(one.damper_velocity_after), 6.5, 0, 7);
         context.stroke();
       }
       // the last impact
       if (impacts.length) {
         const n = impacts.end - 1;
-        context.fillStyle = stop[n] === 1 ? colours.damper : colours.upper;
-        context.strokeStyle = colours.page;
-        context.beginPath();
-        context.arc(axes.toX(phase[n]), toY(damper[n]), 4, 0, 7);
-        context.fill();
-        context.stroke();
+        this.dot(axes.toX(phase[n]), toY(damper[n]), stop[n] === 1 ? colours.damper : colours.upper, 4);
       }
     });
     if (!impacts.length) {

@@ -15,7 +15,8 @@ function dated(start) {
 }
 
 export class Recordings {
-  constructor(play) {
+  constructor(connection, play) {
+    this.connection = connection;
     this.play = play;
     // Comparisons under way, and when they began, ms.
     this.busy = new Map();
@@ -23,22 +24,12 @@ export class Recordings {
     this.list = [];
     this.rows = new Map();
     byId('recordings-open').addEventListener('click', () => {
-      this.refresh();
       byId('recordings').showModal();
     });
   }
 
-  async refresh() {
-    try {
-      const answer = await fetch('/recordings');
-      if (answer.ok) this.show(await answer.json());
-    } catch {
-      // The list that came with the connection stays.
-    }
-  }
-
   show(list) {
-    this.list = Array.isArray(list) ? list : list.list ?? [];
+    this.list = list;
     byId('recordings-none').hidden = this.list.length > 0;
     const rows = this.list.map((one) => this.row(one));
     this.rows = new Map(this.list.map((one, n) => [one.name, rows[n]]));
@@ -80,20 +71,14 @@ export class Recordings {
   }
 
   async compare(name) {
-    if (this.busy.has(name)) {
-      await fetch(`/recordings/${encodeURIComponent(name)}/compare`, { method: 'DELETE' }).catch(() => {});
-      return;
-    }
-    this.busy.set(name, performance.now());
+    const on = !this.busy.has(name);
+    if (on) this.busy.set(name, performance.now());
     this.show(this.list);
-    try {
-      const answer = await fetch(`/recordings/${encodeURIComponent(name)}/compare`, { method: 'POST' });
-      if (!answer.ok) throw new Error((await answer.text()) || answer.statusText);
-    } catch (error) {
-      this.busy.delete(name);
-      this.show(this.list);
-      toast(`No comparison of ${name}: ${error.message}`, 'bad');
-    }
+    const { ok, reason } = await this.connection.ask({ type: 'compare', recording: name, on });
+    if (ok) return;
+    this.busy.delete(name);
+    this.show(this.list);
+    toast(`No comparison of ${name}: ${reason}`, 'bad');
   }
 
   /** A comparison has ended; its report opens in the page. */

@@ -43,12 +43,12 @@ export class RigDrawing extends Canvas {
 
   /** Choose the scale: all that moved lately has room, in steps so that the picture is calm. */
   layout(extent, state, now) {
-    const rel1 = state[4] - state[0];
-    const rel2 = Number.isFinite(state[6]) ? state[0] - state[6] : rel1;
+    const rel1 = state.stop1 - state.x;
+    const rel2 = Number.isFinite(state.stop2) ? state.x - state.stop2 : rel1;
     const half = Math.max(rel1, rel2, 1e-12);
-    const swing = this.swing.fit(niceAbove(Math.max(extent.swing, Math.abs(state[0]), 0.02 * half)), now);
+    const swing = this.swing.fit(niceAbove(Math.max(extent.swing, Math.abs(state.x), 0.02 * half)), now);
     const spread = this.spread.fit(niceAbove(Math.max(half, extent.apart)), now);
-    const angle = state[8];
+    const angle = state.angle;
     const em = colours.size;
     const [cos, sin] = [Math.abs(Math.cos(angle)), Math.abs(Math.sin(angle))];
     // As long as the canvas allows in this direction; a shorter rig is a lower one, too.
@@ -184,7 +184,7 @@ export class RigDrawing extends Canvas {
   attachments(g, state) {
     const { context } = this;
     const from = g.left + g.wall;
-    const to = state[0] * g.scale - g.body;
+    const to = state.x * g.scale - g.body;
     const span = Math.max(6, to - from);
     const [upper, lower] = [-0.22 * g.tall, 0.24 * g.tall];
     const radius = 0.12 * g.tall;
@@ -206,7 +206,7 @@ export class RigDrawing extends Canvas {
     const cylinder = Math.max(10, 0.5 * (g.reach + 0.3 * (g.body - g.cavity) + 30));
     const start = from + lead;
     const bore = Math.min(cylinder, 0.72 * span);
-    const piston = start + Math.max(4, Math.min(bore - 3, 0.5 * bore + 0.35 * (state[0] * g.scale)));
+    const piston = start + Math.max(4, Math.min(bore - 3, 0.5 * bore + 0.35 * (state.x * g.scale)));
     context.lineWidth = 1.4;
     context.beginPath();
     context.moveTo(from, lower);
@@ -226,7 +226,7 @@ export class RigDrawing extends Canvas {
   carriage(g, state, { oneSided, now = 0, ghostly = false }) {
     const { context } = this;
     const em = colours.size;
-    const [x, z] = [state[0] * g.scale, state[2] * g.scale];
+    const [x, z] = [state.x * g.scale, state.z * g.scale];
     const top = -g.tall / 2;
     const floor = g.tall / 2 - g.thick;
     const round = Math.min(5, g.thick / 2);
@@ -272,8 +272,8 @@ export class RigDrawing extends Canvas {
     const pad = Math.max(3.5, 0.3 * g.thick);
     const tallPad = Math.min(slugTall * 1.15, floor - top - g.thick - 2);
     const faces = [
-      [1, state[4] * g.scale + g.slug, 1],
-      [2, state[6] * g.scale - g.slug, -1],
+      [1, state.stop1 * g.scale + g.slug, 1],
+      [2, state.stop2 * g.scale - g.slug, -1],
     ];
     for (const [stop, face, side] of faces) {
       if (stop === 2 && (oneSided || !Number.isFinite(face))) continue;
@@ -339,12 +339,12 @@ export class RigDrawing extends Canvas {
 
   /** The force on M as an arrow, as long as its phase says. */
   force(g, state) {
-    const phase = state[9];
+    const phase = state.phase;
     if (!Number.isFinite(phase)) return;
     const { context } = this;
     const em = colours.size;
     const value = Math.sin(2 * Math.PI * phase);
-    const at = state[0] * g.scale;
+    const at = state.x * g.scale;
     const height = -g.tall / 2 - 0.75 * em;
     const length = value * Math.min(4.2 * em, 0.7 * g.body);
     const head = Math.min(8, Math.abs(length));

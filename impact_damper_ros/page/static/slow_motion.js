@@ -5,11 +5,13 @@ import { RigDrawing } from './rig_drawing.js';
 
 const SLOWER = 20;
 const IMPACTS = 5;
+/** Time between two films, and the longest one, ms. */
 const PAUSE = 700;
+const LONGEST = 60000;
 
 export class SlowMotion {
-  constructor(connection) {
-    this.connection = connection;
+  constructor(history) {
+    this.history = history;
     this.drawing = new RigDrawing(byId('slow-canvas'));
     this.stage = byId('slow-stage');
     this.on = false;
@@ -18,8 +20,6 @@ export class SlowMotion {
 
   clear() {
     this.film = null;
-    this.asked = 0;
-    this.ended = 0;
     this.drawing.clear();
   }
 
@@ -30,48 +30,37 @@ export class SlowMotion {
     this.clear();
   }
 
-  take(film) {
-    if (!this.on || film.t.length < 2) return;
-    this.film = film;
-    this.begun = performance.now();
-    this.at = 0;
-    this.hit = 0;
-    this.ended = 0;
+  /** Return the film of the last impacts, with a little of what is before and after them. */
+  cut(now) {
+    const { impacts, samples } = this.history.own;
+    const last = impacts.after(this.history.end) - 1;
+    const first = Math.max(impacts.start, last - IMPACTS + 1);
+    if (last < first) return null;
+    const [begin, end] = [first, last].map((n) => impacts.arrays[0][n]);
+    const pause = 0.3 * Math.max((end - begin) / Math.max(1, last - first), 1e-3);
+    const from = Math.max(begin - pause, samples.arrays[0][samples.start]);
+    const to = Math.min(end + pause, this.history.end);
+    const takes = Math.min(1000 * SLOWER * (to - from), LONGEST);
+    return { from, to, begun: now, takes, shown: from };
   }
 
-  draw(now, state, options) {
-    if (!this.on || !state) return;
-    if (!this.film || (this.ended && now - this.ended > PAUSE)) {
-      if (now - this.asked > 1000) {
-        this.asked = now;
-        this.connection.send({ type: 'slow_motion', impacts: IMPACTS });
-      }
-    }
+  draw(now, options) {
+    if (!this.on || !this.history.state) return;
+    if (!this.film || now > this.film.begun + this.film.takes + PAUSE) this.film = this.cut(now);
     const { film } = this;
-    if (!film) {
+    const { own } = this.history;
+    const part = film && Math.min(1, (now - film.begun) / film.takes);
+    const time = film && film.from + part * (film.to - film.from);
+    const state = film && own.at(time);
+    if (!state) {
       this.drawing.begin();
       return;
     }
-    const last = film.t.at(-1);
-    const time = Math.min(last, film.t[0] + (now - this.begun) / 1000 / this.pace());
-    while (this.at < film.t.length - 2 && film.t[this.at + 1] < time) this.at += 1;
-    const n = this.at;
-    const part = Math.min(1, Math.max(0, (time - film.t[n]) / (film.t[n + 1] - film.t[n] || 1)));
-    const mixed = (values) => (values?.[n] === null || values?.[n] === undefined ? NaN : values[n] + part * (values[n + 1] - values[n]));
-    while (this.hit < film.impacts.length && film.impacts[this.hit].t <= time) {
-      this.drawing.flash(film.impacts[this.hit].stop, film.impacts[this.hit].impulse, now);
-      this.hit += 1;
+    for (let n = own.impacts.after(film.shown); n < own.impacts.after(time); n += 1) {
+      const { stop, impulse } = own.impacts.row(n);
+      this.drawing.flash(stop, impulse, now);
     }
-    const shown = Float32Array.from(state);
-    [shown[0], shown[2], shown[4], shown[6]] = [mixed(film.x), mixed(film.z), mixed(film.stop_1), mixed(film.stop_2)];
-    shown[9] = NaN;
-    this.drawing.draw(shown, { ...options, ghost: null, driven: false, now });
-    if (time >= last && !this.ended) this.ended = now;
-  }
-
-  /** A rig much slower than a bench rig is slow enough as it is: no film is longer than a minute. */
-  pace() {
-    const span = this.film.t.at(-1) - this.film.t[0];
-    return Math.max(0.05, Math.min(SLOWER, 60 / span));
+    film.shown = time;
+    this.drawing.draw(state, { ...options, driven: false, now });
   }
 }

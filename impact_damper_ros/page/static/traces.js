@@ -19,10 +19,7 @@ export class Traces {
     this.range = new SteadyRange();
     this.unit = lengthUnit(1);
     this.showTheory = true;
-    this.empty = [0].map(() => new Float64Array(0));
     this.legend = this.makeLegend();
-    this.onWidth = null;
-    this.drawn = -1;
     this.make();
     new ResizeObserver(() => this.resize()).observe(this.place);
   }
@@ -69,7 +66,7 @@ export class Traces {
         select: { show: false },
         scales: {
           x: { time: false, range: () => this.span() },
-          y: { range: () => this.reach() },
+          y: { range: (_, low, high) => this.reach(low, high) },
         },
         axes: [
           {
@@ -110,12 +107,6 @@ export class Traces {
   resize() {
     const { width, height } = this.size();
     if (width !== this.chart.width || height !== this.chart.height) this.chart.setSize({ width, height });
-    this.onWidth?.(this.columns());
-  }
-
-  /** Columns of the window that the screen can show. */
-  columns() {
-    return Math.max(100, Math.min(2000, Math.round(this.chart.bbox.width / (devicePixelRatio || 1))));
   }
 
   span() {
@@ -123,17 +114,13 @@ export class Traces {
     return Number.isFinite(end) ? [end - window, end] : [-window, 0];
   }
 
-  reach() {
-    const { line, ghostLine } = this.history;
-    let most = 0;
-    for (const [rows, names] of [[line, ['x', 'z', 'stop1', 'stop2']], [ghostLine, ['x', 'z']]]) {
-      for (const name of names) {
-        const values = rows.field(name);
-        for (let n = rows.start; n < rows.end; n += 1) {
-          const size = Math.abs(values[n]);
-          if (size > most) most = size;
-        }
-      }
+  /** The range of a quantity whose values are between two; the what-if has room in it, too. */
+  reach(low, high) {
+    let most = Math.max(-low, high, 0) || 0;
+    const { samples } = this.history.other;
+    for (const name of ['x', 'z']) {
+      const values = samples.field(name);
+      for (let n = samples.after(this.span()[0]); n < samples.end; n += 1) most = Math.max(most, Math.abs(values[n]));
     }
     const range = this.range.fit(most > 0 ? niceAbove(1.04 * most) : 0, performance.now());
     this.unit = lengthUnit(range);
@@ -153,10 +140,11 @@ export class Traces {
     return scaled.map((value) => minus((value + 0).toFixed(decimals)));
   }
 
+  /** The samples in the window, and the one before it. */
   data() {
-    const { line } = this.history;
-    const cut = (name) => line.field(name).subarray(line.start, line.end);
-    return [cut('time'), cut('stop1'), cut('stop2'), cut('z'), cut('x')];
+    const { samples } = this.history.own;
+    const first = Math.max(samples.start, samples.after(this.span()[0]) - 1);
+    return ['time', 'stop1', 'stop2', 'z', 'x'].map((name) => samples.field(name).subarray(first, samples.end));
   }
 
   /** Draw what is new. */
@@ -223,17 +211,16 @@ export class Traces {
     context.clip();
     this.ghost(u, context, ratio, from);
     const [time, stop, x, y] = ['time', 'stop', 'x', 'y'].map((name) => impacts.field(name));
-    const perPixel = impacts.length / Math.max(1, bbox.width / ratio);
+    const perPixel = (impacts.end - impacts.after(from)) / Math.max(1, bbox.width / ratio);
     const size = (perPixel > 0.25 || this.history.window > 12 ? 1.6 : 2.6) * ratio;
     for (const side of [1, 2]) {
       context.fillStyle = side === 1 ? colours.ink : colours.upper;
       context.beginPath();
-      for (let n = impacts.end - 1, count = 0; n >= impacts.start && time[n] >= from && count < MOST_DOTS; n -= 1) {
-        if (stop[n] !== side) continue;
+      for (let n = Math.max(impacts.after(from), impacts.end - MOST_DOTS); n < impacts.end; n += 1) {
+        if (stop[n] !== side || time[n] > to) continue;
         const place = u.valToPos(time[n], 'x', true);
         const height = u.valToPos(x[n] + y[n], 'y', true);
         context.rect(place - size, height - size, 2 * size, 2 * size);
-        count += 1;
       }
       context.fill();
     }
@@ -243,16 +230,19 @@ export class Traces {
 
   /** X and Z of the what-if, as far as they are known: thin lines, X the stronger one. */
   ghost(u, context, ratio, from) {
-    const { ghostLine: line } = this.history;
-    const time = line.field('time');
+    const { samples } = this.history.other;
+    const time = samples.field('time');
+    const first = samples.after(from);
+    // No more points than pixels
+    const stride = Math.max(1, Math.floor((samples.end - first) / (2 * u.bbox.width)));
     context.strokeStyle = colours.special;
     context.globalAlpha = 0.8;
     for (const [name, width] of [['z', 0.8], ['x', 1.3]]) {
-      const values = line.field(name);
+      const values = samples.field(name);
       context.lineWidth = width * ratio;
       context.beginPath();
-      for (let n = line.start; n < line.end; n += 1) {
-        if (time[n] >= from) context.lineTo(u.valToPos(time[n], 'x', true), u.valToPos(values[n], 'y', true));
+      for (let n = first; n < samples.end; n += stride) {
+        context.lineTo(u.valToPos(time[n], 'x', true), u.valToPos(values[n], 'y', true));
       }
       context.stroke();
     }
@@ -277,7 +267,7 @@ export class Traces {
         context.lineTo(u.bbox.left + u.bbox.width, height);
       }
     } else {
-      const zero = this.theory.zero(this.history);
+      const zero = orbit.t_zero;
       const first = Math.floor((begin - zero - orbit.t[0]) / orbit.period);
       // No more points than pixels.
       const stride = Math.max(1, Math.floor(count / perPeriod));
@@ -302,26 +292,18 @@ export class Traces {
 
   /** Values at the cursor, or now. */
   readOut() {
-    const { state, line, ghost, ghostLine } = this.history;
-    this.legend.ghost.parentElement.hidden = !ghost && !ghostLine.length;
+    const { own, other } = this.history;
+    this.legend.ghost.parentElement.hidden = !other.samples.length;
+    const { left } = this.chart.cursor;
+    const time = left >= 0 ? Math.min(this.chart.posToVal(left, 'x'), this.history.end) : this.history.end;
+    const state = own.at(time);
     if (!state) return;
     const { factor, unit } = this.unit;
-    let [x, z, gap] = [state[0], state[2], state[4] - state[6]];
-    let [otherX, otherZ] = ghost ? [ghost[0], ghost[2]] : [NaN, NaN];
-    const index = this.chart.cursor.idx;
-    if (index !== null && index !== undefined && this.chart.cursor.left >= 0 && index < line.length) {
-      const n = line.start + index;
-      [x, z, gap] = [line.field('x')[n], line.field('z')[n], line.field('stop1')[n] - line.field('stop2')[n]];
-      const [otherTime, time] = [ghostLine.field('time'), line.field('time')[n]];
-      let other = ghostLine.start;
-      while (other < ghostLine.end && otherTime[other] < time - 1e-4) other += 1;
-      [otherX, otherZ] = other < ghostLine.end ? [ghostLine.field('x')[other], ghostLine.field('z')[other]] : [NaN, NaN];
-    }
     const said = (value) => (Number.isFinite(value) ? `${digits(value * factor, 3)} ${unit}` : '–');
-    write(this.legend.x, said(x));
-    write(this.legend.z, said(z));
-    write(this.legend.stop, said(gap));
-    write(this.legend.ghost, `X ${said(otherX)}, Z ${said(otherZ)}`);
+    const ghost = other.samples.length ? other.at(time) : null;
+    write(this.legend.x, said(state.x));
+    write(this.legend.z, said(state.z));
+    write(this.legend.stop, said(state.stop1 - state.stop2));
+    write(this.legend.ghost, `X ${said(ghost?.x)}, Z ${said(ghost?.z)}`);
   }
 }
-

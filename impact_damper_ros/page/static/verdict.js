@@ -10,19 +10,18 @@ const NUMBERS = [
   ['frequency_ratio', 'frequency-ratio', 'r = Ω/ω', (value) => digits(value, 4)],
   ['static_amplitude', 'amplitude', 'amplitude A', (value) => withUnit(value, 'm')],
   ['mass_ratio', 'mass-ratio', 'µ = m/M', (value) => digits(value, 3)],
-  ['gap_ratio', 'optimal-gap', 'gap / optimum', (value, { optimal_gap_basis: basis }) => about(digits(value, 3), basis)],
+  ['gap_ratio', 'optimal-gap', 'gap / optimum', (value, { basis }) => about(digits(value, 3), basis)],
   ['impacts_per_cycle', 'impacts-per-cycle', 'impacts / cycle', (value) => digits(value, 3)],
   ['energy_per_cycle', 'energy', 'energy / cycle', (value) => withUnit(value, 'J')],
 ];
 /** A best gap that is not that of the whole curve: the sign of its ratio, and where it is from. */
 const PRELIMINARY = {
-  formula: ['≈', 'from an energy balance at resonance; the gap curve is being computed'],
-  'part of the curve': ['≈', 'from the part of the gap curve that is known by now'],
+  part: ['≈', 'from the part of the gap curve that is known by now'],
   'at least': ['≤', 'M moves least at the largest gap of the curve: the best gap is beyond'],
   'at most': ['≥', 'M moves least at the smallest gap of the curve: the best gap is beyond'],
 };
 /** Mark a number as preliminary. */
-const about = (text, basis) => (basis in PRELIMINARY ? `${PRELIMINARY[basis][0]}\u202f${text}` : text);
+const about = (text, basis) => (basis in PRELIMINARY && text !== '–' ? `${PRELIMINARY[basis][0]}\u202f${text}` : text);
 const LEVELS = { ok: 'ok', warn: 'warn', error: 'error' };
 const AGREEMENT = {
   agrees: 'Agrees with theory',
@@ -54,7 +53,7 @@ export class Verdict {
     write(byId('verdict-text'), 'waiting for the rig');
     byId('verdict-text').dataset.level = 'none';
     for (const id of ['motion-text', 'theory-text']) write(byId(id), '');
-    this.numbers({});
+    this.numbers({}, { best: {} });
   }
 
   /** Beside a recording there is no live prediction. */
@@ -87,14 +86,15 @@ export class Verdict {
     mark(place, 'title', text);
   }
 
-  numbers(message) {
+  numbers(message, theory) {
+    const { gap: best, basis } = theory.best;
+    message = { ...message, gap_ratio: best > 0 ? message.gap / best : null, basis };
     for (const [key, , , said] of NUMBERS) write(this.values[key], said(message[key], message));
-    const best = this.values.gap_ratio;
-    const [, basis] = PRELIMINARY[message.optimal_gap_basis] ?? ['', ''];
-    mark(best, 'title', basis);
-    best.classList.toggle('preliminary', Boolean(basis));
+    const [, said] = PRELIMINARY[best > 0 ? basis : ''] ?? ['', ''];
+    mark(this.values.gap_ratio, 'title', said);
+    this.values.gap_ratio.classList.toggle('preliminary', Boolean(said));
     this.ratio('measured', message.x_max_ratio_measured);
-    this.ratio('predicted', message.x_max_ratio_predicted);
+    this.ratio('predicted', theory.orbit?.x_max_ratio);
     this.ratio('without', message.static_amplitude > 0 ? 1 : null);
   }
 }

@@ -1,13 +1,9 @@
 """Recordings: played to their end, cut ones too, with jumps and another rig beside."""
 
 import asyncio
-import base64
-import json
-import math
 import shutil
-import subprocess
-import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +13,13 @@ from bag.recorded_rig import RecordedRig
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.control import Rig
-from impact_damper_ros.page.child import environment
 from impact_damper_ros.page.recorded import load_recording
 from impact_damper_ros.page.recordings import Recordings
-from impact_damper_ros.rig import EventKind, RigParameters, load_parameters
+from impact_damper_ros.page.what_if import WhatIfMotion
+from impact_damper_ros.rig import EventKind, load_parameters
 from impact_damper_ros.rig.parameters_file import presets
 
-from .browser import get, in_loop, opened, serving, url
+from .served import get, in_loop, opened, serving
 
 SECONDS = 12.0
 
@@ -46,7 +42,7 @@ def recorded(runs):
 def test_the_angle_is_that_of_each_instant(tmp_path):
     rig = RecordedRig().start().run(200)
     rig.run(200, ('change', {'angle': 0.2})).run(100, ('reset', None))
-    angles = load_recording(rig.save(tmp_path / 'bag')).motion.samples[:, 9]
+    angles = load_recording(rig.save(tmp_path / 'bag')).motion.samples[:, 7]
     assert angles.tolist() == [0.0] * 201 + [0.2] * 300
 
 
@@ -66,14 +62,14 @@ def test_recording_is_read_as_it_was(recorded):
     # Positions count from the equilibrium of each time: X goes on around zero when tilted.
     late = samples[samples[:, 0] > 9.0]
     assert abs(late[:, 1].mean()) < 1e-3
-    assert late[-1, 9] == 0.1
+    assert late[-1, 7] == 0.1
     assert recorded.changes == [
         {'time': 0.0, 'kind': 'stretch', 'values': {}, 'preset': ''},
         {'time': 4.0, 'kind': 'change', 'values': {'gap': 0.03}, 'preset': ''},
         {'time': 8.0, 'kind': 'change', 'values': {'angle': 0.1}, 'preset': ''},
     ]
     assert [recorded.era(time) for time in (0.0, 3.99, 4.0, 7.0, 8.0, 99.0)] == [0, 0, 1, 1, 2, 2]
-    assert recorded.eras[1].values['initial_damper_offset'] == 0.0
+    assert recorded.setting(1).values['initial_damper_offset'] == 0.0
     assert recorded.remark == ''
 
 
@@ -109,14 +105,14 @@ async def test_a_recording_is_played_to_its_end(runs):
         assert gap['kind'] == 'change'
         await page.next('parameters', values={'angle': 0.1})
         assert page.frames[-1].end == pytest.approx(SECONDS)
-        columns = np.concatenate([f.columns[:, 6] + f.end for f in page.frames])
-        assert (np.diff(columns) > 0.0).all()
-        impacts = sum(len(f.impacts) for f in page.frames)
-        assert impacts == len(load_recording(runs / 'run').motion.impacts)
+        times = np.concatenate([f.samples[:, 0] + f.end for f in page.frames])
+        motion = load_recording(runs / 'run').motion
+        assert times == pytest.approx(motion.samples[:, 0], abs=1e-4)
+        assert sum(len(f.impacts) for f in page.frames) == len(motion.impacts)
         # From the end it begins again.
         await page.send(type='play', speed=0.01)
         await page.until(lambda: page.frames[-1].end < 1.0)
-        assert page.frames[-1].flags & 4 or page.frames[-2].flags & 4
+        assert any(frame.flags & 2 for frame in page.frames[-2:])
 
 
 @in_loop
@@ -146,24 +142,23 @@ async def test_scrub_and_jumps(runs, recorded):
         assert times[6:] == pytest.approx([recorded.start, recorded.start, SECONDS], abs=0.006)
         # Steps go to the next impact or sample, as on a live rig.
         await page.send(type='seek', time=6.0)
-        assert (await page.ask(type='service', name='step_to_impact'))['ok']
+        assert (await page.ask(type='service', name='step_to_impact'))[0]
         await page.until(lambda: page.frames[-1].end == pytest.approx(after[0], abs=1e-9))
         samples = recorded.motion.samples[:, 0]
         first = samples[samples > after[0]][0]
-        assert (await page.ask(type='service', name='step'))['ok']
+        assert (await page.ask(type='service', name='step'))[0]
         await page.until(lambda: page.frames[-1].end == pytest.approx(first, abs=1e-9))
         count = len(page.of('seek_done'))
         await page.send(type='jump', to='sample', direction=-1)
         back = (await page.next('seek_done', after=count))['time']
         assert back == samples[samples < first][-1] < after[0]
-        assert 'recording' in (await page.ask(type='set', values={'gap': 1.0}))['reason']
-        for wrong in ({'to': 'moon'}, {'to': 'impact', 'direction': 'up'}):
-            answer = await page.ask(type='jump', **wrong)
-            assert not answer['ok']
+        assert 'recording' in (await page.ask(type='set', values={'gap': 1.0}))[1]
+        for wrong in ({'to': 'moon', 'direction': 1}, {'to': 'impact', 'direction': 'up'}):
+            assert not (await page.ask(type='jump', **wrong))[0]
 
 
 @in_loop
-async def test_what_if_shows_another_rig(runs, recorded):
+async def test_what_if_shows_another_rig(runs):
     async with serving(runs / 'run') as server, opened(server) as page:
         await page.next('hello', mode='player')
         await page.send(type='play', speed=0)
@@ -175,42 +170,25 @@ async def test_what_if_shows_another_rig(runs, recorded):
         await page.send(type='seek', time=3.0)
         frame = (
             await page.until(
-                lambda: [f for f in page.frames if f.end == 3.0 and f.ghost is not None]
+                lambda: [f for f in page.frames if f.end == 3.0 and len(f.ghost_samples)]
             )
         )[-1]
+        # At the same instants as the recorded one
+        assert np.array_equal(frame.ghost_samples[:, 0], frame.samples[:, 0])
         rig, _, _ = load_parameters(presets()['bench_rig'])
         other = Rig(rig.replace(gap=0.02))
-        other.advance(3.0)
-        assert frame.ghost[[0, 2]] == pytest.approx([other.sample().x, other.sample().z], rel=1e-5)
-        assert frame.ghost[4] - frame.ghost[0] == pytest.approx(0.01, rel=1e-4)
-        # Between two samples too, also where there is an impact
-        hits = [e for e in other.advance(4.0) if e.kind is EventKind.IMPACT]
-        for instant in (3.0023, hits[0].time - 1e-4, hits[0].time + 1e-4):
-            await page.send(type='seek', time=instant)
-            between = await page.until(
-                lambda instant=instant: [
-                    f for f in page.frames if f.end == instant and f.ghost is not None
-                ]
-            )
-            fine = Rig(rig.replace(gap=0.02))
-            fine.advance(instant)
-            exact = fine.sample()
-            assert between[-1].ghost[:4] == pytest.approx(
-                [exact.x, exact.primary_velocity, exact.z, exact.damper_velocity],
-                rel=1e-3,
-                abs=1e-5,
-            )
-        # Its traces, beside those of the recording: the same columns of another motion
-        traces = [f for f in page.frames if f.end == 3.0 and len(f.ghost_columns)][-1]
-        assert np.array_equal(traces.ghost_columns[:, 6:], traces.columns[:, 6:])
-        starts, lows, highs = traces.ghost_columns[-40:, [6, 0, 1]].T
-        for start, low, high in zip(starts, lows, highs, strict=True):
-            # The first sample of a column lies within its extremes.
-            later = Rig(rig.replace(gap=0.02))
-            later.advance(math.ceil(200.0 * (3.0 + start) - 0.01) / 200.0)
-            assert low - 1e-6 <= later.sample().x <= high + 1e-6
-        place = np.searchsorted(recorded.motion.samples[:, 0], 3.0)
-        assert frame.state[0] == pytest.approx(recorded.motion.samples[place, 1], rel=1e-4)
+        hits = [e for e in other.advance(3.0) if e.kind is EventKind.IMPACT]
+        sample, row = other.sample(), frame.ghost_samples[frame.ghost_samples[:, 0] <= 0.0][-1]
+        assert row[1:7] == pytest.approx(
+            [
+                *(sample.x, sample.primary_velocity, sample.z, sample.damper_velocity),
+                *(sample.stop_1, sample.stop_2),
+            ],
+            rel=1e-5,
+        )
+        assert frame.ghost_impacts[frame.ghost_impacts[:, 0] <= 0.0][:, 8] == pytest.approx(
+            [hit.impulse for hit in hits], rel=1e-5
+        )
         seen = len(page.of('what_if'))
         await page.send(type='what_if', values={'gap': -1.0})
         refused = await page.next('what_if', after=seen, done=True)
@@ -226,7 +204,7 @@ async def test_what_if_shows_another_rig(runs, recorded):
 
 @in_loop
 async def test_a_what_if_whose_process_is_killed_says_so(runs, monkeypatch):
-    monkeypatch.setattr('impact_damper_ros.page.ghost._PROCESS', 'no_such_module')
+    monkeypatch.setattr('impact_damper_ros.page.what_if.__name__', 'no_such_module')
     async with serving(runs / 'run') as server, opened(server) as page:
         await page.next('hello', mode='player')
         await page.send(type='what_if', values={'gap': 0.02})
@@ -251,37 +229,21 @@ async def test_a_bag_that_vanishes_while_it_is_played(runs, tmp_path):
         assert page.closed is None
 
 
-def test_the_process_of_the_what_if_alone(runs):
-    """Samples and impacts as float64 in base64, and a last line of JSON."""
-    request = {'path': str(runs / 'run'), 'values': {'initial_primary_position': 0.001}}
-    done = subprocess.run(
-        [sys.executable, '-m', 'impact_damper_ros.page.what_if_process'],
-        input=json.dumps(request) + '\n',
-        env=environment(),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    *lines, last = done.stdout.splitlines()
-    assert json.loads(last) == {'ok': True, 'text': 'computed from its initial conditions'}
-    rows, impacts = (
-        np.concatenate(
-            [
-                np.frombuffer(base64.b64decode(line[1:])).reshape(-1, width)
-                for line in lines
-                if line[0] == kind
-            ]
-        )
-        for kind, width in (('S', 11), ('I', 10))
-    )
-    own = load_recording(runs / 'run').motion.impacts
-    assert len(own) / 2 < len(impacts) < 2 * len(own)
-    assert (np.diff(impacts[:, 0]) > 0.0).all()
-    assert set(impacts[:, 1]) == {1.0, 2.0}
-    assert rows[:, 0].tolist() == load_recording(runs / 'run').motion.samples[:, 0].tolist()
-    rig, _, _ = load_parameters(presets()['bench_rig'])
-    assert rows[0, 1] == pytest.approx(0.001, rel=0.1)
-    assert isinstance(rig, RigParameters)
+def test_the_motion_of_a_what_if(runs):
+    found = []
+    other = WhatIfMotion(runs / 'run', {'initial_primary_position': 0.001}, found.append)
+    try:
+        while not found[-1]['done']:
+            other.tick()
+            time.sleep(0.01)
+    finally:
+        other.close()
+    assert (found[-1]['on'], found[-1]['text']) == (True, 'computed from its initial conditions')
+    own = load_recording(runs / 'run').motion
+    assert len(own.impacts) / 2 < len(other.motion.impacts) < 2 * len(own.impacts)
+    assert set(other.motion.impacts[:, 1]) == {1.0, 2.0}
+    assert other.motion.samples[:, 0].tolist() == own.samples[:, 0].tolist()
+    assert other.motion.samples[0, 1] == pytest.approx(0.001, rel=0.1)
 
 
 @in_loop
@@ -296,7 +258,7 @@ async def test_recordings_are_listed_and_handed_out(runs, tmp_path):
     (place / 'empty').mkdir()
     (place / '.hidden').mkdir()
     async with serving(place) as server:
-        listed = json.loads((await get(server, '/recordings')).body)
+        listed = server.recordings.list()
         assert {entry['name'] for entry in listed} == {'run', 'link'}
         run = next(entry for entry in listed if entry['name'] == 'run')
         (file,) = (place / 'run').glob('*.mcap')
@@ -321,7 +283,7 @@ async def test_a_loose_file_beside_recordings_is_one_of_them(runs, tmp_path):
     (file,) = (place / 'run').glob('*.mcap')
     shutil.copy(file, place / 'loose.mcap')
     async with serving(place) as server:
-        listed = json.loads((await get(server, '/recordings')).body)
+        listed = server.recordings.list()
         assert {entry['name'] for entry in listed} == {'run', 'loose.mcap'}
         for bag in ('run', 'loose.mcap'):
             async with opened(server, f'/ws?bag={bag}') as page:
@@ -341,11 +303,9 @@ async def test_no_directory_is_read_between_two_frames(runs, monkeypatch):
         monkeypatch.setattr(Path, 'iterdir', iterdir)
         async with opened(server, '/ws?bag=run') as page:
             await page.next('hello')
-        own = {'Origin': url(server, '')}
-        for path in ('/recordings', '/recordings/run/download', '/reports/run/report.html'):
+            await page.ask(type='compare', recording='none', on=True)
+        for path in ('/recordings/run/download', '/reports/run/report.html'):
             await get(server, path)
-        path = '/recordings/none/compare'
-        assert (await get(server, path, method='POST', body='', headers=own)).code == 404
     assert len(scanned) > 4
     assert [path for path, in_loop in scanned if in_loop] == []
 
@@ -373,11 +333,10 @@ def test_bags_that_do_not_change_are_described_once(runs, monkeypatch):
 async def test_a_comparison_is_shown_in_the_page(runs):
     async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
         await page.next('hello')
-        own = {'Origin': url(server, '')}
-        answer = await get(server, '/recordings/run/compare', method='POST', body='', headers=own)
-        assert (answer.code, json.loads(answer.body)) == (202, {'started': True})
-        again = await get(server, '/recordings/run/compare', method='POST', body='', headers=own)
-        assert again.code == 409
+        ask = {'type': 'compare', 'recording': 'run', 'on': True}
+        assert await page.ask(**ask) == (True, '')
+        assert 'being compared already' in (await page.ask(**ask))[1]
+        assert 'no recording none' in (await page.ask(**{**ask, 'recording': 'none'}))[1]
         done = await page.next('compare_done')
         assert done['ok'], done['text']
         assert done['url'] == '/reports/run/report.html'
@@ -395,16 +354,14 @@ async def test_a_comparison_is_shown_in_the_page(runs):
 async def test_a_comparison_is_cancelled(runs):
     async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
         await page.next('hello')
-        path, own = '/recordings/run/compare', {'Origin': url(server, '')}
-        assert (await get(server, path, method='DELETE', headers=own)).code == 409
-        assert (await get(server, path, method='DELETE')).code == 403
-        await get(server, path, method='POST', body='', headers=own)
+        ask = {'type': 'compare', 'recording': 'run', 'on': True}
+        await page.ask(**ask)
         while server.recordings._comparing.get('run') is None:
             await asyncio.sleep(0.01)
-        assert (await get(server, path, method='DELETE', headers=own)).code == 202
+        assert await page.ask(**{**ask, 'on': False}) == (True, '')
         done = await page.next('compare_done')
         assert (done['ok'], done['text']) == (False, 'the comparison of run was cancelled')
-        assert (await get(server, path, method='POST', body='', headers=own)).code == 202
+        assert await page.ask(**ask) == (True, '')
         assert (await page.next('compare_done', after=1))['ok']
 
 

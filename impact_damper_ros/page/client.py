@@ -1,0 +1,197 @@
+"""
+One page: what waits for it, its requests, and what it has of the motion.
+
+At most one write is under way. A frame is made when the previous one has been sent, with all that
+came since: a slow page gets fewer frames, and holds up nobody. Of messages that describe a state,
+only the newest one is kept.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any, Protocol
+
+from .frames import View
+from .source import RequestError, Source
+
+#: Longest message of a page, bytes; Tornado closes the connection at longer ones.
+LONGEST_MESSAGE = 65_536
+#: Messages that replace the previous one of their type.
+_STATES = frozenset(
+    (
+        *('status', 'diagnostics', 'numbers', 'orbit', 'gap_curve', 'theory_failed'),
+        *('rigs', 'recordings', 'what_if'),
+    )
+)
+#: Most other messages that wait, and the longest write, s; beyond these the page is closed.
+_MOST_WAITING = 256
+STALLED_S = 60.0
+_MOST_RATE = 60.0
+#: Messages of one page that are processed at once, and then per second; dragging a knob sends
+#: some 60 per second. Further ones wait in the connection, without delaying other pages.
+_BURST, _MESSAGES_PER_S = 100.0, 100.0
+#: Requests that a page may make that only watches; the rest change the rig.
+_WATCHING = frozenset(('view', 'play', 'seek', 'jump', 'what_if'))
+#: Longest identifier of a request.
+_LONGEST_ID = 80
+
+Handler = Callable[[dict[str, Any], 'Client'], Awaitable[dict[str, Any] | None]]
+
+
+class Sink(Protocol):
+    """A WebSocket."""
+
+    def write_message(self, message: str | bytes, binary: bool = False) -> Any:
+        """Write a message; the result is done when it has been sent."""
+
+    def close(self) -> None:
+        """End the connection."""
+
+
+def _refuse(name: str) -> float:
+    raise ValueError(f'{name} is not a number in JSON')
+
+
+class Client:
+    """
+    A page.
+
+    Parameters
+    ----------
+    sink : Sink
+        Its WebSocket.
+    source : Source
+        The rig or recording that it shows.
+    handle : callable
+        Processes a request, and returns the answer.
+    steers : bool, optional
+        Whether it may change the rig.
+    """
+
+    def __init__(
+        self, sink: Sink, source: Source, handle: Handler, *, steers: bool = True
+    ) -> None:
+        self.source = source
+        self.view = View()
+        self._sink = sink
+        self._handle = handle
+        self._steers = steers
+        self._waiting: dict[object, str] = {}
+        self._count = 0
+        self._last: asyncio.Future[Any] | None = None
+        self._since = 0.0
+        self.closed = False
+        self._period = self._due = 0.0
+        self._credit, self._counted = _BURST, time.monotonic()
+        self.show(source)
+
+    def show(self, source: Source) -> None:
+        """Show a source from the beginning."""
+        self.source.clients.discard(self)
+        self.source = source
+        source.clients.add(self)
+        self.view.begin_again()
+        self.put(source.hello() | {'steers': self._steers})
+        for message in source.news():
+            self.put(message)
+
+    # To the page
+
+    def put(self, message: dict[str, Any]) -> None:
+        """Queue a message."""
+        if self.closed:
+            return
+        kind = message['type']
+        self._count += 1
+        key = kind if kind in _STATES else self._count
+        # To the end, also if there is an older one
+        self._waiting.pop(key, None)
+        self._waiting[key] = json.dumps(message, allow_nan=False)
+        if len(self._waiting) > _MOST_WAITING:
+            self.close()
+
+    def pump(self) -> None:
+        """Send the queued messages and a frame, unless the last write is still under way."""
+        if self.closed:
+            return
+        if self._last is not None and not self._last.done():
+            if time.monotonic() > self._since + STALLED_S:
+                self.close()
+            return
+        waiting, self._waiting = self._waiting, {}
+        for text in waiting.values():
+            self._write(text, binary=False)
+        now = time.monotonic()
+        if now >= self._due:
+            # Half a tick early, so that a period of two ticks is not three
+            self._due = now + self._period - 0.5 / _MOST_RATE if self._period else 0.0
+            content = self.source.frame(self.view)
+            if content is not None:
+                self._write(content, binary=True)
+
+    def _write(self, content: str | bytes, *, binary: bool) -> None:
+        if self.closed:
+            return
+        try:
+            self._last = asyncio.ensure_future(self._sink.write_message(content, binary=binary))
+        except Exception:  # of a connection that has just been closed
+            self.close()
+            return
+        self._since = time.monotonic()
+        self._last.add_done_callback(self._written)
+
+    def _written(self, write: asyncio.Future[Any]) -> None:
+        if not write.cancelled() and write.exception() is not None:
+            self.close()
+
+    def close(self) -> None:
+        """Close the connection; the page may connect again."""
+        if not self.closed:
+            self.closed = True
+            self._waiting.clear()
+            self._sink.close()
+
+    # From the page
+
+    async def take(self, text: str | bytes) -> None:
+        """Process a message of the page; errors in it are reported to that page only."""
+        await self._take_turn()
+        identity: Any = None
+        try:
+            message = json.loads(text, parse_constant=_refuse) if isinstance(text, str) else None
+            if not isinstance(message, dict) or not isinstance(message.get('type'), str):
+                raise RequestError('a message must be a JSON object with a type')
+            identity = message.get('id')
+            if not isinstance(identity, int | str) or len(str(identity)) > _LONGEST_ID:
+                identity = None
+            answer = await self._answer(message)
+        except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
+            answer = {'ok': False, 'reason': f'the message cannot be read: {error!r}'[:500]}
+        except RequestError as error:
+            answer = {'ok': False, 'reason': str(error)[:2000]}
+        if answer is not None:
+            self.put({'type': 'answer', 'id': identity, **answer})
+
+    async def _take_turn(self) -> None:
+        """Wait after too many messages; the next one is read only after this one is processed."""
+        now = time.monotonic()
+        earned = _MESSAGES_PER_S * (now - self._counted)
+        self._credit, self._counted = min(_BURST, self._credit + earned) - 1.0, now
+        if self._credit < 0.0:
+            await asyncio.sleep(-self._credit / _MESSAGES_PER_S)
+
+    async def _answer(self, message: dict[str, Any]) -> dict[str, Any] | None:
+        kind = message['type']
+        if not self._steers and kind not in _WATCHING:
+            raise RequestError('this link only shows the rig: open the one that steers it')
+        if kind != 'view':
+            return await self._handle(message, self)
+        window, rate = float(message['window']), float(message['rate'])
+        # A page that has a longer window already has all of a shorter one.
+        if window > self.view.window:
+            self.view = View(window)
+        self._period = 0.0 if rate >= _MOST_RATE else 1.0 / max(rate, 0.1)
+        return None

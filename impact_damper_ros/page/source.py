@@ -1,0 +1,96 @@
+"""What pages are shown: a rig in the network, a recording, or, as here, nothing yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from impact_damper_ros import __version__
+
+from .frames import View
+
+if TYPE_CHECKING:
+    from .client import Client
+
+
+#: What the page shows as long as a part of the theory is not known.
+_UNKNOWN: dict[str, dict[str, Any]] = {
+    'orbit': {'type': 'orbit', 'found': False, 'text': ''},
+    'gap_curve': {'type': 'gap_curve', 'branches': [], 'done': False, 'text': ''},
+    'theory_failed': {'type': 'theory_failed', 'text': ''},
+}
+
+
+class RequestError(Exception):
+    """A request of a page that is rejected; the message is for its user."""
+
+
+class Source:
+    """
+    A source of frames and messages; this one stands for a network without a rig.
+
+    Parameters
+    ----------
+    common : callable
+        Returns what is part of every first message: the rigs, recordings and presets.
+
+    Attributes
+    ----------
+    clients : set of Client
+        The pages that show it.
+    theory : dict
+        The messages of the theory of the present rig.
+    """
+
+    #: Time for which it is kept without a page, s.
+    kept_s = 0.0
+
+    def __init__(self, common: Callable[[], dict[str, Any]]) -> None:
+        self.clients: set[Client] = set()
+        self._common = common
+        self.theory = dict(_UNKNOWN)
+
+    def hello(self) -> dict[str, Any]:
+        """Return the first message."""
+        return {
+            'type': 'hello',
+            'version': __version__,
+            'mode': 'live',
+            'rig': '',
+            'bag': '',
+            'parameters': [],
+            **self._common(),
+        }
+
+    def news(self) -> list[dict[str, Any]]:
+        """Return the messages that a new page needs, after the first one."""
+        return [{'type': 'status', 'state': 'gone', 'text': 'no rig', 'time': None}]
+
+    def tell(self, message: dict[str, Any]) -> None:
+        """Send a message to all pages that show it."""
+        for client in self.clients:
+            client.put(message)
+
+    def tell_theory(self, document: dict[str, Any]) -> None:
+        """Send what is new in a document of `theory.documents`."""
+        for kind, before in self.theory.items():
+            now = document.get(kind) or _UNKNOWN[kind]
+            if now != before:
+                self.theory[kind] = now
+                self.tell(now)
+
+    def tick(self) -> None:
+        """Take in what is new; 60 times a second."""
+
+    def frame(self, view: View) -> bytes | None:
+        """Return a frame with what is new; None if nothing is."""
+        del view
+        return None
+
+    async def handle(self, message: dict[str, Any], client: Client) -> dict[str, Any] | None:
+        """Process a request; return the answer, if there is one."""
+        del message, client
+        raise RequestError('there is no rig on the network')
+
+    async def close(self) -> None:
+        """End what it has started."""

@@ -1,0 +1,122 @@
+"""
+The what-if beside a recording: another rig with the same history, from a child process.
+
+The process reads one request from its standard input: the path of the bag and the values that are
+held. It answers with impacts and samples as they are computed, and at last with how it went.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.replay import RecordedRun, Replay, Setting, WhatIf
+from impact_damper_ros.rig import INITIAL_SPECS, RunawayError
+from impact_damper_ros.theory.child_process import ChildProcess, decoded, send
+
+from .motion import Era, Motion
+
+_MOST_SAMPLES, _MOST_IMPACTS = 2_000_000, 1_000_000
+_NICENESS = 10
+#: Standard output
+_ANSWERS = 1
+
+
+class WhatIfMotion:
+    """
+    The motion of the other rig, as far as it has been computed.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    values : mapping
+        The parameters that are held.
+    tell : callable
+        Called with each message for the page.
+    """
+
+    def __init__(
+        self, path: Path, values: Mapping[str, Any], tell: Callable[[dict[str, Any]], None]
+    ) -> None:
+        self.motion = Motion(_MOST_SAMPLES, _MOST_IMPACTS)
+        self._values = dict(values)
+        self._tell = tell
+        self._done = False
+        self._child = ChildProcess('-m', __name__)
+        self._child.send((path, self._values))
+        self._say('computing')
+
+    def _say(self, text: str, *, on: bool = True, done: bool = False) -> None:
+        samples = self.motion.samples
+        until = float(samples[-1, 0]) if len(samples) else None
+        message = {'on': on, 'until': until, 'done': done, 'text': text, 'values': self._values}
+        self._tell({'type': 'what_if', **message})
+
+    def tick(self) -> None:
+        """Take in what has been computed."""
+        ended = self._child.end
+        for kind, content in self._child.poll():
+            if kind == 'end':
+                self._done = True
+                ok, text = content
+                self._say(text, on=ok, done=True)
+            elif kind == 'impacts':
+                self.motion.add_impacts(content)
+            else:
+                self.motion.add_samples(content)
+                self._say('computing')
+        if ended and not self._done:
+            self._done = True
+            self._say('the process of the what-if ended early: try it again', on=False, done=True)
+
+    def close(self) -> None:
+        """End the process."""
+        self._child.close()
+
+
+def _run(path: Path, values: dict[str, Any]) -> str:
+    """Run the rig; return a text on how it started."""
+    replay = Replay(RecordedRun(path))
+    known = Setting.of(replay.start.state).as_dict()
+    strange = [name for name in values if name not in known and name not in INITIAL_SPECS]
+    if strange:
+        raise ValueError(f'{strange[0][:80]} is not a parameter of the rig or of its control')
+    held = {name: value for name, value in values.items() if name in known}
+    held_initial = {name: value for name, value in values.items() if name in INITIAL_SPECS}
+    other = WhatIf(replay.start, held, held_initial)
+    found = 0
+    for part in replay:
+        # The rows of a part are of the rig before the command at its end.
+        era = Era(0, 0, other.rig.parameters, None)
+        samples, events = other.follow(part)
+        # The impacts before a sample must arrive before it.
+        send(_ANSWERS, ('impacts', era.impact_rows(events)))
+        send(_ANSWERS, ('samples', era.sample_rows(samples)))
+        found += len(samples)
+    if not found:
+        return 'the recording holds no motion'
+    start = 'its initial conditions' if other.from_initial else 'the recorded state'
+    return f'computed from {start}'
+
+
+def main() -> None:
+    """Process the request."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(_NICENESS)
+    lines = (line.strip() for line in sys.stdin.buffer)
+    path, values = next(filter(None, map(decoded, lines)))
+    try:
+        end = True, _run(path, values)
+    except (RecordingError, RunawayError, ArithmeticError, ValueError, TypeError) as error:
+        end = False, str(error)
+    send(_ANSWERS, ('end', end))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,32 @@
+"""Every figure of the gallery can be drawn, from a few values; `make docs` draws them in full."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import impact_damper_ros
+
+GALLERY = Path(impact_damper_ros.__file__).parents[1] / 'examples' / 'gallery'
+SCRIPTS = sorted(GALLERY.glob('plot_*.py'))
+
+
+@pytest.mark.parametrize('script', SCRIPTS, ids=lambda script: script.stem)
+def test_figure(script, monkeypatch):
+    plt = pytest.importorskip('matplotlib.pyplot')
+    monkeypatch.setattr(plt, 'show', lambda: None)
+    monkeypatch.chdir(GALLERY)
+    text = script.read_text(encoding='utf-8').replace('compiled=None', 'compiled=False')
+    text = re.sub(r'(linspace\([^*]*?, )\d{2,3}\)', r'\g<1>7)', text)
+    plt.switch_backend('agg')
+    try:
+        exec(compile(text, str(script), 'exec'), {'__name__': '__main__'})
+        panels = plt.gcf().axes
+        assert panels
+        for axes in panels:
+            # A quantity and its unit
+            assert re.search(r', \S+$|ratio r$', axes.get_xlabel())
+            assert axes.lines or axes.collections
+    finally:
+        plt.close('all')
+        plt.rcdefaults()

@@ -1,0 +1,37 @@
+"""The motion of a rig from rest, as the messages of its node would have it."""
+
+from impact_damper_ros.control import Rig
+from impact_damper_ros.page.motion import Era, ForcePhase, Motion
+from impact_damper_ros.replay.rows import events_as_rows, samples_as_rows
+from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.snapshot import Snapshot
+
+RATE = 200.0
+#: 5 Hz, with impacts from the first second on.
+LIVELY = RigParameters(
+    primary_mass=1.0,
+    stiffness=1000.0,
+    damping=0.6,
+    damper_mass=0.1,
+    gap=0.01,
+    force_amplitudes=(10.0,),
+    force_frequencies=(31.6,),
+)
+
+
+def force_phase(rig):
+    return ForcePhase(Snapshot.from_dict(rig.snapshot()))
+
+
+def motion_of(parameters, seconds, rate=RATE):
+    """Return the motion of a rig from rest."""
+    rig = Rig(parameters)
+    era = Era(0, 0, parameters, force_phase(rig))
+    events, samples = [], []
+    for k in range(round(seconds * rate) + 1):
+        events += rig.advance(k / rate)
+        samples.append(rig.sample())
+    motion = Motion(100_000, 10_000)
+    motion.add_samples(era.sample_rows(samples_as_rows(samples)))
+    motion.add_impacts(era.impact_rows(events_as_rows(events)))
+    return motion
