@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -267,7 +266,7 @@ def test_the_command_lists_loose_files_one_by_one(tmp_path):
         (runs / name).touch()
     process, address = started(tmp_path)
     try:
-        listed = json.loads(urlopen(f'{address}recordings', timeout=100.0).read())
+        listed = asyncio.run(first_words(address))['recordings']
         assert {entry['name'] for entry in listed} == {'one.mcap', 'other.mcap'}
         assert end(process) == 0
     finally:
