@@ -320,7 +320,7 @@ def test_bad_bags(messages, tmp_path, capsys):
     foreign = [samples.Topic('/chatter', samples.STRING)]
     with samples.RunWriter(tmp_path / 'foreign', foreign) as writer:
         writer.write('/chatter', samples.snapshot(5), 5)
-    refused(tmp_path / 'foreign', '/chatter', 'of format 3', 'this version reads format 4')
+    refused(tmp_path / 'foreign', '/chatter', 'of format 3', 'this version reads format 5')
     other = [
         (t, c.replace(b'"format": 5, "number', b'"format": 9, "number'), s) for t, c, s in messages
     ]
