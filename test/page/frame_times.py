@@ -20,7 +20,7 @@ os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
 
 from node.rig_client import SOURCE, SimProcess
 
-from page.devtools import Browser
+from page.browser import Browser
 from page.page_process import PageProcess
 
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
@@ -29,7 +29,8 @@ LONG = 200.0
 WINDOWS = (3, 10, 30)
 SIZES = ((360, 780), (1280, 800), (2560, 1440))
 #: The traces have come to their length.
-FULL = '(({{line, end}}) => end - line.arrays[0][line.start] > {length})(impactDamper.history)'
+FULL = """(({{own: {{samples}}, end}}) =>
+    end - samples.arrays[0][samples.start] > {length})(impactDamper.history)"""
 #: Between frames of the screen, in drawing one that has something new, and from a joint state to
 #: the screen.
 PROBE = """new Promise(resolve => {{

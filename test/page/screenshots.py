@@ -23,7 +23,7 @@ os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
 
 from node.rig_client import SOURCE, SimProcess
 
-from page.devtools import Browser
+from page.browser import Browser
 from page.page_process import PageProcess
 
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
@@ -34,11 +34,6 @@ RUNNING = """document.querySelector('#status').dataset.state === 'running'
 #: All of the curve
 CURVE = 'impactDamper.theory.curve?.done'
 AGREES = f"{CURVE} && document.querySelector('#verdict-text').textContent.startsWith('Agrees')"
-#: The traces have come anew, at the width of this window.
-FINE = """(({line, window}, pixels) => {
-    const [times, n] = [line.arrays[0], line.end];
-    return times[n - 1] - times[n - 3] < 1.2 * window / pixels;
-})(impactDamper.history, document.querySelector('#traces .u-over').clientWidth)"""
 #: Name of a view, address, seconds of the rig until it shows what it should, what to wait for.
 VIEWS = (
     ('bench', '#preset=bench', 12.0, AGREES),
@@ -83,12 +78,11 @@ def shoot(page, name, directory, sizes, shades=('light', 'dark')):
         for shade in shades:
             page.shade(dark=shade == 'dark')
             time.sleep(1.5)
-            page.wait(FINE, LONG)
             whole = page.run('document.documentElement.scrollHeight')
             if size == 'phone':
                 page.resize(width, whole)
                 time.sleep(0.5)
-            written(page.screenshot(), directory / f'{name}_{size}_{shade}.png')
+            written(page.tab.screenshot(), directory / f'{name}_{size}_{shade}.png')
             page.resize(width, height)
 
 
@@ -162,7 +156,7 @@ def filmed(page):
         const last = document.querySelector('#traces').getBoundingClientRect();
         return [first.left, first.top, last.right, last.bottom]; })()""")
     size = {'width': right - left, 'height': bottom - top}
-    clip = {'x': left, 'y': top, **size, 'scale': 1.0}
+    clip = {'x': left, 'y': top, **size}
     start = page.run('impactDamper.history.end')
     pictures = []
     for number in range(FRAMES):
@@ -171,7 +165,7 @@ def filmed(page):
             page.run('document.activeElement.blur()')
         page.wait(f'impactDamper.history.end >= {start + number * FRAME_S}', LONG)
         page.run('new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))')
-        content = page.screenshot(clip=clip)
+        content = page.tab.screenshot(clip=clip)
         pictures.append(Image.open(io.BytesIO(content)).convert('RGB'))
     page.close()
     return pictures
