@@ -63,7 +63,7 @@ sphinx_gallery_conf = {
 }
 
 html_theme = 'furo'
-html_title = f'impact_damper_ros {release}'
+html_title = f'Impact damper {release}'
 html_show_sourcelink = False
 # Prompts are no part of what is copied.
 copybutton_prompt_text = r'>>> |\.\.\. |\$ '
