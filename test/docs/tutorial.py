@@ -96,10 +96,16 @@ class Reader:
 
     def read(self):
         """Do all that the page says; raise an AssertionError where it is not so."""
+        path = sys.path.copy()
         try:
             for language, text in _FENCE.findall(self.page.read_text(encoding='utf-8')):
                 getattr(self, f'_{language}')(text)
         finally:
+            # Modules of the page are not for other tests.
+            sys.path[:] = path
+            for name, module in list(sys.modules.items()):
+                if str(getattr(module, '__file__', '')).startswith(f'{self.place}{os.sep}'):
+                    del sys.modules[name]
             for process in self.live:
                 process.send_signal(signal.SIGINT)
             for process in self.live:
