@@ -756,7 +756,7 @@ def test_the_report_of_a_comparison_opens_in_the_page(recorded):
     until(lambda: page.tab.frame(url=place) is not None)
     report = page.tab.frame(url=place)
     until(lambda: report.evaluate("document.querySelectorAll('figure svg').length") > 3)
-    assert 'agrees' in report.evaluate('document.body.textContent')
+    assert 'replayed bit for bit' in report.evaluate('document.body.textContent')
     # It is shown, at the width that the page has for it.
     width = page.run("document.querySelector('#report-frame').clientWidth")
     assert report.evaluate('innerWidth') == width > 600
