@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from orbits.begun_rigs import begun_on
 from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.orbits import (
@@ -20,6 +19,7 @@ from impact_damper_ros.orbits import (
 )
 from impact_damper_ros.orbits.solution_curve import with_value
 from impact_damper_ros.rig import EventKind
+from orbits.begun_rigs import begun_on
 
 #: A W^2/g of the vertical rig for a force of 1 N
 LOUDNESS = 100.0 * VERTICAL.response_amplitude / 0.8

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from orbits.begun_rigs import begun_on
 from rigs import FRICTION
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import MotionKind, find_orbits, settle
 from impact_damper_ros.rig import GapControlParameters, RigParameters
+from orbits.begun_rigs import begun_on
 
 HORIZONTAL = RigParameters(gravity=0.0)
 DETUNED = HORIZONTAL.replace(force_frequencies=1.02)

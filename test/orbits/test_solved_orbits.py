@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from orbits.begun_rigs import begun_on
 from rigs import FRICTION, HORIZONTAL, INCLINED, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.control import Rig
@@ -14,6 +13,7 @@ from impact_damper_ros.orbits.search import carried_over, settled_orbits
 from impact_damper_ros.orbits.segments import Segments
 from impact_damper_ros.orbits.solved_orbits import guess_on
 from impact_damper_ros.rig import Event, EventKind, InitialConditions, Mode, RigParameters
+from orbits.begun_rigs import begun_on
 
 PLASTIC = RigParameters(
     one_sided=True,

@@ -4,7 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from orbits.begun_rigs import begun_on
 from rigs import INCLINED
 
 from impact_damper_ros.orbits import find_orbits
@@ -12,6 +11,7 @@ from impact_damper_ros.orbits.segments import Segments, impact_nodes
 from impact_damper_ros.orbits.solved_orbits import guess_on
 from impact_damper_ros.orbits.viability import extremes
 from impact_damper_ros.rig import EventKind
+from orbits.begun_rigs import begun_on
 
 
 def follows(orbit):
