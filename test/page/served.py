@@ -81,7 +81,8 @@ class Page:
             content = await self.socket.read_message()
             async with self._changed:
                 if content is None:
-                    self.closed = self.socket.close_code
+                    # Without a code where the connection broke
+                    self.closed = self.socket.close_code or 1006
                 elif isinstance(content, bytes):
                     self.frames.append(taken_apart(content))
                 else:
