@@ -151,7 +151,7 @@ class CdrReader:
         self.position = 4
 
     def _pass(self, length: int, alignment: int) -> int:
-        """Go on behind a field; return where it begins."""
+        """Move past a field and return the position where it begins."""
         start = self.position + (4 - self.position) % alignment
         if start + length > len(self._content):
             raise CdrError(f'the message ends at byte {len(self._content)}, in a field')

@@ -7,7 +7,7 @@ are the same. A new topic is a line in `RIG_TOPICS`, and a layout and a method o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -114,3 +114,16 @@ class RigMessages:
     def control(self, stamp_ns: int, record: ControlRecord) -> bytes:
         """Return the message of an act of the gap control; see `ControlRecord.numbers`."""
         return self._control[record.action].filled(stamp_ns, *record.numbers)
+
+
+def rig_nodes(services: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the full names of the nodes that are rigs, by all services and their types."""
+    return sorted(
+        node
+        for name, kinds in services.items()
+        if name.endswith('/pause')
+        and 'std_srvs/srv/SetBool' in kinds
+        and (node := name.removesuffix('/pause'))
+        and f'{node}/reset' in services
+        and f'{node}/set_parameters_atomically' in services
+    )

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any
 
+from impact_damper_ros.bag.rig_topics import rig_nodes
 from impact_damper_ros.report.formatting import setting
 from impact_damper_ros.rig import ALL_SPECS
 
@@ -73,8 +74,7 @@ class RigParameterClient:
         # Those that are there are found one after the other.
         while time.monotonic() < start + (DISCOVERY_S if rigs else PATIENCE_S) and len(rigs) < 2:
             services = dict(self._node.get_service_names_and_types())
-            found = (name for name in services if name.endswith('/step_to_impact'))
-            rigs = sorted(name.removesuffix('/step_to_impact') for name in found)
+            rigs = rig_nodes(services)
             time.sleep(0.05)
         if not rigs:
             raise CommandError(

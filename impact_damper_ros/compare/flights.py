@@ -257,7 +257,7 @@ class Flights:
     def damper(
         self, index: NDArray[np.intp], tau: Array, x: Array, velocity: Array
     ) -> tuple[Array, Array]:
-        """Return Y and Y' in flights, given X and X' there."""
+        """Return Y and Y' at times in flights, from X and X' at these times."""
         begin, constants = self.rows[:-1][index], self.machine.constants
         speed = begin['damper_velocity_after']
         relative = speed - begin['primary_velocity_after']

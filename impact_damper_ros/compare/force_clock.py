@@ -70,26 +70,6 @@ class ForceClock:
         angles: Array = turned + starts[:, None]
         return angles
 
-    def counted_from_zero(self) -> RigParameters:
-        """
-        Return the rig with the phases that its harmonics have when the first angle is zero.
-
-        The periodic theory counts time from an instant at which all angles are zero; after a
-        change of frequencies on a live rig there may be none. The lines of a multisine, for which
-        there is no periodic theory, stay as they are.
-        """
-        if len(self.parameters.force_phases) == 1:
-            return self.parameters
-        back = self.zero - self.time
-        rig = self.parameters
-        phases = [
-            math.remainder(phase + angle + frequency * back, math.tau)
-            for phase, angle, frequency in zip(
-                rig.force_phases, self.angles, rig.force_frequencies, strict=False
-            )
-        ]
-        return rig.replace(force_phases=(rig.force_phases[0], *phases[1:]))
-
 
 _MOST_SAMPLES = 4000
 #: Share of the impulses that the force may leave unexplained, and of the modulus of each phase.

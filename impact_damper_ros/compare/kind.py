@@ -30,6 +30,7 @@ from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.rig.state import REST_1, REST_2, STICK
+from impact_damper_ros.theory import counted_from_zero
 
 from .result import Array
 from .stretches import RecordedStretch
@@ -95,7 +96,7 @@ def rig_at_end(stretch: RecordedStretch) -> Rig | None:
     clock, flights = stretch.clock, stretch.flights
     if clock is None or not len(flights.rows):
         return None
-    parameters, row = clock.counted_from_zero(), flights.rows[-1]
+    parameters, row = counted_from_zero(clock.parameters, clock.angles), flights.rows[-1]
     half, speed = 0.5 * parameters.gap, float(row['primary_velocity_after'])
     beyond = float(row['y']) - half
     resting = 0

@@ -31,7 +31,7 @@ from impact_damper_ros.rig.event import events_of_table
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.snapshot import LATEST
-from impact_damper_ros.theory import orbit_curve
+from impact_damper_ros.theory import counted_from_zero, orbit_curve
 
 from .force_clock import ForceClock
 from .kind import NEGLIGIBLE_IMPULSE, SETTLED, section_of
@@ -134,7 +134,9 @@ def _match_orbit(
     best: tuple[float, PeriodicOrbit] | None = None
     how, stops = '', tuple(period['stop'].tolist())
     try:
-        for orbit, solver in _solutions(clock.counted_from_zero(), clock, period, cycles):
+        for orbit, solver in _solutions(
+            counted_from_zero(clock.parameters, clock.angles), clock, period, cycles
+        ):
             turn = orbit and _nearest_turn(orbit, measured, stops, table)
             if turn and (
                 best is None or (not turn[1].viable, turn[0]) < (not best[1].viable, best[0])

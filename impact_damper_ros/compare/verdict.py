@@ -14,6 +14,7 @@ from impact_damper_ros.orbits.arguments import check_forcing
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind, Period
 from impact_damper_ros.replay.rows import Samples
 from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.theory import counted_from_zero
 
 from .force_clock import ForceClock
 from .kind import SETTLED, StretchKind, kind_by_impacts, kind_of, run_on, settled_after
@@ -92,7 +93,7 @@ def _judged_irregular(
     clock: ForceClock, kind: StretchKind
 ) -> tuple[_Judgement, PeriodicOrbit | None]:
     """Judge a motion that does not repeat, beside the simplest periodic motion of the rig."""
-    rig = clock.counted_from_zero()
+    rig = counted_from_zero(clock.parameters, clock.angles)
     stops = (1,) if rig.one_sided else (1, 2)
     orbits: tuple[PeriodicOrbit, ...] = ()
     try:

@@ -1,4 +1,4 @@
-"""A run of a rig past changes of its parameters, before observers."""
+"""A run of a rig with timed changes of its parameters, which observers follow."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def run(
     budget: EventBudget | None = None,
 ) -> None:
     """
-    Run a rig to an instant, before observers.
+    Run a rig to an instant, and call observers on the way.
 
     The motion does not depend on the observers: stopping a rig changes no bit of it.
 
@@ -76,7 +76,7 @@ def run(
     rig : Rig
         The rig, which is moved on.
     until : float
-        The end of the run, s.
+        Time at which the run ends, s.
     observers : sequence of Observer, optional
         They are called in this order.
     changes : sequence of TimedChange, optional

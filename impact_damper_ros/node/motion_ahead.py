@@ -223,7 +223,7 @@ class MotionAhead:
         """
         Move the rig to an instant, at most by one slice.
 
-        That instant is the next tick without known joint states, or one before it.
+        The instant is that of the next tick whose joint states are not known, or an earlier one.
         """
         mark = self._rig.mark()
         try:

@@ -452,7 +452,7 @@ class SimNode(Node):
         self._warn_of_others()
 
     def _warn_of_others(self) -> None:
-        """Warn once of nodes whose messages are mixed with those of this one."""
+        """Warn once if another node has the same name or also publishes the clock."""
         name, clock = self.get_fully_qualified_name(), self._topic_publishers.get('clock')
         nodes = self.get_node_names_and_namespaces()
         count = sum(f'{space.rstrip("/")}/{other}' == name for other, space in nodes)

@@ -31,7 +31,6 @@ from .flights import Flight, flight_at_impact, machine_of
 from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
 from .response import Array
 from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
-from .starts import ImpactEquations
 from .trajectory import FlightPart, Trajectory, follow_trajectory
 from .viability import why_not_viable
 
@@ -286,16 +285,6 @@ def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit |
     guess = guess_on(orbit)
     found = None if guess is None else solved(parameters, guess, orbit.cycles)
     return _counted_as(orbit, found) or performed(orbit, parameters)
-
-
-def impact_orbit_near(
-    parameters: RigParameters, stops: tuple[int, ...], cycles: int, x: Array, instants: Array
-) -> PeriodicOrbit | None:
-    """Return the motion of impacts only near X (m) at some instants (s), viable or not."""
-    equations = ImpactEquations(parameters, stops, cycles)
-    problem = Segments(parameters, impact_nodes(stops), cycles)
-    solution = solve(problem, equations.states(x, instants), instants)
-    return None if solution is None else orbit_of(solution)
 
 
 def orbit_near(

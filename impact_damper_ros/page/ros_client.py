@@ -26,6 +26,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from impact_damper_ros.bag.rig_topics import rig_nodes
 from impact_damper_ros.rig import ALL_SPECS, ParameterError
 
 from .live import NoAnswerError
@@ -34,7 +35,6 @@ from .live import NoAnswerError
 #: and time after which it fails, s.
 ASK_AGAIN_S, PATIENCE_S = 1.0, 6.0
 _TOPICS = ('joint_states', 'impacts', 'snapshot', 'theory')
-_PAUSE, _RESET = '/pause', '/reset'
 #: Most messages of a topic that are taken at once.
 _MOST_TAKEN = 2000
 _SERVICES = {
@@ -206,16 +206,7 @@ class RosClient:
 
     def rigs(self) -> list[str]:
         """Return the full names of the nodes that are rigs."""
-        services = dict(self._node.get_service_names_and_types())
-        return sorted(
-            node
-            for name, kinds in services.items()
-            if name.endswith(_PAUSE)
-            and 'std_srvs/srv/SetBool' in kinds
-            and (node := name.removesuffix(_PAUSE))
-            and f'{node}{_RESET}' in services
-            and f'{node}/set_parameters_atomically' in services
-        )
+        return rig_nodes(dict(self._node.get_service_names_and_types()))
 
     def join(self, rig: str) -> RigLink:
         """Return the link to a rig; its topics may have been remapped."""

@@ -1,4 +1,4 @@
-"""Containers, pixi, the citation and the templates of issues agree with the package."""
+"""Container files, pixi.toml, CITATION.cff and the issue forms agree with the package."""
 
 import ast
 import json

@@ -1,4 +1,4 @@
-"""A browser, and pages in it that keep what comes on their console."""
+"""A browser, and pages that collect the messages of their console."""
 
 import contextlib
 import json

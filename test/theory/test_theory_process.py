@@ -152,7 +152,7 @@ def test_a_killed_process_is_followed_by_another_one(start, monkeypatch):
     assert (process.restarts, process.trouble) == (1, '')
     (warning,) = warnings
     assert 'ended by signal 9; it is started again after 0.05 s' in warning
-    # The answer holds; one that was on its way comes from the new process.
+    # The last answer stays valid; the one still outstanding comes from the new process.
     assert process.prediction == first
     process.ask(state_of(THREE))
     os.kill(process.process, signal.SIGKILL)
