@@ -212,6 +212,10 @@ class GapCurve:
         """The motions from which branches have been followed so far."""
         return [motion.start for motion in self._motions]
 
+    def holds(self, orbit: PeriodicOrbit) -> bool:
+        """Return whether a motion is on one of the branches."""
+        return any(motion.holds(orbit) for motion in self._motions)
+
     def follow(self, start: PeriodicOrbit, points: int = MOST_POINTS) -> Iterator[None]:
         """
         Follow a motion by up to `points` points in each direction, or extend its branch.
