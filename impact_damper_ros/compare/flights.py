@@ -24,6 +24,7 @@ from impact_damper_ros.replay.rows import Events, Samples
 from impact_damper_ros.rig import EVENT_TYPE, EventKind, RigParameters
 from impact_damper_ros.rig.state import STICK
 
+from .drive import Drive
 from .result import Array
 
 Mask = NDArray[np.bool_]
@@ -78,14 +79,6 @@ def _together(rows: Events) -> Mask:
     latest = _last_known(decided, kind.astype(np.int64))
     chatter: Mask = found | (coming & (latest == EventKind.IMPACT))
     return chatter
-
-
-class Drive(NamedTuple):
-    """The force at an instant."""
-
-    time: float  # rig time, s
-    angles: tuple[float, ...]  # turned by the harmonics, without their phases, rad
-    frequencies: tuple[float, ...]  # of the harmonics, rad/s
 
 
 class Integrals(NamedTuple):
