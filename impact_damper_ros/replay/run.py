@@ -35,7 +35,7 @@ from impact_damper_ros.bag.messages import (
     decode,
     header_ns,
 )
-from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_FRAME
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_ACT
 from impact_damper_ros.control import CONTROL_JOINTS, GAP_CONTROL_SPECS
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 
@@ -54,7 +54,7 @@ _EXAMINED = 20
 _LAYOUTS: dict[str, tuple[tuple[str, ...], tuple[int, int, int]]] = {
     'joint_states': (JOINTS, (5, 5, 0)),
     'impacts': (IMPACT_JOINTS, (2, 2, 2)),
-    'gap_control': (CONTROL_JOINTS, (3, 3, 3)),
+    'gap_control': (CONTROL_JOINTS, (4, 4, 4)),
 }
 
 
@@ -334,8 +334,8 @@ class _Tables:
         records = self._waiting[topic] if topic else []
         self._waiting[topic] = []
         log_ns = np.array([record.stamp_ns for record in records], dtype=np.int64)
-        stamps, frames, numbers, readable = columns.read([record.content for record in records])
-        table = Table(log_ns, stamps, frames, numbers)
+        *held, readable = columns.read([record.content for record in records])
+        table = Table(log_ns, *held)
         if not readable.all():
             disorder.note(UNREADABLE, topic, log_ns[~readable])
             table = table[readable]
@@ -346,7 +346,7 @@ class _Tables:
             wrong = table.stamp_ns != table.log_ns
             disorder.note(MISDATED, topic, table.log_ns[wrong])
         # A paused rig repeats its joint states; the node does not record them, others may.
-        kept = table.frame != PAUSED_FRAME
+        kept = table.act != PAUSED_ACT
         before_ns, before = self._last.get(topic, (None, b''))
         steps = np.diff(table.stamp_ns, prepend=table.stamp_ns[0] - 1)
         steps[0] = 1 if before_ns is None else table.stamp_ns[0] - before_ns

@@ -322,7 +322,7 @@ def test_bad_bags(messages, tmp_path, capsys):
         writer.write('/chatter', samples.snapshot(5), 5)
     refused(tmp_path / 'foreign', '/chatter', 'of format 3', 'this version reads format')
     other = [
-        (t, c.replace(b'"format": 5, "number', b'"format": 9, "number'), s) for t, c, s in messages
+        (t, c.replace(b'"format": 6, "number', b'"format": 9, "number'), s) for t, c, s in messages
     ]
     refused(samples.record(tmp_path / 'other', other, custom=NOTES), 'format 9', 'version')
     wrong = params_file(tmp_path / 'params.yaml', BENCH)
@@ -366,7 +366,7 @@ def test_a_mixed_bag_is_used_up_to_the_other_version(messages, tmp_path):
     mixed = list(messages)
     mixed[later] = (
         topic,
-        content.replace(b'"format": 5, "number', b'"format": 9, "number'),
+        content.replace(b'"format": 6, "number', b'"format": 9, "number'),
         stamp,
     )
     code, result = run(samples.record(tmp_path / 'bag', mixed, custom=NOTES), tmp_path)
