@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from impact_damper_ros.control import (
     GAP_CONTROL_SPECS,
     GapControlParameters,
+    LawError,
     OwnLaw,
     TimedChange,
 )
@@ -79,6 +80,24 @@ def add_law_option(parser: argparse.ArgumentParser) -> None:
         'of the law that gap_control names (timed, if that is off); modules in the current '
         'directory are found',
     )
+
+
+def add_recorded_law_option(parser: argparse.ArgumentParser) -> None:
+    """Let a command that replays a bag take the law of the user's own that moved its stops."""
+    parser.add_argument(
+        '--law',
+        type=_law,
+        metavar='MODULE:FUNCTION',
+        help='the law of your own with which the run was recorded: a bag only names it. Modules '
+        'in the current directory are found',
+    )
+
+
+def _law(text: str) -> OwnLaw:
+    try:
+        return OwnLaw.from_text(text)
+    except LawError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def given_law(text: str | None, control: GapControlParameters) -> tuple[Any, GapControlParameters]:
