@@ -445,7 +445,7 @@ class _Socket(_Guarded, WebSocketHandler):
         except RequestError as error:
             text = json.dumps({'type': 'status', 'state': 'gone', 'text': str(error)[:2000]})
             await self.write_message(text)
-            self.close(4404, 'not found')
+            self.close(4404)
         else:
             if self.ws_connection is None or self.ws_connection.is_closing():
                 self.on_close()
