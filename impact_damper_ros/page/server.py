@@ -213,6 +213,10 @@ class PageServer:
             self._list = listed
             self._send({'type': 'recordings', 'list': listed})
 
+    def notify(self, text: str) -> None:
+        """Show a text on all pages for a while."""
+        self._send({'type': 'notice', 'text': text})
+
     def _send(self, message: dict[str, Any]) -> None:
         for client in list(self._clients):
             client.put(message)

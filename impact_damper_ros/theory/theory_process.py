@@ -86,7 +86,7 @@ class TheoryProcess:
         self._measured: ObservedMotion | None = None
         # While the process is switched off: the request that it had done, and what it found
         self._known: tuple[Mapping[str, Any] | None, bool] | None = None
-        self._answers = self.prediction, self.document
+        self._answers: tuple[Prediction | None, str] = None, self.document
         self._documented = False
         self._began = 0.0
         self._pause, self._due = BACK_OFF_S, 0.0

@@ -389,6 +389,7 @@ connection.addEventListener('what_if', ({ detail }) => {
   byId('clear-ghost').hidden = !detail.on;
   if (!detail.on && detail.text) toast(detail.text, 'bad');
 });
+connection.addEventListener('notice', ({ detail }) => toast(detail.text, 'bad'));
 connection.addEventListener('seek_done', () => keepAddress());
 
 // What is pressed
