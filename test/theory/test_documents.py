@@ -157,14 +157,6 @@ def test_the_curve_goes_on_where_it_falls_at_the_end_of_its_range():
     assert best['bound'] == ''
 
 
-def test_an_optimum_beyond_all_that_is_followed_is_a_bound():
-    """Below its resonance, M moves the less the smaller the gap is."""
-    rig = LEVEL.replace(gap=0.5, damper_mass=0.02, force_frequencies=(0.9,))
-    curve = documents(rig.replace(restitution_1=0.0, restitution_2=0.0))[-1]['gap_curve']
-    least = min(gap for branch in curve['branches'] for gap in branch['gap'])
-    assert (curve['optimum']['gap'], curve['optimum']['bound']) == (least, 'at most')
-
-
 @pytest.mark.parametrize(
     ('rig', 'control', 'words'),
     [
