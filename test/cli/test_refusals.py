@@ -73,8 +73,7 @@ REFUSALS = {
     ],
     'solve_periodic': [
         ('', '--impacts'),
-        ('--impacts 0', 'give a whole number from 1 to'),
-        ('--impacts x', 'give a whole number from 1 to'),
+        *((f'--impacts {text}', '--impacts') for text in ('0', 'x', '3:2', '1:2:3')),
         ('--impacts 2 --stops 1,3', '--stops'),
         ('--impacts 2 --set gap=-1', 'gap is -1.0 m: give a number from'),
         ('--impacts 2 --set gap_max=20', 'there is no parameter gap_max to set'),
