@@ -297,9 +297,10 @@ class GapControlParameters(ParameterTable):
 
     gap_control: str = text(
         'off',
-        ('off', 'amplitude', 'timed', 'predictive'),
+        ('off', 'amplitude', 'timed', 'predictive', 'external'),
         'Law that moves the stops: off holds them at the gap, amplitude follows the vibration, '
-        'timed closes a stop on m where M is fastest, predictive tries places in the simulator.',
+        'timed closes a stop on m where M is fastest, predictive tries places in the simulator, '
+        'external does what a controller outside of the rig commands.',
     )
     gap_control_stops: str = text(
         'independent',
