@@ -158,9 +158,7 @@ def starting_velocity(way: float, speed: float) -> float:
 
 
 @kernel
-def start_command(
-    control: Control, place_1: float, place_2: float
-) -> tuple[float, float, float]:
+def start_command(control: Control, place_1: float, place_2: float) -> tuple[float, float, float]:
     """
     Begin the next command with the stops at two places, Y in m.
 

@@ -1,9 +1,9 @@
 """
 Orders: what a controller outside the rig commands.
 
-Under ``gap_control: external`` no law acts. Orders move the stops, by the actuators, and push M. An
-order is an act like those of a law: it has an exact instant and is reported as an `ORDER`, so that
-a replay carries it out again.
+Under ``gap_control: external`` no law acts. Orders move the stops, by the actuators, and push M.
+An order is an act like those of a law: it has an exact instant and is reported as an `ORDER`, so
+that a replay carries it out again.
 """
 
 from __future__ import annotations

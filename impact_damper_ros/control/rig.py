@@ -911,11 +911,15 @@ class Rig:
                 f'the stops are moved by gap_control {self.law}: set gap_control to external',
             )
         order.check(self._control)
-        self._records = [order.record(self._control, self.time)]
         order.issue(self._control, self.time)
+        record = order.record(self._control, self.time)
         if self._control.actuators.waiting + MOST_ORDERS > len(self._control.commands):
             self._control = self._control.enlarged()
-        return self._push(order.force) if order.force == order.force else []
+        events = self._push(order.force) if order.force == order.force else []
+        # Stops that move at once are there now.
+        events += self.advance(self.time)
+        self._records = [record, *self._records]
+        return events
 
     def _push(self, force: float) -> list[Event]:
         """Let an active force act on M, in a flight of its own."""

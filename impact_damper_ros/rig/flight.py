@@ -274,9 +274,7 @@ def begin_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> Non
         direction = -1
     run.joint = False
     run.first = 0
-    run.constant = pushed(
-        rig, run, rig.mass_ratio * (direction * rig.grip - air), rig.mass_ratio
-    )
+    run.constant = pushed(rig, run, rig.mass_ratio * (direction * rig.grip - air), rig.mass_ratio)
     acceleration = acceleration_at(rig.free, lines, 0, waves, run.constant, run.x, run.velocity)
     run.acceleration = acceleration
     relative = (rig.slope - direction * rig.grip + air) - acceleration

@@ -441,6 +441,21 @@ class NodeSettings(ParameterTable):
         'that of the others is one less. 0 for ordinary scheduling.',
         effect='start',
     )
+    command_timeout: float = number(
+        1.0,
+        0.0,
+        1e6,
+        's',
+        'Rig time without a command after which the stops of an external control are parked at '
+        'the gap, and its force ends; 0 for never.',
+    )
+    force_limit: float = number(
+        0.0,
+        0.0,
+        1e12,
+        'N',
+        'Largest force of an external control; a larger one is limited to it. 0 for no limit.',
+    )
     predict_motion: bool = flag(
         True, 'Predict the periodic motion, in a process of its own, for the diagnostics.'
     )

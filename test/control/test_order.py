@@ -15,7 +15,7 @@ EXTERNAL = GapControlParameters(
 
 
 def displacement(rig, time, force):
-    """X of M that starts at rest under a constant force: the step response of Bapat's oscillator."""
+    """Return X of M that starts at rest under a constant force."""
     K, zeta, omega = rig.stiffness, rig.zeta, rig.omega
     eta = math.sqrt(1.0 - zeta * zeta)
     phase = eta * omega * time
