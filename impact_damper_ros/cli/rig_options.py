@@ -121,8 +121,8 @@ def values_of(
     """Read ``NAME=VALUE`` settings of the parameters in `names`, which `listing` lists."""
     values: dict[str, Any] = {}
     for setting in settings:
-        name, equals, text = setting.partition('=')
-        if not equals:
+        name, _, text = setting.partition('=')
+        if not text.strip():
             raise ValueError(f'{option}{named(setting)}: give NAME=VALUE')
         if name not in names:
             close = difflib.get_close_matches(name[:80], names, 1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from itertools import islice
 from typing import Any
 
@@ -82,11 +81,19 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
             )
 
 
+def repeats_after(parameters: RigParameters, cycles: int) -> bool:
+    """Return whether the force repeats after so many cycles of its first harmonic."""
+    try:
+        check_forcing(parameters, cycles)
+    except OrbitError:
+        return False
+    return True
+
+
 def period_of_force(parameters: RigParameters, longest: int) -> int:
     """Return the period of the force in cycles of its first harmonic; or raise `OrbitError`."""
     for cycles in range(1, longest):
-        with suppress(OrbitError):
-            check_forcing(parameters, cycles)
+        if repeats_after(parameters, cycles):
             return cycles
     check_forcing(parameters, longest)
     return longest

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -220,16 +221,19 @@ def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
         )
 
 
+# For all stop sequences of as many impacts
+@lru_cache(maxsize=2)
 def settled_orbits(
     parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
-) -> Iterator[PeriodicOrbit | None]:
+) -> tuple[PeriodicOrbit | None, ...]:
     """
-    Yield the motions near simulated motion that has had time to settle; None without one.
+    Return the motions near simulated motion that has had time to settle; None where there is none.
 
     `most_events` is for a period; a rig that has more for long is given up early.
     """
     period = cycles * math.tau / parameters.force_frequencies[0]
     periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
+    found: list[PeriodicOrbit | None] = []
     for initial in starting_points(parameters):
         try:
             rig = Rig(parameters, initial)
@@ -239,11 +243,12 @@ def settled_orbits(
         for i in range(periods):
             if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
                 guess = guess_along(flight_of(rig), 0.0, period)
-                yield None if guess is None else solved(parameters, guess, cycles)
+                found.append(None if guess is None else solved(parameters, guess, cycles))
             run = rig.run((i + 1) * period, most_events=_MOST_AT_ONCE)
             busy = busy + 1 if run.event_count > most_events else 0
             if busy > _BUSY_PERIODS or run.outcome is not Outcome.COMPLETE:
                 break
+    return tuple(found)
 
 
 def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:

@@ -77,6 +77,33 @@ def test_all_sequences_if_none_is_named(tmp_path, capsys):
     )
 
 
+def test_ranges_of_impacts_and_cycles(tmp_path, capsys):
+    """Those of the single numbers, the viable ones alone; no period that the force has not."""
+    settings = ('gap=18', 'force_frequencies=[1.02]')
+    single = []
+    for impacts in ('2', '3'):
+        single += run(tmp_path, '--impacts', impacts, settings=settings)[1]
+    capsys.readouterr()
+    ranges = ('--impacts', '2:3', '--cycles', '1:1', '--viable')
+    code, orbits = run(tmp_path, *ranges, settings=settings)
+    assert code == 0
+    viable = [one for one in single if one['viable']]
+    assert orbits == sorted(viable, key=lambda one: not one['stable'])
+    assert [tuple(one['stops']) for one in orbits] == [(1, 1, 2), (1, 2, 2), (1, 2)]
+    said = capsys.readouterr().out
+    assert re.search(
+        r'^2 impacts in 1 cycle: 1 viable, \d+ not, all solutions$', said, re.MULTILINE
+    )
+    assert re.search(r'^3 impacts in 1 cycle: 2 viable, \d+ not$', said, re.MULTILINE)
+    assert 'NOT VIABLE' not in said
+    several = ('force_amplitudes=[1, 0.1]', 'force_frequencies=[1, 1.5]', 'force_phases=[0, 0]')
+    run(tmp_path, '--impacts', '2:3', '--cycles', '1:2', settings=several)
+    assert (
+        re.findall(r'^\d impacts in (\d cycles?):', capsys.readouterr().out, re.MULTILINE)
+        == ['2 cycles'] * 2
+    )
+
+
 def test_table_has_units_and_numbers(capsys):
     code = main([str(PAPER), '--impacts', '2', '--set', 'gravity=0'])
     assert code == 0
@@ -161,7 +188,11 @@ def test_input_that_is_not_usable(tmp_path, capsys, arguments, settings, words):
 
 @pytest.mark.parametrize(
     'arguments',
-    [('--impacts', '0'), ('--impacts', 'x'), ('--impacts', '2', '--stops', '1,3'), ()],
+    [
+        *[('--impacts', text) for text in ('0', 'x', '3:2', '1:2:3')],
+        ('--impacts', '2', '--stops', '1,3'),
+        (),
+    ],
 )
 def test_arguments_that_cannot_be_read(capsys, arguments):
     with pytest.raises(SystemExit) as failure:
