@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control import ControlRecord
+from impact_damper_ros.control import Action, ControlRecord, Order
 from impact_damper_ros.rig import EVENT_TYPE, Event, EventKind, RigParameters, Sample
 from impact_damper_ros.rig.event import SAMPLE_TYPE
 
@@ -111,6 +111,14 @@ def published_acts(records: Sequence[ControlRecord], offset_ns: int) -> Table:
     numbers = np.array([sum(record.numbers, ()) for record in records]).reshape(-1, 12)
     acts = np.array([record.act for record in records], dtype=np.str_)
     return Table(stamps_ns, stamps_ns, np.full(len(records), ''), acts, numbers)
+
+
+def orders_of(acts: Table, offset_ns: int) -> list[tuple[float, Order]]:
+    """Return what a controller outside the rig ordered, among some acts, with the rig times, s."""
+    rows = np.flatnonzero(acts.frame == Action.ORDER.name.lower())
+    times = (acts.stamp_ns[rows] - offset_ns) / 1e9
+    chosen = acts.numbers[rows][:, [0, 1, 3, 4, -1]]
+    return [(t, Order(*row)) for t, row in zip(times.tolist(), chosen.tolist(), strict=True)]
 
 
 def recorded_samples(states: Table, rig: RigParameters, times: Numbers) -> Samples:

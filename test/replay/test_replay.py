@@ -365,7 +365,7 @@ def test_other_formats_are_refused(tmp_path, messages):
         ('state', None),
     ):
         others = [of_format(messages[0], version, name), *messages[1:]]
-        read = 4 if name == 'state' else FORMAT
+        read = 5 if name == 'state' else FORMAT
         words = f'of format {version}; this version reads format {read}'
         with pytest.raises(RecordingError, match=words) as caught:
             replayed(samples.record(tmp_path / f'{name}_{version}', others, custom=NOTES))
