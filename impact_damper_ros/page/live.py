@@ -27,7 +27,7 @@ from impact_damper_ros.replay.rows import Messages
 from impact_damper_ros.rig.snapshot import Snapshot
 
 from .frames import PAUSED, View
-from .knobs import as_json, knobs_of
+from .knobs import as_json, knobs_of, read_values
 from .motion import Era, ForcePhase, Motion
 from .numbers import numbers_of
 from .presets import load_presets, preset_with
@@ -366,8 +366,9 @@ class LiveRig(Source):
         kind = message['type']
         try:
             if kind == 'set':
-                reason = await self.link.set(dict(message['values']))
-                return {'ok': not reason, 'reason': reason}
+                values = read_values(message['values'])
+                reason = await self.link.set(values)
+                return {'ok': not reason, 'reason': reason, 'values': values}
             if kind == 'preset':
                 return await self._take_preset(message['name'])
             if kind == 'service':

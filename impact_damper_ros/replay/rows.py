@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag.messages import message_row
-from impact_damper_ros.control import ControlRecord
+from impact_damper_ros.control import Action, ControlRecord, Order
 from impact_damper_ros.rig import EVENT_TYPE, Event, EventKind, RigParameters, Sample
 from impact_damper_ros.rig.event import SAMPLE_TYPE
 
@@ -90,6 +90,15 @@ def published_acts(records: Sequence[ControlRecord], offset_ns: int) -> Messages
     found = _messages(times, offset_ns, numbers)
     found['act'] = [record.act for record in records]
     return found
+
+
+def orders_of(acts: Messages, offset_ns: int) -> list[tuple[float, Order]]:
+    """Return what a controller outside the rig ordered, among some acts, with the rig times, s."""
+    orders = acts[acts['act'] == Action.ORDER.name.lower()]
+    times = (orders['stamp_ns'] - offset_ns) / 1e9
+    # Targets, speeds and the force among four positions, four velocities and four efforts
+    chosen = orders['numbers'][:, [0, 1, 4, 5, 10]]
+    return [(t, Order(*row)) for t, row in zip(times.tolist(), chosen.tolist(), strict=True)]
 
 
 def recorded_samples(states: Messages, rig: RigParameters, times: Numbers) -> Samples:

@@ -58,7 +58,8 @@ def _nudged(rig: Rig, later: float = 0.0) -> Rig:
     origin = state['origin']
     for name in ('x', 'velocity', 'relative_velocity'):
         origin[name] *= 1.0 + _NUDGE
-    return Rig.restore(motion_of(_shifted(state, rig, later) if later else state))
+    state = _shifted(state, rig, later) if later else state
+    return Rig.restore(motion_of(state), rig.own_law)
 
 
 def _shifted(state: dict[str, Any], rig: Rig, later: float) -> dict[str, Any]:
@@ -223,5 +224,5 @@ class Shadowing:
         late = here - time
         late -= math.copysign(min(abs(late), 0.5 * _STAMP_S), late)
         state = _shifted(state, rig, -late)
-        replay.rig = Rig.restore(motion_of(state))
+        replay.rig = Rig.restore(motion_of(state), rig.own_law)
         self._near = _nudged(replay.rig, _STAMP_S)

@@ -180,14 +180,20 @@ class RecordedRig:
             self.announce(self.news)
             self.news = ''
 
-    def run(self, ticks, *requests):
-        """Go on by so many ticks; the requests are carried out at the first of them."""
+    def run(self, ticks, *requests, order=None):
+        """
+        Go on by so many ticks; the requests are carried out at the first of them.
+
+        At each tick `order()` is ordered, if it is given.
+        """
         for _ in range(ticks):
             self.tick += 1
             self.time_ns = round(self.tick * 1e9 / self.rate)
             self.impacts(self.rig.advance(self.time_ns / 1e9))
             self.serve(*requests)
             requests = ()
+            if order is not None:
+                self.impacts(self.rig.order(order()))
             self.states()
         return self
 
