@@ -66,7 +66,7 @@ class ImpactEquations:
 
     def __init__(self, parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:
         check_forcing(parameters)
-        check_stops(parameters, stops, cycles)
+        check_stops(parameters, stops)
         machine, lines = constants_of(parameters)
         self.parameters = parameters
         self.stops = stops
