@@ -151,6 +151,7 @@ def test_multipliers_are_those_of_the_simulators_map(rig, modes, zeros, kinds):
                 initial_damper_offset=0.5 * rig.gap + beyond,
                 initial_damper_velocity=velocity + relative,
             ),
+            compiled=None,
         )
         assert free == 4 or run.mode is mode
         run.advance(orbit.period)
