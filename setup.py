@@ -57,6 +57,7 @@ setup(
     # The console scripts look their modules up by path, so the package is never run from a zip.
     zip_safe=False,
     install_requires=[
+        'argcomplete>=2.0',
         'lz4>=4.0',
         'mcap>=1.5',
         'numpy>=1.24',
