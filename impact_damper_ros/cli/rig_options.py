@@ -19,6 +19,7 @@ from impact_damper_ros.control import (
     TimedChange,
 )
 from impact_damper_ros.rig import (
+    ALL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
     SETTING_SPECS,
@@ -150,7 +151,7 @@ def values_of(
                 f'{option}{named(setting)}: there is no parameter {named(name)} to set: {remedy}'
             )
         try:
-            values[name] = _value(text)
+            values[name] = _typed(name, text)
         except YamlError as error:
             # The line would be that of a file
             reason = str(error).removeprefix('line 1: ')
@@ -158,6 +159,16 @@ def values_of(
                 f'{option}{named(setting)}: {shown(text)} is not a value: {reason}'
             ) from error
     return values
+
+
+def _typed(name: str, text: str) -> Any:
+    """Read the value of a parameter, which may have a unit."""
+    value = _value(text)
+    entries = value if isinstance(value, list) else [value]
+    spec = ALL_SPECS.get(name)
+    if spec is None or spec.low is None or not any(isinstance(e, str) for e in entries):
+        return value
+    return spec.read(text)
 
 
 def _value(text: str) -> Any:

@@ -323,9 +323,9 @@ def _check_control(name: str, held: Mapping[str, Any], pattern: Mapping[str, Any
             _check_control(where, value, like)
         elif key == 'waiting':
             for command in value:
-                time, stop_1, stop_2 = command
+                time, *rest = command
                 check_number(f'{where}: time', time)
-                check_numbers(where, [t for t in (stop_1, stop_2) if t is not None])
+                check_numbers(where, [number for number in rest if number is not None])
         elif isinstance(like, list):
             check_numbers(where, value)
             if len(value) not in _LENGTHS.get(key, (len(like),)):

@@ -280,10 +280,7 @@ def with_gap_curves(
             )
             left = most - sum(len(one.starts) for one in curves.values())
             if left > 0 or curve.holds(orbit):
-                for _ in curve.follow(orbit):
-                    pass
-                for _ in curve.mark():
-                    pass
+                curve.follow(orbit)
                 drawn = replace(stretch.curves, gap_curve=curve.message(done=True))
                 found[stretch.number] = replace(stretch, curves=drawn)
         if followed is not None:

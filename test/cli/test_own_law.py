@@ -52,13 +52,6 @@ def test_what_was_simulated_before_a_law_fails_is_written(capsys):
 
 
 @pytest.mark.usefixtures('example')
-@pytest.mark.parametrize('text', ['my_laws:lost', 'my_law:catch', 'catch'])
-def test_a_law_that_is_not_there_is_named(text, capsys):
-    assert main(['paper', '--duration', '60', '--law', text]) == 2
-    assert f'the law {text}' in capsys.readouterr().err.replace("'", '')
-
-
-@pytest.mark.usefixtures('example')
 def test_a_sweep_says_once_that_a_law_is_slow(capsys):
     pytest.importorskip('numba')
     source = Path('my_laws.py').read_text() + '\n\nimport numba\n\nfast = numba.njit(catch)\n'

@@ -91,8 +91,7 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
     curve = None
     if gap_curve:
         followed = GapCurve(FRICTION)
-        for _ in (*followed.follow(orbit), *followed.mark()):
-            pass
+        followed.follow(orbit)
         curve = followed.message(done=True)
     curves = StretchCurves(
         SwingEnvelope(envelope_time, -swing, swing),
