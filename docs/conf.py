@@ -65,6 +65,9 @@ sphinx_gallery_conf = {
 html_theme = 'furo'
 html_title = f'Impact damper {release}'
 html_show_sourcelink = False
+# Blocks of code have up to 98 columns.
+_code = {'code-font-size': '0.75rem'}
+html_theme_options = {'light_css_variables': _code, 'dark_css_variables': _code}
 # Prompts are no part of what is copied.
 copybutton_prompt_text = r'>>> |\.\.\. |\$ '
 copybutton_prompt_is_regexp = True
@@ -74,6 +77,12 @@ def _keep_bars(*arguments: Any) -> None:
     """Let |X| in a docstring be what it says; reStructuredText takes it for a substitution."""
     lines = arguments[-1]
     lines[:] = [re.sub(r'\|(\S[^|`]*?)\|', r'\\|\1\\|', line) for line in lines]
+
+
+def _is_bare_field(*arguments: Any) -> bool | None:
+    """Leave out fields of named tuples; the docstring of the class describes them."""
+    member = arguments[3]
+    return True if str(member.__doc__).startswith('Alias for field number') else None
 
 
 def _help(match: re.Match[str]) -> str:
@@ -90,4 +99,5 @@ def _insert_help(_app: Any, _name: str, source: list[str]) -> None:
 def setup(app: Any) -> None:
     """Connect what is done to docstrings and sources."""
     app.connect('autodoc-process-docstring', _keep_bars)
+    app.connect('autodoc-skip-member', _is_bare_field)
     app.connect('source-read', _insert_help)

@@ -14,8 +14,10 @@ from collections.abc import Callable, Iterable
 
 from impact_damper_ros.bag.messages import DiagnosticArray, DiagnosticStatus
 from impact_damper_ros.report.formatting import mode_words
+from impact_damper_ros.rig.quoting import counted
 
 from .engine import ControlStatus, EngineStatus, Load
+from .external_control import ControllerStatus
 from .motion_report import MotionReport
 from .pacing import CATCH_UP_NS
 from .publishing import RecordingStatus
@@ -44,7 +46,7 @@ class Diagnostics:
     ) -> None:
         self._node_name = node_name.removeprefix('/')
         self._state_rate = state_rate
-        self._factor = real_time_factor
+        self.factor = real_time_factor
         self._clock = clock
         self._last_report = clock()
         self._last: EngineStatus | None = None
@@ -64,6 +66,7 @@ class Diagnostics:
             self._rig(engine, elapsed),
             self._recording(recording),
             self._control(engine.control),
+            self._controller(engine.controller),
         ]
         self._last_report, self._last = now, engine
         return self._array(stamp_ns, [*statuses, *self._motion(motion)])
@@ -89,7 +92,7 @@ class Diagnostics:
             for new, old in zip(counts[:4], last.pacing[:4] if last else (0,) * 4, strict=True)
         )
         rig_time = (engine.time_ns - (last.time_ns if last else 0)) * 1e-9
-        asked = self._state_rate * self._factor
+        asked = self._state_rate * self.factor
         worst_ms = counts.worst_lateness_ns * 1e-6
         burden = self._burden(engine, rig_time, elapsed)
         if engine.held:
@@ -107,7 +110,7 @@ class Diagnostics:
         elif overruns:
             level = WARN
             message = f'{overruns} of {ticks} ticks late by more than a period; no sample lost'
-        elif not self._factor:
+        elif not self.factor:
             level, message = OK, f'runs {rig_time / elapsed:.3g} times as fast as real time'
             if burden and rig_time < elapsed:
                 level, message = WARN, f'{message}: {burden}'
@@ -120,7 +123,7 @@ class Diagnostics:
             {
                 'State rate [Hz]': f'{self._state_rate:g}',
                 'Achieved rate [Hz]': f'{ticks / elapsed:.2f}',
-                'Real-time factor': f'{self._factor:g}',
+                'Real-time factor': f'{self.factor:g}',
                 'Achieved real-time factor': f'{rig_time / elapsed:.4f}',
                 'Ticks': counts.ticks,
                 'Overruns': counts.overruns,
@@ -136,7 +139,7 @@ class Diagnostics:
         """Return why the rig takes so long, and a remedy; empty if it does not."""
         now, before = engine.load, self._last.load if self._last else Load()
         events, busy = now.events - before.events, (now.busy_ns - before.busy_ns) * 1e-9
-        if busy < AT_WORK * elapsed or busy * (self._factor or 1.0) < BUSY * rig_time:
+        if busy < AT_WORK * elapsed or busy * (self.factor or 1.0) < BUSY * rig_time:
             return ''
         control = engine.control.parameters
         commands = engine.control.commands - (self._last.control.commands if self._last else 0)
@@ -194,6 +197,29 @@ class Diagnostics:
                 'Energy spent on stop 1 [J]': f'{last.energy_1:.6g}' if last else '',
                 'Energy spent on stop 2 [J]': f'{last.energy_2:.6g}' if last else '',
                 'Commands': control.commands,
+            },
+        )
+
+    def _controller(self, now: ControllerStatus) -> DiagnosticStatus:
+        """Report what came from a controller outside the node."""
+        refused = now.refused - (self._last.controller.refused if self._last else 0)
+        age = '' if now.age_ns is None else f'{now.age_ns * 1e-9:.4f}'
+        level, message = OK, 'no commands' if now.age_ns is None else 'commands are carried out'
+        if refused:
+            level, message = WARN, f'{counted(refused, "command")} refused: {now.reason}'
+        elif now.parked:
+            level, message = WARN, f'no command for {age} s: the stops are parked'
+        return self._status(
+            'controller',
+            level,
+            message,
+            {
+                'Age of the last command [s]': age,
+                'Commands accepted': now.accepted,
+                'Commands refused': now.refused,
+                'Last refusal': now.reason,
+                'Stops parked': now.parked,
+                'Forces limited': now.limited,
             },
         )
 

@@ -27,10 +27,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
 from impact_damper_ros.bag.snapshots import Snapshots
 from impact_damper_ros.control import ControlRecord, GapControlParameters, Rig
-from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters, RunawayError
+from impact_damper_ros.rig import (
+    InitialConditions,
+    NodeSettings,
+    ParameterError,
+    RigParameters,
+    RunawayError,
+)
 from impact_damper_ros.rig.event_budget import fastest_rate
 from impact_damper_ros.rig.tick_grid import TickGrid
 
+from .commands import CommandInbox
+from .external_control import ControllerStatus, ExternalControl
 from .motion_ahead import RIG_FAILURES, MotionAhead, MotionTrace, ticks_ahead
 from .pacing import ORDINARY, Pacer, PacingCounts, StampClock, take_priority
 from .publishing import Emitter, RigPublishers
@@ -69,6 +77,7 @@ class EngineStatus(NamedTuple):
     scheduling: str = ORDINARY
     held: str = ''
     load: Load = Load()
+    controller: ControllerStatus = ControllerStatus()
 
 
 class EngineSettings(NamedTuple):
@@ -136,6 +145,13 @@ class Engine:
         What to call.
     control : GapControlParameters, optional
         The control of the gap; off, if not given.
+    inbox : CommandInbox, optional
+        Where the commands of an external control come from.
+
+    Attributes
+    ----------
+    controller : ExternalControl
+        What a controller outside the node sees and commands.
 
     Raises
     ------
@@ -151,17 +167,17 @@ class Engine:
         settings: EngineSettings,
         callbacks: EngineCallbacks,
         control: GapControlParameters | None = None,
+        inbox: CommandInbox | None = None,
     ) -> None:
         self.failure: Exception | None = None
         self._rig = Rig(parameters, initial, control=control)
+        self.controller = ExternalControl(self._rig, inbox or CommandInbox(), NodeSettings())
         self._publishers = publishers
         self._callbacks = callbacks
         self._grid = TickGrid(settings.state_rate)
         self._priority = settings.real_time_priority
         self._scheduling = ORDINARY
         self._pacer = Pacer(self._grid.instant(1), settings.real_time_factor, on_slip=self._slip)
-        self._free_running = not settings.real_time_factor
-        self._stride_ns = max(1, round(STRIDE_NS * settings.real_time_factor))
         self._stamps = StampClock(simulated=settings.publish_clock)
         topics = {key: publisher.topic for key, publisher in publishers.items()}
         self._snapshots = Snapshots(settings.node, topics, initial.as_dict(), settings.state_rate)
@@ -184,8 +200,9 @@ class Engine:
             publishers,
             self._grid,
             MotionTrace.at(parameters, self._rig.snapshot()),
-            ticks_ahead(self._grid.instant(1), settings.real_time_factor),
+            most=1,
         )
+        self._run_at(settings.real_time_factor)
         # Whether the rig has another motion since the last snapshot; also at the start
         self._new_course = True
         # All parameters, as an encoded ParameterEvent, while there is a recording
@@ -230,6 +247,7 @@ class Engine:
             self._scheduling,
             self._held,
             self._load(),
+            self.controller.status(self._time_ns),
         )
 
     def _busy_ns(self) -> int:
@@ -265,6 +283,10 @@ class Engine:
     def pause(self, paused: bool) -> Request:
         """Pause the rig, or resume it; the result is whether that changed anything."""
         return self._submit(lambda: self._pause(paused))
+
+    def set_pace(self, real_time_factor: float) -> Request:
+        """Run at another pace; stamps that count from the system time do not go back for it."""
+        return self._submit(lambda: self._set_pace(real_time_factor))
 
     def step(self, *, to_impact: bool = False) -> Request:
         """
@@ -325,6 +347,7 @@ class Engine:
         self._stamps.begin()
         self._pacer.anchor(0)
         self._serve()
+        self._obey()
         self._publish_states()
         while not self._stopping.is_set():
             if self._paused or self._held:
@@ -341,6 +364,7 @@ class Engine:
             if self._slipped:
                 self._catch_up()
             self._serve()
+            self._obey()
             self._publish_states()
             if self._step_done is not None and self._step_done():
                 self._end_step()
@@ -370,6 +394,7 @@ class Engine:
         self._pacer.pause_until(moved.time_ns)
         self._time_ns = moved.time_ns
         self._serve()
+        self._obey()
         return False
 
     def _interrupted(self) -> bool:
@@ -394,6 +419,7 @@ class Engine:
                 due_ns = max(due_ns + PAUSED_PERIOD_NS, time.monotonic_ns())
             time.sleep(PAUSED_NAP_S)
             self._serve()
+            self.controller.refuse_all('the rig is paused')
 
     def _give_up(self, error: Exception) -> None:
         """Hold a rig that cannot continue."""
@@ -482,6 +508,13 @@ class Engine:
             self._announce(self._news)
             self._news = ''
 
+    def _obey(self) -> None:
+        """Carry out the commands of a controller that have come."""
+        for events, records in self.controller.obey(self._time_ns, self.stamp_ns()):
+            self._motion.discard()
+            for message in self._motion.passed(events, records, self._stamps.offset_ns):
+                self._out.emit(*message)
+
     def _change(
         self,
         parameters: RigParameters | None,
@@ -536,6 +569,23 @@ class Engine:
                 self._go_on()
             self._news = 'resume'
         return True
+
+    def _set_pace(self, real_time_factor: float) -> None:
+        # The messages made ahead may have other stamps.
+        self._motion.discard()
+        self._run_at(real_time_factor)
+        if not self._paused and not self._held:
+            before_ns = self._stamps.offset_ns
+            self._go_on()
+            if self._stamps.offset_ns != before_ns:
+                self._news = self._news or 'slip'
+
+    def _run_at(self, real_time_factor: float) -> None:
+        period_ns = self._grid.instant(1)
+        self._pacer.set_pace(period_ns, real_time_factor)
+        self._free_running = not real_time_factor
+        self._stride_ns = max(1, round(STRIDE_NS * real_time_factor))
+        self._motion.most = ticks_ahead(period_ns, real_time_factor)
 
     def _step(self, to_impact: bool) -> Request:
         """Run on as after a pause, so that nothing of the motion depends on the steps."""

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from impact_damper_ros.bag import RunWriter
-from impact_damper_ros.bag.rig_topics import PAUSED_FRAME, recorded_topics
+from impact_damper_ros.bag.rig_topics import JOINTS, PAUSED_ACT, recorded_topics
 from impact_damper_ros.control import Rig
 from impact_damper_ros.node import engine
 from impact_damper_ros.node.engine import LOG_BACKLOG, Engine, EngineCallbacks, EngineSettings
@@ -79,10 +79,10 @@ class Bench:
         return [deserialize_message(d, TYPES[name]) for n, d in list(self.sent) if n == name]
 
     def samples(self):
-        return [m for m in self.messages('states') if m.header.frame_id != PAUSED_FRAME]
+        return [m for m in self.messages('states') if m.name[-1] != PAUSED_ACT]
 
     def paused(self):
-        return [m for m in self.messages('states') if m.header.frame_id == PAUSED_FRAME]
+        return [m for m in self.messages('states') if m.name[-1] == PAUSED_ACT]
 
     def snapshots(self):
         return [json.loads(m.data) for m in self.messages('snapshot')]
@@ -353,7 +353,7 @@ def test_a_pause_stops_rig_time_and_moves_wall_stamps_on(clock):
     assert last['time_ns'] == held
     assert last['stamp_offset_ns'] + held + 10_000_000 == stamps[count]
     repeated = bench.paused()
-    positions = {tuple(m.position) for m in repeated[:2]}
+    positions = {tuple(m.position[:-1]) for m in repeated[:2]}
     assert positions == {tuple(bench.samples()[count - 1].position)}
     times = [stamp_ns(m.header.stamp) for m in repeated]
     if clock:
@@ -362,7 +362,7 @@ def test_a_pause_stops_rig_time_and_moves_wall_stamps_on(clock):
         assert all(a < b for a, b in pairwise([stamp, *times, stamps[count]]))
     # What only repeats is in no recording.
     recorded = [deserialize_message(d, JointState) for t, d, _ in log.messages if t == 'states']
-    assert {m.header.frame_id for m in recorded} == {''}
+    assert {m.name[-1] for m in recorded} == {JOINTS[-1]}
 
 
 def stepped(bench, *, to_impact=False):
@@ -464,6 +464,32 @@ def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
     replay = Replay(RecordedRun(tmp_path / 'bag'))
     assert sum(len(part.samples) for part in replay) == len(bench.samples())
     assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
+
+
+@pytest.mark.parametrize('clock', [True, False])
+def test_the_pace_changes_while_the_rig_runs(clock):
+    """So slow that the next sample would come after 10 s, and as fast as possible again."""
+    with Bench(factor=0.0, clock=clock) as bench:
+        bench.engine.start()
+        until(lambda: len(bench.samples()) > 3)
+        done(bench.engine.set_pace(1e-3))
+        held = bench.engine.status().time_ns
+        for _ in range(20):
+            done(bench.engine.change(None, event_bytes()))
+        assert bench.engine.status().time_ns - held < 10_000_000
+        done(bench.engine.set_pace(0.0))
+        count = len(bench.samples())
+        until(lambda: len(bench.samples()) > count + 50)
+    samples = bench.samples()
+    # The motion is the same as at any pace, and stamps never go back.
+    rig = Rig(LIVELY)
+    for k, sample in enumerate(samples):
+        rig.advance(k / 100.0)
+        assert sample.position[0] == rig.sample().x + LIVELY.static_deflection
+    stamps = [stamp_ns(m.header.stamp) for m in samples]
+    steps = {b - a for a, b in pairwise(stamps)}
+    assert min(steps) == 10_000_000
+    assert clock is False or steps == {10_000_000}
 
 
 def test_several_pauses_do_not_add_up_to_a_delay():
