@@ -24,7 +24,6 @@ from impact_damper_ros.control import (
     OwnLaw,
     Rig,
 )
-from impact_damper_ros.control.controller import initial_state
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -40,7 +39,6 @@ from impact_damper_ros.rig.snapshot import (
     SAME_TIME,
     check_number,
     check_numbers,
-    check_whole,
 )
 
 #: Stamps of ROS have 32 bits of seconds, with a sign.
@@ -249,9 +247,7 @@ def _check_time(state: Mapping[str, Any], time: float) -> None:
 
 def _checked_state(state: dict[str, Any], law: OwnLaw | None) -> dict[str, Any]:
     """Check that a rig can be restored from a state, and return that."""
-    control = state['gap_control']['state']
     try:
-        _check_control('gap_control.state', control, initial_state())
         check_numbers('sample', Rig.restore(state, law).sample())
         return state
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
@@ -278,31 +274,3 @@ def restored(command: Command, path: Path) -> Rig:
         cause = f'the flight from origin.time in the snapshot at {command.stamp_ns} ns {fault}'
         raise RecordingError('replay', path, cause)
     return Rig.restore(command.state, command.law)
-
-
-#: Lengths allowed for lists of the control's state that do not keep their length.
-_LENGTHS = {'last': (0, 7), 'hit_1': (0, 2), 'hit_2': (0, 2), 'places': (0, 2)}
-
-
-def _check_control(name: str, held: Mapping[str, Any], pattern: Mapping[str, Any]) -> None:
-    """Check that a state of the control is built as the one at its start."""
-    for key, like in pattern.items():
-        value, where = held[key], f'{name}.{key}'
-        if isinstance(like, dict):
-            _check_control(where, value, like)
-        elif key == 'waiting':
-            for command in value:
-                time, *rest = command
-                check_number(f'{where}: time', time)
-                check_numbers(where, [number for number in rest if number is not None])
-        elif isinstance(like, list):
-            check_numbers(where, value)
-            if len(value) not in _LENGTHS.get(key, (len(like),)):
-                raise ValueError(f'{where} has {len(value)} entries')
-        elif isinstance(like, bool):
-            if not isinstance(value, bool):
-                raise ValueError(f'{where} is {shown(value)}: it must be true or false')
-        elif isinstance(like, int):
-            check_whole(where, value)
-        elif not (like is None and value is None):
-            check_number(where, value)
