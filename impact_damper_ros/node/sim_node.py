@@ -397,6 +397,9 @@ class SimNode(Node):
         turned = rig is not None and rig.force_frequencies != before.rig.force_frequencies
         if turned and (hint := frequency_hint(after.rig)):
             self.get_logger().warning(hint)
+        if after.real_time_factor != before.real_time_factor:
+            self.engine.set_pace(after.real_time_factor)
+            self._diagnostics.factor = after.real_time_factor
         if after.predict_motion != before.predict_motion:
             self._theory.enable(after.predict_motion)
             self._follow_theory()
