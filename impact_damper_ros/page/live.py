@@ -241,7 +241,10 @@ class LiveRig(Source):
             self._paused = bool(table.frame[-1] == PAUSED_FRAME)
             stamp, now = table.stamp_ns[-1] / 1e9, time.time()
             self._epoch = stamp if abs(stamp - now) < _WALL_S else now
-            # A paused rig repeats its last sample.
+            # A paused rig repeats its last sample, or what a change or reset has made of it.
+            if self._paused and self.motion.correct_end(self._eras[-1].samples(table[-1:])[0]):
+                for client in self.clients:
+                    client.view.begin_again()
             table = table[table.frame != PAUSED_FRAME]
         if len(self._eras) == 1:
             return [(self._eras[0], table)]
