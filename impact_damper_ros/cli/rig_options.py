@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from impact_damper_ros.control import (
     GAP_CONTROL_SPECS,
     GapControlParameters,
+    LawError,
     OwnLaw,
     TimedChange,
 )
@@ -82,6 +83,24 @@ def add_law_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_recorded_law_option(parser: argparse.ArgumentParser) -> None:
+    """Let a command that replays a bag take the law of the user's own that moved its stops."""
+    parser.add_argument(
+        '--law',
+        type=_law,
+        metavar='MODULE:FUNCTION',
+        help='the law of your own with which the run was recorded: a bag only names it. Modules '
+        'in the current directory are found',
+    )
+
+
+def _law(text: str) -> OwnLaw:
+    try:
+        return OwnLaw.from_text(text)
+    except LawError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
 def given_law(text: str | None, control: GapControlParameters) -> tuple[Any, GapControlParameters]:
     """Return the law of ``--law``, None without one, and the control with it."""
     if text is None:
@@ -122,8 +141,8 @@ def values_of(
     """Read ``NAME=VALUE`` settings of the parameters in `names`, which `listing` lists."""
     values: dict[str, Any] = {}
     for setting in settings:
-        name, equals, text = setting.partition('=')
-        if not equals:
+        name, _, text = setting.partition('=')
+        if not text.strip():
             raise ValueError(f'{option}{named(setting)}: give NAME=VALUE')
         if name not in names:
             close = difflib.get_close_matches(name[:80], names, 1)

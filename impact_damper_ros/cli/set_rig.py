@@ -13,6 +13,7 @@ from typing import Any
 from impact_damper_ros.bag.rig_topics import rig_nodes
 from impact_damper_ros.report.formatting import setting
 from impact_damper_ros.rig import ALL_SPECS
+from impact_damper_ros.rig.quoting import named
 
 from .command_line import EXIT_FAILED, CommandError, command_parser, outcome
 from .rig_options import values_of
@@ -59,11 +60,17 @@ class RigParameterClient:
     """
 
     def __init__(self, node: Any, name: str | None = None) -> None:
+        from rclpy.exceptions import NameValidationException
         from rclpy.parameter_client import AsyncParameterClient
 
         self._node = node
         self.name = name or self._only_rig()
-        self._client = AsyncParameterClient(node, self.name)
+        try:
+            self._client = AsyncParameterClient(node, self.name)
+        except NameValidationException as error:
+            raise CommandError(
+                f'--node {named(self.name)}: no node has such a name; give one such as /sim_node'
+            ) from error
         if not self._client.wait_for_services(PATIENCE_S):
             raise CommandError(f'{self.name} does not answer: does it run?', EXIT_FAILED)
 
@@ -94,10 +101,11 @@ class RigParameterClient:
         return future.result()
 
     def values(self) -> dict[str, Any]:
-        """Return the values of all parameters by name."""
+        """Return the values of all parameters of the rig by name, in the order of the table."""
         from rclpy.parameter import parameter_value_to_python
 
-        names = self._answer(self._client.list_parameters()).result.names
+        there = self._answer(self._client.list_parameters()).result.names
+        names = [name for name in ALL_SPECS if name in there]
         values = self._answer(self._client.get_parameters(names)).values
         return dict(zip(names, map(parameter_value_to_python, values), strict=True))
 
@@ -105,8 +113,9 @@ class RigParameterClient:
         """Set parameters, all or none; raise CommandError if the rig rejects them."""
         from rclpy.parameter import Parameter
 
-        checked = {n: ALL_SPECS[n].checked(v) if n in ALL_SPECS else v for n, v in values.items()}
-        request = [Parameter(name, value=value) for name, value in checked.items()]
+        request = [
+            Parameter(name, value=ALL_SPECS[name].checked(value)) for name, value in values.items()
+        ]
         result = self._answer(self._client.set_parameters_atomically(request)).result
         if not result.successful:
             raise CommandError(result.reason)
@@ -132,11 +141,9 @@ def listed(values: Mapping[str, Any]) -> str:
     """Return name, value, unit, range and usual range of parameters, one in a line."""
     rows = []
     for name, value in values.items():
-        spec = ALL_SPECS.get(name)
         text = setting(tuple(value)) if hasattr(value, 'tolist') else setting(value)
-        rows.append(
-            (name, text, *((spec.unit, spec.span, spec.usual_span) if spec else ('',) * 3))
-        )
+        spec = ALL_SPECS[name]
+        rows.append((name, text, spec.unit, spec.span, spec.usual_span))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return '\n'.join(
         '  '.join(f'{text:<{width}}' for text, width in zip(row, widths, strict=True)).rstrip()

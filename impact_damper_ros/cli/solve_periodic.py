@@ -27,7 +27,7 @@ from impact_damper_ros.orbits import (
     switch_branch,
     value_of,
 )
-from impact_damper_ros.orbits.arguments import period_of_force
+from impact_damper_ros.orbits.arguments import check_forcing, period_of_force, repeats_after
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD
 from impact_damper_ros.outputs import check_file, write_text
 from impact_damper_ros.rig import RigParameters
@@ -41,9 +41,9 @@ from .command_line import (
     command_parser,
     discard_output,
     long_work,
+    number,
     outcome,
     text_stream,
-    up_to,
     write_json,
 )
 from .rig_options import GivenRig, add_params_argument, add_set_option, given_rig, hint, rig_line
@@ -64,6 +64,7 @@ gives the reasons); 2 if the input is invalid; 1 if a file cannot be written; 13
 SIGTERM.
 Examples:
   solve_periodic config/paper.yaml --impacts 2 --cycles 1 --json orbits.json --set gap=30
+  solve_periodic bench_rig --impacts 1:4 --cycles 1:3 --viable
   solve_periodic bench_rig --settled
   solve_periodic paper --impacts 2 --follow gap=20:60 --csv gap.csv --figure gap.png
 """
@@ -76,6 +77,13 @@ def _stops(text: str) -> tuple[int, ...]:
             f'{text!r}: give the stops hit in one period, in order, such as 1,2 or 1,1,2'
         )
     return tuple(int(word) for word in words)
+
+
+def _counts(text: str) -> range:
+    ends = [number(1, 64, whole=True)(word) for word in text.split(':')]
+    if len(ends) > 2 or ends[0] > ends[-1]:
+        raise argparse.ArgumentTypeError(f'{text!r}: give a number, or a range such as 1:4')
+    return range(int(ends[0]), int(ends[-1]) + 1)
 
 
 def _range(text: str) -> tuple[str, float, float]:
@@ -97,9 +105,9 @@ def _parser() -> argparse.ArgumentParser:
     sought = parser.add_mutually_exclusive_group(required=True)
     sought.add_argument(
         '--impacts',
-        type=up_to(64),
+        type=_counts,
         metavar='N',
-        help='impacts in one period, those of a chatter up to the rest',
+        help='impacts in one period, those of a chatter up to the rest, or a range such as 1:4',
     )
     sought.add_argument(
         '--settled',
@@ -109,16 +117,21 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--cycles',
-        type=up_to(64),
-        default=1,
+        type=_counts,
+        default=range(1, 2),
         metavar='K',
-        help='period in cycles of the force [1]',
+        help='period in cycles of the force, or a range such as 1:3 [1]',
     )
     parser.add_argument(
         '--stops',
         type=_stops,
         metavar='1,2,...',
         help='stops hit in one period, in order [every sequence of N impacts]',
+    )
+    parser.add_argument(
+        '--viable',
+        action='store_true',
+        help='list only the motions that the rig can perform',
     )
     parser.add_argument(
         '--follow',
@@ -233,6 +246,34 @@ def _branches(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Itera
             yield _Followed(title, branch)
 
 
+class _Search(NamedTuple):
+    """The motions with some impacts in some cycles, by sequence of stops."""
+
+    impacts: int
+    cycles: int
+    found: list[OrbitSearch]
+
+    @property
+    def orbits(self) -> list[PeriodicOrbit]:
+        """The motions of all sequences."""
+        return [orbit for one in self.found for orbit in one.orbits]
+
+    @property
+    def complete(self) -> bool:
+        """Whether there are no others."""
+        return all(one.report.complete for one in self.found)
+
+    @property
+    def text(self) -> str:
+        """Their numbers in a line."""
+        viable = sum(orbit.viable for orbit in self.orbits)
+        return (
+            f'{counted(self.impacts, "impact")} in {counted(self.cycles, "cycle")}: '
+            f'{viable} viable, {len(self.orbits) - viable} not'
+            + (', all solutions' if self.complete else '')
+        )
+
+
 _BRANCH_COLUMNS = (
     *('branch', 'x_max', 'x_max_ratio', 'largest_multiplier', 'stable', 'viable', 'special'),
     *('stops', 'phases', 'x'),
@@ -296,18 +337,34 @@ def _settled_orbit(given: GivenRig) -> tuple[SettledMotion, PeriodicOrbit]:
     return found, found.orbit
 
 
-def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[OrbitSearch]:
-    if arguments.stops is not None and len(arguments.stops) != arguments.impacts:
+def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[_Search]:
+    """Look for the motions with each number of impacts in each number of cycles asked for."""
+    stops, impacts = arguments.stops, arguments.impacts
+    if stops is not None and impacts != range(len(stops), len(stops) + 1):
         raise ValueError(
-            f'--stops {",".join(map(str, arguments.stops))} names {len(arguments.stops)} impacts '
-            f'but --impacts is {arguments.impacts}: give the stop of each impact in a period'
+            f'--stops {",".join(map(str, stops))} names {len(stops)} impacts but --impacts is '
+            f'{_span(impacts)}: give the stop of each impact in a period'
         )
-    sequences = (
-        [arguments.stops]
-        if arguments.stops is not None
-        else plausible_stops(parameters, arguments.impacts)
-    )
-    return [find_orbits(parameters, stops, arguments.cycles) for stops in sequences]
+    sequences = {n: [stops] if stops else plausible_stops(parameters, n) for n in impacts}
+    periods = [cycles for cycles in arguments.cycles if repeats_after(parameters, cycles)]
+    if not periods:
+        check_forcing(parameters, arguments.cycles[-1])
+    return [
+        _Search(n, k, [find_orbits(parameters, word, k) for word in sequences[n]])
+        for k in periods
+        for n in impacts
+    ]
+
+
+def _span(counts: range) -> str:
+    return str(counts[0]) if len(counts) == 1 else f'{counts[0]} to {counts[-1]}'
+
+
+def _reports(searches: Sequence[_Search]) -> list[str]:
+    """Say how a search went: a line for each sequence of stops, or of many for each period."""
+    if len(searches) == 1:
+        return [one.report.text for one in searches[0].found]
+    return [search.text for search in searches]
 
 
 def _slow_words(rig: RigParameters) -> str:
@@ -320,13 +377,16 @@ def _slow_words(rig: RigParameters) -> str:
     )
 
 
-def _check_found(searches: list[OrbitSearch], arguments: argparse.Namespace) -> None:
+def _check_found(searches: Sequence[_Search], arguments: argparse.Namespace) -> None:
     """Raise CommandError if no motion was found that the rig can perform."""
     orbits = [orbit for search in searches for orbit in search.orbits]
-    asked = f'{counted(arguments.impacts, "impact")} in {counted(arguments.cycles, "cycle")}'
+    asked = (
+        f'{_span(arguments.impacts)} impact{"s" * (arguments.impacts[-1] > 1)} in '
+        f'{_span(arguments.cycles)} cycle{"s" * (arguments.cycles[-1] > 1)}'
+    )
     if not orbits:
         none = f'no periodic motion with {asked} was found from any start'
-        if all(search.report.complete for search in searches):
+        if all(search.complete for search in searches):
             none = f'there is no periodic motion with {asked}'
         raise CommandError(
             f'{none}: try other --impacts, --cycles or --stops; simulate_rig shows what the rig '
@@ -346,7 +406,7 @@ def _solve(arguments: argparse.Namespace) -> int:
     _check(arguments, given.parameters)
     if not arguments.quiet:
         hint('solve_periodic', given.parameters)
-    searches: list[OrbitSearch] = []
+    searches: list[_Search] = []
     with long_work('solve_periodic', _slow_words(given.parameters), quiet=arguments.quiet):
         if arguments.settled:
             settled, orbit = _settled_orbit(given)
@@ -355,7 +415,9 @@ def _solve(arguments: argparse.Namespace) -> int:
             searches = _searches(given.parameters, arguments)
             orbits = [orbit for search in searches for orbit in search.orbits]
             orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
-            reports = [search.report.text for search in searches]
+            reports = _reports(searches)
+    if arguments.viable:
+        orbits = [orbit for orbit in orbits if orbit.viable]
     write_json(arguments.json, [orbit.as_dict() for orbit in orbits])
     followed: list[_Followed] = []
     if arguments.follow is not None and orbits:
@@ -394,7 +456,7 @@ def _check(arguments: argparse.Namespace, parameters: RigParameters) -> None:
             )
     elif arguments.csv is not None or arguments.figure is not None:
         raise ValueError('--csv and --figure are for --follow: give a parameter and its range')
-    if arguments.settled and (arguments.stops is not None or arguments.cycles != 1):
+    if arguments.settled and (arguments.stops is not None or arguments.cycles != range(1, 2)):
         raise ValueError(
             '--settled takes the period and the stops from the motion: leave out '
             '--cycles and --stops'

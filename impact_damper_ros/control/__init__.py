@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .ensemble import EnsembleResult, run_ensemble
     from .law import Damper, damper_of
     from .observed_run import Observer, TimedChange, run
+    from .order import Order
     from .own_law import LawError, LawInput, OwnLaw
     from .rig import Outcome, Rig, RunResult
 
@@ -32,6 +33,7 @@ __all__ = [
     'LawError',
     'LawInput',
     'Observer',
+    'Order',
     'Outcome',
     'OwnLaw',
     'Rig',
@@ -49,6 +51,7 @@ __getattr__ = lazy_names(
         'ensemble': ('EnsembleResult', 'run_ensemble'),
         'law': ('Damper', 'damper_of'),
         'observed_run': ('Observer', 'TimedChange', 'run'),
+        'order': ('Order',),
         'own_law': ('LawError', 'LawInput', 'OwnLaw'),
         'rig': ('Outcome', 'Rig', 'RunResult'),
     },

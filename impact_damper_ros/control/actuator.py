@@ -31,11 +31,16 @@ MOST_ORDERS = 4
 
 @dataclass(slots=True)
 class Command:
-    """A command that waits: when it is due, s, and the targets, Y in m; NaN for none."""
+    """
+    A command that waits: when it is due, s, and the targets, Y in m; NaN for none.
+
+    The speed is a limit below that of the actuators, m/s; NaN for none.
+    """
 
     time: float = nan
     stop_1: float = nan
     stop_2: float = nan
+    speed: float = nan
 
 
 @dataclass(slots=True)
@@ -58,7 +63,7 @@ class Actuators:
     """
 
     KINDS: ClassVar[Kinds] = {
-        'waiting': (TIME, LENGTH, LENGTH),
+        'waiting': (TIME, LENGTH, LENGTH, SPEED),
         'targets': LENGTH,
         'commanded': LENGTH,
         'velocities': SPEED,
@@ -113,8 +118,10 @@ def commands_full(control: Control) -> bool:
 
 
 @kernel
-def order_stops(control: Control, issue: float, stop_1: float, stop_2: float) -> None:
-    """Give a command at an instant, now or ahead."""
+def order_stops(
+    control: Control, issue: float, stop_1: float, stop_2: float, speed: float
+) -> None:
+    """Give a command at an instant, now or ahead; the speed is NaN for that of the actuators."""
     actuators: Actuators = control.actuators
     rows = control.commands
     time = issue + control.settings.delay
@@ -127,11 +134,13 @@ def order_stops(control: Control, issue: float, stop_1: float, stop_2: float) ->
         later.time = earlier.time
         later.stop_1 = earlier.stop_1
         later.stop_2 = earlier.stop_2
+        later.speed = earlier.speed
         place -= 1
     row = rows[(actuators.first + place) % len(rows)]
     row.time = time
     row.stop_1 = stop_1
     row.stop_2 = stop_2
+    row.speed = speed
     actuators.waiting += 1
     if stop_1 == stop_1:
         actuators.commanded_1 = stop_1
@@ -149,32 +158,35 @@ def starting_velocity(way: float, speed: float) -> float:
 
 
 @kernel
-def start_command(control: Control, place_1: float, place_2: float) -> tuple[float, float]:
+def start_command(control: Control, place_1: float, place_2: float) -> tuple[float, float, float]:
     """
     Begin the next command with the stops at two places, Y in m.
 
-    Returns its targets, Y in m; NaN leaves a stop alone.
+    Returns its targets, Y in m, NaN to leave a stop alone, and its speed, m/s.
     """
     actuators: Actuators = control.actuators
     p = control.settings
     row = control.commands[actuators.first]
     stop_1 = row.stop_1
     stop_2 = nan if p.one_sided else row.stop_2
+    speed = min(row.speed, p.speed) if row.speed == row.speed else p.speed
+    share = speed / p.speed if p.speed < inf else 1.0
+    energy = p.start_energy * share * share
     actuators.first = (actuators.first + 1) % len(control.commands)
     actuators.waiting -= 1
     if stop_1 == stop_1:
-        velocity = starting_velocity(stop_1 - place_1, p.speed)
+        velocity = starting_velocity(stop_1 - place_1, speed)
         if velocity != 0.0 and velocity != actuators.velocity_1:
-            actuators.energy_1 += p.start_energy
+            actuators.energy_1 += energy
         actuators.target_1 = stop_1
         actuators.velocity_1 = velocity
     if stop_2 == stop_2:
-        velocity = starting_velocity(stop_2 - place_2, p.speed)
+        velocity = starting_velocity(stop_2 - place_2, speed)
         if velocity != 0.0 and velocity != actuators.velocity_2:
-            actuators.energy_2 += p.start_energy
+            actuators.energy_2 += energy
         actuators.target_2 = stop_2
         actuators.velocity_2 = velocity
-    return stop_1, stop_2
+    return stop_1, stop_2, speed
 
 
 @kernel(inline=True)
@@ -182,7 +194,9 @@ def note_velocity(control: Control, stop: int, velocity: float) -> None:
     """Note that a stop stands where it arrived or met m, or goes on behind m, at a velocity."""
     actuators: Actuators = control.actuators
     if velocity != 0.0:
-        energy = control.settings.start_energy
+        p = control.settings
+        share = velocity / p.speed if p.speed < inf else 1.0
+        energy = p.start_energy * share * share
         actuators.energy_1 += energy if stop == 1 else 0.0
         actuators.energy_2 += energy if stop == 2 else 0.0
     if stop == 1:

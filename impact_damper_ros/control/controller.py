@@ -306,7 +306,7 @@ class Control(NamedTuple):
         stored = {'sample_index': own['sample_index'], 'trigger_index': own['trigger_index']}
         stored |= {name: as_stored(getattr(self, name)) for name in PARTS}
         waiting = [
-            [None if v != v else v for v in (row.time, row.stop_1, row.stop_2)]
+            [None if v != v else v for v in (row.time, row.stop_1, row.stop_2, row.speed)]
             for row in self.waiting
         ]
         del stored['actuators']['first']
@@ -347,9 +347,10 @@ class Control(NamedTuple):
             else:
                 forget_all(control)
             return control
-        if old.law == 0:
+        observed = has_law(self) and has_law(control)
+        if not observed:
             forget_all(control)
-        if old.law == 0 or settings.rate != old.rate:
+        if not observed or settings.rate != old.rate:
             control.begin(time)
         if (settings.law, settings.independent) != (old.law, old.independent):
             relearn_laws(control)
@@ -386,7 +387,13 @@ def initial_state() -> dict[str, Any]:
 
 
 _AMPLITUDE, _TIMED = LAW_NUMBERS['amplitude'], LAW_NUMBERS['timed']
-_PREDICTIVE = LAW_NUMBERS['predictive']
+_PREDICTIVE, _EXTERNAL = LAW_NUMBERS['predictive'], LAW_NUMBERS['external']
+
+
+@kernel(inline=True)
+def has_law(control: Control) -> bool:
+    """Return whether a law acts on samples and passages of X."""
+    return control.settings.law not in (0, _EXTERNAL)
 
 
 @kernel(inline=True)
@@ -471,7 +478,7 @@ def measured(
 def next_sample(control: Control) -> float:
     """Return when the next sample is due, s; infinity if none is taken."""
     controller: Controller = control.controller
-    if control.settings.law == 0 and not controller.returning:
+    if not (has_law(control) or controller.returning):
         return inf
     return controller.sample_index / control.settings.rate
 
@@ -545,7 +552,7 @@ def rest_stops(control: Control, time: float) -> None:
     actuators: Actuators = control.actuators
     half_gap = control.settings.half_gap
     if actuators.commanded_1 != half_gap or actuators.commanded_2 != -half_gap:
-        order_stops(control, time, half_gap, -half_gap)
+        order_stops(control, time, half_gap, -half_gap, nan)
         control.controller.returning = True
 
 

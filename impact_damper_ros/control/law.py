@@ -175,4 +175,4 @@ def place_stops(
     wanted_1 = outside_dead_band(place_1, control.actuators.commanded_1, dead_band)
     wanted_2 = outside_dead_band(place_2, control.actuators.commanded_2, dead_band)
     if wanted_1 == wanted_1 or wanted_2 == wanted_2:
-        order_stops(control, time, wanted_1, wanted_2)
+        order_stops(control, time, wanted_1, wanted_2, nan)

@@ -54,6 +54,7 @@ from .actuator import commands_full, next_command, note_velocity, start_command
 from .controller import (
     Control,
     end_sample,
+    has_law,
     holds_off,
     measured,
     next_sample,
@@ -193,11 +194,11 @@ def perform_command(
 ) -> None:
     """Carry out the command that is due."""
     place_1, place_2 = stops_now(rig, lines, run, waves)
-    target_1, target_2 = start_command(control, place_1, place_2)
+    target_1, target_2, speed = start_command(control, place_1, place_2)
     write_act(control, acts, _COMMAND_ACTION, run.now)
     first = run.written
     count_modes(run, in_mode)
-    move_stops(rig, lines, run, waves, log, target_1, target_2, control.settings.speed)
+    move_stops(rig, lines, run, waves, log, target_1, target_2, speed)
     run.happened += run.written - first
     note_stops(run, log, control, acts, first)
 
@@ -207,7 +208,7 @@ def perform_sample(
     rig: RigConstants, lines: Lines, run: Run, waves: Waves, control: Control
 ) -> None:
     """Take the sample that is due, and act on it."""
-    if control.settings.law != 0:
+    if has_law(control):
         index = control.controller.sample_index
         take_sample(control, measure(rig, lines, run, waves, control, index))
     if control.controller.returning:
@@ -275,7 +276,7 @@ def run_to(
                 return FULL
             if commands_full(control):
                 return COMMANDS_FULL
-            run.watch = control.settings.law != 0
+            run.watch = has_law(control)
             command = next_command(control)
             sample = next_sample(control)
             # A command may be due in the past, after the delay has been shortened.

@@ -44,7 +44,7 @@ _KINDS: Kinds = {
 }
 #: What is the same for all rigs of an instant, or nothing depends on.
 _LEFT_OUT = (
-    *('time', 'time_low', 'angles', 'side', 'energies'),
+    *('time', 'time_low', 'angles', 'side', 'force', 'energies'),
     *('searched', 'crossing_side', 'watched', 'crossing'),
 )
 

@@ -24,6 +24,8 @@ class Action(IntEnum):
     CROSSING = 4
     #: A stop that m held up moves on by itself.
     STARTED = 5
+    #: A controller outside the rig gave a command; NaN for what is not in it.
+    ORDER = 6
 
 
 @dataclass(slots=True)
@@ -62,6 +64,8 @@ class ControlRecord(NamedTuple):
         X' of the last sample, m/s.
     energy_1, energy_2 : float
         Energy spent by each actuator so far, J.
+    force : float
+        Of an order, the active force on M, N; else 0.
     """
 
     time: float
@@ -74,25 +78,26 @@ class ControlRecord(NamedTuple):
     x_rate: float
     energy_1: float
     energy_2: float
+    force: float = 0.0
 
     @classmethod
     def of(cls, rows: Sequence[ActRow]) -> list[Self]:
         """Return the rows that the loop has written as records."""
         return [
-            cls(row.time, Action(row.action), *(getattr(row, n) for n in cls._fields[2:]))
+            cls(row.time, Action(row.action), *(getattr(row, n) for n in cls._fields[2:-1]))
             for row in rows
         ]
 
     @property
-    def frame_id(self) -> str:
-        """Name of the action in the topic `gap_control`."""
+    def act(self) -> str:
+        """Name of the action, as the topic `gap_control` has it after those of the joints."""
         return self.action.name.lower()
 
     @property
-    def numbers(self) -> tuple[tuple[float, float, float], ...]:
-        """Positions, velocities and efforts of `CONTROL_JOINTS`, as in the topic."""
+    def numbers(self) -> tuple[tuple[float, float, float, float], ...]:
+        """Positions, velocities and efforts of `CONTROL_JOINTS`, and zeros for the act."""
         return (
-            (self.target_1, self.target_2, self.amplitude),
-            (self.velocity_1, self.velocity_2, self.x_rate),
-            (self.energy_1, self.energy_2, 0.0),
+            (self.target_1, self.target_2, self.amplitude, 0.0),
+            (self.velocity_1, self.velocity_2, self.x_rate, 0.0),
+            (self.energy_1, self.energy_2, self.force, 0.0),
         )

@@ -66,9 +66,10 @@ from impact_damper_ros.rig.state import (
 )
 from impact_damper_ros.rig.transition import begin_from, move_stops, place_stops_at_gap
 
-from .actuator import settle_stops
+from .actuator import MOST_ORDERS, settle_stops
 from .controller import Control, ControlSettings, forget_all, next_sample, relearn_laws
 from .loop import run_compiled, run_through, write_act
+from .order import Order
 from .own_law import Law, LawError, OwnLaw
 from .record import Action, ActRow, ControlRecord
 
@@ -430,6 +431,11 @@ class Rig:
     def amplitude(self) -> float:
         """The controller's estimate of the amplitude of X, m."""
         return self._control.observer.amplitude
+
+    @property
+    def force(self) -> float:
+        """Active force on M, N."""
+        return self._run.force
 
     @property
     def energies(self) -> tuple[float, float]:
@@ -796,6 +802,8 @@ class Rig:
         if control is not None and settings is not None:
             self._gap_control = control
             self._control = self._control.switched(settings, self.time)
+            if control.gap_control != 'external':
+                events += self._push(0.0)
         return events
 
     def _change(self, parameters: RigParameters) -> list[Event]:
@@ -875,6 +883,54 @@ class Rig:
             speed,
         )
         return events_of(rows, self._run.written)
+
+    def order(self, order: Order) -> list[Event]:
+        """
+        Carry out what a controller outside the rig commands, from the present time on.
+
+        Parameters
+        ----------
+        order : Order
+            Stops go to their places by the actuators, with their delay and speed. The force on M
+            is constant until the next one.
+
+        Returns
+        -------
+        list of Event
+            Events at the present time, which a change of the force may cause. `records` has the
+            order.
+
+        Raises
+        ------
+        ParameterError
+            If `gap_control` is not external or a number is not admissible; nothing changes then.
+        """
+        if self._gap_control.gap_control != 'external' or self._law is not None:
+            raise ParameterError(
+                'gap_control',
+                f'the stops are moved by gap_control {self.law}: set gap_control to external',
+            )
+        order.check(self._control)
+        order.issue(self._control, self.time)
+        record = order.record(self._control, self.time)
+        if self._control.actuators.waiting + MOST_ORDERS > len(self._control.commands):
+            self._control = self._control.enlarged()
+        events = self._push(order.force) if order.force == order.force else []
+        # Stops that move at once are there now.
+        events += self.advance(self.time)
+        self._records = [record, *self._records]
+        return events
+
+    def _push(self, force: float) -> list[Event]:
+        """Let an active force act on M, in a flight of its own."""
+        run, side = self._run, self._run.crossing_side
+        if force == run.force:
+            return []
+        move_to(self._rig, self._lines, run, self._waves, run.now)
+        if side:
+            set_side(self._rig, self._lines, run, self._waves, side)
+        run.force = force
+        return self._begin()
 
     def reset(self, initial: InitialConditions | None = None) -> None:
         """
@@ -1008,8 +1064,8 @@ def _restored(held: dict[str, Any] | None, rig: Rig) -> tuple[GapControlParamete
         if kept is not None:
             if rig.own_law is None:
                 raise LawError(
-                    f'its stops were moved by the law {kept["name"]}, which is no part of it: '
-                    'give the law, too'
+                    f'its stops were moved by the law {kept["name"]}, which it only names: give '
+                    'the law, too'
                 )
             control.memory[:] = map(float, kept['memory'])
         index = control.controller.sample_index

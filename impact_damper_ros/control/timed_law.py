@@ -195,9 +195,9 @@ def close_stop(control: Control, at: Passage, seen: Measurement, before: float) 
     law.closed = stop
     law.until = at.time + max(0.0, late)
     if stop == 1:
-        order_stops(control, issue, target, nan)
+        order_stops(control, issue, target, nan, nan)
     else:
-        order_stops(control, issue, nan, -target)
+        order_stops(control, issue, nan, -target, nan)
     return True
 
 

@@ -14,8 +14,10 @@ from collections.abc import Callable, Iterable
 
 from impact_damper_ros.bag.messages import DiagnosticArray, DiagnosticStatus
 from impact_damper_ros.report.formatting import mode_words
+from impact_damper_ros.rig.quoting import counted
 
 from .engine import ControlStatus, EngineStatus, Load
+from .external_control import ControllerStatus
 from .motion_report import MotionReport
 from .pacing import CATCH_UP_NS
 from .publishing import RecordingStatus
@@ -64,6 +66,7 @@ class Diagnostics:
             self._rig(engine, elapsed),
             self._recording(recording),
             self._control(engine.control),
+            self._controller(engine.controller),
         ]
         self._last_report, self._last = now, engine
         return self._array(stamp_ns, [*statuses, *self._motion(motion)])
@@ -194,6 +197,29 @@ class Diagnostics:
                 'Energy spent on stop 1 [J]': f'{last.energy_1:.6g}' if last else '',
                 'Energy spent on stop 2 [J]': f'{last.energy_2:.6g}' if last else '',
                 'Commands': control.commands,
+            },
+        )
+
+    def _controller(self, now: ControllerStatus) -> DiagnosticStatus:
+        """Report what came from a controller outside the node."""
+        refused = now.refused - (self._last.controller.refused if self._last else 0)
+        age = '' if now.age_ns is None else f'{now.age_ns * 1e-9:.4f}'
+        level, message = OK, 'no commands' if now.age_ns is None else 'commands are carried out'
+        if refused:
+            level, message = WARN, f'{counted(refused, "command")} refused: {now.reason}'
+        elif now.parked:
+            level, message = WARN, f'no command for {age} s: the stops are parked'
+        return self._status(
+            'controller',
+            level,
+            message,
+            {
+                'Age of the last command [s]': age,
+                'Commands accepted': now.accepted,
+                'Commands refused': now.refused,
+                'Last refusal': now.reason,
+                'Stops parked': now.parked,
+                'Forces limited': now.limited,
             },
         )
 

@@ -27,10 +27,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
 from impact_damper_ros.bag.snapshots import Snapshots
 from impact_damper_ros.control import ControlRecord, GapControlParameters, Rig
-from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters, RunawayError
+from impact_damper_ros.rig import (
+    InitialConditions,
+    NodeSettings,
+    ParameterError,
+    RigParameters,
+    RunawayError,
+)
 from impact_damper_ros.rig.event_budget import fastest_rate
 from impact_damper_ros.rig.tick_grid import TickGrid
 
+from .commands import CommandInbox
+from .external_control import ControllerStatus, ExternalControl
 from .motion_ahead import RIG_FAILURES, MotionAhead, MotionTrace, ticks_ahead
 from .pacing import ORDINARY, Pacer, PacingCounts, StampClock, take_priority
 from .publishing import Emitter, RigPublishers
@@ -69,6 +77,7 @@ class EngineStatus(NamedTuple):
     scheduling: str = ORDINARY
     held: str = ''
     load: Load = Load()
+    controller: ControllerStatus = ControllerStatus()
 
 
 class EngineSettings(NamedTuple):
@@ -136,6 +145,13 @@ class Engine:
         What to call.
     control : GapControlParameters, optional
         The control of the gap; off, if not given.
+    inbox : CommandInbox, optional
+        Where the commands of an external control come from.
+
+    Attributes
+    ----------
+    controller : ExternalControl
+        What a controller outside the node sees and commands.
 
     Raises
     ------
@@ -151,9 +167,11 @@ class Engine:
         settings: EngineSettings,
         callbacks: EngineCallbacks,
         control: GapControlParameters | None = None,
+        inbox: CommandInbox | None = None,
     ) -> None:
         self.failure: Exception | None = None
         self._rig = Rig(parameters, initial, control=control)
+        self.controller = ExternalControl(self._rig, inbox or CommandInbox(), NodeSettings())
         self._publishers = publishers
         self._callbacks = callbacks
         self._grid = TickGrid(settings.state_rate)
@@ -229,6 +247,7 @@ class Engine:
             self._scheduling,
             self._held,
             self._load(),
+            self.controller.status(self._time_ns),
         )
 
     def _busy_ns(self) -> int:
@@ -328,6 +347,7 @@ class Engine:
         self._stamps.begin()
         self._pacer.anchor(0)
         self._serve()
+        self._obey()
         self._publish_states()
         while not self._stopping.is_set():
             if self._paused or self._held:
@@ -344,6 +364,7 @@ class Engine:
             if self._slipped:
                 self._catch_up()
             self._serve()
+            self._obey()
             self._publish_states()
             if self._step_done is not None and self._step_done():
                 self._end_step()
@@ -373,6 +394,7 @@ class Engine:
         self._pacer.pause_until(moved.time_ns)
         self._time_ns = moved.time_ns
         self._serve()
+        self._obey()
         return False
 
     def _interrupted(self) -> bool:
@@ -397,6 +419,7 @@ class Engine:
                 due_ns = max(due_ns + PAUSED_PERIOD_NS, time.monotonic_ns())
             time.sleep(PAUSED_NAP_S)
             self._serve()
+            self.controller.refuse_all('the rig is paused')
 
     def _give_up(self, error: Exception) -> None:
         """Hold a rig that cannot continue."""
@@ -484,6 +507,13 @@ class Engine:
         if self._news:
             self._announce(self._news)
             self._news = ''
+
+    def _obey(self) -> None:
+        """Carry out the commands of a controller that have come."""
+        for events, records in self.controller.obey(self._time_ns, self.stamp_ns()):
+            self._motion.discard()
+            for message in self._motion.passed(events, records, self._stamps.offset_ns):
+                self._out.emit(*message)
 
     def _change(
         self,

@@ -22,8 +22,9 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
@@ -55,6 +56,14 @@ from impact_damper_ros.rig.description import described, frequency_hint, robot_d
 from impact_damper_ros.rig.quoting import printable, shown
 from impact_damper_ros.theory import TheoryProcess
 
+from .commands import (
+    DEPTH,
+    CommandInbox,
+    CommandReader,
+    CommandTopic,
+    read_force_command,
+    read_stop_command,
+)
 from .diagnostics import Diagnostics
 from .engine import Done, Engine, EngineCallbacks, EngineSettings, Request
 from .motion_report import MotionMonitor
@@ -149,6 +158,19 @@ STEP_TIMEOUT_S = 2.0
 WARNING_PERIOD_S = 5.0
 
 
+class _NoCallbacks(CallbackGroup):
+    """Of subscriptions for which the executor does not wake up."""
+
+    def can_execute(self, _entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, _entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, _entity: Any) -> None:
+        pass
+
+
 @coroutine
 def _turn() -> Generator[None, None, None]:
     """Let the executor serve something else first."""
@@ -214,7 +236,9 @@ class SimNode(Node):
                 self.create_guard_condition(self._record_anew).trigger,
             ),
             parameters.control,
+            CommandInbox(self._command_topics()),
         )
+        self.engine.controller.settings = parameters
         self._monitor = MotionMonitor(self.engine.trace, self._theory, parameters.state_rate)
         broken = self.create_guard_condition(self._end_broken_recording)
         self._recorder = Recorder(self.engine, self._topic_publishers, node, broken.trigger)
@@ -322,6 +346,25 @@ class SimNode(Node):
         )
         return TopicPublisher(publisher.topic_name, publisher.publish)
 
+    def _command_topics(self) -> list[CommandTopic]:
+        """Return the topics of commands, which the engine's thread takes by itself."""
+        return [
+            self._command_topic(JointState, 'stop_commands', read_stop_command),
+            self._command_topic(WrenchStamped, 'force_command', read_force_command),
+        ]
+
+    def _command_topic(self, kind: Any, topic: str, read: CommandReader) -> CommandTopic:
+        subscription = self.create_subscription(
+            kind, topic, lambda _: None, DEPTH, callback_group=_NoCallbacks(), raw=True
+        )
+        handle = subscription.handle
+
+        def take() -> tuple[bytes, int | None] | None:
+            taken = handle.take_message(kind, True)
+            return taken and (taken[0], taken[1].get('publication_sequence_number'))
+
+        return CommandTopic(subscription.topic_name, take, subscription.get_publisher_count, read)
+
     def _qos_overrides(self, topic: str) -> QoSOverridingOptions | None:
         """Return the options of a topic whose quality of service the user has set."""
         # Otherwise each topic would add three parameters.
@@ -349,6 +392,7 @@ class SimNode(Node):
         listing = self._listing() if self._recorder.splits else b''
         initial = after.initial if after.initial != before.initial else None
         self.engine.change(rig, encode(event), control, initial, listing)
+        self.engine.controller.settings = after
         self._describe(after)
         turned = rig is not None and rig.force_frequencies != before.rig.force_frequencies
         if turned and (hint := frequency_hint(after.rig)):

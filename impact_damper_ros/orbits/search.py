@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -22,7 +23,6 @@ from .arguments import (
     OrbitError,
     check_forcing,
     check_stops,
-    checked_whole,
     pressed_to,
     single_harmonic,
 )
@@ -40,8 +40,6 @@ SOFT = 0.2
 
 #: Systematic starts for each unknown instant, three and more impacts in a period.
 STARTS_PER_INSTANT = 200
-#: Most systematic starts.
-MOST_STARTS = 1_000_000
 
 _SETTLING_CYCLES = 120
 _STARTS_PER_RUN = 3
@@ -220,16 +218,19 @@ def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
         )
 
 
+# For all stop sequences of as many impacts
+@lru_cache(maxsize=2)
 def settled_orbits(
     parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
-) -> Iterator[PeriodicOrbit | None]:
+) -> tuple[PeriodicOrbit | None, ...]:
     """
-    Yield the motions near simulated motion that has had time to settle; None without one.
+    Return the motions near simulated motion that has had time to settle; None where there is none.
 
     `most_events` is for a period; a rig that has more for long is given up early.
     """
     period = cycles * math.tau / parameters.force_frequencies[0]
     periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
+    found: list[PeriodicOrbit | None] = []
     for initial in starting_points(parameters):
         try:
             rig = Rig(parameters, initial)
@@ -239,11 +240,12 @@ def settled_orbits(
         for i in range(periods):
             if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
                 guess = guess_along(flight_of(rig), 0.0, period)
-                yield None if guess is None else solved(parameters, guess, cycles)
+                found.append(None if guess is None else solved(parameters, guess, cycles))
             run = rig.run((i + 1) * period, most_events=_MOST_AT_ONCE)
             busy = busy + 1 if run.event_count > most_events else 0
             if busy > _BUSY_PERIODS or run.outcome is not Outcome.COMPLETE:
                 break
+    return tuple(found)
 
 
 def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
@@ -365,12 +367,11 @@ def find_orbits(
     >>> [round(phase, 6) for phase in found.orbits[0].phases]
     [0.733784, 0.233784]
     """
-    stops = check_stops(parameters, stops, cycles)
+    stops = tuple(stops)
+    check_stops(parameters, stops)
     check_forcing(parameters, cycles)
-    if starts is not None:
-        starts = checked_whole('starts', starts, 0, MOST_STARTS)
     try:
-        return _found(parameters, stops, int(cycles), starts, simulate)
+        return _found(parameters, stops, cycles, starts, simulate)
     except np.linalg.LinAlgError as error:
         raise OrbitError(
             f'the equations of this rig have no solution in double precision ({error}): give '

@@ -10,6 +10,7 @@ piece by piece to whoever measures it.
 from __future__ import annotations
 
 import json
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import zip_longest
 from math import inf
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.snapshots import mathematics, motion_of
-from impact_damper_ros.control import ControlRecord, Outcome, Rig
+from impact_damper_ros.control import ControlRecord, Order, Outcome, Rig
 from impact_damper_ros.rig import Event, InitialConditions, ParameterError, RunawayError
 from impact_damper_ros.rig.compiled import has_numba
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, EventBudget
@@ -34,10 +35,11 @@ from .rows import (
     NO_SAMPLES,
     Events,
     Ints,
+    Messages,
     Numbers,
     Samples,
-    Table,
     events_as_rows,
+    orders_of,
     published_acts,
     published_impacts,
     published_states,
@@ -161,6 +163,8 @@ class Replay:
         self._before: list[tuple[int, Numbers]] = []
         self._stated: list[StatedParameters] = []
         self._has_events = False
+        #: What a controller outside the rig is yet to order, with the rig times, s.
+        self._orders: deque[tuple[float, Order]] = deque()
         #: Rig time from one sample to the next, s and ns
         self.period = 1.0 / start.rate
         self._period_ns = 1e9 / start.rate
@@ -212,21 +216,23 @@ class Replay:
     def _take_rows(self, rows: Rows) -> Part:
         if self._shadowing is not None:
             self._shadowing.expect(rows.impacts)
-            self.findings.recorded_impacts += rows.impacts.size
+            self.findings.recorded_impacts += len(rows.impacts)
         else:
             for matcher, table in zip(self._matchers, rows[1:], strict=True):
                 matcher.take(table)
         findings, states = self.findings, rows.states
-        stamps_ns = states.log_ns if self.recorded.stamped else states.stamp_ns
+        stamps_ns = states['log_ns' if self.recorded.stamped else 'stamp_ns']
         times_ns = stamps_ns - findings.offset_ns
         usable = self._usable(times_ns)
         if not usable.all():
             states, times_ns, stamps_ns = states[usable], times_ns[usable], stamps_ns[usable]
-        if not states.size:
+        if not len(states):
             return Part(NO_SAMPLES, NO_EVENTS)
         instants = times_ns / 1e9
+        self._orders += orders_of(rows.acts, findings.offset_ns)
         if self._shadowing is not None:
             samples, events, numbers, differs = self._shadowing.follow(states, instants)
+            self._forget_orders(instants[-1])
             tried = _Stretch(samples, events, [], numbers, differs)
             return self._note_rows(tried, states, times_ns, stamps_ns)
         tried = self._tried(self.rig, states, times_ns)
@@ -236,13 +242,20 @@ class Replay:
             if other.differs.sum() < tried.differs.sum():
                 self.rig, tried = rig, other
         self._rig_of_snapshot = None
+        self._forget_orders(instants[-1])
         self._expect(tried.events, tried.records)
         return self._note_rows(tried, states, times_ns, stamps_ns)
 
-    def _note_rows(self, tried: _Stretch, states: Table, times_ns: Ints, stamps_ns: Ints) -> Part:
+    def _forget_orders(self, until: float) -> None:
+        while self._orders and self._orders[0][0] <= until:
+            self._orders.popleft()
+
+    def _note_rows(
+        self, tried: _Stretch, states: Messages, times_ns: Ints, stamps_ns: Ints
+    ) -> Part:
         """Note what differs in joint states, and the gaps between them."""
         findings, instants, first = self.findings, times_ns / 1e9, self.findings.end_ns is None
-        findings.samples += states.size
+        findings.samples += len(states)
         topic = self.recorded.topics.joint_states
         stamped = self.recorded.stamped
         numbers, differs = tried.numbers, tried.differs
@@ -284,12 +297,14 @@ class Replay:
 
     def advanced(self, rig: Rig, instants: Numbers) -> tuple[Samples, Events, list[ControlRecord]]:
         """Let a rig run on to instants; return samples, events and acts of its control."""
+        orders = self._orders.copy()
+        first, acts_first = self._moved(rig, rig.time, orders)
         # An event that a change leaves due at once happens in the next call to a later instant.
         here = int(np.searchsorted(instants, rig.time, side='right'))
         at_once = samples_as_rows([rig.sample()] * here)
         instants = instants[here:]
         if not len(instants):
-            return at_once, NO_EVENTS, []
+            return at_once, events_as_rows(first), acts_first
         if not rig.acts:
             rig.compiled = self._compiled
             most = max(MOST_EVENTS, 10 * len(instants))
@@ -297,9 +312,9 @@ class Replay:
             if result.outcome is Outcome.COMPLETE:
                 return np.concatenate([at_once, result.samples]), result.events, []
             raise self._cannot_go_on(rig, result.reason)
-        samples, events, records = [], [], []
+        samples, events, records = [], first, acts_first
         for time in instants.tolist():
-            more, acts = self._moved(rig, time)
+            more, acts = self._moved(rig, time, orders)
             events += more
             records += acts
             samples.append(rig.sample())
@@ -316,10 +331,25 @@ class Replay:
         except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
             raise self._cannot_go_on(rig, str(error)) from error
 
-    def _moved(self, rig: Rig, time: float) -> tuple[list[Event], list[ControlRecord]]:
+    def _moved(
+        self, rig: Rig, time: float, orders: deque[tuple[float, Order]]
+    ) -> tuple[list[Event], list[ControlRecord]]:
+        """Let a rig run on to an instant, and carry out the orders up to then."""
         # Once to each instant, as the node does
         events: list[Event] = []
         records: list[ControlRecord] = []
+        while orders and orders[0][0] <= time:
+            due, order = orders.popleft()
+            more, acts = self._moved(rig, due, deque())
+            events += more
+            records += acts
+            try:
+                events += rig.order(order)
+                records += rig.records
+            except ParameterError as error:
+                self.findings.fault(
+                    f'the order at rig time {due:.9g} s cannot be carried out: {error}'
+                )
         try:
             if time > rig.time:
                 for portion in self._budget.portions(rig, time):
@@ -333,7 +363,7 @@ class Replay:
         cause = f'the rig cannot be run on from rig time {rig.time:.9g} s: {reason}'
         return RecordingError('replay', self.recorded.reader.path, cause, _REMEDY)
 
-    def _tried(self, rig: Rig, states: Table, times_ns: Ints) -> _Stretch:
+    def _tried(self, rig: Rig, states: Messages, times_ns: Ints) -> _Stretch:
         """Let a rig run on to joint states, and hold these against it."""
         found = self.advanced(rig, times_ns / 1e9)
         numbers = published_states(found[0], rig.parameters)
@@ -341,7 +371,7 @@ class Replay:
         for time_ns, before in self._before:
             # Of other recorders: a sample of the instant of a change may be from before it.
             for i in np.flatnonzero(differs & (times_ns == time_ns)):
-                differs[i] = states.numbers[i].tobytes() != before.tobytes()
+                differs[i] = states['numbers'][i].tobytes() != before.tobytes()
         return _Stretch(*found, numbers, differs)
 
     def _expect(self, events: Events, records: list[ControlRecord]) -> None:
@@ -399,7 +429,7 @@ class Replay:
             return
         self._command = command
         findings.snapshots += 1
-        events, records = self._moved(self.rig, command.time)
+        events, records = self._moved(self.rig, command.time, self._orders)
         self._time_ns = command.time_ns
         self._expect(events_as_rows(events), records)
         lost = command.number != last.number + 1
@@ -573,7 +603,8 @@ class Replay:
         before = self.rig.snapshot()
         if end_ns < last_ns <= end_ns + longest:
             # A cut bag may end with the impacts of a tick whose sample is lost.
-            events, records = self._moved(self.rig, (last_ns + 1 - findings.offset_ns) / 1e9)
+            until = (last_ns + 1 - findings.offset_ns) / 1e9
+            events, records = self._moved(self.rig, until, self._orders)
             self._expect(events_as_rows(events), records)
         for matcher in self._matchers:
             # In a tick that is cut off, each topic may end elsewhere.

@@ -121,6 +121,15 @@ def air_acceleration(rig: RigConstants, run: Run) -> float:
 
 
 @kernel(inline=True)
+def pushed(rig: RigConstants, run: Run, constant: float, share: float) -> float:
+    """Add the active force to a constant acceleration; `share` is m over what moves."""
+    # Without one, a negative zero stays what it is.
+    if run.force == 0.0:
+        return constant
+    return constant + run.force * share / rig.damper_mass
+
+
+@kernel(inline=True)
 def set_waves(rig: RigConstants, lines: Lines, waves: Waves) -> None:
     """Set the sines and cosines of the harmonics at the origin."""
     for j in range(rig.harmonics):
@@ -156,9 +165,8 @@ def support_need(
 
     The sines of the harmonics are those of `set_waves`.
     """
-    together = acceleration_at(
-        rig.joint, lines, rig.harmonics, waves, rig.share * rig.slope, run.x, velocity
-    )
+    constant = pushed(rig, run, rig.share * rig.slope, rig.share)
+    together = acceleration_at(rig.joint, lines, rig.harmonics, waves, constant, run.x, velocity)
     return together - rig.slope - air_acceleration(rig, run)
 
 
@@ -238,7 +246,7 @@ def begin_joint(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None
     run.joint = True
     run.look = _LOOK * rig.joint.horizon
     run.first = rig.harmonics
-    run.constant = rig.share * rig.slope
+    run.constant = pushed(rig, run, rig.share * rig.slope, rig.share)
     run.acceleration = acceleration_at(
         rig.joint, lines, rig.harmonics, waves, run.constant, run.x, run.velocity
     )
@@ -266,7 +274,7 @@ def begin_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> Non
         direction = -1
     run.joint = False
     run.first = 0
-    run.constant = rig.mass_ratio * (direction * rig.grip - air)
+    run.constant = pushed(rig, run, rig.mass_ratio * (direction * rig.grip - air), rig.mass_ratio)
     acceleration = acceleration_at(rig.free, lines, 0, waves, run.constant, run.x, run.velocity)
     run.acceleration = acceleration
     relative = (rig.slope - direction * rig.grip + air) - acceleration

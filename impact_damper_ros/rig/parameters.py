@@ -297,9 +297,10 @@ class GapControlParameters(ParameterTable):
 
     gap_control: str = text(
         'off',
-        ('off', 'amplitude', 'timed', 'predictive'),
+        ('off', 'amplitude', 'timed', 'predictive', 'external'),
         'Law that moves the stops: off holds them at the gap, amplitude follows the vibration, '
-        'timed closes a stop on m where M is fastest, predictive tries places in the simulator.',
+        'timed closes a stop on m where M is fastest, predictive tries places in the simulator, '
+        'external does what a controller outside of the rig commands.',
     )
     gap_control_stops: str = text(
         'independent',
@@ -438,6 +439,21 @@ class NodeSettings(ParameterTable):
         'Real-time priority of the thread that moves the rig, where the system permits it; '
         'that of the others is one less. 0 for ordinary scheduling.',
         effect='start',
+    )
+    command_timeout: float = number(
+        1.0,
+        0.0,
+        1e6,
+        's',
+        'Rig time without a command after which the stops of an external control are parked at '
+        'the gap, and its force ends; 0 for never.',
+    )
+    force_limit: float = number(
+        0.0,
+        0.0,
+        1e12,
+        'N',
+        'Largest force of an external control; a larger one is limited to it. 0 for no limit.',
     )
     predict_motion: bool = flag(
         True, 'Predict the periodic motion, in a process of its own, for the diagnostics.'

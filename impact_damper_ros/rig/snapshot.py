@@ -14,7 +14,7 @@ from .parameters import RigParameters
 from .quoting import shown
 from .state import STORED, STORED_TYPES, Mode, Run
 
-FORMAT = 4
+FORMAT = 5
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.
 #: 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter however
 #: high its bounces were, 4 polished the passages of X through zero by bisection and took the

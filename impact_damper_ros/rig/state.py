@@ -212,6 +212,8 @@ class Run:
         touches m, and follows it inwards.
     side : int
         Sign of X just after the origin, +1 or -1, where X is zero to round-off; else 0.
+    force : float
+        Active force on M, constant until the next command, N.
     now : float
         The present time, s.
     searched : float
@@ -281,6 +283,7 @@ class Run:
     stop_velocity_1: float = 0.0
     stop_velocity_2: float = 0.0
     side: int = 0
+    force: float = 0.0
     now: float = 0.0
     searched: float = 0.0
     joint: bool = False
@@ -335,7 +338,7 @@ def starting_fields(initial: InitialConditions, half_gap: Any, one_sided: bool) 
 
 #: Fields of `Run` that a snapshot keeps: the state at the origin, and how far it is searched.
 STORED = (
-    *[field.name for field in fields(Run)][:20],
+    *[field.name for field in fields(Run)][:21],
     *('searched', 'crossing_side', 'watched', 'crossing'),
 )
 #: Their types.
@@ -365,6 +368,7 @@ def copy_state(run: Run, waves: Sequence[Wave], other: Run, others: Sequence[Wav
     other.stop_velocity_1 = run.stop_velocity_1
     other.stop_velocity_2 = run.stop_velocity_2
     other.side = run.side
+    other.force = run.force
     for j in range(len(waves)):
         others[j].angle = waves[j].angle
 

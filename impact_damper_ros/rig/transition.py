@@ -145,6 +145,7 @@ def may_chatter(rig: RigConstants, run: Run) -> bool:
     push = rig.push + (1.0 + rig.mass_ratio) * (
         rig.joint.omega_squared * abs(run.x)
         + 2.0 * rig.joint.decay * abs(common_velocity(rig, run))
+        + abs(run.force) * rig.share / rig.damper_mass
     )
     twice = 2.0 * abs(run.relative_velocity)
     return (

@@ -21,7 +21,7 @@ from impact_damper_ros.orbits import (
     orbit_near,
     settle,
 )
-from impact_damper_ros.orbits.arguments import check_forcing
+from impact_damper_ros.orbits.arguments import period_of_force
 from impact_damper_ros.orbits.orbit import Rhythm
 from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.orbits.search import counted_as, starting_points
@@ -56,19 +56,6 @@ def run_ahead(rig: Rig, most_cycles: int = _MOST_CYCLES_AHEAD) -> SettledMotion:
         events=_MOST_EVENTS,
         between=_CYCLES_BETWEEN_LOOKS,
     )
-
-
-def _period_of_force(parameters: RigParameters) -> int:
-    """Return the period of the force in cycles of its first harmonic."""
-    for cycles in range(1, _LONGEST_FORCE + 1):
-        try:
-            check_forcing(parameters, cycles)
-        except OrbitError:
-            if cycles == _LONGEST_FORCE:
-                raise
-        else:
-            break
-    return cycles
 
 
 def zero_of_force(rig: Rig) -> float:
@@ -183,7 +170,7 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
         yield Prediction(reason=reason, complete=True, applies=False)
         return
     try:
-        period = _period_of_force(rig.parameters)
+        period = period_of_force(rig.parameters, _LONGEST_FORCE)
     except OrbitError as error:
         yield Prediction(reason=str(error), complete=True, applies=False)
         return

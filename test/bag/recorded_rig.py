@@ -93,7 +93,7 @@ class RecordedRig:
     def announce(self, reason):
         self.number += 1
         text = {
-            'format': 5,
+            'format': 6,
             'number': self.number,
             'node': NODE,
             'topics': TOPICS,
@@ -132,9 +132,9 @@ class RecordedRig:
                 self.write('/impacts', content, stamp)
         for record in self.rig.records:
             stamp = self.offset + round(record.time * 1e9)
-            names = ['stop_1', 'stop_2', 'primary']
+            names = ['stop_1', 'stop_2', 'primary', record.action.name.lower()]
             numbers = [list(part) for part in record.numbers]
-            content = samples.joint_state(stamp, names, *numbers, record.action.name.lower())
+            content = samples.joint_state(stamp, names, *numbers)
             self.write('/gap_control', content, stamp)
 
     def states(self):
@@ -180,14 +180,20 @@ class RecordedRig:
             self.announce(self.news)
             self.news = ''
 
-    def run(self, ticks, *requests):
-        """Go on by so many ticks; the requests are carried out at the first of them."""
+    def run(self, ticks, *requests, order=None):
+        """
+        Go on by so many ticks; the requests are carried out at the first of them.
+
+        At each tick `order()` is ordered, if it is given.
+        """
         for _ in range(ticks):
             self.tick += 1
             self.time_ns = round(self.tick * 1e9 / self.rate)
             self.impacts(self.rig.advance(self.time_ns / 1e9))
             self.serve(*requests)
             requests = ()
+            if order is not None:
+                self.impacts(self.rig.order(order()))
             self.states()
         return self
 

@@ -27,10 +27,10 @@ def rows_of(said):
 def test_all_parameters_with_units_and_ranges(capsys):
     assert set_rig.main([]) == 0
     rows = rows_of(capsys.readouterr().out)
-    assert set(ALL_SPECS) <= set(rows)
+    assert list(rows) == list(ALL_SPECS)
     assert rows['gap'] == ['0.01', 'm', '1e-09 to 1e+09', '0.0001 to 100']
     assert rows['force_amplitudes'] == ['[10]', 'N', '-1e+12 to 1e+12', '-1e+04 to 1e+04']
-    assert rows['gap_control'] == ['off', 'off, amplitude, timed, predictive']
+    assert rows['gap_control'] == ['off', 'off, amplitude, timed, predictive, external']
     assert rows['record'] == ['false', 'true, false']
 
 
@@ -43,6 +43,12 @@ def test_parameters_are_set_together(capsys):
     assert [row[0] for row in rows.values()] == ['0.008', '[8, 1.5]', 'timed', '0.01']
 
 
+@pytest.mark.parametrize('name', ['bad name!', 'a//b', '/1'])
+def test_a_name_that_no_node_can_have(name, capsys):
+    assert set_rig.main(['--node', name, 'gap=0.008']) == 2
+    assert f'--node {name}: no node has such a name' in capsys.readouterr().err.replace("'", '')
+
+
 @pytest.mark.usefixtures('node')
 @pytest.mark.parametrize(
     ('setting', 'reason'),
@@ -50,6 +56,11 @@ def test_parameters_are_set_together(capsys):
         ('gab=3', 'gab=3: there is no parameter gab to set: did you mean gap?'),
         ('xyzzy=3', 'set_rig lists all parameters'),
         ('gap', 'gap: give NAME=VALUE'),
+        ('gap=', 'gap=: give NAME=VALUE'),
+        ('gap=wide', "gap is 'wide': give a number from"),
+        ('record=1', 'record is 1: give true or false'),
+        # Of every ROS node, not of the rig
+        ('use_sim_time=true', 'there is no parameter use_sim_time to set'),
         ('gap=-1', 'gap is -1.0 m: give a number from'),
         # The node's own words
         ('damping=1e3', 'underdamped'),

@@ -4,7 +4,6 @@ import csv
 import json
 import math
 import re
-from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -77,6 +76,33 @@ def test_all_sequences_if_none_is_named(tmp_path, capsys):
     )
 
 
+def test_ranges_of_impacts_and_cycles(tmp_path, capsys):
+    """Those of the single numbers, the viable ones alone; no period that the force has not."""
+    settings = ('gap=18', 'force_frequencies=[1.02]')
+    single = []
+    for impacts in ('2', '3'):
+        single += run(tmp_path, '--impacts', impacts, settings=settings)[1]
+    capsys.readouterr()
+    ranges = ('--impacts', '2:3', '--cycles', '1:1', '--viable')
+    code, orbits = run(tmp_path, *ranges, settings=settings)
+    assert code == 0
+    viable = [one for one in single if one['viable']]
+    assert orbits == sorted(viable, key=lambda one: not one['stable'])
+    assert [tuple(one['stops']) for one in orbits] == [(1, 1, 2), (1, 2, 2), (1, 2)]
+    said = capsys.readouterr().out
+    assert re.search(
+        r'^2 impacts in 1 cycle: 1 viable, \d+ not, all solutions$', said, re.MULTILINE
+    )
+    assert re.search(r'^3 impacts in 1 cycle: 2 viable, \d+ not$', said, re.MULTILINE)
+    assert 'NOT VIABLE' not in said
+    several = ('force_amplitudes=[1, 0.1]', 'force_frequencies=[1, 1.5]', 'force_phases=[0, 0]')
+    run(tmp_path, '--impacts', '2:3', '--cycles', '1:2', settings=several)
+    assert (
+        re.findall(r'^\d impacts in (\d cycles?):', capsys.readouterr().out, re.MULTILINE)
+        == ['2 cycles'] * 2
+    )
+
+
 def test_table_has_units_and_numbers(capsys):
     code = main([str(PAPER), '--impacts', '2', '--set', 'gravity=0'])
     assert code == 0
@@ -133,41 +159,6 @@ def test_not_viable(tmp_path, capsys):
     message = capsys.readouterr().err
     assert 'none of the 12 solutions' in message
     assert 'm would pass stop' in message
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'settings', 'words'),
-    [
-        (('--impacts', '2'), ('gap=-1',), 'gap is -1.0 m: give a number from'),
-        (('--impacts', '2'), ('gap',), 'give NAME=VALUE'),
-        (('--impacts', '2'), ('damping=3',), 'underdamped'),
-        (('--impacts', '3', '--stops', '1,2'), (), '--stops 1,2 names 2 impacts'),
-        (('--impacts', '2', '--stops', '1,2'), ('one_sided=true',), 'no stop 2'),
-        (('--impacts', '2'), ('force_amplitudes=[0]',), 'both different from 0'),
-        (
-            ('--impacts', '2'),
-            ('force_amplitudes=[1, 1]', 'force_frequencies=[1, 2.5]', 'force_phases=[0, 0]'),
-            'turns 2.5 times in 1 cycles',
-        ),
-        (('--impacts', '9'), (), 'name one, such as 1,2,1,2,1,2,1,2,1'),
-    ],
-)
-def test_input_that_is_not_usable(tmp_path, capsys, arguments, settings, words):
-    code, orbits = run(tmp_path, *arguments, settings=settings)
-    assert code == 2
-    assert orbits is None
-    assert words in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    'arguments',
-    [('--impacts', '0'), ('--impacts', 'x'), ('--impacts', '2', '--stops', '1,3'), ()],
-)
-def test_arguments_that_cannot_be_read(capsys, arguments):
-    with pytest.raises(SystemExit) as failure:
-        main([str(PAPER), *arguments])
-    assert failure.value.code == 2
-    assert 'usage' in capsys.readouterr().err
 
 
 VERTICAL = (
@@ -232,27 +223,6 @@ def test_first_motion_is_followed_through_its_special_points(tmp_path, capsys):
         assert float(row['x_max']) == pytest.approx(nearest.x_max, rel=1e-6)
         assert (row['stable'], row['viable']) == (str(int(nearest.stable)), '1')
     assert figure.read_bytes().startswith(b'\x89PNG')
-
-
-@pytest.mark.parametrize('asked', ['gap', 'gap=60:20', 'gap=20:', 'gravy=1:2'])
-def test_range_that_cannot_be_followed(asked, capsys):
-    with pytest.raises(SystemExit) if 'gravy' not in asked else nullcontext():
-        assert main([str(PAPER), '--impacts', '2', '--follow', asked]) == 2
-    assert 'gap' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'words'),
-    [
-        (('--impacts', '2', '--csv', 'branch.csv'), 'are for --follow'),
-        (('--settled', '--cycles', '2'), 'leave out --cycles'),
-        (('--settled', '--set', 'force_amplitudes=[0]'), 'both different from 0'),
-        (('--impacts', '2', '--follow', 'gap=20:60', '--figure', 'a.bmp'), '.png, .svg or .pdf'),
-    ],
-)
-def test_options_that_do_not_go_together(arguments, words, capsys):
-    assert main([str(PAPER), *arguments]) in (1, 2)
-    assert words in capsys.readouterr().err
 
 
 def test_the_settled_motion_gives_period_and_stops(tmp_path, capsys):

@@ -12,7 +12,7 @@ verdicts = import_module('verdicts')
 
 @pytest.fixture(autouse=True)
 def short_runs(monkeypatch):
-    monkeypatch.setattr(verdicts, 'RATES', {50: 6.0, 200: 3.0})
+    monkeypatch.setattr(verdicts, 'RATES', {50: 3.0, 200: 1.5})
 
 
 @pytest.mark.parametrize('factor', verdicts.FACTORS)
@@ -32,5 +32,5 @@ def test_untouched_bags(number):
 
 
 def test_random_changes():
-    count, doubted, faults, replayed = verdicts.soak(1, 12)
-    assert (count > 6, doubted, faults, replayed) == (True, 0, 0, 0)
+    count, doubted, faults = verdicts.soak(1, 12)
+    assert (count > 6, doubted, faults) == (True, 0, 0)

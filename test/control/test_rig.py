@@ -16,10 +16,11 @@ from rig.random_rigs import (
 
 from control import laws
 from control.controlled_rigs import random_control
-from impact_damper_ros.control import Outcome, Rig
+from impact_damper_ros.control import Order, Outcome, Rig
 from impact_damper_ros.rig import EventKind, Mode
 
 KINDS = ('free', 'stops', 'swept', 'multisine', 'off', 'amplitude', 'timed', 'predictive', 'own')
+KINDS += ('external',)
 #: Modes and kinds of events that were seen, by the way the rig went.
 SEEN = {}
 RAN = set()
@@ -44,7 +45,7 @@ def lively(kind, seed):
     elif kind == 'multisine':
         parameters = parameters.replace(multisine_level=0.4, multisine_lines=8)
     control = law = None
-    if kind in ('amplitude', 'timed', 'predictive', 'own'):
+    if kind in ('amplitude', 'timed', 'predictive', 'own', 'external'):
         mode = 'timed' if kind == 'own' else kind
         control = random_control(rng, gap_control=mode)
         if kind == 'own':
@@ -59,6 +60,14 @@ def act(kind, rng, rigs):
     """Let the same happen to all the rigs; return what each of them reports."""
     rig = rigs[0]
     other = 'command' if kind in ('stops', 'swept') else 'control'
+    if rig.control.gap_control == 'external' and rng.random() < 0.8:
+        low, high = 0.5 * rig.control.gap_min, 0.5 * rig.control.gap_max
+        stop_1, stop_2 = (rng.choice([math.nan, rng.uniform(low, high)]) for _ in range(2))
+        if rig.parameters.one_sided:
+            stop_2 = math.nan
+        speeds = rng.choice([(math.nan, 2.0), (0.5, 0.5), (math.nan, math.nan)])
+        order = Order(stop_1, -stop_2, *speeds, rng.choice([math.nan, 0.0, rng.gauss(0.0, 1.0)]))
+        return [(rig.order(order), [str(r) for r in rig.records]) for rig in rigs]
     chosen = rng.choice(['nothing', 'change', other])
     if chosen == 'change':
         changed = random_change(rng, rig.parameters)

@@ -55,7 +55,8 @@ async def test_a_knob_turned_in_the_page_turns_that_of_the_node(tmp_path):
         knobs = {k['name']: k for k in with_knobs(page)[-1]['parameters']}
         assert knobs['gap']['value'] == 0.01
         assert (knobs['gap']['unit'], knobs['gap']['max']) == ('m', 1e9)
-        assert knobs['gap_control']['choices'] == ['off', 'amplitude', 'timed', 'predictive']
+        laws = ['off', 'amplitude', 'timed', 'predictive', 'external']
+        assert knobs['gap_control']['choices'] == laws
         assert knobs['state_rate']['read_only']
         assert knobs['record']['value'] is False
         # The motion comes, with its impacts, in order.

@@ -15,7 +15,8 @@ from bag import samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig, random_run
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.bag.messages import JointStateLayout, decode, header_ns
+from impact_damper_ros.bag.messages import decode, header_ns
+from impact_damper_ros.bag.snapshots import FORMAT
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.replay.findings import ReplayVerdict
@@ -201,7 +202,7 @@ def messages():
 
 def test_one_flipped_bit_is_found(tmp_path, messages):
     place = places(messages, '/joint_states')[150]
-    positions = JointStateLayout(messages[place][1]).numbers(messages[place][1])[0]
+    positions = samples.numbers(messages[place][1])[0]
     messages[place] = flipped(messages[place], positions[1])
     findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
     assert findings.verdict is ReplayVerdict.DIFFERENT
@@ -218,10 +219,10 @@ def test_a_zero_of_the_other_sign_is_a_difference(tmp_path):
     rig = RecordedRig().start().run(10)
     place = places(rig.messages, '/joint_states')[0]
     topic, content, stamp = rig.messages[place]
-    shape = JointStateLayout(content)
-    positions, velocities, _ = shape.numbers(content)
+    positions, velocities, _ = samples.numbers(content)
     assert positions[0] == 0.0
-    rig.messages[place] = (topic, shape.filled(stamp, (-0.0, *positions[1:]), velocities), stamp)
+    altered = samples.with_numbers(content, stamp, [-0.0, *positions[1:]], velocities)
+    rig.messages[place] = (topic, altered, stamp)
     findings = replayed(rig.save(tmp_path / 'bag'))
     assert [d.quantity for d in findings.differences] == ['position of primary']
 
@@ -240,7 +241,9 @@ def controlled():
         ('/impacts', 7, ('stamp', 'nanosec'), 'stamp'),
         ('/impacts', 7, ('frame',), 'frame_id'),
         ('/impacts', 7, ('effort', 1), 'effort of damper'),
+        ('/gap_control', 40, ('act',), 'act'),
         ('/gap_control', 40, ('position', 1), 'position of stop_2'),
+        ('/gap_control', 40, ('effort', 3), 'effort of the act'),
         ('/gap_control', 40, ('velocity', 0), 'velocity of stop_1'),
         ('/snapshot', -1, ('state', 'parameters', 'stiffness'), 'parameters.stiffness'),
         ('/snapshot', -1, ('state', 'origin', 'clearance_1'), 'origin.clearance_1'),
@@ -355,19 +358,24 @@ def of_format(message, version, name='format'):
 
 
 def test_other_formats_are_refused(tmp_path, messages):
-    for name, version in (('format', 7), ('format', 4), ('state', 2), ('state', None)):
+    for name, version in (
+        ('format', FORMAT + 1),
+        ('format', FORMAT - 1),
+        ('state', 2),
+        ('state', None),
+    ):
         others = [of_format(messages[0], version, name), *messages[1:]]
-        read = 4 if name == 'state' else 5
+        read = 5 if name == 'state' else FORMAT
         words = f'of format {version}; this version reads format {read}'
         with pytest.raises(RecordingError, match=words) as caught:
             replayed(samples.record(tmp_path / f'{name}_{version}', others, custom=NOTES))
         assert 'use the version of impact_damper_ros that recorded the bag' in str(caught.value)
     place = places(messages, '/snapshot')[-1]
-    messages[place] = of_format(messages[place], 6)
+    messages[place] = of_format(messages[place], FORMAT + 1)
     findings = replayed(samples.record(tmp_path / 'later', messages, custom=NOTES))
     assert findings.verdict is ReplayVerdict.PARTIAL
     assert findings.samples == 201
-    assert 'format 5' in findings.faults[0]
+    assert f'format {FORMAT + 1}' in findings.faults[0]
 
 
 def test_a_bag_of_another_arithmetic_says_so(tmp_path, messages):
@@ -393,7 +401,7 @@ def test_bags_without_a_rig_are_refused(tmp_path, messages):
     with pytest.raises(RecordingError, match='no whole message'):
         replayed(samples.record(tmp_path / 'empty', []))
     foreign = samples.record(tmp_path / 'foreign', samples.run(5))
-    with pytest.raises(RecordingError, match='of format 3; this version reads format 5'):
+    with pytest.raises(RecordingError, match=f'of format 3; this version reads format {FORMAT}'):
         replayed(foreign)
 
 
@@ -401,8 +409,8 @@ def test_a_wrong_stamp_does_not_run_the_rig_for_years(tmp_path, messages):
     arrived = with_arrival_times(messages)
     place = places(arrived, '/joint_states')[100]
     topic, content, stamp = arrived[place]
-    shape = JointStateLayout(content)
-    late = shape.filled(header_ns(content) + 2**25 * 10**9, *shape.numbers(content))
+    at = header_ns(content) + 2**25 * 10**9
+    late = samples.with_numbers(content, at, *samples.numbers(content))
     arrived[place] = (topic, late, stamp)
     findings = replayed(samples.record(tmp_path / 'bag', arrived))
     assert findings.verdict is ReplayVerdict.PARTIAL

@@ -1,5 +1,6 @@
 """Runs under gap control replayed from their logs: acts, noise and live switching included."""
 
+import math
 import random
 
 import pytest
@@ -8,7 +9,7 @@ from bag.recorded_rig import LIVELY, NOTES, RecordedRig
 from replay.test_replay import places, replayed, with_arrival_times
 
 from impact_damper_ros.cli.replay_run import main as replay_run
-from impact_damper_ros.control import GapControlParameters, Rig
+from impact_damper_ros.control import GapControlParameters, Order, Rig
 from impact_damper_ros.replay.findings import ReplayVerdict
 
 # Of a rig of 5 Hz that moves centimetres
@@ -70,6 +71,45 @@ def test_random_switching_comes_out_bit_for_bit(tmp_path, seed):
     assert findings.verdict is ReplayVerdict.IDENTICAL
     count = len(places(rig.messages, '/gap_control'))
     assert findings.control == findings.recorded_control == count > 0
+
+
+def ordered_run(seed):
+    """Return the run of a controller outside the rig, which is also switched off at times."""
+    rng = random.Random(seed)
+    on = ('change', {'gap_control': 'external'})
+    external = CONTROL.replace(gap_control='external', actuator_speed=rng.choice([0.0, 0.5]))
+    rig = RecordedRig(control=external, rate=rng.choice([100.0, 333.3])).start()
+
+    def order():
+        half, force = rng.uniform(0.002, 0.02), rng.choice([math.nan, rng.gauss(0.0, 3.0)])
+        return Order(half, rng.choice([-half, math.nan]), rng.choice([math.nan, 0.2]), 0.3, force)
+
+    for _ in range(5):
+        rig.run(rng.randrange(20, 80), on, order=order)
+        rig.run(3, ('change', {'gap': rng.uniform(0.005, 0.03)}), order=order)
+        rig.run(rng.randrange(5, 20), random_switch(rng))
+    return rig
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_orders_come_out_bit_for_bit(tmp_path, seed):
+    rig = ordered_run(seed)
+    for name, messages in (('own', rig.messages), ('ros2', with_arrival_times(rig.messages))):
+        findings = replayed(save(tmp_path / name, messages, NOTES if name == 'own' else {}))
+        assert (findings.differences, findings.faults) == ([], [])
+        assert findings.verdict is ReplayVerdict.IDENTICAL
+        assert findings.control == len(places(rig.messages, '/gap_control')) > 300
+
+
+def test_an_altered_order_is_found(tmp_path):
+    messages = ordered_run(1).messages
+    at = next(
+        i
+        for i, (topic, content, _) in enumerate(messages)
+        if topic == '/gap_control' and b'order' in content
+    )
+    del messages[at]
+    assert replayed(save(tmp_path / 'bag', messages)).difference_count > 0
 
 
 def test_what_ros2_bag_record_makes_of_it(tmp_path, messages):

@@ -1,0 +1,160 @@
+"""
+Commands of a controller outside the node: the topics `stop_commands` and `force_command`.
+
+The engine's thread takes them from the middleware itself, a few at most wherever the rig stops,
+and nothing else wakes up for them: they are in effect at once, and a flood of them does not change
+the pace. What cannot be carried out is refused, counted, and reported with its reason.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from impact_damper_ros.bag.messages import JOINT_STATE, CdrReader, JointState, decode
+from impact_damper_ros.control import Order
+from impact_damper_ros.rig.quoting import counted, shown
+
+#: Messages of a topic that are taken where the rig stops; as many wait there.
+DEPTH = 4
+#: More commands in a second than any controller gives; how long they are counted, s.
+FLOOD, FLOOD_SPAN_S = 2500.0, 0.25
+
+
+class CommandError(ValueError):
+    """A command that cannot be carried out."""
+
+
+class Command(NamedTuple):
+    """A command: topic, stamp or 0 for none, and what is ordered."""
+
+    topic: str
+    stamp_ns: int
+    order: Order
+
+
+#: Takes the next message of a topic: its content, and its number among those of its publisher.
+Take = Callable[[], tuple[bytes, int | None] | None]
+
+
+#: Returns stamp and order of a message; raises a ValueError that says why it is none.
+CommandReader = Callable[[bytes], tuple[int, Order]]
+
+
+class CommandTopic(NamedTuple):
+    """Where commands come from."""
+
+    topic: str
+    take: Take
+    publishers: Callable[[], int]  # how many there are
+    read: CommandReader
+
+
+def read_stop_command(content: bytes) -> tuple[int, Order]:
+    """Read a sensor_msgs/JointState as an order to the stops."""
+    message = decode(JOINT_STATE, content)
+    assert isinstance(message, JointState)
+    strange = [name for name in message.name if name not in ('stop_1', 'stop_2')]
+    if strange or not message.name:
+        held = shown(strange[0]) if strange else 'none'
+        raise CommandError(f'its joint is {held}: give stop_1, stop_2 or both')
+    count = len(message.name)
+    if len(set(message.name)) < count:
+        raise CommandError(f'it names {shown(message.name[0])} twice')
+    if len(message.position) != count or len(message.velocity) not in (0, count):
+        raise CommandError(
+            f'it has {counted(count, "joint")}, {counted(len(message.position), "position")} '
+            f'and {len(message.velocity)} velocities: give one position each, and one '
+            'velocity each or none'
+        )
+    places = {}
+    for name, place in zip(message.name, message.position, strict=True):
+        if place != place:
+            raise CommandError(f'{name} is nan: leave a joint out that is to stay')
+        places[name] = place
+    for name, velocity in zip(message.name, message.velocity, strict=False):
+        if velocity != velocity:
+            raise CommandError(f'the velocity of {name} is nan: give none, or 0 for any')
+        if velocity:
+            places[name.replace('stop', 'speed')] = abs(velocity)
+    return message.stamp_ns, Order(**places)
+
+
+def read_force_command(content: bytes) -> tuple[int, Order]:
+    """Read a geometry_msgs/WrenchStamped as the active force on M, along the axis."""
+    stamp_ns, _, force, *others = CdrReader(content).read(('time', 'string', *'dddddd'))
+    if force != force:
+        raise CommandError('force.x is nan')
+    if any(others):
+        raise CommandError('only force.x acts, along the axis: give 0 for the others')
+    return stamp_ns, Order(force=force)
+
+
+class _Flow:
+    """How fast the messages of a topic come, with those that others replaced in the queue."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock, self._since = clock, clock()
+        self._count = 0
+        self._last: int | None = None
+        self.flooded = False
+
+    def take(self, number: int | None) -> None:
+        step = 1 if number is None or self._last is None else number - self._last
+        # Another publisher counts from 1 on.
+        self._count += max(1, step)
+        self._last = number
+        span = self._clock() - self._since
+        if self._count > FLOOD * FLOOD_SPAN_S or span > FLOOD_SPAN_S:
+            self.flooded = self._count > FLOOD * max(span, FLOOD_SPAN_S)
+            self._since, self._count = self._clock(), 0
+
+
+class CommandInbox:
+    """
+    Takes the commands that have come; for the engine's thread.
+
+    Parameters
+    ----------
+    topics : sequence of CommandTopic
+        Where they come from.
+    clock : callable
+        Monotonic clock in seconds, for tests.
+    """
+
+    def __init__(
+        self, topics: Sequence[CommandTopic] = (), clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._topics = [(topic, _Flow(clock)) for topic in topics]
+        self.refused = 0
+        self.reason = ''
+
+    def take(self) -> list[Command]:
+        """Return the commands that have come and can be read."""
+        found = []
+        for topic, flow in self._topics:
+            for _ in range(DEPTH):
+                taken = topic.take()
+                if taken is None:
+                    break
+                content, number = taken
+                flow.take(number)
+                try:
+                    found.append(self._read(topic, flow, content))
+                except ValueError as error:
+                    self.refuse(topic.topic, error)
+        return found
+
+    @staticmethod
+    def _read(topic: CommandTopic, flow: _Flow, content: bytes) -> Command:
+        if flow.flooded:
+            raise CommandError(f'more than {FLOOD:g} commands per second: publish them less often')
+        if (count := topic.publishers()) > 1:
+            raise CommandError(f'there are {count} publishers: stop all but one')
+        return Command(topic.topic, *topic.read(content))
+
+    def refuse(self, topic: str, reason: object) -> None:
+        """Note that a command was not carried out."""
+        self.refused += 1
+        self.reason = f'{topic}: {reason}'

@@ -1,0 +1,182 @@
+"""A controller outside the node: commands over DDS, refusals, watchdog; recorded and replayed."""
+
+import math
+import time
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+
+from impact_damper_ros.cli.replay_run import main as replay_run
+from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, stamp_ns, until
+
+SPACE = '/plant'
+ACTUATORS = {'gap_min': 0.002, 'gap_max': 0.5, 'actuator_speed': 0.5, 'actuator_delay': 0.004}
+
+
+class Plant:
+    """A rig that is controlled from outside, and the client that does so."""
+
+    def __init__(self, client, process, runs):
+        self.client, self.process, self.runs = client, process, runs
+        self.parameters = RigParametersClient(client, f'{SPACE}/sim_node')
+        self.acts = client.listen(JointState, f'{SPACE}/gap_control')
+        self.states = client.listen(JointState, f'{SPACE}/joint_states')
+        self.reports = client.listen(DiagnosticArray, '/diagnostics')
+        make = client.node.create_publisher
+        self.stops = make(JointState, f'{SPACE}/stop_commands', QoSProfile(depth=10))
+        self.force = make(WrenchStamped, f'{SPACE}/force_command', QoSProfile(depth=10))
+        until(lambda: self.states or not process.running(), 'no joint states come')
+        assert process.running(), process.output
+        for publisher in (self.stops, self.force):
+            until(lambda p=publisher: p.get_subscription_count() == 1)
+
+    def send_stops(self, *places, names=('stop_1', 'stop_2'), velocity=(), stamp=None):
+        message = JointState(name=names, position=places, velocity=velocity)
+        if stamp is not None:
+            message.header.stamp = stamp
+        self.stops.publish(message)
+
+    def send_force(self, x, y=0.0):
+        message = WrenchStamped()
+        message.wrench.force.x, message.wrench.force.y = x, y
+        self.force.publish(message)
+
+    def orders(self, since=0):
+        """Return stamp, positions, speeds and force of the orders that were carried out."""
+        return [
+            (stamp_ns(m.header.stamp), *m.position[:2], *m.velocity[:2], m.effort[2])
+            for m in self.acts[since:]
+            if m.name[-1] == 'order'
+        ]
+
+    def report(self):
+        """Return message and values of the last report on the controller."""
+        for report in reversed(list(self.reports)):
+            for status in report.status:
+                if status.name == f'{SPACE[1:]}/sim_node: controller':
+                    return status.message, {v.key: v.value for v in status.values}
+        return '', {}
+
+    def obeyed(self, send, count=1):
+        """Send commands until so many more orders are carried out; return the last."""
+        before = len(self.acts)
+
+        def done():
+            send()
+            time.sleep(0.01)
+            return len(self.orders(before)) >= count
+
+        until(done)
+        return self.orders(before)[-1]
+
+    def refused(self, send, words):
+        """Send a command and wait for the report that it was refused, with a reason."""
+        before = int(self.report()[1].get('Commands refused', 0))
+        send()
+        until(lambda: int(self.report()[1]['Commands refused']) > before, self.report)
+        assert words in self.report()[1]['Last refusal']
+
+
+@pytest.fixture(scope='module')
+def plant(tmp_path_factory):
+    directory = tmp_path_factory.mktemp('plant')
+    process = SimProcess(
+        directory,
+        (f'__ns:={SPACE}',),
+        predict_motion=False,
+        gap_control='external',
+        command_timeout=0.0,
+        bag_directory=directory / 'runs',
+        **ACTUATORS,
+        **LIVELY,
+    )
+    try:
+        with RigClient() as client:
+            plant = Plant(client, process, directory / 'runs')
+            until(lambda: plant.report()[1])
+            yield plant
+        assert process.stop() == 0, process.output
+        assert 'a callback failed' not in process.output, process.output
+    finally:
+        process.kill()
+
+
+def same(a, b):
+    return all(x == y or (x != x and y != y) for x, y in zip(a, b, strict=True))
+
+
+def test_commands_are_carried_out_and_replayed_bit_for_bit(plant, capsys):
+    assert plant.parameters.set(record=True) == ''
+    _, *order = plant.obeyed(lambda: plant.send_stops(0.008, -0.006))
+    assert same(order, (0.008, -0.006, math.nan, math.nan, math.nan))
+    # One stop alone, at a speed
+    send = {'names': ['stop_2'], 'velocity': [-0.2]}
+    _, *order = plant.obeyed(lambda: plant.send_stops(-0.009, **send))
+    assert same(order, (math.nan, -0.009, math.nan, 0.2, math.nan))
+    _, *order = plant.obeyed(lambda: plant.send_force(2.5))
+    assert same(order, (*[math.nan] * 4, 2.5))
+    # Many of both
+    for k in range(60):
+        plant.send_stops(0.008 + 0.001 * math.sin(k), -0.008)
+        plant.send_force(math.cos(k))
+        time.sleep(0.003)
+    assert plant.parameters.set(gap_control='off') == ''
+    assert plant.parameters.set(gap_control='external') == ''
+    plant.obeyed(lambda: plant.send_force(-1.0), 3)
+    moved = {m.name[-1] for m in plant.acts}
+    assert {'order', 'command', 'arrived'} <= moved
+    assert plant.parameters.set(record=False) == ''
+    (bag,) = plant.runs.iterdir()
+    assert replay_run([str(bag)]) == 0, capsys.readouterr()
+
+
+def test_what_cannot_be_carried_out_is_refused_with_its_reason(plant):
+    nan = math.nan
+    acts = len(plant.acts)
+    for send, words in (
+        (lambda: plant.send_stops(nan, -0.01), 'stop_1 is nan'),
+        (lambda: plant.send_stops(0.3, -0.01), 'stop_1 is 0.3 m'),
+        (lambda: plant.send_stops(-0.01, 0.01), 'stop_1 must be above stop_2'),
+        (lambda: plant.send_stops(0.01, names=['elbow']), "'elbow'"),
+        (lambda: plant.send_stops(0.01), '2 joints, 1 position'),
+        (lambda: plant.send_stops(0.01, -0.01, velocity=[nan, 0.1]), 'velocity of stop_1'),
+        (lambda: plant.send_force(nan), 'force.x is nan'),
+        (lambda: plant.send_force(1.0, 2.0), 'only force.x'),
+    ):
+        plant.refused(send, words)
+    late = plant.states[0].header.stamp
+    assert plant.parameters.set(command_timeout=0.01) == ''
+    plant.refused(lambda: plant.send_stops(0.01, -0.01, stamp=late), 'late')
+    assert plant.parameters.set(command_timeout=0.0) == ''
+    assert plant.parameters.set(gap_control='off') == ''
+    plant.refused(lambda: plant.send_stops(0.01, -0.01), 'set gap_control to external')
+    assert plant.parameters.set(gap_control='external') == ''
+    assert all(m.name[-1] != 'order' for m in plant.acts[acts:] if m.position[0] == 0.01)
+    # A controller of the same topic as well
+    other = plant.client.node.create_publisher(JointState, f'{SPACE}/stop_commands', 10)
+    until(lambda: other.get_subscription_count() == 1)
+    plant.refused(lambda: plant.send_stops(0.01, -0.01), '2 publishers')
+    plant.client.node.destroy_publisher(other)
+    plant.obeyed(lambda: plant.send_stops(0.01, -0.01))
+
+
+def test_the_watchdog_parks_the_stops(plant):
+    assert plant.parameters.set_atomically(command_timeout=0.2, force_limit=3.0) == ''
+    _, *order = plant.obeyed(lambda: plant.send_force(-1e3))
+    assert order[-1] == -3.0
+    last_ns, *_ = plant.obeyed(lambda: plant.send_stops(0.02, -0.02))
+    until(lambda: plant.report()[1]['Stops parked'] == 'True')
+    assert 'the stops are parked' in plant.report()[0]
+    *_, parked = plant.orders()
+    half = 0.5 * float(LIVELY['gap'])
+    assert same(parked[1:], (half, -half, math.nan, math.nan, parked[-1]))
+    # At the first tick after the time is over
+    assert 0.2e9 < parked[0] - last_ns <= 0.2e9 + 1e9 / 200
+    assert 0.0 in [order[-1] for order in plant.orders()]
+    assert int(plant.report()[1]['Forces limited']) > 0
+    assert plant.parameters.set_atomically(command_timeout=0.0, force_limit=0.0) == ''
+    plant.obeyed(lambda: plant.send_stops(0.02, -0.02))
+    until(lambda: plant.report()[1]['Stops parked'] == 'False')
