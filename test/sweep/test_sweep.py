@@ -213,14 +213,6 @@ def test_pandas_alone_reads_the_table(tmp_path, suffix):
     assert plain.period.isna()[1]
 
 
-def test_table_reads_as_an_xarray_dataset():
-    pytest.importorskip('xarray')
-    table = sweep(grid_of(gap=[24, 30], restitution_1=[0.7, 0.75], friction=[0, 0.1]))
-    grid = table.set_index(['gap', 'restitution_1', 'friction']).x_max.to_xarray()
-    assert grid.shape == (2, 2, 2)
-    assert grid.sel(gap=30.0, restitution_1=0.75, friction=0.0) == table.x_max[6]
-
-
 def test_a_journal_of_other_inputs_is_refused(tmp_path):
     path = tmp_path / 'sweep.parquet'
     with Journal(journal_path(path), TOGETHER.inputs()) as journal:
