@@ -62,7 +62,7 @@ from .commands import (
     CommandReader,
     CommandTopic,
     read_force_command,
-    stop_command_reader,
+    read_stop_command,
 )
 from .diagnostics import Diagnostics
 from .engine import Done, Engine, EngineCallbacks, EngineSettings, Request
@@ -349,7 +349,7 @@ class SimNode(Node):
     def _command_topics(self) -> list[CommandTopic]:
         """Return the topics of commands, which the engine's thread takes by itself."""
         return [
-            self._command_topic(JointState, 'stop_commands', stop_command_reader()),
+            self._command_topic(JointState, 'stop_commands', read_stop_command),
             self._command_topic(WrenchStamped, 'force_command', read_force_command),
         ]
 
@@ -397,6 +397,9 @@ class SimNode(Node):
         turned = rig is not None and rig.force_frequencies != before.rig.force_frequencies
         if turned and (hint := frequency_hint(after.rig)):
             self.get_logger().warning(hint)
+        if after.real_time_factor != before.real_time_factor:
+            self.engine.set_pace(after.real_time_factor)
+            self._diagnostics.factor = after.real_time_factor
         if after.predict_motion != before.predict_motion:
             self._theory.enable(after.predict_motion)
             self._follow_theory()
