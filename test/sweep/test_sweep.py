@@ -124,12 +124,13 @@ def test_an_ensemble_has_the_motions_of_single_rigs():
     assert 6 <= table.settled.sum() < 9
     for row, gap in enumerate(grid.axes[0].values):
         alone = steady_state(Rig(RIG.replace(gap=gap), START, compiled=None), settling)
-        assert table.settled[row] == (alone.period > 0)
-        if alone.period:
-            assert table.motion[row] == alone.kind.value
-            assert table.stops[row] == ','.join(alone.stops)
-            assert table.x_max[row] == pytest.approx(alone.x_max, rel=1e-7)
-            assert table.largest_multiplier[row] == pytest.approx(alone.multiplier, rel=1e-6)
+        assert table.settled[row] == alone['settled']
+        if alone['settled']:
+            assert table.motion[row] == alone['motion']
+            assert table.stops[row] == alone['stops']
+            assert table.x_max[row] == pytest.approx(alone['x_max'], rel=1e-7)
+            multiplier = pytest.approx(alone['largest_multiplier'], rel=1e-6)
+            assert table.largest_multiplier[row] == multiplier
 
 
 def test_an_ensemble_with_several_forces_and_rest_on_a_stop():
