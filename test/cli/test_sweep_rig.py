@@ -175,17 +175,16 @@ def test_killed_sweep_loses_nothing_and_goes_on(tmp_path):
     assert table.read_bytes() == whole.read_bytes()
 
 
-@pytest.mark.parametrize(('number', 'jobs'), [(signal.SIGINT, '2'), (signal.SIGTERM, '1')])
-def test_interrupt_says_how_to_go_on(tmp_path, number, jobs):
+def test_an_interrupted_sweep_says_how_to_go_on(tmp_path):
     table = tmp_path / 'cut.parquet'
-    process = started(*LONG, '--jobs', jobs, '-o', str(table))
+    process = started(*LONG, '--jobs', '2', '-o', str(table))
     try:
         wait_for_rigs(tmp_path / 'cut.parquet.part', 1)
-        process.send_signal(number)
+        process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=100)
     finally:
         process.kill()
-    assert process.returncode == 128 + number
+    assert process.returncode == 128 + signal.SIGINT
     assert 'interrupted' in said
     assert 'of 120 rigs are in' in said
     assert 'give the same command again to resume' in said
