@@ -9,7 +9,13 @@ NAME = 'impact_damper_ros'
 # colcon links this file into a directory of its own.
 README = Path(__file__).resolve().with_name('README.md')
 SHARE = f'share/{NAME}'
-EXAMPLES = ('examples', 'examples/paper', 'examples/gap_control', 'examples/gallery')
+EXAMPLES = (
+    'examples',
+    'examples/paper',
+    'examples/gap_control',
+    'examples/gallery',
+    'examples/controllers',
+)
 
 setup(
     name=NAME,

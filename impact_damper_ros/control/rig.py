@@ -68,10 +68,11 @@ from impact_damper_ros.rig.transition import begin_from, move_stops, place_stops
 
 from .actuator import MOST_ORDERS, settle_stops
 from .controller import Control, ControlSettings, forget_all, next_sample, relearn_laws
-from .loop import run_compiled, run_through, write_act
+from .loop import measure, run_compiled, run_through, write_act
 from .order import Order
 from .own_law import Law, LawError, OwnLaw
 from .record import Action, ActRow, ControlRecord
+from .sensors import Measurement
 
 #: Steps of a search between two calls of `interrupted`; few flights take more.
 _STEPS_AT_A_STRETCH = 4
@@ -883,6 +884,12 @@ class Rig:
             speed,
         )
         return events_of(rows, self._run.written)
+
+    def measure(self, index: int) -> Measurement:
+        """Return what the sensors see now; the index of the sample chooses their noise."""
+        run, control = self._run, self._control
+        seen: Measurement = measure(self._rig, self._lines, run, self._waves, control, index)
+        return seen
 
     def order(self, order: Order) -> list[Event]:
         """

@@ -90,6 +90,7 @@ class EngineSettings(NamedTuple):
     publish_clock: bool
     real_time_priority: int = 0  # of the thread, if it is permitted; 0: ordinary scheduling
     node: str = ''  # full name of the node, for its snapshots
+    controller: NodeSettings = NodeSettings()  # what a controller outside sees, and its limits
 
 
 class EngineCallbacks(NamedTuple):
@@ -125,6 +126,8 @@ PAUSED_NAP_S = 0.02
 PAUSED_PERIOD_NS = 100_000_000
 #: Longest stride in wall time: impacts are sent, and requests served, at least so often.
 STRIDE_NS = 20_000_000
+#: Wall time in lock-step after which a measurement is sent again, and between looks at requests.
+SEND_AGAIN_S, LOCK_STEP_NAP_S = 0.2, 0.02
 #: Messages by which a recording may be behind before a free-running rig waits for it.
 LOG_BACKLOG = 20_000
 
@@ -171,7 +174,7 @@ class Engine:
     ) -> None:
         self.failure: Exception | None = None
         self._rig = Rig(parameters, initial, control=control)
-        self.controller = ExternalControl(self._rig, inbox or CommandInbox(), NodeSettings())
+        self.controller = ExternalControl(self._rig, inbox or CommandInbox(), settings.controller)
         self._publishers = publishers
         self._callbacks = callbacks
         self._grid = TickGrid(settings.state_rate)
@@ -202,7 +205,10 @@ class Engine:
             publishers,
             self._grid,
             MotionTrace.at(parameters, self._rig.snapshot()),
-            ticks_ahead(self._grid.instant(1), settings.real_time_factor),
+            # A rig that is measured stops at the instants of that, too.
+            1
+            if settings.controller.measurement_rate
+            else ticks_ahead(self._grid.instant(1), settings.real_time_factor),
         )
         # Whether the rig has another motion since the last snapshot; also at the start
         self._new_course = True
@@ -344,7 +350,7 @@ class Engine:
         self._stamps.begin()
         self._pacer.anchor(0)
         self._serve()
-        self._obey()
+        self._attend()
         self._publish_states()
         while not self._stopping.is_set():
             if self._paused or self._held:
@@ -361,7 +367,7 @@ class Engine:
             if self._slipped:
                 self._catch_up()
             self._serve()
-            self._obey()
+            self._attend()
             self._publish_states()
             if self._step_done is not None and self._step_done():
                 self._end_step()
@@ -377,6 +383,8 @@ class Engine:
         target_ns = due_ns
         if not self._free_running:
             target_ns = min(due_ns, self._time_ns + self._stride_ns)
+        if (next_ns := self.controller.next_ns()) is not None:
+            target_ns = min(target_ns, max(next_ns, self._time_ns + 1))
         offset_ns = self._stamps.offset_ns
         try:
             moved = self._motion.move_to(self._time_ns, target_ns, self._tick + 1, offset_ns)
@@ -391,7 +399,7 @@ class Engine:
         self._pacer.pause_until(moved.time_ns)
         self._time_ns = moved.time_ns
         self._serve()
-        self._obey()
+        self._attend()
         return False
 
     def _interrupted(self) -> bool:
@@ -504,6 +512,40 @@ class Engine:
         if self._news:
             self._announce(self._news)
             self._news = ''
+
+    def _attend(self) -> None:
+        """Show a controller what is due, and carry out its commands that have come."""
+        for sent in self.controller.measurements(self._time_ns, self._stamps.offset_ns):
+            self._out.emit(self._publishers['measurements'], sent.content, self.stamp_ns())
+            if self.controller.waits:
+                self._await_command(sent.content)
+        self._obey()
+
+    def _await_command(self, measurement: bytes) -> None:
+        """Wait in lock-step for the command to a measurement."""
+        begun = time.monotonic()
+        end, again = begun + self.controller.settings.lock_step_timeout, begun + SEND_AGAIN_S
+        self._obey()
+        while self.controller.waits and not self._stopping.is_set():
+            if self._paused or self._held:
+                self._hold()
+                end = time.monotonic() + self.controller.settings.lock_step_timeout
+            self.controller.wait(LOCK_STEP_NAP_S)
+            self._serve()
+            self._obey()
+            now = time.monotonic()
+            if now >= again:
+                self._out.publish(self._publishers['measurements'], measurement)
+                again = now + SEND_AGAIN_S
+            if now >= end and self.controller.waits:
+                self.controller.give_up()
+                self._callbacks.on_trouble(
+                    f'no command has come for {now - begun:.3f} s: the rig in lock-step goes on '
+                    'without'
+                )
+        if time.monotonic() - begun > SEND_AGAIN_S:
+            # Rig time does not make up for it.
+            self._pacer.anchor(self._time_ns)
 
     def _obey(self) -> None:
         """Carry out the commands of a controller that have come."""
