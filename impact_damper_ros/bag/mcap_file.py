@@ -22,7 +22,7 @@ from typing import BinaryIO
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError, RecordLengthLimitExceeded
+from mcap.exceptions import EndOfFile, McapError, RecordLengthLimitExceeded
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
@@ -32,6 +32,7 @@ from mcap.records import (
     Header,
     McapRecord,
     Message,
+    MessageIndex,
     Metadata,
     Schema,
     Statistics,
@@ -54,7 +55,7 @@ _LEAST = 16
 #: Bytes that are expanded at once.
 _PIECE = 1024 * 1024
 #: How a message begins that rosbag2 has compressed by itself. No encapsulation of CDR does.
-_ZSTD = b'\x28\xb5\x2f\xfd'
+ZSTD = b'\x28\xb5\x2f\xfd'
 
 #: Opcode and length of a record.
 _HEAD = struct.Struct('<BQ')
@@ -176,7 +177,7 @@ class McapFile:
             self._check_summary(stream, data_end, size - _END_LENGTH, footer)
 
     def _records(self, stream: BinaryIO) -> Iterator[McapRecord]:
-        reader = StreamReader(
+        reader = _RecordReader(
             stream, emit_chunks=True, validate_crcs=True, record_size_limit=LARGEST
         )
         try:
@@ -274,19 +275,20 @@ class McapFile:
         found: list[tuple[int, int, bytes]] = []
         counts: dict[int, int] = {}
         latest: dict[int, int] = {}
-        position, end = 0, len(records)
+        position, end, message = 0, len(records), int(Opcode.MESSAGE)
         while position + _HEAD.size <= end:
             opcode, length = _HEAD.unpack_from(records, position)
             start = position + _HEAD.size
-            if start + length > end:
-                break
             position = start + length
-            if opcode == Opcode.MESSAGE:
+            if position > end:
+                position = start - _HEAD.size
+                break
+            if opcode == message:
                 channel, _, stamp_ns, _ = _MESSAGE.unpack_from(records, start)
-                counts[channel] = counts.get(channel, 0) + 1
                 if stamp_ns < latest.get(channel, 0) and self.disordered_ns is None:
                     self.disordered_ns = stamp_ns
                 latest[channel] = stamp_ns
+                counts[channel] = counts.get(channel, 0) + 1
                 if channels is None or channel in channels:
                     found.append((channel, stamp_ns, records[start + _MESSAGE.size : position]))
                     if len(found) > _MOST_MESSAGES:
@@ -315,9 +317,20 @@ _DAMAGE = (
 )
 
 
+class _RecordReader(StreamReader):
+    """Reads records, the indexes of messages empty: they are long, and nothing here uses them."""
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if opcode != Opcode.MESSAGE_INDEX:
+            return super()._read_record(opcode, length)
+        if len(self._stream.read(length)) < length:
+            raise EndOfFile
+        return MessageIndex(0, [])
+
+
 def _records_from(stream: BinaryIO) -> Iterator[McapRecord]:
     """Yield the records from the present place of a file on."""
-    reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=LARGEST)
+    reader = _RecordReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=LARGEST)
     return iter(reader.records)
 
 
@@ -369,7 +382,7 @@ def _expanded(packed: bytes, size: int) -> bytes:
 
 def plain_content(content: bytes) -> bytes:
     """Return a message as it was sent: rosbag2 may compress each one by itself."""
-    if content[:4] != _ZSTD:
+    if content[:4] != ZSTD:
         return content
     try:
         size = zstandard.get_frame_parameters(content).content_size

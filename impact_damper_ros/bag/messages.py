@@ -430,7 +430,11 @@ _MOST_LAYOUTS = 8
 
 
 class JointStateColumns:
-    """Reads the joint states of one topic: the first `counts` numbers of each kind, by joints."""
+    """
+    Reads the joint states of one topic: the first `counts` numbers of each kind, by joints.
+
+    After the names of the joints, one more may say what a message is about: an act.
+    """
 
     def __init__(self, joints: tuple[str, ...], counts: tuple[int, int, int]) -> None:
         self._joints, self._counts = joints, counts
@@ -439,21 +443,21 @@ class JointStateColumns:
     def _layout(self, content: bytes) -> JointStateLayout:
         layout = JointStateLayout(content)
         whole = layout.counts[:2] == (len(layout.names),) * 2
-        if layout.names != self._joints or not whole or layout.counts[2] < self._counts[2]:
+        here, more = layout.names[: len(self._joints)], layout.names[len(self._joints) :]
+        few = any(n < needed for n, needed in zip(layout.counts, self._counts, strict=True))
+        if here != self._joints or len(more) > 1 or not whole or few:
             held = ', '.join(layout.names) or 'none'
             raise CdrError(f'its joints are {held}, not {", ".join(self._joints)}')
         # The oldest are the commonest
         self._layouts = [*self._layouts[: _MOST_LAYOUTS - 1], layout]
         return layout
 
-    def read(
-        self, contents: Sequence[bytes]
-    ) -> tuple[NDArray[np.int64], NDArray[np.str_], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return stamps, ns, frames and numbers of messages, and which of them can be read."""
+    def read(self, contents: Sequence[bytes]) -> tuple[NDArray[Any], ...]:
+        """Return stamps, ns, frames, acts and numbers of messages, and which can be read."""
         import numpy as np
 
         stamps = np.zeros(len(contents), dtype=np.int64)
-        frames = [''] * len(contents)
+        frames, acts = (np.full(len(contents), '', dtype='U16') for _ in range(2))
         numbers = np.zeros((len(contents), sum(self._counts)))
         readable = np.ones(len(contents), dtype=np.bool_)
         sizes = np.fromiter(map(len, contents), dtype=np.int64, count=len(contents))
@@ -474,7 +478,6 @@ class JointStateColumns:
                 at = left[fits]
                 if len(at):
                     stamps[at], numbers[at] = layout.columns(rows[fits], self._counts)
-                for i in at.tolist() if layout.frame_id else ():
-                    frames[i] = layout.frame_id
+                frames[at], acts[at] = layout.frame_id, ''.join(layout.names[len(self._joints) :])
                 left, rows = left[~fits], rows[~fits]
-        return stamps, np.array(frames, dtype=np.str_), numbers, readable
+        return stamps, frames, acts, numbers, readable

@@ -50,8 +50,9 @@ def recording_notes(node: str, names: Mapping[str, str]) -> dict[str, str]:
 AXIS_JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
 JOINTS = (*AXIS_JOINTS, 'incline')
 IMPACT_JOINTS = AXIS_JOINTS[:2]
-#: Frame of the joint states that a rig repeats while it is paused; they are no samples.
-PAUSED_FRAME = 'paused'
+#: Last name, with zeros, in the joint states that a rig repeats while it is paused; they are no
+#: samples.
+PAUSED_ACT = 'paused'
 
 _Numbers = tuple[float, ...]
 
@@ -89,13 +90,13 @@ class RigMessages:
 
     def __init__(self) -> None:
         self._states = JointStateLayout.of('', JOINTS, 5, 5, 0)
-        self._paused = JointStateLayout.of(PAUSED_FRAME, JOINTS, 5, 5, 0)
+        self._paused = JointStateLayout.of('', (*JOINTS, PAUSED_ACT), 6, 6, 0)
         self._measurement = JointStateLayout.of('', AXIS_JOINTS, 4, 4, 0)
         self._impacts = {
             stop: JointStateLayout.of(f'stop_{stop}', IMPACT_JOINTS, 2, 2, 2) for stop in (1, 2)
         }
         self._control = {
-            action: JointStateLayout.of(action.name.lower(), CONTROL_JOINTS, 3, 3, 3)
+            action: JointStateLayout.of('', (*CONTROL_JOINTS, action.name.lower()), 4, 4, 4)
             for action in Action
         }
 
@@ -107,7 +108,8 @@ class RigMessages:
         self, stamp_ns: int, sample: Sample, deflection: float, angle: float
     ) -> bytes:
         """Return the joint states that a paused rig repeats."""
-        return self._paused.filled(stamp_ns, *state_numbers(sample, deflection, angle))
+        positions, velocities = state_numbers(sample, deflection, angle)
+        return self._paused.filled(stamp_ns, (*positions, 0.0), (*velocities, 0.0))
 
     def measurement(
         self, stamp_ns: int, positions: Sequence[float], velocities: Sequence[float]

@@ -16,7 +16,7 @@ from impact_damper_ros.rig.quoting import counted, shown
 
 from .errors import RecordingError
 from .foreign import Unpacked
-from .mcap_file import McapFile, open_file, plain_content
+from .mcap_file import ZSTD, McapFile, open_file, plain_content
 from .messages import DECODABLE, CdrError, Message, decode
 from .metadata import (
     PART,
@@ -290,8 +290,8 @@ class RunReader:
             for start, number, place, block in queue:
                 ready = bisect_left(pending, start, key=itemgetter(0))
                 yield from (entry[-1] for entry in pending[:ready])
-                held -= sum(len(entry[-1].content) + _HELD_EACH for entry in pending[:ready])
                 del pending[:ready]
+                held = sum(len(entry[-1].content) + _HELD_EACH for entry in pending)
                 file = self.files[number]
                 if stream is None or opened != number:
                     # One at a time: of a long run there are more than may be open.
@@ -305,7 +305,9 @@ class RunReader:
                 messages = file.read(stream, block, wanted)
                 for index, (channel, stamp_ns, content) in enumerate(messages):
                     topic, kind = wanted[channel]
-                    plain = self._plain(topic, stamp_ns, content)
+                    plain = content
+                    if content.startswith(ZSTD):
+                        plain = self._plain(topic, stamp_ns, content)
                     record = RecordedMessage(topic, kind, stamp_ns, plain)
                     pending.append((stamp_ns, number, place, index, record))
                     held += len(plain) + _HELD_EACH

@@ -28,7 +28,7 @@ from .command_line import (
     text_stream,
     write_json,
 )
-from .rig_options import announce
+from .rig_options import add_recorded_law_option, announce
 
 _DESCRIPTION = """\
 Compare a recorded run with the periodic theory. The run is divided where its parameters change and
@@ -51,6 +51,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = command_parser('compare_run', _DESCRIPTION, _EPILOG)
     add_bag_argument(parser)
     add_node_option(parser)
+    add_recorded_law_option(parser)
     add_json_option(parser)
     page = 'write an HTML report with plots, and the result as JSON beside it'
     add_path_option(parser, '--report', page, 'DIR')
@@ -86,7 +87,9 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
 
             return reached
 
-        return compare_bag(arguments.bag, arguments.node, rig, progress=progress)
+        return compare_bag(
+            arguments.bag, arguments.node, rig, law=arguments.law, progress=progress
+        )
 
 
 def _write_report(arguments: argparse.Namespace, comparison: RunComparison, command: str) -> Path:

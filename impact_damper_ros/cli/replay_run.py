@@ -36,7 +36,7 @@ from .command_line import (
     text_stream,
     write_json,
 )
-from .rig_options import GivenRig, announce, overridden
+from .rig_options import GivenRig, add_recorded_law_option, announce, overridden
 
 _DESCRIPTION = """\
 Replay a recorded run from its own log. Without --set, every recorded sample and impact is computed
@@ -66,6 +66,7 @@ def _parser() -> argparse.ArgumentParser:
         '--set gap=0.03; may be repeated',
     )
     add_node_option(parser)
+    add_recorded_law_option(parser)
     add_json_option(parser)
     add_path_option(parser, '--figure', 'draw the recorded run and the what-if')
     states = 'write the replayed states (with --set, those of the what-if) as CSV (- : stdout)'
@@ -157,7 +158,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             check_file(arguments.json)
         if arguments.figure is not None:
             check_figure(arguments.figure)
-        replay = Replay(RecordedRun(arguments.bag, arguments.node))
+        replay = Replay(RecordedRun(arguments.bag, arguments.node, law=arguments.law))
         if arguments.set:
             # A misspelt name is reported at once
             logged = Setting.of(replay.start.state)

@@ -14,10 +14,12 @@ from typing import Any, NamedTuple
 from impact_damper_ros.control import (
     GAP_CONTROL_SPECS,
     GapControlParameters,
+    LawError,
     OwnLaw,
     TimedChange,
 )
 from impact_damper_ros.rig import (
+    ALL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
     SETTING_SPECS,
@@ -81,6 +83,24 @@ def add_law_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_recorded_law_option(parser: argparse.ArgumentParser) -> None:
+    """Let a command that replays a bag take the law of the user's own that moved its stops."""
+    parser.add_argument(
+        '--law',
+        type=_law,
+        metavar='MODULE:FUNCTION',
+        help='the law of your own with which the run was recorded: a bag only names it. Modules '
+        'in the current directory are found',
+    )
+
+
+def _law(text: str) -> OwnLaw:
+    try:
+        return OwnLaw.from_text(text)
+    except LawError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
 def given_law(text: str | None, control: GapControlParameters) -> tuple[Any, GapControlParameters]:
     """Return the law of ``--law``, None without one, and the control with it."""
     if text is None:
@@ -131,7 +151,7 @@ def values_of(
                 f'{option}{named(setting)}: there is no parameter {named(name)} to set: {remedy}'
             )
         try:
-            values[name] = _value(text)
+            values[name] = _typed(name, text)
         except YamlError as error:
             # The line would be that of a file
             reason = str(error).removeprefix('line 1: ')
@@ -139,6 +159,16 @@ def values_of(
                 f'{option}{named(setting)}: {shown(text)} is not a value: {reason}'
             ) from error
     return values
+
+
+def _typed(name: str, text: str) -> Any:
+    """Read the value of a parameter, which may have a unit."""
+    value = _value(text)
+    entries = value if isinstance(value, list) else [value]
+    spec = ALL_SPECS.get(name)
+    if spec is None or spec.low is None or not any(isinstance(e, str) for e in entries):
+        return value
+    return spec.read(text)
 
 
 def _value(text: str) -> Any:

@@ -15,8 +15,9 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -26,6 +27,9 @@ from .command_line import command_parser, end_node, outcome, say
 
 COMMAND = 'rig_page'
 NODE_END_S = 10.0
+#: How often is looked whether the node lives, the pause before it is started again, doubled each
+#: time, and how long it must live for the first pause to hold again, which is the longest one, s.
+_LOOK_S, _FIRST_PAUSE_S, _LIVED_S = 0.2, 0.5, 30.0
 _PR_SET_PDEATHSIG = 1
 
 
@@ -91,21 +95,42 @@ def _without_ros_arguments(arguments: Sequence[str]) -> list[str]:
     return kept
 
 
-def _started(params: Path | None) -> subprocess.Popen[bytes] | None:
-    """Start the node of a rig, if one is to be started; ValueError if it is not a rig."""
-    if params is None:
-        return None
-    file = preset_file(params)
-    load_parameters(file)
-    libc = ctypes.CDLL(None)
-    # However this process ends, the node does, too; it finishes its recording then.
-    return subprocess.Popen(
-        [
-            *(sys.executable, '-m', 'impact_damper_ros.node.sim_node', '--ros-args'),
-            *('--params-file', str(file)),
-        ],
-        preexec_fn=lambda: libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM),
-    )
+class _Node:
+    """The node of a rig, which is started again if it ends by itself."""
+
+    def __init__(self, file: Path, tell: Callable[[str], object]) -> None:
+        self._file = file
+        self._tell = tell
+        self._begin()
+
+    def _begin(self) -> None:
+        libc = ctypes.CDLL(None)
+        self._began = time.monotonic()
+        # However this process ends, the node does, too; it finishes its recording then.
+        self._process = subprocess.Popen(
+            [
+                *(sys.executable, '-m', 'impact_damper_ros.node.sim_node', '--ros-args'),
+                *('--params-file', str(self._file)),
+            ],
+            preexec_fn=lambda: libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM),
+        )
+
+    async def watch(self) -> None:
+        """Start it again whenever it has ended; ever later if it does not live long."""
+        pause = _FIRST_PAUSE_S
+        while True:
+            while (code := self._process.poll()) is None:
+                await asyncio.sleep(_LOOK_S)
+            lived = time.monotonic() - self._began
+            pause = _FIRST_PAUSE_S if lived > _LIVED_S else min(2.0 * pause, _LIVED_S)
+            how = f'by signal {-code}' if code < 0 else f'with code {code}'
+            self._tell(f'the node has ended {how}: it is started again')
+            await asyncio.sleep(pause)
+            self._begin()
+
+    def end(self) -> None:
+        """End it."""
+        end_node(self._process, NODE_END_S)
 
 
 def _open(url: str) -> None:
@@ -120,9 +145,15 @@ async def _serve(arguments: argparse.Namespace) -> int:
     from impact_damper_ros.page.gate import Gate
     from impact_damper_ros.page.recordings import Recordings
     from impact_damper_ros.page.server import PageServer
+    from impact_damper_ros.replay import RecordedRun
 
     gate = Gate(arguments.host, arguments.name)
     recordings = Recordings(arguments.bag or arguments.recordings, listed=arguments.bag is None)
+    # What cannot be shown is rejected before anything starts.
+    if arguments.start is not None:
+        load_parameters(preset_file(arguments.start))
+    if recordings.single:
+        RecordedRun(arguments.bag, purpose='play')
     if arguments.bag is None:
         from impact_damper_ros.page.ros_client import RosClient
 
@@ -137,30 +168,37 @@ async def _serve(arguments: argparse.Namespace) -> int:
     try:
         await server.start(arguments.port)
     except OSError as error:
+        other = arguments.port % 65535 + 1
         say(
             COMMAND,
             f'cannot listen on {gate.host}, port {arguments.port}: {error.strerror or error}: '
-            'give another --host or --port',
+            f'give another --host or --port, as in: make page ARGS="--port {other}"',
         )
         await server.close()
         return 1
-    print(f'{COMMAND}: the page is at {gate.url()}', flush=True)
-    if gate.tokens:
-        print(f'{COMMAND}: to watch only: {gate.url("watch")}', flush=True)
-    if arguments.open:
-        loop.run_in_executor(None, _open, gate.url())
-    await end.wait()
-    await server.close()
-    return 0
 
+    def tell(text: str) -> None:
+        say(COMMAND, text)
+        server.notify(f'{text[0].upper()}{text[1:]}.')
 
-def _work(arguments: argparse.Namespace) -> int:
-    node = _started(arguments.start)
+    node = watch = None
+    if arguments.start is not None:
+        node = _Node(preset_file(arguments.start), tell)
+        watch = loop.create_task(node.watch())
     try:
-        return asyncio.run(_serve(arguments))
+        print(f'{COMMAND}: the page is at {gate.url()}', flush=True)
+        if gate.tokens:
+            print(f'{COMMAND}: to watch only: {gate.url("watch")}', flush=True)
+        if arguments.open:
+            loop.run_in_executor(None, _open, gate.url())
+        await end.wait()
+        await server.close()
     finally:
+        if watch is not None:
+            watch.cancel()
         if node is not None:
-            end_node(node, NODE_END_S)
+            node.end()
+    return 0
 
 
 def _missing(arguments: argparse.Namespace) -> str:
@@ -174,10 +212,10 @@ def _missing(arguments: argparse.Namespace) -> str:
         return 'rclpy is missing: source ROS 2, or play a recording with --bag'
     if arguments.bag is not None and not arguments.bag.exists():
         return f'{arguments.bag}: there is no such bag or directory'
-    if arguments.bag is not None and arguments.bag.is_file():
+    if arguments.bag is not None:
         from impact_damper_ros.page.recordings import Recordings
 
-        if not Recordings(arguments.bag).single:
+        if not Recordings(arguments.bag).names():
             return f'{arguments.bag} is no bag: give a file .mcap or .db3, or a directory of bags'
     return ''
 
@@ -193,7 +231,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments.node = '/sim_node'
     for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
         os.environ.setdefault(name, '1')
-    return outcome(COMMAND, lambda: _work(arguments))
+    return outcome(COMMAND, lambda: asyncio.run(_serve(arguments)))
 
 
 if __name__ == '__main__':

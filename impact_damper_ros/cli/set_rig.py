@@ -38,8 +38,8 @@ def _parser() -> argparse.ArgumentParser:
         'settings',
         nargs='*',
         metavar='NAME=VALUE',
-        help='a parameter and its new value, as in gap=0.012 or force_amplitudes=[2.4]; without '
-        'any, all parameters are listed',
+        help='a parameter and its new value, as in gap=0.012, gap="12 mm" or '
+        'force_amplitudes=[2.4]; without any, all parameters are listed',
     )
     parser.add_argument(
         '--node', metavar='NAME', help='full name of the node of the rig, if several run'
@@ -138,11 +138,12 @@ def ros_node(name: str) -> Iterator[Any]:
 
 
 def listed(values: Mapping[str, Any]) -> str:
-    """Return name, value, unit and range of parameters, one in a line."""
+    """Return name, value, unit, range and usual range of parameters, one in a line."""
     rows = []
     for name, value in values.items():
         text = setting(tuple(value)) if hasattr(value, 'tolist') else setting(value)
-        rows.append((name, text, ALL_SPECS[name].unit, ALL_SPECS[name].span))
+        spec = ALL_SPECS[name]
+        rows.append((name, text, spec.unit, spec.span, spec.usual_span))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return '\n'.join(
         '  '.join(f'{text:<{width}}' for text, width in zip(row, widths, strict=True)).rstrip()

@@ -174,11 +174,14 @@ def _print_parameters() -> int:
 def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
     """Return name, unit, range, default and meaning of every parameter, in Markdown."""
     rows = [
-        (f'`{spec.name}`', spec.unit, spec.span, setting(spec.default), spec.description)
+        (
+            *(f'`{spec.name}`', spec.unit, spec.span, spec.usual_span),
+            *(setting(spec.default), spec.description),
+        )
         for group in groups
         for spec in group.values()
     ]
-    head = ('parameter', 'unit', 'range', 'default', 'meaning')
+    head = ('parameter', 'unit', 'range', 'usual', 'default', 'meaning')
     return Table.of_rows(head, rows).markdown() + '\n'
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.control import OwnLaw
 from impact_damper_ros.replay import Difference, Findings, RecordedRun, Replay
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.quoting import counted
@@ -114,6 +115,7 @@ def compare_bag(
     node: str | None = None,
     parameters: RigParameters | None = None,
     *,
+    law: OwnLaw | None = None,
     progress: Callable[[str, float], Progress] = _unseen,
 ) -> RunComparison:
     """
@@ -127,6 +129,8 @@ def compare_bag(
         Name or namespace of the node, if there are several rigs in the bag.
     parameters : RigParameters, optional
         The rig, for a bag that does not name its parameters.
+    law : OwnLaw, optional
+        The law that moved the stops, for a rig with one of the user's own.
     progress : callable, optional
         Called at the begin with ``'compared'`` and the length of the run in s; what it returns is
         called now and then with the rig time reached, s.
@@ -142,7 +146,7 @@ def compare_bag(
         If the bag cannot be read, or holds no rig.
     """
     path = Path(path)
-    recorded = RecordedRun(path, node, purpose='compare', snapshot_needed=False)
+    recorded = RecordedRun(path, node, purpose='compare', snapshot_needed=False, law=law)
     reader = recorded.reader
     span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
     reached = progress('compared', span)

@@ -92,7 +92,8 @@ class Integrals(NamedTuple):
     """What adds up over flights; energies in J."""
 
     covered: float  # time, s
-    squares: float  # of X, m^2 s
+    total: float  # of X, m s
+    squares: float  # of X^2, m^2 s
     force: float  # work of the force on M; NaN if its phase is not known, as the next
     dashpot: float
     friction: float
@@ -316,7 +317,7 @@ class Flights:
         """
         rows, rig = self.rows, self.rig
         largest = float(np.abs(rows['x']).max(initial=0.0)) if len(rows) else math.nan
-        covered = squares = 0.0
+        covered = total = squares = 0.0
         force = dashpot = math.nan
         if self.drive is not None:
             force = dashpot = 0.0
@@ -327,6 +328,7 @@ class Flights:
             x, velocity, _, push = self.motion(flat, points.ravel())
             weights = (step[:, None] * _WEIGHTS).ravel()
             # Sums and not products of vectors, whose bits depend on the number of threads
+            total = float(np.sum(weights * x))
             squares = float(np.sum(weights * x * x))
             force = float(np.sum(weights * push * velocity))
             dashpot = rig.damping * float(np.sum(weights * velocity * velocity))
@@ -341,6 +343,7 @@ class Flights:
         impact = hits['kind'] == EventKind.IMPACT
         found = Integrals(
             covered,
+            total,
             squares,
             force,
             dashpot,

@@ -92,7 +92,9 @@ def period_of(stretch: RecordedStretch, impacts: Events, cycle: float) -> Period
 def rig_at_end(stretch: RecordedStretch) -> Rig | None:
     """Return the rig at the end of a stretch; None if its force is not known."""
     if stretch.at_end:
-        return Rig.restore(dict(stretch.at_end))
+        # A law of the user's own, which is not in the state, does nothing where no control acts.
+        control = {n: v for n, v in stretch.at_end['gap_control'].items() if n != 'law'}
+        return Rig.restore({**stretch.at_end, 'gap_control': control})
     clock, flights = stretch.clock, stretch.flights
     if clock is None or not len(flights.rows):
         return None

@@ -355,7 +355,7 @@ def _drive_of(snapshot: Snapshot, time: float) -> Drive:
 
 def _state_row(state: Mapping[str, Any]) -> Events:
     """Return the state of a snapshot as a row."""
-    rig = Rig.restore(dict(state))
+    rig = Rig.resume(Snapshot.from_dict(dict(state)))
     row = rows_of_samples(samples_as_rows([rig.sample()]), STATE)
     row['mode'], row['stop'] = rig.mode, rig.state().run.last_stop
     return row

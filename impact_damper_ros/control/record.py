@@ -89,15 +89,15 @@ class ControlRecord(NamedTuple):
         ]
 
     @property
-    def frame_id(self) -> str:
-        """Name of the action in the topic `gap_control`."""
+    def act(self) -> str:
+        """Name of the action, as the topic `gap_control` has it after those of the joints."""
         return self.action.name.lower()
 
     @property
-    def numbers(self) -> tuple[tuple[float, float, float], ...]:
-        """Positions, velocities and efforts of `CONTROL_JOINTS`, as in the topic."""
+    def numbers(self) -> tuple[tuple[float, float, float, float], ...]:
+        """Positions, velocities and efforts of `CONTROL_JOINTS`, and zeros for the act."""
         return (
-            (self.target_1, self.target_2, self.amplitude),
-            (self.velocity_1, self.velocity_2, self.x_rate),
-            (self.energy_1, self.energy_2, self.force),
+            (self.target_1, self.target_2, self.amplitude, 0.0),
+            (self.velocity_1, self.velocity_2, self.x_rate, 0.0),
+            (self.energy_1, self.energy_2, self.force, 0.0),
         )

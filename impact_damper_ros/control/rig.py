@@ -1071,8 +1071,8 @@ def _restored(held: dict[str, Any] | None, rig: Rig) -> tuple[GapControlParamete
         if kept is not None:
             if rig.own_law is None:
                 raise LawError(
-                    f'its stops were moved by the law {kept["name"]}, which is no part of it: '
-                    'give the law, too'
+                    f'its stops were moved by the law {kept["name"]}, which it only names: give '
+                    'the law, too'
                 )
             control.memory[:] = map(float, kept['memory'])
         index = control.controller.sample_index

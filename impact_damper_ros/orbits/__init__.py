@@ -12,7 +12,7 @@ from impact_damper_ros.lazy_names import lazy_names
 if TYPE_CHECKING:
     from .arguments import OrbitError, plausible_stops
     from .branch import BestPoint, Branch, BranchPoint, Limit, SpecialKind, SpecialPoint
-    from .continuation import follow, grow_branch, switch_branch
+    from .continuation import follow, switch_branch
     from .orbit import OrbitEvent, PeriodicOrbit, Rhythm
     from .recurrence import MotionKind, Period, Section, find_period
     from .search import OrbitSearch, StartReport, find_orbits
@@ -42,7 +42,6 @@ __all__ = [
     'find_orbits',
     'find_period',
     'follow',
-    'grow_branch',
     'orbit_near',
     'plausible_stops',
     'settle',
@@ -55,7 +54,7 @@ __getattr__ = lazy_names(
     {
         'arguments': ('OrbitError', 'plausible_stops'),
         'branch': ('BestPoint', 'Branch', 'BranchPoint', 'Limit', 'SpecialKind', 'SpecialPoint'),
-        'continuation': ('follow', 'grow_branch', 'switch_branch'),
+        'continuation': ('follow', 'switch_branch'),
         'orbit': ('OrbitEvent', 'PeriodicOrbit', 'Rhythm'),
         'recurrence': ('MotionKind', 'Period', 'Section', 'find_period'),
         'search': ('OrbitSearch', 'StartReport', 'find_orbits'),

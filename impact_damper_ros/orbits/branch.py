@@ -228,19 +228,17 @@ class Branch:
                 found.append(self._edge(i, point))
         return min(found, key=lambda best: size(best.orbit), default=None)
 
-    def joined(self, other: Branch) -> Branch:
-        """Return a branch that was followed downwards, and one upwards, from a motion, as one."""
-        if not self.points or self.ended == CLOSES:
-            return self if self.points else other
+    def reversed(self) -> Branch:
+        """Return the branch from its last point to its first."""
         back = (Piece(piece.curve, piece.end, piece.start) for piece in self._pieces[::-1])
-        turned = replace(
+        return replace(
             self,
             points=self.points[::-1],
             special=self.special[::-1],
             began=self.ended,
+            ended=self.began,
             _pieces=tuple(back),
         )
-        return turned.extended(other)
 
     def extended(self, further: Branch) -> Branch:
         """Return the branch with one that goes on from its last point."""

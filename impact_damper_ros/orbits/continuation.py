@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from operator import itemgetter
 from typing import NamedTuple
@@ -223,17 +223,13 @@ def _edge(curve: SolutionCurve, here: CurvePoint, step: float) -> tuple[float, C
     return bound, last
 
 
-def _grow(curve: SolutionCurve, point: CurvePoint) -> Iterator[Branch]:
-    """Step along a branch until it leaves the bounds, ends or closes; see `grow_branch`."""
+def _grow(curve: SolutionCurve, point: CurvePoint) -> Branch:
+    """Step along a branch until it leaves the bounds, ends or closes."""
     along = curve.along
     points = [BranchPoint(curve.value(point.place), point.orbit)]
     pieces: list[Piece] = []
-
-    def branch(ended: str = '') -> Branch:
-        return Branch(name=along.name, points=tuple(points), special=(), ended=ended)
-
-    yield branch()
     here, step = point, _FIRST_STEP * along.largest_step
+    least = _LEAST_STEP * along.largest_step
     ended = f'{along.most_points} points'
     while len(points) < along.most_points:
         edge = _edge(curve, here, step)
@@ -250,12 +246,16 @@ def _grow(curve: SolutionCurve, point: CurvePoint) -> Iterator[Branch]:
             or (edge is None and not along.holds(curve.value(there.place)))
         ):
             step *= 0.5
-            if step >= _LEAST_STEP * along.largest_step:
+            if step >= least:
                 continue
             ended = NONE_NEARBY
             break
         if edge is not None:
+            ended = f'{along.name} = {edge[0]:g}, {END}'
             step = float((there.place - here.place) @ here.tangent)
+            if step < least:
+                # It begins there
+                break
         if fresh is None:
             pieces.append(Piece(curve, here, there))
         else:
@@ -266,17 +266,14 @@ def _grow(curve: SolutionCurve, point: CurvePoint) -> Iterator[Branch]:
         here = there
         points.append(BranchPoint(curve.value(here.place), here.orbit))
         if edge is not None:
-            ended = f'{along.name} = {edge[0]:g}, {END}'
             break
         round_again = len(points) > 4 and all(piece.curve is curve for piece in pieces)
         if round_again and np.linalg.norm(here.place - point.place) < 0.5 * step:
             ended = CLOSES
             break
-        yield branch()
         step = min(along.largest_step, _GROWTH * step)
-    # The special points take as long as all the rest.
-    yield branch(ended)
-    yield _with_special_points(branch(ended), pieces)
+    branch = Branch(name=along.name, points=tuple(points), special=(), ended=ended)
+    return _with_special_points(branch, pieces)
 
 
 def _with_special_points(branch: Branch, between: Sequence[Piece]) -> Branch:
@@ -353,54 +350,21 @@ def follow(
     58.128
     """
     along = Steps(path, low, high, start, largest_step, most_points)
-    down, up = ([*_grown(orbit, along, upwards)][-1] for upwards in (False, True))
-    return down.joined(up)
+    down, up = (_one_way(orbit, along, upwards) for upwards in (False, True))
+    if not down.points or down.ended == CLOSES:
+        return down if down.points else up
+    return down.reversed().extended(up)
 
 
-def grow_branch(
-    orbit: PeriodicOrbit,
-    path: Path,
-    low: float,
-    high: float,
-    *,
-    upwards: bool = True,
-    start: float | None = None,
-    largest_step: float = 0.05,
-    most_points: int = 400,
-) -> Iterator[Branch]:
-    """
-    Follow a periodic motion in one direction, point by point.
-
-    Parameters
-    ----------
-    orbit, path, low, high, start, largest_step, most_points
-        As of `follow`.
-    upwards : bool, optional
-        Whether the parameter rises at first.
-
-    Yields
-    ------
-    Branch
-        The branch so far, after each point. The last but one is complete except for its special
-        points (`ended` is why it ended); the last one includes them.
-
-    Raises
-    ------
-    OrbitError
-        If the motion is outside the range, or the parameter cannot be varied.
-    """
-    return _grown(orbit, Steps(path, low, high, start, largest_step, most_points), upwards)
-
-
-def _grown(orbit: PeriodicOrbit, along: Steps, upwards: bool) -> Iterator[Branch]:
+def _one_way(orbit: PeriodicOrbit, along: Steps, upwards: bool) -> Branch:
+    """Follow a motion while the parameter rises, or falls, at first."""
     value = along.value(orbit.parameters)
     scale = abs(value) or max(abs(along.low), abs(along.high))
     curve = SolutionCurve(orbit, along, value, scale)
     point = curve.at_value(curve.start, value, 1.0 if upwards else -1.0)
     if point is None:
-        yield Branch(name=along.name, points=(), special=(), ended='no motion to begin with')
-        return
-    yield from _grow(curve, point)
+        return Branch(name=along.name, points=(), special=(), ended='no motion to begin with')
+    return _grow(curve, point)
 
 
 def switch_branch(
@@ -447,4 +411,4 @@ def switch_branch(
     point = curve.correct(curve.start + _FIRST_STEP * largest_step * direction, direction)
     if point is None:
         return Branch(name=along.name, points=(), special=(), ended='no branch found')
-    return [*_grow(curve, point)][-1]
+    return _grow(curve, point)

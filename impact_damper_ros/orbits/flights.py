@@ -9,7 +9,6 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.event import ROWS_AT_ONCE, EventRow
 from impact_damper_ros.rig.flight import (
     NO_EVENT,
     Motion,
@@ -99,12 +98,12 @@ class Flight:
         strike(*self.machine, there.run, there.waves, [], there.run.last_stop)
         return there.begun()
 
-    def resolved(self) -> tuple[Flight, list[EventRow]]:
-        """Return the flight after the event that ends this one, and the events as rows."""
-        there, rows = self.copy(), [EventRow() for _ in range(ROWS_AT_ONCE)]
-        there.run.room, there.run.written = len(rows), 0
-        resolve(*self.machine, there.run, there.waves, rows)
-        return there.begun(), rows[: there.run.written]
+    def resolved(self) -> Flight:
+        """Return the flight after the event that ends this one."""
+        there = self.copy()
+        there.run.room = 0
+        resolve(*self.machine, there.run, there.waves, [])
+        return there.begun()
 
 
 def flight_at(
@@ -180,3 +179,43 @@ def flight_at_impact(
     beyond = 0.0 if stop == 1 else -2.0 * machine.constants.half_gap
     resting = STICK if relative == 0.0 else 0
     return flight_at(machine, instant, x, velocity, beyond, relative, resting, stop)
+
+
+#: Largest number of events that are followed in one trajectory.
+_MOST_EVENTS = 2000
+
+
+class FlightPart(NamedTuple):
+    """One flight of a trajectory: its start from the beginning of that, s, and what ends it."""
+
+    start: float
+    duration: float
+    flight: Flight
+    ending: int
+
+    @property
+    def mode(self) -> int:
+        """The mode of the motion."""
+        return self.flight.run.mode
+
+
+class Trajectory(NamedTuple):
+    """Motion from one instant to a later one."""
+
+    flights: list[FlightPart]
+    end: Flight
+
+
+def follow_trajectory(flight: Flight, duration: float) -> Trajectory | None:
+    """Follow the motion for a time, s; return None if it has more events than are followed."""
+    flights: list[FlightPart] = []
+    elapsed = 0.0
+    for _ in range(_MOST_EVENTS):
+        left = duration - elapsed
+        kind, span = flight.first_event(left)
+        flights.append(FlightPart(elapsed, span, flight, kind))
+        if kind == NO_EVENT:
+            return Trajectory(flights, flight.after(left))
+        flight = flight.resolved()
+        elapsed += span
+    return None

@@ -1,17 +1,14 @@
 """
 Motions that do not repeat: quasi-periodic, chaotic, or not settled.
 
-Besides the largest Lyapunov exponent, two tests use values taken once in a cycle. That of
-weighted averages [1]_ compares the averages over both halves of a motion, with weights that
-vanish smoothly at the ends: for a quasi-periodic motion they agree to ever more digits, for a
-chaotic one as badly as random numbers. The 0-1 test [2]_ drives a walk in the plane, which stays
-bounded for a regular motion (K near 0) and diffuses for a chaotic one (K near 1); for slowly
-decaying correlations it needs a thousand values.
+Besides the largest Lyapunov exponent, a test uses values taken once in a cycle: that of weighted
+averages [1]_ compares the averages over both halves of a motion, with weights that vanish smoothly
+at the ends. For a quasi-periodic motion they agree to ever more digits, for a chaotic one as badly
+as random numbers.
 
 References
 ----------
 .. [1] E. Sander, J. D. Meiss, Physica D 411, 132569 (2020).
-.. [2] G. A. Gottwald, I. Melbourne, SIAM J. Appl. Dyn. Syst. 8, 129-145 (2009).
 """
 
 from __future__ import annotations
@@ -24,9 +21,6 @@ import numpy as np
 from .recurrence import MotionKind
 from .response import Array
 
-#: Numbers that the 0-1 test needs at least, and takes at most.
-_LEAST_NUMBERS, _MOST_NUMBERS = 100, 1000
-_FREQUENCIES = 60
 #: A motion is chaotic if the exponent is so many standard errors above zero, a deviation grows by
 #: more than e to this power over the time measured, and the weighted averages are apart by more
 #: than this.
@@ -123,24 +117,3 @@ def quiet_phase(phases: Array) -> float:
     gaps = np.diff(np.append(inside, inside[0] + 1.0))
     widest = int(gaps.argmax())
     return float(inside[widest] + 0.5 * gaps[widest]) % 1.0
-
-
-def zero_one_test(values: Array, seed: int = 1) -> float:
-    """Return the K of the 0-1 test: near 0 for regular, near 1 for chaotic sequences."""
-    values = values[-_MOST_NUMBERS:]
-    n = len(values)
-    if n < _LEAST_NUMBERS or float(values.std()) == 0.0:
-        return math.nan
-    mean = float(values.mean())
-    values = (values - mean) / float(values.std())
-    reach = n // 10
-    steps = np.arange(1, n + 1)
-    lags = np.arange(1, reach + 1)
-    found = []
-    for frequency in np.random.default_rng(seed).uniform(0.2 * np.pi, 0.8 * np.pi, _FREQUENCIES):
-        walk = np.cumsum(values * np.exp(1j * frequency * steps))
-        moved = np.array(
-            [np.mean(np.abs(walk[lag : lag + n - reach] - walk[: n - reach]) ** 2) for lag in lags]
-        )
-        found.append(np.corrcoef(lags, moved)[0, 1])
-    return float(np.median(found))

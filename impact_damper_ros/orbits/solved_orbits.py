@@ -27,11 +27,17 @@ from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
 
 from .arguments import MOST_CYCLES, check_forcing, checked_whole, single_harmonic
 from .extremes import largest_displacement
-from .flights import Flight, flight_at_impact, machine_of
+from .flights import (
+    Flight,
+    FlightPart,
+    Trajectory,
+    flight_at_impact,
+    follow_trajectory,
+    machine_of,
+)
 from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
 from .response import Array
 from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
-from .trajectory import FlightPart, Trajectory, follow_trajectory
 from .viability import why_not_viable
 
 #: How often the nodes are read anew where a solution turns out to have others.

@@ -7,7 +7,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from impact_damper_ros.control import GAP_CONTROL_SPECS
-from impact_damper_ros.rig import ALL_SPECS, PARAMETER_SPECS
+from impact_damper_ros.rig import ALL_SPECS, PARAMETER_SPECS, ParameterError
+from impact_damper_ros.rig.units import UNITS
+
+from .source import RequestError
 
 #: The most important parameters.
 _FIRST = (
@@ -37,6 +40,8 @@ def knobs_of(values: Mapping[str, Any]) -> list[dict[str, Any]]:
             'description': spec.description,
             'min': spec.low,
             'max': spec.high,
+            'usual': spec.usual,
+            'units': [unit for unit in UNITS[spec.unit] if unit],
             'read_only': spec.effect == 'start',
             'choices': spec.choices,
             'group': group(name),
@@ -45,6 +50,20 @@ def knobs_of(values: Mapping[str, Any]) -> list[dict[str, Any]]:
         for name, spec in ALL_SPECS.items()
         if name in values
     ]
+
+
+def read_values(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of a request; what was typed is a text, and the unit it is shown in."""
+    read = dict(values)
+    for name, value in values.items():
+        if isinstance(value, dict):
+            if name not in ALL_SPECS:
+                raise RequestError(f'{name[:80]} is not a parameter')
+            try:
+                read[name] = as_json(ALL_SPECS[name].read(str(value['text']), str(value['unit'])))
+            except ParameterError as error:
+                raise RequestError(str(error)) from None
+    return read
 
 
 def as_json(value: Any) -> Any:

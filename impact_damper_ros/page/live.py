@@ -20,14 +20,14 @@ from impact_damper_ros.bag.messages import (
     JointStateColumns,
     decode,
 )
-from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_FRAME
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_ACT
 from impact_damper_ros.bag.snapshots import FORMAT
 from impact_damper_ros.replay.command import parsed
 from impact_damper_ros.replay.rows import Table
 from impact_damper_ros.rig.snapshot import Snapshot
 
 from .frames import PAUSED, View
-from .knobs import as_json, knobs_of
+from .knobs import as_json, knobs_of, read_values
 from .motion import Era, ForcePhase, Motion
 from .numbers import numbers_of
 from .presets import load_presets, preset_with
@@ -224,14 +224,14 @@ class LiveRig(Source):
         """Return messages of a topic as tables, each of one era."""
         if not contents:
             return []
-        stamps_ns, frames, numbers, readable = self._columns[topic].read(contents)
-        table = Table(stamps_ns, stamps_ns, frames, numbers)[readable]
+        stamps_ns, *held, readable = self._columns[topic].read(contents)
+        table = Table(stamps_ns, stamps_ns, *held)[readable]
         if topic == 'joint_states' and table.size:
-            self._paused = bool(table.frame[-1] == PAUSED_FRAME)
+            self._paused = bool(table.act[-1] == PAUSED_ACT)
             stamp, now = table.stamp_ns[-1] / 1e9, time.time()
             self._epoch = stamp if abs(stamp - now) < _WALL_S else now
             # A paused rig repeats its last sample.
-            table = table[table.frame != PAUSED_FRAME]
+            table = table[table.act != PAUSED_ACT]
         if len(self._eras) == 1:
             return [(self._eras[0], table)]
         places = self._places(table.stamp_ns.tolist())
@@ -366,8 +366,9 @@ class LiveRig(Source):
         kind = message['type']
         try:
             if kind == 'set':
-                reason = await self.link.set(dict(message['values']))
-                return {'ok': not reason, 'reason': reason}
+                values = read_values(message['values'])
+                reason = await self.link.set(values)
+                return {'ok': not reason, 'reason': reason, 'values': values}
             if kind == 'preset':
                 return await self._take_preset(message['name'])
             if kind == 'service':

@@ -20,7 +20,7 @@ from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.theory import TheoryProcess
 
 from .frames import PAUSED, View
-from .knobs import as_json, knobs_of
+from .knobs import as_json, knobs_of, read_values
 from .motion import Era, ForcePhase, Motion
 from .numbers import numbers_of
 from .presets import preset_with
@@ -280,7 +280,9 @@ class Player(Source):
         elif kind == 'jump':
             self._jump(message['to'], int(message['direction']))
         elif kind == 'what_if':
-            self._what_if(dict(message['values'] or {}))
+            values = read_values(message['values'] or {})
+            self._what_if(values)
+            return {'ok': True, 'reason': '', 'values': values}
         elif kind == 'service' and message['name'] in _STEPS:
             self._jump(_STEPS[message['name']], 1)
         elif kind == 'service' and message['name'] == 'pause':

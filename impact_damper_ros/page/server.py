@@ -213,6 +213,10 @@ class PageServer:
             self._list = listed
             self._send({'type': 'recordings', 'list': listed})
 
+    def notify(self, text: str) -> None:
+        """Show a text on all pages for a while."""
+        self._send({'type': 'notice', 'text': text})
+
     def _send(self, message: dict[str, Any]) -> None:
         for client in list(self._clients):
             client.put(message)
@@ -445,7 +449,7 @@ class _Socket(_Guarded, WebSocketHandler):
         except RequestError as error:
             text = json.dumps({'type': 'status', 'state': 'gone', 'text': str(error)[:2000]})
             await self.write_message(text)
-            self.close(4404, 'not found')
+            self.close(4404)
         else:
             if self.ws_connection is None or self.ws_connection.is_closing():
                 self.on_close()

@@ -17,7 +17,13 @@ from typing import Any, NamedTuple, Self
 from impact_damper_ros.bag import RecordedMessage, RecordingError, String
 from impact_damper_ros.bag.messages import STRING, decode
 from impact_damper_ros.bag.snapshots import FORMAT, RATES, motion_of
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters, Rig
+from impact_damper_ros.control import (
+    GAP_CONTROL_SPECS,
+    GapControlParameters,
+    LawError,
+    OwnLaw,
+    Rig,
+)
 from impact_damper_ros.control.controller import initial_state
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
@@ -132,6 +138,8 @@ class Command(NamedTuple):
     arithmetic, mathematics : int
         Of the version that recorded it, see `rig.snapshot.ARITHMETIC`, and of its machine, see
         `bag.snapshots.mathematics`.
+    law : OwnLaw or None
+        The law of the user's own that moves its stops, which the snapshot only names.
     """
 
     stamp_ns: int
@@ -147,6 +155,7 @@ class Command(NamedTuple):
     state: dict[str, Any]
     arithmetic: int
     mathematics: int
+    law: OwnLaw | None = None
 
     @property
     def time(self) -> float:
@@ -177,7 +186,9 @@ def _deed(name: object, value: Any) -> Deed:
     raise ValueError(f'{shown(name)} with {shown(value)} is nothing that is done to a rig')
 
 
-def read_command(record: RecordedMessage, path: Path, purpose: str) -> Command:
+def read_command(
+    record: RecordedMessage, path: Path, purpose: str, law: OwnLaw | None = None
+) -> Command:
     """Decode and check the snapshot of a bag at `path`, which is read for a purpose."""
     where = f'the snapshot of {record.topic} at {record.stamp_ns} ns'
     try:
@@ -194,14 +205,19 @@ def read_command(record: RecordedMessage, path: Path, purpose: str) -> Command:
         remedy = 'use the version of impact_damper_ros that recorded the bag'
         raise RecordingError(purpose, path, cause, remedy)
     try:
-        return _checked(held)
+        return _checked(held, law)
+    except LawError as error:
+        remedy = 'compare_run and replay_run take it as --law MODULE:FUNCTION'
+        raise RecordingError(purpose, path, f'{where} cannot be used: {error}', remedy) from error
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         said = str(error) if isinstance(error, ValueError) else repr(error)
         what = 'cannot be used' if isinstance(error, ValueError) else 'is not complete'
         raise RecordingError(purpose, path, f'{where} {what}: {said}') from error
 
 
-def _checked(held: dict[str, Any]) -> Command:
+def _checked(held: dict[str, Any], law: OwnLaw | None) -> Command:
+    # Other rigs of the bag may have no law of the user's own.
+    law = law if 'law' in held['state']['gap_control'] else None
     offset_ns, time_ns = held['stamp_offset_ns'], held['time_ns']
     text = f'stamp_offset_ns is {shown(offset_ns)} and time_ns {shown(time_ns)}'
     if type(offset_ns) is not int or type(time_ns) is not int or time_ns < 0:
@@ -225,8 +241,9 @@ def _checked(held: dict[str, Any]) -> Command:
         rate=held['rate'],
         done=tuple(_deed(name, value) for name, value in held['done']),
         initial=InitialConditions(**held['initial']),
-        state=_checked_state(held['state']),
+        state=_checked_state(held['state'], law),
         **numbers,
+        law=law,
     )
 
 
@@ -261,12 +278,12 @@ def _check_time(state: Mapping[str, Any], time: float) -> None:
         )
 
 
-def _checked_state(state: dict[str, Any]) -> dict[str, Any]:
+def _checked_state(state: dict[str, Any], law: OwnLaw | None) -> dict[str, Any]:
     """Check that a rig can be restored from a state, and return that."""
     control = state['gap_control']['state']
     try:
         _check_control('gap_control.state', control, initial_state())
-        check_numbers('sample', Rig.restore(state).sample())
+        check_numbers('sample', Rig.restore(state, law).sample())
         return state
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
         raise ValueError(f'{type(error).__name__}: {error}') from error
@@ -282,7 +299,7 @@ def restored(command: Command, path: Path) -> Rig:
     # Not to an instant that is reached already: such an advance cannot be interrupted
     then, fault = min(nextafter(now, inf), LATEST), ''
     with suppress(RunawayError):
-        rig = Rig.restore(motion_of(command.state))
+        rig = Rig.restore(motion_of(command.state), command.law)
         events = rig.advance(then, 2, lambda: next(looks, None) is None)
         if events and events[0].time < now - SAME_TIME:
             fault = f'ends at {events[0].time!r} s, before time, {now!r} s'
@@ -291,7 +308,7 @@ def restored(command: Command, path: Path) -> Rig:
     if fault:
         cause = f'the flight from origin.time in the snapshot at {command.stamp_ns} ns {fault}'
         raise RecordingError('replay', path, cause)
-    return Rig.restore(command.state)
+    return Rig.restore(command.state, command.law)
 
 
 #: Lengths allowed for lists of the control's state that do not keep their length.

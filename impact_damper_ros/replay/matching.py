@@ -60,8 +60,10 @@ class Matcher:
         self._last: tuple[Any, ...] = ()
         self._findings, self._stamped = findings, stamped
         self._key = key
-        joints, effort = (IMPACT_JOINTS, 'N s') if key == 'impacts' else (CONTROL_JOINTS, 'J')
-        self.fields = [('stamp', 'ns'), ('frame_id', ''), *_names(joints, effort)]
+        impacts = key == 'impacts'
+        joints = IMPACT_JOINTS if impacts else (*CONTROL_JOINTS, 'the act')
+        self.fields = [('stamp', 'ns'), ('frame_id', ''), ('act', '')]
+        self.fields += _names(joints, 'N s' if impacts else 'J')
         self._what = 'impact' if key == 'impacts' else 'act of the gap control'
         self._recorded: list[Table] = []
         self._expected: list[Table] = []
@@ -134,7 +136,7 @@ class Matcher:
                     # Copied, as where recordings that overlap are joined
                     self._disorder.note(TWICE, self.topic, [row[0]])
                 else:
-                    self.differ(row[0], self._what, '', row[1], None)
+                    self.differ(row[0], self._what, '', row[1] or row[2], None)
         self._last = there[-1] if there else self._last
 
     @staticmethod
@@ -143,6 +145,7 @@ class Matcher:
             recorded.size == expected.size
             and np.array_equal(recorded.stamp_ns, expected.stamp_ns)
             and np.array_equal(recorded.frame, expected.frame)
+            and np.array_equal(recorded.act, expected.act)
             and np.array_equal(bits(recorded.numbers), bits(expected.numbers))
         )
 
@@ -160,7 +163,7 @@ class Matcher:
         elif not self._stamped or any(g.from_ns <= row[0] <= g.to_ns for g in self._gaps):
             self._count('missing_{}', 1)
         else:
-            self.differ(row[0], self._what, '', None, row[1])
+            self.differ(row[0], self._what, '', None, row[1] or row[2])
 
     def differ(
         self, stamp_ns: int, quantity: str, unit: str, recorded: object, replayed: object
@@ -176,23 +179,21 @@ class Matcher:
 
 
 def _rows(table: Table) -> list[tuple[Any, ...]]:
-    """Return stamp, frame and numbers, as bytes, of each message."""
-    numbers = np.ascontiguousarray(table.numbers)
-    return [
-        (stamp, str(frame), row.tobytes())
-        for stamp, frame, row in zip(table.stamp_ns.tolist(), table.frame, numbers, strict=True)
-    ]
+    """Return stamp, frame, act and numbers, as bytes, of each message."""
+    columns = [column.tolist() for column in (table.stamp_ns, table.frame, table.act)]
+    numbers = [row.tobytes() for row in np.ascontiguousarray(table.numbers)]
+    return [*zip(*columns, numbers, strict=True)]
 
 
 def _values(row: tuple[Any, ...]) -> Iterator[Any]:
-    yield from row[:2]
-    yield from np.frombuffer(row[2]).tolist()
+    yield from row[:-1]
+    yield from np.frombuffer(row[-1]).tolist()
 
 
 def differing_states(states: Table, numbers: Numbers, *, stamped: bool) -> NDArray[np.bool_]:
     """Return which joint states are not those of the replay, given its numbers."""
     differs: NDArray[np.bool_] = (bits(states.numbers) != bits(numbers)).any(axis=1)
-    differs |= states.frame != ''
+    differs |= (states.frame != '') | (states.act != '')
     if stamped:
         differs |= states.stamp_ns != states.log_ns
     return differs
@@ -224,7 +225,8 @@ def note_states(
             if repr(a) != repr(b)
         ]
         if states.stamp_ns[i] == states.log_ns[i] or not stamped:
-            wrong = wrong[1:] or [('frame_id', '', str(states.frame[i]), '')]
+            texts = ('frame_id', str(states.frame[i])), ('act', str(states.act[i]))
+            wrong = wrong[1:] or [(name, '', text, '') for name, text in texts if text]
         stamp_ns, time = int(states.log_ns[i]), float(times[i])
         found.append(
             max(

@@ -31,16 +31,17 @@ class Table:
     log_ns: Ints  # stamps of the recording, shape (n,)
     stamp_ns: Ints  # stamps in the messages, shape (n,)
     frame: NDArray[np.str_]  # frames, shape (n,)
+    act: NDArray[np.str_]  # what else than a state a message is about, shape (n,)
     numbers: Numbers  # positions, velocities and efforts, shape (n, k)
 
     def __getitem__(self, rows: Any) -> Table:
-        columns = (self.log_ns, self.stamp_ns, self.frame, self.numbers)
+        columns = (self.log_ns, self.stamp_ns, self.frame, self.act, self.numbers)
         return Table(*(column[rows] for column in columns))
 
     @classmethod
     def joined(cls, tables: Sequence[Table]) -> Table:
         """Return the messages of all tables, at least one."""
-        names = ('log_ns', 'stamp_ns', 'frame', 'numbers')
+        names = ('log_ns', 'stamp_ns', 'frame', 'act', 'numbers')
         return cls(*(np.concatenate([getattr(t, name) for t in tables]) for name in names))
 
     @property
@@ -100,22 +101,23 @@ def published_impacts(events: Events, rig: RigParameters, offset_ns: int) -> Tab
         ]
     )
     stamps_ns = stamps_of(hits['time'], offset_ns)
-    return Table(stamps_ns, stamps_ns, np.where(hits['stop'] == 1, 'stop_1', 'stop_2'), numbers)
+    frames = np.where(hits['stop'] == 1, 'stop_1', 'stop_2')
+    return Table(stamps_ns, stamps_ns, frames, np.full(len(hits), ''), numbers)
 
 
 def published_acts(records: Sequence[ControlRecord], offset_ns: int) -> Table:
     """Return the messages of acts of the gap control."""
     stamps_ns = stamps_of(np.array([record.time for record in records]), offset_ns)
-    numbers = np.array([sum(record.numbers, ()) for record in records]).reshape(-1, 9)
-    frames = np.array([record.frame_id for record in records], dtype=np.str_)
-    return Table(stamps_ns, stamps_ns, frames, numbers)
+    numbers = np.array([sum(record.numbers, ()) for record in records]).reshape(-1, 12)
+    acts = np.array([record.act for record in records], dtype=np.str_)
+    return Table(stamps_ns, stamps_ns, np.full(len(records), ''), acts, numbers)
 
 
 def orders_of(acts: Table, offset_ns: int) -> list[tuple[float, Order]]:
     """Return what a controller outside the rig ordered, among some acts, with the rig times, s."""
-    rows = np.flatnonzero(acts.frame == Action.ORDER.name.lower())
+    rows = np.flatnonzero(acts.act == Action.ORDER.name.lower())
     times = (acts.stamp_ns[rows] - offset_ns) / 1e9
-    chosen = acts.numbers[rows][:, [0, 1, 3, 4, -1]]
+    chosen = acts.numbers[rows][:, [0, 1, 4, 5, 10]]
     return [(t, Order(*row)) for t, row in zip(times.tolist(), chosen.tolist(), strict=True)]
 
 

@@ -35,8 +35,8 @@ from impact_damper_ros.bag.messages import (
     decode,
     header_ns,
 )
-from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_FRAME
-from impact_damper_ros.control import CONTROL_JOINTS, GAP_CONTROL_SPECS
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_ACT
+from impact_damper_ros.control import CONTROL_JOINTS, GAP_CONTROL_SPECS, OwnLaw
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 
 from .command import Command, parsed, read_command
@@ -54,7 +54,7 @@ _EXAMINED = 20
 _LAYOUTS: dict[str, tuple[tuple[str, ...], tuple[int, int, int]]] = {
     'joint_states': (JOINTS, (5, 5, 0)),
     'impacts': (IMPACT_JOINTS, (2, 2, 2)),
-    'gap_control': (CONTROL_JOINTS, (3, 3, 3)),
+    'gap_control': (CONTROL_JOINTS, (4, 4, 4)),
 }
 
 
@@ -121,6 +121,8 @@ class RecordedRun:
         Purpose of the reading, as a verb for messages.
     snapshot_needed : bool, optional
         Whether to refuse a bag without a snapshot.
+    law : OwnLaw, optional
+        The law that moves the stops, for a rig with one of the user's own.
 
     Attributes
     ----------
@@ -152,19 +154,22 @@ class RecordedRun:
         *,
         purpose: str = 'replay',
         snapshot_needed: bool = True,
+        law: OwnLaw | None = None,
     ) -> None:
         self.reader = RunReader(path)
-        self._purpose = purpose
+        self._purpose, self._law = purpose, law
         if not self.reader.message_count:
             cause = 'it holds no whole message'
             raise RecordingError(purpose, path, cause, 'record a run with record:=true')
-        self.topics, first = _find_rig(self.reader, node, purpose, snapshot_needed=snapshot_needed)
+        self.topics, first = _find_rig(
+            self.reader, node, purpose, law, snapshot_needed=snapshot_needed
+        )
         self.disorder = Disorder()
         self.early = 0
         self.damage: RecordingError | None = None
         self.start, at_once = None, True
         if first is not None:
-            self.start = read_command(first, self.reader.path, purpose)
+            self.start = read_command(first, self.reader.path, purpose, law)
             at_once = self.start.stamp_ns == first.stamp_ns
         if not self.reader.topics[self.topics.joint_states].message_count:
             cause = f'there is no message on {self.topics.joint_states}: nothing to compare'
@@ -256,7 +261,7 @@ class RecordedRun:
                 if record.topic in rows:
                     yield record
                 elif record.topic == names.snapshot:
-                    command = read_command(record, self.reader.path, self._purpose)
+                    command = read_command(record, self.reader.path, self._purpose, self._law)
                     self._check_stamp(record, command.stamp_ns)
                     yield command
                 elif self.stamped and (stated := self._stated(record)) is not None:
@@ -334,8 +339,8 @@ class _Tables:
         records = self._waiting[topic] if topic else []
         self._waiting[topic] = []
         log_ns = np.array([record.stamp_ns for record in records], dtype=np.int64)
-        stamps, frames, numbers, readable = columns.read([record.content for record in records])
-        table = Table(log_ns, stamps, frames, numbers)
+        *held, readable = columns.read([record.content for record in records])
+        table = Table(log_ns, *held)
         if not readable.all():
             disorder.note(UNREADABLE, topic, log_ns[~readable])
             table = table[readable]
@@ -346,7 +351,7 @@ class _Tables:
             wrong = table.stamp_ns != table.log_ns
             disorder.note(MISDATED, topic, table.log_ns[wrong])
         # A paused rig repeats its joint states; the node does not record them, others may.
-        kept = table.frame != PAUSED_FRAME
+        kept = table.act != PAUSED_ACT
         before_ns, before = self._last.get(topic, (None, b''))
         steps = np.diff(table.stamp_ns, prepend=table.stamp_ns[0] - 1)
         steps[0] = 1 if before_ns is None else table.stamp_ns[0] - before_ns
@@ -387,7 +392,9 @@ class RigTopics:
         return self.node or f'of unknown name in the namespace {self.namespace}'
 
 
-def _by_snapshots(reader: RunReader, purpose: str) -> Iterator[tuple[RigTopics, RecordedMessage]]:
+def _by_snapshots(
+    reader: RunReader, purpose: str, law: OwnLaw | None
+) -> Iterator[tuple[RigTopics, RecordedMessage]]:
     """Yield the rigs whose snapshots are in a bag, each with its first one."""
     for name, topic in sorted(reader.topics.items()):
         if topic.type != STRING or not topic.message_count:
@@ -403,7 +410,7 @@ def _by_snapshots(reader: RunReader, purpose: str) -> Iterator[tuple[RigTopics, 
         except ValueError:
             if name.rpartition('/')[2] != 'snapshot' and reader.custom.get('snapshot') != name:
                 continue
-        command = read_command(record, reader.path, purpose)
+        command = read_command(record, reader.path, purpose, law)
         there = {
             key: topic if (known := reader.topics.get(topic)) and known.type == kind else ''
             for key, kind in (
@@ -429,10 +436,15 @@ def _by_names(reader: RunReader) -> Iterator[tuple[RigTopics, None]]:
 
 
 def _find_rig(
-    reader: RunReader, node: str | None, purpose: str, *, snapshot_needed: bool
+    reader: RunReader,
+    node: str | None,
+    purpose: str,
+    law: OwnLaw | None,
+    *,
+    snapshot_needed: bool,
 ) -> tuple[RigTopics, RecordedMessage | None]:
     """Return the topics of the rig as its snapshots name them, and the first snapshot."""
-    found: list[tuple[RigTopics, RecordedMessage | None]] = [*_by_snapshots(reader, purpose)]
+    found: list[tuple[RigTopics, RecordedMessage | None]] = [*_by_snapshots(reader, purpose, law)]
     if not found and not snapshot_needed:
         found += _by_names(reader)
     chosen = [

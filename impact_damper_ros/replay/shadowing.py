@@ -57,7 +57,8 @@ def _nudged(rig: Rig, later: float = 0.0) -> Rig:
     origin = state['origin']
     for name in ('x', 'velocity', 'relative_velocity'):
         origin[name] *= 1.0 + _NUDGE
-    return Rig.restore(motion_of(_shifted(state, rig, later) if later else state))
+    state = _shifted(state, rig, later) if later else state
+    return Rig.restore(motion_of(state), rig.own_law)
 
 
 def _shifted(state: dict[str, Any], rig: Rig, later: float) -> dict[str, Any]:
@@ -203,7 +204,7 @@ class Shadowing:
                 self._matcher.differ(stamp_ns, 'frame_id', '', frame, str(here.frame[0]))
             elif len(wrong):
                 numbers = (float(t.numbers[0, wrong[0]]) for t in (recorded, here))
-                self._matcher.differ(stamp_ns, *self._matcher.fields[2 + wrong[0]], *numbers)
+                self._matcher.differ(stamp_ns, *self._matcher.fields[3 + wrong[0]], *numbers)
         if here.size:
             self._begin(recorded.numbers[0], time, float(events['time'][-1]))
         nothing = published_states(NO_SAMPLES, rig.parameters)
@@ -223,5 +224,5 @@ class Shadowing:
         late = here - time
         late -= math.copysign(min(abs(late), 0.5 * _STAMP_S), late)
         state = _shifted(state, rig, -late)
-        replay.rig = Rig.restore(motion_of(state))
+        replay.rig = Rig.restore(motion_of(state), rig.own_law)
         self._near = _nudged(replay.rig, _STAMP_S)

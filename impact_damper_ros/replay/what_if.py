@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.bag.snapshots import motion_of
-from impact_damper_ros.control import Rig
+from impact_damper_ros.control import OwnLaw, Rig
 from impact_damper_ros.rig import InitialConditions, ParameterError, Sample
 from impact_damper_ros.rig.event_budget import EventBudget
 
@@ -90,15 +90,15 @@ class WhatIf:
                     f'{", ".join(self._held_initial)} cannot be set: the bag begins in the middle '
                     'of the run, at a recorded state; set rig parameters only'
                 )
-            rig = Rig.restore(start.state)
+            rig = Rig.restore(start.state, start.law)
             self._early.append(events_as_rows(rig.change(*setting)))
         self.rig = rig
 
     @classmethod
-    def again(cls, state: Mapping[str, Any], like: WhatIf | None) -> WhatIf:
+    def again(cls, state: Mapping[str, Any], law: OwnLaw | None, like: WhatIf | None) -> WhatIf:
         """Return a rig in a state, held as another what-if is, or not at all."""
         other = cls.__new__(cls)
-        other.rig, other._early, other.from_initial = Rig.restore(dict(state)), [], False
+        other.rig, other._early, other.from_initial = Rig.restore(dict(state), law), [], False
         other._logged, other._budget = Setting.of(state), EventBudget()
         other._held = {} if like is None else like._held
         other._held_initial = {} if like is None else like._held_initial
@@ -178,11 +178,11 @@ def _from_initial(
         return None
     initial = start.initial
     try:
-        fresh = Rig(logged.rig, initial, control=logged.control).snapshot()
+        fresh = Rig(logged.rig, initial, control=logged.control, law=start.law).snapshot()
         if motion_of(fresh) != motion_of(start.state):
             return None
         held = InitialConditions(**{**initial.as_dict(), **held_initial})
-        return Rig(setting.rig, held, control=setting.control)
+        return Rig(setting.rig, held, control=setting.control, law=start.law)
     except ParameterError:
         if held_initial:
             raise
@@ -249,11 +249,13 @@ class Ending:
         self._span = span
         self._kept: list[tuple[float, Mapping[str, Any], list[tuple[int, Step]]]] = []
         self._end = 0.0
+        self._law: OwnLaw | None = None
 
     def look(self, rig: Rig, part: Part) -> None:
         """Take the state of a rig before a part, and that part."""
         if not len(part.samples) and not part.steps:
             return
+        self._law = rig.own_law
         self._kept.append((rig.time, rig.snapshot(), part.steps))
         self._end = max([self._end, *part.samples['time'][-1:]])
         while len(self._kept) > 1 and self._kept[1][0] <= self._end - self._span:
@@ -264,7 +266,7 @@ class Ending:
         if not self._kept:
             return NO_SAMPLES, events_as_rows([])
         start, state, _ = self._kept[0]
-        rig = WhatIf.again(state, other)
+        rig = WhatIf.again(state, self._law, other)
         instants = np.linspace(max(start, self._end - self._span), self._end, points)
         steps = [step for _, _, found in self._kept for step in found]
         cuts = [time_ns / 1e9 for time_ns, _ in steps]

@@ -30,7 +30,8 @@ _LINES: dict[str, dict[str, Any]] = {
     'unstable': {'color': ORANGE, 'linestyle': DASHED, 'label': 'unstable'},
     'not viable': {'color': '0.6', 'linestyle': DOTTED, 'label': 'not viable'},
 }
-_MARKS = {
+#: Marks of special points, here and in the figures of sweeps.
+SPECIAL_MARKS = {
     SpecialKind.FOLD: '>',
     SpecialKind.PERIOD_DOUBLING: 's',
     SpecialKind.NEIMARK_SACKER: 'D',
@@ -76,13 +77,15 @@ def branch_figure(branches: Sequence[Branch], title: str = '') -> Figure:
             axes.plot(branch.values[part], swings, linewidth=1.6, **look)
             lines.add(words)
         for special in branch.special:
-            axes.plot(special.value, special.orbit.x_max, marker=_MARKS[special.kind], **mark)
+            axes.plot(
+                special.value, special.orbit.x_max, marker=SPECIAL_MARKS[special.kind], **mark
+            )
             marks.add(special.kind)
     name = branches[0].name
     finish_panel(axes, '', parameter_label(name), 'Largest |X| [m]')
     handles = [Line2D([], [], linewidth=1.6, **_LINES[word]) for word in _LINES if word in lines]
     handles += [
-        Line2D([], [], marker=_MARKS[kind], label=kind.value, **mark)
+        Line2D([], [], marker=SPECIAL_MARKS[kind], label=kind.value, **mark)
         for kind in SpecialKind
         if kind in marks
     ]

@@ -161,7 +161,7 @@ class WhatIfReport:
         cycle = max(_longest_cycle(logged.rig), _longest_cycle(self.other.rig.parameters))
         self._drawn = drawn
         self._endings = [Ending(_CLOSEUP_CYCLES * cycle) for _ in range(2)]
-        self._was_at = Rig.restore(start.state)
+        self._was_at = Rig.restore(start.state, start.law)
         self._changes: list[tuple[float, str]] = []
         self._last = logged
 
@@ -170,7 +170,7 @@ class WhatIfReport:
         if self._drawn:
             for ending, rig in zip(self._endings, (self._was_at, self.other.rig), strict=True):
                 ending.look(rig, part)
-            self._was_at = Rig.restore(self._replay.rig.snapshot())
+            self._was_at = Rig.restore(self._replay.rig.snapshot(), self._replay.start.law)
         samples, events = self.other.follow(part)
         command = part.command
         until = math.inf if command is None else command.time

@@ -15,6 +15,7 @@ from math import inf, isfinite, nan
 from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias
 
 from .quoting import shown
+from .units import UNITS, USUAL, in_si, split_number
 
 Value: TypeAlias = float | bool | int | str | tuple[float, ...]
 Kind: TypeAlias = Literal['double', 'bool', 'double_array', 'integer', 'string']
@@ -94,6 +95,20 @@ class ParameterSpec(NamedTuple):
             return f'{int(self.low)} to {int(self.high)}'
         return f'{self.low:g} to {self.high:g}'
 
+    @property
+    def usual(self) -> tuple[float, float] | None:
+        """The range of most rigs, to show; what is beyond it may be meant in another unit."""
+        if self.low is None or self.high is None or self.unit not in USUAL:
+            return None
+        least, most = USUAL[self.unit]
+        low = max(self.low, -most) if self.low <= 0.0 else max(self.low, least)
+        return low, min(self.high, most)
+
+    @property
+    def usual_span(self) -> str:
+        """The usual range in words; empty without one."""
+        return '{:.4g} to {:.4g}'.format(*self.usual) if self.usual else ''
+
     def checked(self, value: Any) -> Value:
         """Return a value, which may come from a file, checked and in the type of the kind."""
         if self.kind == 'string':
@@ -105,6 +120,64 @@ class ParameterSpec(NamedTuple):
         if not isinstance(value, bool):
             raise self._error(f'{self.name} is {shown(value)}: give true or false')
         return value
+
+    def read(self, text: str, unit: str = '') -> Value:
+        """
+        Return the checked value of what a person typed: ``24.5 mm``, ``2,5`` or ``[1 N; 500 mN]``.
+
+        What has no unit is in `unit`, in SI by default. Entries of a list are separated by
+        semicolons, or by commas where these are no decimal signs.
+        """
+        if self.low is None:
+            return self.checked(text)
+        plain = text.strip()
+        listed = plain.startswith('[') and plain.endswith(']')
+        entries = [plain]
+        if self.kind == 'double_array':
+            inner = plain[1:-1] if listed else plain
+            entries = inner.split(';') if ';' in inner else inner.split(',')
+            if not listed and len(entries) == 2 and all(e.isdigit() for e in entries):
+                raise self._error(
+                    f'{self.name} is {shown(text)}: write {".".join(entries)} for one number, or '
+                    f'{"; ".join(entries)} for two'
+                )
+        parts = [
+            self._split(entry.strip(), unit) for entry in entries if entry.strip() or not listed
+        ]
+        # A unit behind the last entry is that of all
+        last = unit or (parts[-1][1] if parts else '') or self.unit
+        numbers = []
+        for number, own in parts:
+            factor = UNITS[self.unit][own or last]
+            self._in(own or last).checked(number)
+            numbers.append(in_si(number, factor))
+        return self.checked(numbers if self.kind == 'double_array' else numbers[0])
+
+    def _split(self, entry: str, unit: str) -> tuple[float, str]:
+        """Return number and unit of what a person typed."""
+        number, own, other = split_number(entry)
+        if other:
+            raise self._error(f'{self.name} is {shown(entry)}: write {other}')
+        if number is None:
+            raise self._error(f'{self.name} is {shown(entry)}: {self._in(unit)._remedy}')
+        units = UNITS[self.unit]
+        if own and own not in units:
+            others = f'write {", ".join(filter(None, units))}' if len(units) > 1 else 'write none'
+            raise self._error(
+                f'{self.name} is {shown(entry)}: {shown(own)} is no unit of it: {others}'
+            )
+        return number, own
+
+    def _in(self, unit: str) -> ParameterSpec:
+        """Return the parameter with its range in another unit."""
+        assert self.low is not None
+        assert self.high is not None
+        factor = UNITS[self.unit].get(unit, 1.0)
+        if factor == 1.0:
+            return self
+        low, high, least = (bound / factor for bound in (self.low, self.high, self.least))
+        kind: Kind = 'double' if self.kind == 'integer' else self.kind
+        return self._replace(unit=unit, low=low, high=high, least=least, kind=kind)
 
     def _error(self, message: str) -> ParameterError:
         return ParameterError(self.name, message)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.orbits import Branch, MotionKind, PeriodicOrbit, SpecialKind, SpecialPoint
+from impact_damper_ros.report.branch_figure import SPECIAL_MARKS
 from impact_damper_ros.report.drawing import (
     BLUE,
     DASHED,
@@ -235,13 +236,6 @@ _LOOKS: dict[str, dict[str, Any]] = {
     'up': {'color': BLUE, 'markersize': 2.8, 'label': 'followed upwards'},
     'down': {'color': ORANGE, 'markersize': 1.5, 'label': 'followed downwards'},
 }
-_SPECIAL = {
-    SpecialKind.FOLD: '>',
-    SpecialKind.PERIOD_DOUBLING: 'D',
-    SpecialKind.NEIMARK_SACKER: 's',
-    SpecialKind.BRANCH_POINT: 'P',
-    SpecialKind.GRAZING: 'X',
-}
 _INK = '0.1'
 #: Branches of theory, stable and unstable.
 _LINES: dict[bool, dict[str, Any]] = {
@@ -339,7 +333,7 @@ def _draw_theory(panels: Sequence[Any], branches: Sequence[Branch], measure: str
         ),
         *(
             Line2D([], [], label=kind.value, **{**_special_look(kind), 'markersize': 2.8})
-            for kind in _SPECIAL
+            for kind in SpecialKind
             if kind in kinds
         ),
     ]
@@ -347,7 +341,7 @@ def _draw_theory(panels: Sequence[Any], branches: Sequence[Branch], measure: str
 
 def _special_look(kind: SpecialKind) -> dict[str, Any]:
     return {
-        'marker': _SPECIAL[kind],
+        'marker': SPECIAL_MARKS[kind],
         'markersize': 4.2,
         'markerfacecolor': 'white',
         'markeredgecolor': _INK,

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.compare.flights import STATE, Drive, Flights, rows_of_samples
 from impact_damper_ros.control import Outcome, Rig, RunResult
 from impact_damper_ros.control.rig import Events
-from impact_damper_ros.orbits.flights import machine_of
 from impact_damper_ros.orbits.lyapunov import Exponent
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind
 from impact_damper_ros.orbits.settled_motion import (
@@ -20,7 +19,7 @@ from impact_damper_ros.orbits.settled_motion import (
     relative_states,
     settle,
 )
-from impact_damper_ros.rig import EventKind, Mode, ParameterError
+from impact_damper_ros.rig import SAMPLE_TYPE, EventKind, Mode, ParameterError
 from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.parameter_spec import number_between, whole_number
 from impact_damper_ros.rig.snapshot import LATEST
@@ -89,101 +88,10 @@ def _chatter_time(events: Events, start: float, end: float) -> float:
     return float(np.clip(total, 0.0, end - start))
 
 
-class _Swing(NamedTuple):
-    """Largest |X|, mean and root mean square of X over some cycles, m."""
-
-    largest: float
-    mean: float
-    rms: float
-
-
-_Array = NDArray[np.float64]
-# Gauss points on [0, 1] that integrate the square of a cubic exactly
-_NODES, _GAUSS = np.polynomial.legendre.leggauss(4)
-_PLACES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _GAUSS
-
-
-class _CubicSwing(NamedTuple):
-    """Displacement along cubics, between their ends."""
-
-    largest: float  # |X| where X turns between two ends, m; 0 if it does not turn
-    total: float  # integral of X, m s
-    squares: float  # and of its square, m^2 s
-
-
-def _cubic_swing(
-    span: _Array, start: _Array, end: _Array, v_0: _Array, v_1: _Array
-) -> _CubicSwing:
-    """
-    Measure the swing of X along the cubics between knots.
-
-    Given are durations, X at both ends, and X' there times the duration, m.
-    `scipy.interpolate.PPoly` takes three times as long for the turning points of 200,000 of them.
-    """
-    rise = end - start
-    square, cube = 3.0 * rise - 2.0 * v_0 - v_1, v_0 + v_1 - 2.0 * rise
-
-    def at(s: _Array) -> _Array:
-        value: _Array = start + s * (v_0 + s * (square + s * cube))
-        return value
-
-    largest = 0.0
-    # X' = v_0 + 2 square s + 3 cube s^2, its two roots in the form that does not cancel
-    root = np.sqrt(np.maximum(square * square - 3.0 * cube * v_0, 0.0))
-    half = -(square + np.copysign(root, square))
-    with np.errstate(divide='ignore', invalid='ignore'):
-        for s in (half / (3.0 * cube), v_0 / half):
-            inside = (s > 0.0) & (s < 1.0)
-            if inside.any():
-                largest = max(largest, float(np.abs(at(np.where(inside, s, 0.0))).max()))
-    total = squares = 0.0
-    # Sums and not products of vectors, whose bits depend on the number of threads
-    for place, weight in zip(_PLACES, _WEIGHTS, strict=True):
-        value = at(np.full_like(start, place))
-        total += weight * float(np.sum(value * span))
-        squares += weight * float(np.sum(value * value * span))
-    return _CubicSwing(largest, total, squares)
-
-
-def _swing(result: RunResult) -> _Swing:
-    """
-    Measure X from the first sample to the last, as a cubic between samples and events.
-
-    The cubic takes both positions and velocities, so that the error falls with the fourth power
-    of the sampling interval.
-    """
-    samples = result.samples
-    within = result.events['time'] > samples['time'][0]
-    events = result.events[within & (result.events['time'] <= samples['time'][-1])]
-    time = np.concatenate([events['time'], samples['time']])
-    # A sample at the instant of an event holds the state after it
-    order = np.argsort(time, kind='stable')
-    time = time[order]
-    x = np.concatenate([events['x'], samples['x']])[order]
-    after = samples['primary_velocity']
-    arriving = np.concatenate([events['primary_velocity_before'], after])[order]
-    leaving = np.concatenate([events['primary_velocity_after'], after])[order]
-
-    span = np.diff(time)
-    kept = span > 0.0
-    span = span[kept]
-    swing = _cubic_swing(
-        span, x[:-1][kept], x[1:][kept], leaving[:-1][kept] * span, arriving[1:][kept] * span
-    )
-    largest = max(float(np.abs(x).max()), swing.largest)
-    whole = float(time[-1] - time[0])
-    return _Swing(largest, swing.total / whole, math.sqrt(swing.squares / whole))
-
-
 #: Cycles between two looks whether the motion repeats.
 BETWEEN = 50
 #: Distance of states, relative to the motion, that round-off makes.
 ROUND_OFF = 1e-12
-#: Samples per cycle of the faster of force and spring: the largest |X| of a motion that repeats is
-#: then exact to 1e-9, and of one that does not to 2e-7.
-_SAMPLES, _FEWER_SAMPLES = 256, 64
-#: The spring is sampled as finely as the force up to this multiple of its frequency.
-_MOST_FINER = 64.0
 
 
 @dataclass(frozen=True)
@@ -268,17 +176,19 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> SteadyState
     """Measure a motion over its period, or over the cycles to watch."""
     period = 0 if found.period is None else found.period.cycles
     cycle, cycles = found.cycle, period or settling.watch
-    omega = max([rig.parameters.omega, *(n.frequency for n in machine_of(rig.parameters).lines)])
-    finer = min(max(omega * cycle / math.tau, 1.0), _MOST_FINER)
-    looks = math.ceil((_SAMPLES if period else _FEWER_SAMPLES) * finer)
-    counts = np.arange(cycles * looks + 1) / looks
     most = settling.events - found.event_count
-    result = _run(rig, found.end, cycle, counts, most)
+    begun = rig.state()
+    first = rows_of_samples(np.array([rig.sample()], SAMPLE_TYPE), STATE)
+    first['mode'], first['stop'] = rig.mode, begun.run.last_stop
+    result = _run(rig, found.end, cycle, np.arange(1.0, cycles + 1.0), most)
+    last = rows_of_samples(result.samples[-1:], STATE)
+    drive = Drive(begun.run.time, tuple(begun.angles), rig.parameters.harmonics[1])
+    rows = np.concatenate([first, result.events, last])
+    integrals, largest = Flights.between(rig.parameters, rows, drive).measured()
     end = found.end + cycles * cycle
     # The events before and after complete a chatter that is cut at either end
     after = _run(rig, end, cycle, np.array([1.0]), most - result.event_count)
     around = np.concatenate([found.events, result.events, after.events])
-    swing = _swing(result)
     impacts = result.impacts()
     kept = period or min(settling.section, cycles)
     hits = impacts[impacts['time'] > end - kept * cycle]
@@ -293,14 +203,14 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> SteadyState
         period=period,
         stops=_sequence(result.events) if period else (),
         impacts=len(hits) if period else 0,
-        x_max=swing.largest,
-        x_mean=swing.mean,
-        x_rms=swing.rms,
+        x_max=largest,
+        x_mean=integrals.total / integrals.covered,
+        x_rms=math.sqrt(integrals.squares / integrals.covered),
         impacts_per_cycle=len(impacts) / cycles,
         exponent=found.exponent,
         multiplier=found.multiplier,
         shares=_shares(result, around, found.end, end),
-        section=relative_states(result.samples[looks::looks][-kept:]),
+        section=relative_states(result.samples[-kept:]),
         hits=np.stack(
             [hits['stop'], (hits['time'] - found.start) / cycle % 1.0, np.abs(approach)], axis=-1
         ),

@@ -82,26 +82,17 @@ def theory(
         start = curve.here = last.expected
         if followed and start is not None and not last.complete:
             # The first answer may be replaced by another motion.
-            for _ in curve.follow(start, MOST_POINTS if number else PREVIEW_POINTS):
-                yield {**shown, 'gap_curve': curve.message()}
+            curve.follow(start, MOST_POINTS if number else PREVIEW_POINTS)
             shown['gap_curve'] = curve.message()
+            yield dict(shown)
     if not last.applies:
         yield failed_document(state['time'], last.reason) | {'orbit': shown['orbit']}
         return
-    if followed:
-        for _ in _grown(curve, last):
+    for start in [*curve.starts, *last.orbits] if followed else ():
+        if curve.follow(start):
             yield {**shown, 'gap_curve': curve.message()}
     text = '' if followed else 'a one-sided rig has no gap'
     yield {**shown, 'gap_curve': curve.message(done=True, text=text)}
-
-
-def _grown(curve: GapCurve, last: Prediction) -> Iterator[None]:
-    """Follow all motions, first the whole branch of the rig's own one."""
-    own = [last.expected] if last.expected else []
-    for starts in (own, curve.starts, last.orbits):
-        for start in starts:
-            yield from curve.follow(start)
-        yield from curve.mark()
 
 
 def orbit_message(rig: Rig, prediction: Prediction) -> dict[str, Any]:

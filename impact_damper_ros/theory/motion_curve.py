@@ -7,10 +7,14 @@ from functools import partial
 
 import numpy as np
 
-from impact_damper_ros.orbits.flights import flight_at_impact, machine_of
+from impact_damper_ros.orbits.flights import (
+    Trajectory,
+    flight_at_impact,
+    follow_trajectory,
+    machine_of,
+)
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.response import Array
-from impact_damper_ros.orbits.trajectory import Trajectory, follow_trajectory
 from impact_damper_ros.rig.state import place
 
 #: Points per cycle of the force, and the most in a period, but for the ends of its flights.

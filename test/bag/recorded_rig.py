@@ -93,7 +93,7 @@ class RecordedRig:
     def announce(self, reason):
         self.number += 1
         text = {
-            'format': 5,
+            'format': 6,
             'number': self.number,
             'node': NODE,
             'topics': TOPICS,
@@ -132,9 +132,9 @@ class RecordedRig:
                 self.write('/impacts', content, stamp)
         for record in self.rig.records:
             stamp = self.offset + round(record.time * 1e9)
-            names = ['stop_1', 'stop_2', 'primary']
+            names = ['stop_1', 'stop_2', 'primary', record.action.name.lower()]
             numbers = [list(part) for part in record.numbers]
-            content = samples.joint_state(stamp, names, *numbers, record.action.name.lower())
+            content = samples.joint_state(stamp, names, *numbers)
             self.write('/gap_control', content, stamp)
 
     def states(self):

@@ -1,21 +1,25 @@
 """What all commands share: exit codes, messages, the rig that is given."""
 
 import logging
+import os
 import re
+import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 from tqdm import tqdm
 
+import impact_damper_ros
+from impact_damper_ros import __version__, entry_points
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli import command_line
 from impact_damper_ros.cli.command_line import CommandError, outcome
-from impact_damper_ros.cli.compare_run import main as compare_run
-from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.rig_options import given_rig
-from impact_damper_ros.cli.sweep_rig import main as sweep_rig
 from impact_damper_ros.rig.event_budget import RunawayError
+
+ROOT = Path(impact_damper_ros.__file__).parents[1]
 
 
 @pytest.mark.parametrize(
@@ -49,22 +53,6 @@ def test_other_errors_are_not_hidden():
         outcome('compare_run', work)
 
 
-@pytest.mark.parametrize(
-    ('main', 'words'),
-    [
-        (compare_run, ['no_bag', '--report', 'report']),
-        (replay_run, ['no_bag', '--set', 'gap=0.02', '--figure', 'a.png']),
-        (sweep_rig, ['paper', '--vary', 'gap=5:9:2', '-o', 'a.csv', '--figure', 'a.png']),
-    ],
-)
-def test_a_missing_matplotlib(main, words, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(command_line, 'find_spec', lambda _: None)
-    monkeypatch.chdir(tmp_path)
-    assert main(words) == 2
-    assert 'matplotlib, which draws the figures, is not installed' in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_the_rig_that_is_given(tmp_path):
     params = tmp_path / 'rig.yaml'
     params.write_text('/**:\n  ros__parameters:\n    gap: 12.0\n    gap_control: timed\n')
@@ -77,23 +65,6 @@ def test_the_rig_that_is_given(tmp_path):
     assert not given.control.active
     with pytest.raises(ValueError, match='there is no parameter gap_max to set'):
         given_rig(params, ['gap_max=20'], with_control=False)
-
-
-@pytest.mark.parametrize(
-    ('setting', 'remedy'),
-    [
-        ('gab=3', 'did you mean gap?'),
-        ('gap_contol=off', 'did you mean gap_control?'),
-        ('restitution1=0.5', 'did you mean restitution_1?'),
-        ('xyzzy=3', 'simulate_rig --parameters lists all'),
-        ('gap', 'give NAME=VALUE'),
-    ],
-)
-def test_misspelt_names(setting, remedy):
-    with pytest.raises(ValueError) as caught:
-        given_rig(Path('paper'), [setting])
-    assert str(caught.value).startswith(f'--set {setting}: ')
-    assert remedy in str(caught.value)
 
 
 def test_what_the_library_logs_is_said_once(capsys):
@@ -123,3 +94,33 @@ def test_messages_are_above_a_progress_bar(capsys):
         command_line.say('sweep_rig', 'compiling')
     # The bar is erased, and drawn again below
     assert re.search(r'rigs[^\n]*\r +\rsweep_rig: compiling\n\rrigs', capsys.readouterr().err)
+
+
+@pytest.mark.parametrize('command', [c for c in entry_points.__all__ if c != 'sim_node'])
+def test_version(command, capsys):
+    main = import_module(f'impact_damper_ros.cli.{command}').main
+    said = []
+    for option in ('--version', '--help'):
+        with pytest.raises(SystemExit) as ended:
+            main([option])
+        assert ended.value.code == 0
+        said.append(capsys.readouterr().out)
+    assert said[0] == f'{command} (impact_damper_ros) {__version__}\n'
+    assert '--version' in said[1]
+
+
+def test_version_of_the_node():
+    """As a process: the node takes the signals of its own for good."""
+    pytest.importorskip('rclpy')
+    said = [
+        subprocess.run(
+            [sys.executable, '-m', 'impact_damper_ros.node.sim_node', option],
+            env={**os.environ, 'PYTHONPATH': str(ROOT)},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for option in ('--version', '--help')
+    ]
+    assert said[0] == f'sim_node (impact_damper_ros) {__version__}\n'
+    assert '--version' in said[1]

@@ -7,41 +7,8 @@ from pathlib import Path
 import pytest
 from small_disk import mounted
 
-import impact_damper_ros
 from impact_damper_ros import outputs
-from impact_damper_ros.cli.compare_run import main as compare_run
-from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.cli.solve_periodic import main as solve_periodic
-
-PAPER = Path(impact_damper_ros.__file__).parents[1] / 'config' / 'paper.yaml'
-
-# Each has something else to complain of, once the work has begun.
-WORDS = [
-    (compare_run, ['no_bag', '--report']),
-    (compare_run, ['no_bag', '--json']),
-    (replay_run, ['no_bag', '--json']),
-    (replay_run, ['no_bag', '--set', 'gap=0.02', '--figure']),
-    (solve_periodic, [str(PAPER), '--impacts', '2', '--stops', '1', '--json']),
-]
-
-
-@pytest.mark.parametrize(('main', 'words'), WORDS)
-def test_told_before_the_work(main, words, tmp_path, capsys):
-    pytest.importorskip('matplotlib')
-    (tmp_path / 'file').write_text('in the way')
-    place = tmp_path / 'file' / 'place.png'
-    assert main([*words, str(place)]) == 1
-    said = capsys.readouterr()
-    assert f'cannot write {place}: Not a directory: a part of the path is a file' in said.err
-    assert len(said.err.splitlines()) == 1
-    assert said.out == ''
-
-
-@pytest.mark.parametrize('name', ['figure', 'figure.gif'])
-def test_figures_of_unknown_formats(name, capsys):
-    assert replay_run(['no_bag', '--set', 'gap=0.02', '--figure', name]) == 2
-    assert f'{name}: give a name that ends in .png, .svg or .pdf' in capsys.readouterr().err
 
 
 def test_trying_changes_nothing(tmp_path):

@@ -1,4 +1,4 @@
-"""`simulate_rig --law`: the example of docs/reference/control.md, and laws that fail."""
+"""The option --law: the example of docs/reference/control.md, laws that fail, recorded runs."""
 
 import re
 from pathlib import Path
@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 import impact_damper_ros
+from impact_damper_ros.cli.compare_run import main as compare_run
+from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
 from impact_damper_ros.cli.sweep_rig import main as sweep_rig
 
@@ -50,13 +52,6 @@ def test_what_was_simulated_before_a_law_fails_is_written(capsys):
 
 
 @pytest.mark.usefixtures('example')
-@pytest.mark.parametrize('text', ['my_laws:lost', 'my_law:catch', 'catch'])
-def test_a_law_that_is_not_there_is_named(text, capsys):
-    assert main(['paper', '--duration', '60', '--law', text]) == 2
-    assert f'the law {text}' in capsys.readouterr().err.replace("'", '')
-
-
-@pytest.mark.usefixtures('example')
 def test_a_sweep_says_once_that_a_law_is_slow(capsys):
     pytest.importorskip('numba')
     source = Path('my_laws.py').read_text() + '\n\nimport numba\n\nfast = numba.njit(catch)\n'
@@ -66,3 +61,18 @@ def test_a_sweep_says_once_that_a_law_is_slow(capsys):
         words = ['--law', f'swept_laws:{law}', '-o', f'{law}.csv']
         assert sweep_rig(['paper', *brief.split(), *words]) == 0
         assert capsys.readouterr().err.count('with @numba.njit before its def') == noted
+
+
+@pytest.mark.usefixtures('example')
+def test_a_recording_is_replayed_with_its_law(capsys):
+    """And with its control switched off, where the law has no say; without it, that is said."""
+    words = '--duration 60 --set gap_control_rate=5 --change 40:gap_control=off --bag run --quiet'
+    assert main(['paper', *words.split(), '--law', 'my_laws:catch']) == 0
+    for command in (compare_run, replay_run):
+        assert command(['run']) == 2
+        assert 'take it as --law MODULE:FUNCTION' in capsys.readouterr().err
+        assert command(['run', '--law', 'my_laws:catch', '--json', 'result.json']) == 0
+    assert '"verdict": "identical"' in Path('result.json').read_text(encoding='utf-8')
+    what_if = ['--set', 'gap_max=20', '--figure', 'what_if.png', '--quiet']
+    assert replay_run(['run', '--law', 'my_laws:catch', *what_if]) == 0
+    assert Path('what_if.png').stat().st_size > 10_000

@@ -28,15 +28,15 @@ def test_all_parameters_with_units_and_ranges(capsys):
     assert set_rig.main([]) == 0
     rows = rows_of(capsys.readouterr().out)
     assert list(rows) == list(ALL_SPECS)
-    assert rows['gap'] == ['0.01', 'm', '1e-09 to 1e+09']
-    assert rows['force_amplitudes'] == ['[10]', 'N', '-1e+12 to 1e+12']
+    assert rows['gap'] == ['0.01', 'm', '1e-09 to 1e+09', '0.0001 to 100']
+    assert rows['force_amplitudes'] == ['[10]', 'N', '-1e+12 to 1e+12', '-1e+04 to 1e+04']
     assert rows['gap_control'] == ['off', 'off, amplitude, timed, predictive, external']
     assert rows['record'] == ['false', 'true, false']
 
 
 @pytest.mark.usefixtures('node')
 def test_parameters_are_set_together(capsys):
-    words = ['gap=0.008', 'force_amplitudes=[8, 1.5]', 'gap_control=timed', 'friction=1e-2']
+    words = ['gap=8 mm', 'force_amplitudes=[8, 1.5]', 'gap_control=timed', 'friction=1e-2']
     assert set_rig.main([*words, '--node', '/bench/sim_node']) == 0
     rows = rows_of(capsys.readouterr().out)
     assert list(rows) == ['gap', 'force_amplitudes', 'gap_control', 'friction']

@@ -165,53 +165,6 @@ def test_swing_finds_the_turning_point_between_samples():
     assert swing.largest == pytest.approx(3.0, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ('settings', 'words'),
-    [
-        (['gap=-1'], ['gap is -1.0 m', '1e-09', '1e+09']),
-        (['gap=.nan'], ['gap is nan']),
-        (['gap=wide'], ["gap is 'wide'", 'give a number']),
-        (['angel=1'], ['--set angel=1', 'did you mean angle?']),
-        (['damping=3'], ['damping is 3.0', 'underdamped']),
-        (['force_phases=[0, 1]'], ['force_phases has 2 entries', 'same length']),
-        (['initial_damper_offset=20'], ['initial_damper_offset is 20.0', '18.5']),
-    ],
-)
-def test_bad_settings_are_explained(tmp_path, capsys, settings, words):
-    code, rows = run(tmp_path, '--duration', '1', settings=settings)
-    assert code == 2
-    assert rows == []
-    message = capsys.readouterr().err
-    for word in words:
-        assert word in message
-
-
-@pytest.mark.parametrize('text', ['', '{', 'other:\n  a: 1\n'])
-def test_bad_files_are_explained(tmp_path, capsys, text):
-    path = tmp_path / 'params.yaml'
-    path.write_text(text)
-    code, _ = run(tmp_path, '--duration', '1', params=path)
-    assert code == 2
-    assert str(path) in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ('option', 'value', 'words'),
-    [
-        *(('--duration', value, 'from 1e-09 to 1e+13 s') for value in ('nan', '1e-320', '1e14')),
-        *(('--rate', value, 'from 1e-12 to 1e+09 Hz') for value in ('inf', '1e-320', '1e300')),
-        ('--max-bag-duration', '1e300', 'give a number from 0 to 1e+09 s'),
-        ('--max-bag-size', '9' * 20, 'give a whole number from 0 to 1000000000000000 B'),
-        ('--max-bag-size', '7', 'give 0 (no limit) or a number from 100000 to 1e+15 B'),
-    ],
-)
-def test_numbers_that_no_run_can_have(capsys, option, value, words):
-    with pytest.raises(SystemExit) as ended:
-        main([str(PAPER), '--duration', '1', option, value])
-    assert ended.value.code == 2
-    assert words in capsys.readouterr().err
-
-
 def test_an_output_that_is_full():
     """The failure is a line and an exit code."""
     words = (sys.executable, '-m', 'impact_damper_ros.cli.simulate_rig', '--parameters')
@@ -326,27 +279,3 @@ def test_changes_are_recorded(tmp_path, capsys):
     assert 'begins with: gap_control = timed (was off)\n' in text
     assert 'begins with: gap_control = off (was timed)\n' in text
     assert 'fault' not in text
-
-
-@pytest.mark.parametrize(
-    ('change', 'reason'),
-    [
-        ('90:gap=30', 'above 0 s and up to the 80 s'),
-        ('0:gap=30', 'above 0 s and up to the 80 s'),
-        ('nan:gap=30', 'above 0 s and up to the 80 s'),
-        ('gap=30', 'give TIME:NAME=VALUE'),
-        ('5:gab=30', 'there is no parameter gab to set: did you mean gap?'),
-        ('5:gap=-3', 'gap is -3'),
-        ('5:gap', 'give NAME=VALUE'),
-    ],
-)
-def test_inadmissible_changes(tmp_path, capsys, change, reason):
-    assert run(tmp_path, '--duration', '80', '--change', change) == (2, [])
-    assert reason in capsys.readouterr().err
-
-
-def test_two_tables_do_not_share_a_file(tmp_path, capsys):
-    path = str(tmp_path / 'a.csv')
-    assert main(['paper', '--duration', '5', '--states', path, '--impacts', path]) == 2
-    assert 'two tables go to this file' in capsys.readouterr().err
-    assert not Path(path).exists()

@@ -4,7 +4,6 @@ import csv
 import json
 import math
 import re
-from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -162,45 +161,6 @@ def test_not_viable(tmp_path, capsys):
     assert 'm would pass stop' in message
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'settings', 'words'),
-    [
-        (('--impacts', '2'), ('gap=-1',), 'gap is -1.0 m: give a number from'),
-        (('--impacts', '2'), ('gap',), 'give NAME=VALUE'),
-        (('--impacts', '2'), ('damping=3',), 'underdamped'),
-        (('--impacts', '3', '--stops', '1,2'), (), '--stops 1,2 names 2 impacts'),
-        (('--impacts', '2', '--stops', '1,2'), ('one_sided=true',), 'no stop 2'),
-        (('--impacts', '2'), ('force_amplitudes=[0]',), 'both different from 0'),
-        (
-            ('--impacts', '2'),
-            ('force_amplitudes=[1, 1]', 'force_frequencies=[1, 2.5]', 'force_phases=[0, 0]'),
-            'turns 2.5 times in 1 cycles',
-        ),
-        (('--impacts', '9'), (), 'name one, such as 1,2,1,2,1,2,1,2,1'),
-    ],
-)
-def test_input_that_is_not_usable(tmp_path, capsys, arguments, settings, words):
-    code, orbits = run(tmp_path, *arguments, settings=settings)
-    assert code == 2
-    assert orbits is None
-    assert words in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    'arguments',
-    [
-        *[('--impacts', text) for text in ('0', 'x', '3:2', '1:2:3')],
-        ('--impacts', '2', '--stops', '1,3'),
-        (),
-    ],
-)
-def test_arguments_that_cannot_be_read(capsys, arguments):
-    with pytest.raises(SystemExit) as failure:
-        main([str(PAPER), *arguments])
-    assert failure.value.code == 2
-    assert 'usage' in capsys.readouterr().err
-
-
 VERTICAL = (
     'damping=0.1',
     'damper_mass=0.01',
@@ -263,27 +223,6 @@ def test_first_motion_is_followed_through_its_special_points(tmp_path, capsys):
         assert float(row['x_max']) == pytest.approx(nearest.x_max, rel=1e-6)
         assert (row['stable'], row['viable']) == (str(int(nearest.stable)), '1')
     assert figure.read_bytes().startswith(b'\x89PNG')
-
-
-@pytest.mark.parametrize('asked', ['gap', 'gap=60:20', 'gap=20:', 'gravy=1:2'])
-def test_range_that_cannot_be_followed(asked, capsys):
-    with pytest.raises(SystemExit) if 'gravy' not in asked else nullcontext():
-        assert main([str(PAPER), '--impacts', '2', '--follow', asked]) == 2
-    assert 'gap' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'words'),
-    [
-        (('--impacts', '2', '--csv', 'branch.csv'), 'are for --follow'),
-        (('--settled', '--cycles', '2'), 'leave out --cycles'),
-        (('--settled', '--set', 'force_amplitudes=[0]'), 'both different from 0'),
-        (('--impacts', '2', '--follow', 'gap=20:60', '--figure', 'a.bmp'), '.png, .svg or .pdf'),
-    ],
-)
-def test_options_that_do_not_go_together(arguments, words, capsys):
-    assert main([str(PAPER), *arguments]) in (1, 2)
-    assert words in capsys.readouterr().err
 
 
 def test_the_settled_motion_gives_period_and_stops(tmp_path, capsys):

@@ -216,13 +216,6 @@ def test_a_foreign_file_is_not_overwritten(tmp_path, capsys, name):
     assert foreign.read_text() == 'mine'
 
 
-@pytest.mark.parametrize('name', ['a.txt', 'a', 'a.parquet.bak', '.csv'])
-def test_the_table_has_a_format_by_its_name(tmp_path, capsys, name):
-    assert run(*BRIEF, '-o', tmp_path / name, '--quiet') == 2
-    assert 'a name that ends in .parquet' in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_csv_holds_what_parquet_does(tmp_path):
     """With harmonics that fail, lists, texts with commas and what is not known."""
     words = (*AT_102, '--vary', 'damping=0.01,1.9,2.1', '--jobs', 1, '--quiet')
@@ -301,71 +294,6 @@ def test_every_rig_failed(tmp_path, capsys):
     assert '1 failed: damping is 3.0 N s/m, a damping ratio of 1.5' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ('words', 'message'),
-    [
-        (('--vary', 'gab=1:2:3'), "'gab' is not a parameter of the rig: did you mean gap?"),
-        (('--vary', 'gap=1:2:0'), 'gap=1:2:0: 0 values'),
-        (
-            ('--vary', 'angle=0:45:4'),
-            'angle: angle is 15.0 rad: give a number from -1.5708 to 1.5708 rad '
-            '(10° = 0.1745 rad)',
-        ),
-        (('--vary', 'gap=1,2', '--set', 'angle=45'), 'angle is 45.0 rad: give a number from'),
-        (('--vary', 'restitution_1=restitution_2=0.5:1.5:9'), 'restitution_1 is 1.125: give'),
-        (('--vary', 'force_frequencies=-1,2'), 'force_frequencies[0] is -1.0 rad/s: give'),
-        (('--vary', 'multisine_lines=1,1000'), 'multisine_lines is 1000'),
-        (('--vary', 'initial_damper_velocity=0,1e10'), 'initial_damper_velocity is 1'),
-        (('--vary', 'gap=nan:2:3'), "'nan' is not a finite number"),
-        ((), 'nothing is varied'),
-        (('--vary', 'gap=1,2', '--cycles', '0'), 'cycles is 0: give a whole number'),
-        (('--vary', 'gap=1,2', '--set', 'gap=-1'), 'gap is -1.0 m'),
-        (('--vary', 'gap=1,2', '--figure', 'a.gif'), 'a name that ends in .png, .svg or .pdf'),
-        (('--vary', 'gap=1,2', '--figure', 'no/a.png'), 'is not a directory: make it'),
-        (('--vary', 'gap=1,2', '--figure', 'a.parquet'), 'two outputs have the same name'),
-        (
-            ('--vary', 'gap=1', '--vary', 'friction=0', '--vary', 'angle=0', '--figure', 'a.png'),
-            'a figure shows one axis or two, not 3',
-        ),
-        (('--ranges', 'no.yaml'), 'no.yaml: cannot be read'),
-        (('--vary', 'gap_min=1,2'), 'gap_min is varied, but gap_control is off'),
-        (
-            ('--vary', 'gap=1,2', '--set', 'sweep_mode=up'),
-            'has no steady state; give --set sweep_mode=off',
-        ),
-        (('--vary', 'initial_damper_offset=0,1', '--follow', 'up'), 'cannot be followed'),
-    ],
-)
-def test_inputs_that_cannot_be_used(tmp_path, monkeypatch, capsys, words, message):
-    monkeypatch.chdir(tmp_path)
-    assert run(*words, '-o', 'a.parquet') == 2
-    assert message in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_output_in_a_directory_that_is_not_there(tmp_path, capsys):
-    assert run('--vary', 'gap=1,2', '-o', tmp_path / 'no' / 'a.parquet') == 2
-    assert 'is not a directory: make it' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ('name', 'missing', 'message'),
-    [
-        (
-            'a.parquet',
-            'pyarrow',
-            '"pip install pyarrow", or the package with its extra [sweep], or',
-        ),
-        ('a.csv', 'pandas', '"pip install pandas", or the package with its extra [sweep]'),
-    ],
-)
-def test_without_what_makes_the_table(tmp_path, capsys, monkeypatch, name, missing, message):
-    monkeypatch.setitem(sys.modules, missing, None)
-    assert run('--vary', 'gap=1,2', '-o', tmp_path / name) == 2
-    assert message in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize('name', ['a.csv', 'a.parquet'])
 def test_a_table_that_is_cut_short(tmp_path, capsys, name):
     few = ('--no-search', '--cycles', 50, '--watch', 21, '--jobs', 1)
@@ -380,13 +308,6 @@ def test_a_table_that_is_cut_short(tmp_path, capsys, name):
         assert 'give another --output, or --overwrite it' in said
     assert run(*words, '--overwrite') == 0
     assert (tmp_path / name).read_bytes() == whole
-
-
-def test_without_distributed_says_what_to_install(tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'distributed', None)
-    words = ('--vary', 'gap=1,2', '-o', tmp_path / 'a.parquet', '--scheduler', 'tcp://127.0.0.1:9')
-    assert run(*words) == 2
-    assert 'extra [dask]' in capsys.readouterr().err
 
 
 def test_no_optimum_says_why(tmp_path, capsys):

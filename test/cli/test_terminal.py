@@ -1,20 +1,15 @@
 """What files hold does not act on the terminal."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from mcap.writer import Writer
 
-import impact_damper_ros
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.recover_run import main as recover_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 
-ROOT = Path(impact_damper_ros.__file__).parents[1]
 #: Clear the screen; set the title; a C1 control; turn the direction of writing.
 ESCAPES = '\x1b[2J\x1b]0;x\x07\x9b31m\u202e'
 
@@ -52,30 +47,18 @@ def test_node_names_in_bags(tmp_path, capsys):
     assert is_harmless(capsys.readouterr())
 
 
-def test_paths_and_values(tmp_path, capsys):
-    path = tmp_path / f'{ESCAPES[:4]}.yaml'
-    assert simulate_rig([str(path), '--duration', '1']) == 2
+@pytest.mark.parametrize(
+    'words',
+    [
+        [f'{ESCAPES[:4]}.yaml'],
+        ['escapes.yaml'],
+        ['paper', '--set', f'gap={ESCAPES}'],
+        ['paper', '--set', f'{ESCAPES}=1'],
+        ['paper', '--change', f'{ESCAPES}:gap=1'],
+    ],
+)
+def test_paths_and_values(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path('escapes.yaml').write_text('/**:\n  ros__parameters:\n    gap: "\\e[2J"\n')
+    assert simulate_rig([*words, '--duration', '1']) == 2
     assert is_harmless(capsys.readouterr())
-    path.write_text('/**:\n  ros__parameters:\n    gap: "\\e[2J"\n')
-    assert simulate_rig([str(path), '--duration', '1']) == 2
-    assert is_harmless(capsys.readouterr())
-    assert simulate_rig(['paper', '--duration', '1', '--set', f'gap={ESCAPES}']) == 2
-    assert is_harmless(capsys.readouterr())
-
-
-def test_tests_can_interrupt_in_the_background_of_a_script():
-    """SIGINT is ignored there by inheritance, which children of the tests must not inherit."""
-    one = 'test_a_run_that_is_stopped_is_whole[SIGINT]'
-    file = ROOT / 'test' / 'cli' / 'test_interruption.py'
-    words = [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', f'{file}::{one}']
-    done = subprocess.run(
-        ['sh', '-c', 'trap "" INT; exec "$@"', 'sh', *words],
-        cwd=ROOT,
-        env={**os.environ, 'PYTHONPATH': str(ROOT)},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
-    assert '1 passed' in done.stdout

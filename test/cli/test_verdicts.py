@@ -12,7 +12,7 @@ verdicts = import_module('verdicts')
 
 @pytest.fixture(autouse=True)
 def short_runs(monkeypatch):
-    monkeypatch.setattr(verdicts, 'RATES', {50: 6.0, 200: 3.0})
+    monkeypatch.setattr(verdicts, 'RATES', {50: 3.0, 200: 1.5})
 
 
 @pytest.mark.parametrize('factor', verdicts.FACTORS)

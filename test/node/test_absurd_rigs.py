@@ -11,7 +11,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag import RunReader
-from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
+from impact_damper_ros.bag.rig_topics import PAUSED_ACT
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.node.pacing import CATCH_UP_NS
@@ -106,9 +106,9 @@ def test_held_rigs_are_replayed_wherever_the_machine_stalls(
     for name, values in HELD.items():
         assert parameters.set_atomically(**values) == '', name
         assert client.call(Trigger, f'{namespace}/sim_node/reset').success
-        until(lambda: states[-1].header.frame_id == PAUSED_FRAME, name)
+        until(lambda: states[-1].name[-1] == PAUSED_ACT, name)
         assert parameters.set_atomically(**CALM) == '', name
-        until(lambda: states[-1].header.frame_id == '', name)
+        until(lambda: states[-1].name[-1] != PAUSED_ACT, name)
     assert process.stop() == 0, process.output
     assert replay_run([str(bag_of(tmp_path / 'process_0'))]) == 0, capsys.readouterr().out
     said = capsys.readouterr().out
@@ -139,13 +139,13 @@ def test_a_rig_with_too_many_impacts_is_held_and_comes_back_to_pace(
     def wait_for_pace():
         reports.clear()
         until(lambda: any(s.message.startswith('holds ') for s in statuses(reports, 'pacing')))
-        until(lambda: states[-1].header.frame_id == '')
+        until(lambda: states[-1].name[-1] != PAUSED_ACT)
         assert statuses(reports, 'rig')[-1].level == DiagnosticStatus.OK
 
     assert parameters.set_atomically(**HAMMERING) == ''
     reset()
     wait_until_held()
-    until(lambda: states[-1].header.frame_id == PAUSED_FRAME)
+    until(lambda: states[-1].name[-1] == PAUSED_ACT)
     assert parameters.get('restitution_1') == 1.0
     # A change that is no remedy: it tries again.
     assert parameters.set(damper_mass=0.11) == ''
@@ -200,14 +200,14 @@ def test_stamps_follow_a_step_of_the_system_clock(
 
     if paused:
         pause(True)
-        until(lambda: states[-1].header.frame_id == PAUSED_FRAME)
+        until(lambda: states[-1].name[-1] == PAUSED_ACT)
     new = tmp_path / 'new'
     new.write_text(f'{step_s}')
     new.rename(tmp_path / 'process_0' / 'set_by')
     until(lambda: abs(ahead_ns() - step_s * 10**9) < CATCH_UP_NS)
     if paused:
         pause(False)
-        until(lambda: states[-1].header.frame_id == '')
+        until(lambda: states[-1].name[-1] != PAUSED_ACT)
     count = len(states)
     until(lambda: len(states) > count + 100)
     assert abs(ahead_ns() - step_s * 10**9) < 2 * CATCH_UP_NS
@@ -276,12 +276,12 @@ def test_single_steps(client, recording, namespace):
     assert call('pause', SetBool, data=True)[0]
     assert call('pause', SetBool, data=True)[1].startswith('was paused already')
     for _ in range(3):
-        count = sum(m.header.frame_id == '' for m in list(states))
+        count = sum(m.name[-1] != PAUSED_ACT for m in list(states))
         ok, text = call('step')
         assert ok
         assert re.fullmatch(r'paused after a step, at rig time [\d.]+ s', text)
-        until(lambda: states[-1].header.frame_id == PAUSED_FRAME)
-    assert sum(m.header.frame_id == '' for m in list(states)) == count + 1
+        until(lambda: states[-1].name[-1] == PAUSED_ACT)
+    assert sum(m.name[-1] != PAUSED_ACT for m in list(states)) == count + 1
     ok, text = call('step_to_impact')
     assert ok
     assert text.startswith('running on until after the next impact, at rig time')

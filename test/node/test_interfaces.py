@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
+from impact_damper_ros.bag.rig_topics import PAUSED_ACT
 from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import EventKind, RigParameters
 from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
@@ -152,7 +152,7 @@ def test_pause(rig):
     resumed_ns = resumed['stamp_offset_ns'] + resumed['time_ns']
     assert resumed_ns - held_ns > 0.2e9
     meanwhile = [m for m in rig.states if held_ns < stamp_ns(m.header.stamp) <= resumed_ns]
-    assert {m.header.frame_id for m in meanwhile} == {PAUSED_FRAME}
+    assert {(m.header.frame_id, m.name[-1]) for m in meanwhile} == {('', PAUSED_ACT)}
 
 
 def test_diagnostics(rig):

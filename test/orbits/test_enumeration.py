@@ -44,7 +44,7 @@ def close(a, b):
     return False
 
 
-@pytest.mark.parametrize('seed', range(24))
+@pytest.mark.parametrize('seed', range(12))
 def test_no_motion_with_two_impacts_is_missed(seed):
     rng = np.random.default_rng(seed)
     rig = random_rig(rng)
@@ -54,7 +54,7 @@ def test_no_motion_with_two_impacts_is_missed(seed):
         assert any(close(orbit, other) for other in found), orbit
 
 
-@pytest.mark.parametrize('seed', range(8))
+@pytest.mark.parametrize('seed', range(4))
 def test_no_motion_with_two_impacts_on_one_stop_is_missed(seed):
     rng = np.random.default_rng(100 + seed)
     rig = random_rig(rng).replace(one_sided=True, friction=0.0)
@@ -73,7 +73,7 @@ def test_no_motion_with_two_impacts_on_one_stop_is_missed(seed):
         assert any(close(orbit, other) for other in found), orbit
 
 
-@pytest.mark.parametrize('tilt', [0.0, 1e-14, 1e-11, 1e-8, 1e-5, 1e-3, 0.1])
+@pytest.mark.parametrize('tilt', [0.0, 1e-14, 1e-8, 1e-3])
 def test_symmetric_branch_does_not_get_lost_nearby(tilt):
     """Two solutions whose second instants are as close to half a period as the rig to level."""
     for rig in (
@@ -140,8 +140,9 @@ def test_starts_are_counted():
     assert (alone.simulated, alone.converged) == (0, report.converged)
 
 
-@pytest.mark.parametrize(('gap', 'stops'), [(8.0, (1, 1, 2, 2)), (14.0, (1, 1, 2))])
-@pytest.mark.parametrize('angle', [0.0, 0.4])
+@pytest.mark.parametrize(
+    ('gap', 'stops', 'angle'), [(8.0, (1, 1, 2, 2), 0.4), (14.0, (1, 1, 2), 0.0)]
+)
 def test_ten_times_the_starts_find_no_more(gap, stops, angle):
     rig = INCLINED.replace(gap=gap, angle=angle)
     usual = find_orbits(rig, stops, simulate=False).orbits

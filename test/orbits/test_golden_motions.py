@@ -103,9 +103,9 @@ def symmetric_displacements(rig):
     return sorted(root.real for root in roots if abs(root.imag) < 1e-12)
 
 
-@pytest.mark.parametrize('ratio', [0.6, 0.97, 1.0, 1.02, 1.7])
-@pytest.mark.parametrize('gap', [5.0, 20.0, 37.0])
-@pytest.mark.parametrize('restitution', [0.3, 0.75, 1.0])
+@pytest.mark.parametrize('ratio', [0.6, 1.0, 1.02])
+@pytest.mark.parametrize('gap', [5.0, 37.0])
+@pytest.mark.parametrize('restitution', [0.3, 1.0])
 def test_symmetric_motion_is_that_of_masri_and_caughey(ratio, gap, restitution):
     rig = HORIZONTAL.replace(
         gap=gap,
@@ -162,16 +162,7 @@ def stable_range(low, high, **changes):
     return edges
 
 
-def test_vertical_one_sided_range():
-    low, high = stable_range(0.4, 1.2)
-    assert low == pytest.approx(0.454, abs=0.5e-3)
-    assert high == pytest.approx(1.1265, abs=0.5e-3)
-    # The paper's own digits
-    assert math.floor(100 * low) / 100 == 0.45
-    assert math.floor(100 * high) / 100 == 1.12
-
-
-@pytest.mark.parametrize('ratio', [0.5, 0.75])
+@pytest.mark.parametrize('ratio', [0.5])
 def test_heavy_table_limit(ratio):
     """A massless ball on a vibrating table: the range is known in closed form."""
     first = math.pi * (1 - ratio) / (1 + ratio)
@@ -179,36 +170,6 @@ def test_heavy_table_limit(ratio):
     low, high = stable_range(0.8 * first, 1.2 * second, damper_mass=1e-9, ratio=ratio)
     assert low == pytest.approx(first, abs=1e-6)
     assert high == pytest.approx(second, abs=1e-6)
-
-
-def test_heavy_table_phase():
-    """The ball flies for a cycle, so that the table's velocity at the impact is known."""
-    rig = vertical(0.8, damper_mass=1e-9)
-    for orbit in find_orbits(rig, (1,)).orbits:
-        flight = math.tau / 10.0
-        assert orbit.primary_velocity_after[0] == pytest.approx(
-            -flight / 2 * 0.25 / 1.75, rel=1e-8
-        )
-        assert orbit.damper_velocity_after[0] == pytest.approx(-flight / 2, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ('gap', 'stops'),
-    [
-        (8.0, (1, 1, 2, 2)),
-        (16.0, (1, 1, 2)),
-        (18.0, (1, 1, 2)),
-        (24.0, (1, 2)),
-        (30.0, (1, 2)),
-        (37.0, (1, 2)),
-    ],
-)
-def test_attractors_of_the_frictionless_rig(gap, stops):
-    rig = HORIZONTAL.replace(gap=gap, force_frequencies=(1.02,))
-    orbits = [o for o in find_orbits(rig, stops).orbits if o.stable and o.viable]
-    # One that is its own mirror image, or two that are each other's
-    assert len(orbits) == (2 if gap == 24.0 else 1)
-    assert len({round(orbit.x_max, 9) for orbit in orbits}) == 1
 
 
 def test_mirrored_rig_has_mirrored_motion():
@@ -232,18 +193,3 @@ def test_force_phase_shifts_the_phases_only():
     assert shifted.x == pytest.approx(plain.x, rel=1e-11)
     for a, b in zip(plain.phases, shifted.phases, strict=True):
         assert (a - b) % 1.0 == pytest.approx(0.7 / math.tau, abs=1e-12)
-
-
-def test_equal_restitutions_of_one():
-    """Nothing is lost in the impacts: all that the force gives goes into the dashpot."""
-    rig = INCLINED.replace(restitution_1=1.0, restitution_2=1.0, damping=0.1)
-    for orbit in find_orbits(rig, (1, 2)).orbits:
-        for va, vb, ua, ub in zip(
-            orbit.primary_velocity_after,
-            orbit.primary_velocity_before,
-            orbit.damper_velocity_after,
-            orbit.damper_velocity_before,
-            strict=True,
-        ):
-            gained = (va**2 - vb**2) + rig.mass_ratio * (ua**2 - ub**2)
-            assert abs(gained) < 1e-11 * ua**2

@@ -8,10 +8,9 @@ import pytest
 from control.controlled_rigs import TRIAL, control
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.control.nearby_rig import NearbyRig, Scales
+from impact_damper_ros.control.nearby_rig import NearbyRig
 from impact_damper_ros.orbits import MotionKind, find_orbits, settle
 from impact_damper_ros.orbits import lyapunov as neighbours
-from impact_damper_ros.orbits.lyapunov import parting_exponent
 from impact_damper_ros.rig import InitialConditions, RigParameters
 
 START = InitialConditions(initial_primary_position=1.0)
@@ -46,7 +45,6 @@ def settled(rig, law, start=START, cycles=600, watch=25):
     ('rig', 'start', 'stops'),
     [
         (TRIAL, START, '1,2'),
-        (LEVEL.replace(gap=30.0), START, '1,2'),
         (LEVEL.replace(gap=16.0), near(-2.01, -9.17, 5.76, -3.96), '1,1,2'),
         (
             INCLINED.replace(gap=20.0),
@@ -55,7 +53,7 @@ def settled(rig, law, start=START, cycles=600, watch=25):
         ),
         (LEVEL.replace(gap=300.0), START, ''),
     ],
-    ids=['resonance', 'two impacts', 'three impacts', 'four cycles', 'no impacts'],
+    ids=['resonance', 'three impacts', 'four cycles', 'no impacts'],
 )
 def test_a_control_that_is_held_has_the_multiplier_of_the_rig(rig, start, stops):
     """The law is on, samples, estimates, and lets the stops stand where they are."""
@@ -95,33 +93,13 @@ def test_stops_that_have_come_to_a_stand_have_the_multiplier_of_the_periodic_sol
     assert state.multiplier == pytest.approx(largest, rel=1e-7)
 
 
-@pytest.mark.parametrize('rig', [LEVEL.replace(gap=12.0), TRIAL.replace(gap=8.0)])
-def test_a_chaotic_rig_whose_control_is_held(rig):
-    state, _ = settled(rig, held(rig.gap), cycles=500, watch=400)
-    plain = settle(Rig(rig, START, compiled=None), cycles=500, watch=400)
-    assert plain.kind is MotionKind.CHAOTIC
-    assert state.exponent.value > 4.0 * state.exponent.uncertainty
-    assert state.exponent.value == pytest.approx(
-        plain.exponent.value, abs=state.exponent.uncertainty + plain.exponent.uncertainty
-    )
-
-
-def test_two_ways_to_the_exponent_of_one_motion():
-    """Its multiplier, and the mean growth between neighbours."""
-    state, run = settled(TRIAL, held(TRIAL.gap))
-    mean = parting_exponent(run.snapshot(), state.cycle, 200, Scales(10.0, 1.0))
-    assert mean.uncertainty < 0.004
-    assert mean.value == pytest.approx(state.exponent.value, abs=mean.uncertainty)
-
-
 @pytest.mark.parametrize(
     ('rig', 'law'),
     [
         (TRIAL.replace(angle=0.4, gravity=1.0, friction=0.3), {}),
-        (TRIAL, {'gap_control_park': 0.8}),
         (TRIAL, {'gap_control_park': 0.6}),
     ],
-    ids=['inclined', 'parked nearer', 'parked near'],
+    ids=['inclined', 'parked near'],
 )
 def test_a_motion_with_stops_that_move_forgets_a_kick_by_its_multiplier(rig, law):
     """The force of a third of a cycle was another one; what is left of it after many cycles."""
@@ -162,14 +140,6 @@ def test_the_middle_of_the_motion_of_m_is_nobodys_business():
     ends = [one.run(until, [until]).samples[0] for one in (rig, other)]
     assert ends[1]['x'] == pytest.approx(ends[0]['x'], abs=1e-6)
     assert ends[1]['z'] - ends[0]['z'] == pytest.approx(0.01, rel=1e-3)
-
-
-def test_noise_is_the_same_for_neighbours():
-    law = control('timed', gap_control_noise_position=0.02, gap_control_noise_velocity=0.02)
-    rig = TRIAL.replace(angle=0.4, gravity=1.0, friction=0.3)
-    state, _ = settled(rig, law, cycles=200, watch=100)
-    assert state.kind is MotionKind.NOT_PERIODICALLY_DRIVEN
-    assert state.exponent.value < -2.0 * state.exponent.uncertainty
 
 
 def test_where_neighbours_decide_differently_there_is_no_exponent(monkeypatch):

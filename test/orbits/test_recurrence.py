@@ -45,7 +45,7 @@ def test_a_period_that_is_approached():
     ],
     ids=['doubled', 'about to double', 'settling'],
 )
-@pytest.mark.parametrize('periods', [8, 31, 60])
+@pytest.mark.parametrize('periods', [8, 60])
 def test_a_doubled_period_is_distinguished_from_a_slow_approach(wobble, cycles, periods):
     k = np.arange(2 * periods) // 2
     phase = np.ravel(np.arange(periods)[:, None] + np.array([0.2, 0.7])) + wobble(k)

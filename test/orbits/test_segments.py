@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from rigs import FRICTION, VERTICAL
+from rigs import VERTICAL
 
-from impact_damper_ros.orbits import ImpactEquations, find_orbits
-from impact_damper_ros.orbits.segments import Node, Segments, impact_nodes, solve
+from impact_damper_ros.orbits import ImpactEquations
+from impact_damper_ros.orbits.segments import Node, Segments, impact_nodes
 from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.state import (
     CHATTER_1,
@@ -165,26 +165,3 @@ def test_flights_lead_to_where_the_impact_equations_say():
         vector = np.concatenate([x, [math.cos(phase), math.sin(phase), 1.0]])
         end = segments.flights(equations.states(x, instants), instants).end
         assert np.roll(x, -1) - end[:, 0] == pytest.approx((rows @ vector)[:n], abs=1e-12)
-
-
-def solution_of(rig, stops, cycles=1):
-    """Return the solution that belongs to the first motion, from a guess beside it."""
-    orbit = find_orbits(rig, stops, cycles, simulate=False).orbits[0]
-    segments = Segments(rig, impact_nodes(stops), cycles)
-    velocity = np.array(orbit.primary_velocity_after)
-    relative = np.array(orbit.damper_velocity_after) - velocity
-    states = np.stack([np.array(orbit.x), velocity, 0.0 * velocity, relative], axis=-1)
-    away = np.array([0.05, -0.03, 0.0, 0.02])
-    solution = solve(segments, states + away, np.array(orbit.instants) + 0.01)
-    assert solution is not None
-    return orbit, solution
-
-
-def test_newton_converges_quadratically_to_round_off():
-    orbit, solution = solution_of(FRICTION, (1, 2))
-    assert solution.states[:, 0] == pytest.approx(orbit.x, rel=1e-12)
-    assert solution.history[0] > 1e-4
-    assert min(solution.history) == solution.residual < 1e-14
-    first, second, third = solution.history[1:4]
-    assert second < 1e2 * first**2
-    assert third < 1e2 * second**2 + 1e-15

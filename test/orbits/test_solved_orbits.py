@@ -7,8 +7,7 @@ import pytest
 from rigs import FRICTION, HORIZONTAL, INCLINED, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import OrbitError, find_orbits, orbit_near, settle
-from impact_damper_ros.orbits.multipliers import multipliers_of
+from impact_damper_ros.orbits import find_orbits, orbit_near, settle
 from impact_damper_ros.orbits.search import carried_over, settled_orbits
 from impact_damper_ros.orbits.segments import Segments
 from impact_damper_ros.orbits.solved_orbits import guess_on
@@ -37,11 +36,8 @@ def settled_orbit(rig, cycles=1):
     ('rig', 'stops', 'cycles'),
     [
         (RigParameters(gravity=0.0), (1, 2), 1),
-        (INCLINED, (1, 2), 1),
-        (FRICTION, (1, 2), 1),
         (FRICTION.replace(air_force=0.02, restitution_1=0.7), (1, 2), 1),
         (INCLINED.replace(gap=16.0), (1, 1, 2), 1),
-        (INCLINED.replace(gap=8.0), (1, 1, 2, 2), 1),
         (INCLINED.replace(gap=8.0), (1, 1, 1, 2), 1),
         (PLASTIC.replace(friction=0.0, restitution_1=0.6, force_amplitudes=(1.5,)), (1,), 1),
     ],
@@ -86,9 +82,7 @@ def test_agrees_with_the_impact_equations(rig, stops, cycles):
     ('rig', 'stops', 'reversals', 'stable'),
     [
         (FRICTION.replace(gap=16.0), (1, 1, 2), 1, True),
-        (FRICTION.replace(gap=18.0), (1, 1, 2), 1, True),
         (FRICTION.replace(gap=8.0), (1, 1, 2, 2), 2, False),
-        (FRICTION.replace(gap=12.0), (1, 1, 1, 2), 2, False),
         (FRICTION.replace(gap=8.0, angle=0.0, friction=0.05), (1, 1, 2, 2), 2, True),
         (FRICTION.replace(friction=2.0, gap=20.0), (1, 2), 2, True),
     ],
@@ -211,16 +205,6 @@ def test_multipliers_are_those_of_the_simulators_map(rig, modes, zeros, kinds):
     assert sorted(np.abs(values)) == pytest.approx(expected, abs=1e-6)
 
 
-@pytest.mark.parametrize('rig', [PLASTIC, LOSSY, LOSSY.replace(gap=5.0)])
-def test_sticking_and_resting_motions_are_what_simulation_settles_into(rig):
-    orbit = settled_orbit(rig)
-    start = InitialConditions(initial_primary_position=1.0)
-    found = settle(Rig(rig, start), tolerance=1e-11)
-    # Impacts at the cut of a chatter are as sharp as the cut; the others to round-off
-    assert orbit.distance(found.rhythm) < 1e-9
-    assert found.x_max == pytest.approx(orbit.x_max, rel=1e-9)
-
-
 @pytest.mark.filterwarnings('error')
 def test_a_chatter_that_ends_in_rest_is_found_without_friction():
     """Its impacts up to the rest are counted; the impact equations alone do not have it."""
@@ -256,36 +240,6 @@ def test_a_motion_is_carried_to_friction_step_by_step():
     assert orbit.x_max == pytest.approx(expected.x_max, rel=1e-10)
 
 
-def test_a_motion_is_carried_to_another_angle_and_gravity():
-    inclined = INCLINED.replace(gap=16.0)
-    start = find_orbits(inclined.replace(angle=0.0), (1, 1, 2), simulate=False).orbits[0]
-    orbit = carried_over(start, inclined)
-    assert orbit is not None
-    assert orbit.parameters == inclined
-    expected = find_orbits(inclined, (1, 1, 2), simulate=False).orbits[0]
-    assert orbit.x_max == pytest.approx(expected.x_max, rel=1e-10)
-
-
-def test_one_sided_motion_with_friction():
-    """One impact in a cycle, on the only stop: each flight goes up against friction and back."""
-    rig = PLASTIC.replace(restitution_1=0.75, force_amplitudes=(1.0,))
-    found = find_orbits(rig, (1,))
-    assert found.report.method == 'events'
-    stable = [orbit for orbit in found.orbits if orbit.stable]
-    assert len(stable) == 1
-    assert [node.kind for node in stable[0].events] == [EventKind.REVERSAL]
-    unstable = [orbit for orbit in found.orbits if not orbit.stable]
-    assert len(unstable) == 1
-
-
-def test_search_keeps_to_the_stops_asked_for():
-    for stops in ((1, 1, 2), (1, 2, 2)):
-        for orbit in find_orbits(FRICTION.replace(gap=16.0), stops).orbits:
-            assert orbit.stops == stops
-            assert 0.0 <= orbit.phases[0] < 1.0
-            assert orbit.viable
-
-
 SEVERAL = RigParameters(
     damping=0.1,
     gap=12.0,
@@ -308,43 +262,11 @@ def test_several_harmonics_with_a_common_period(friction):
     assert min(orbit.distance(rhythm) for orbit in found.orbits if orbit.stable) < 1e-9
 
 
-def test_harmonics_carried_over_from_the_first():
-    rig = SEVERAL.replace(force_amplitudes=(1.0, 0.02, 0.01))
-    alone = find_orbits(
-        SEVERAL.replace(force_amplitudes=(1.0,), force_frequencies=(1.02,), force_phases=(0.4,)),
-        (1, 2),
-        simulate=False,
-    )
-    viable = [orbit for orbit in alone.orbits if orbit.viable]
-    assert viable
-    found = find_orbits(rig, (1, 2), simulate=False)
-    assert (found.report.starts, found.report.converged) == (len(viable), len(viable))
-    assert 0 < found.orbits[0].distance(viable[0]) < 0.1
-
-
-@pytest.mark.parametrize(('frequencies', 'cycles'), [((1.0, 1.5), 1), ((1.0, math.sqrt(2)), 7)])
-def test_harmonics_without_a_common_period(frequencies, cycles):
-    rig = FRICTION.replace(
-        force_amplitudes=(1.0, 0.1), force_frequencies=frequencies, force_phases=(0.0, 0.0)
-    )
-    with pytest.raises(OrbitError, match='whole number'):
-        find_orbits(rig, (1, 2), cycles)
-
-
-def test_a_harmonic_without_amplitude_does_not_count():
-    rig = FRICTION.replace(
-        force_amplitudes=(1.0, 0.0), force_frequencies=(1.02, 2.5), force_phases=(0.0, 0.0)
-    )
-    assert find_orbits(rig, (1, 2)).orbits[0].x == find_orbits(FRICTION, (1, 2)).orbits[0].x
-
-
 @pytest.mark.parametrize(
     ('rig', 'stops'),
     [
-        (HORIZONTAL, (1, 2)),
         (FRICTION, (1, 2)),
         (INCLINED.replace(air_force=0.02, restitution_1=0.6, friction=0.2), (1, 2)),
-        (OFF_RESONANCE.replace(gap=18.0), (1, 1, 2)),
         (OFF_RESONANCE.replace(gap=8.0), (1, 1, 2, 2)),
         (VERTICAL, (1,)),
     ],
@@ -360,27 +282,3 @@ def test_the_determinant_is_what_damping_and_impacts_leave(rig, stops):
         matrix = segments.monodromy(segments.flights(*guess[1:]))
         assert np.linalg.det(matrix) == pytest.approx(expected, rel=1e-8)
         assert np.prod(orbit.multipliers) == pytest.approx(expected, rel=1e-8)
-
-
-def test_the_simulator_settles_as_fast_as_the_multiplier_says():
-    rig = INCLINED.replace(air_force=0.02, friction=0.2)
-    orbit = find_orbits(rig, (1, 2)).orbits[0]
-    assert orbit.viable
-    assert orbit.stable
-    impacts = [
-        event
-        for event in Rig(rig).advance(500 * orbit.period)
-        if event.kind is EventKind.IMPACT and event.stop == 1
-    ]
-    away = np.array([abs(event.x - orbit.x[0]) for event in impacts])
-    # A complex pair: the rate of the envelope, over many of its turns
-    periods = np.arange(len(away))
-    kept = (away < 1e-3) & (away > 1e-10)
-    slope = np.polyfit(periods[kept], np.log(away[kept]), 1)[0]
-    assert math.exp(slope) == pytest.approx(abs(orbit.multipliers[0]), rel=5e-3)
-
-
-def test_multipliers_are_ordered():
-    matrix = np.diag([0.1, -0.9, 0.0, 0.0])
-    matrix[2:, 2:] = [[0.3, -0.4], [0.4, 0.3]]
-    assert multipliers_of(matrix) == pytest.approx((-0.9, 0.3 + 0.4j, 0.3 - 0.4j, 0.1))

@@ -1,14 +1,11 @@
 """Viability: what the simulator does decides, and the reason says why."""
 
-import re
-
 import numpy as np
 import pytest
 from rigs import INCLINED
 
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits.segments import Segments, impact_nodes
-from impact_damper_ros.orbits.solved_orbits import guess_on
 from impact_damper_ros.orbits.viability import extremes
 from impact_damper_ros.rig import EventKind
 from orbits.begun_rigs import begun_on
@@ -30,15 +27,11 @@ def follows(orbit):
 @pytest.mark.parametrize(
     ('changes', 'stops', 'cycles'),
     [
-        ({}, (1, 2), 1),
         ({}, (1, 2), 3),
         ({'gap': 16.0, 'angle': 0.0}, (1, 1, 2), 1),
-        ({'gap': 8.0, 'angle': 0.2}, (1, 1, 1, 2), 1),
         ({'gap': 8.0, 'angle': 0.2}, (1, 1, 2, 2), 1),
         ({'gap': 3.0}, (1, 2), 1),
-        ({'friction': 0.5, 'gap': 60.0}, (1, 2), 1),
         ({'friction': 2.0, 'gap': 60.0}, (1, 2), 1),
-        ({'one_sided': True, 'angle': 1.2}, (1,), 2),
         ({'one_sided': True, 'angle': 1.2, 'gravity': 9.81}, (1, 1), 2),
     ],
 )
@@ -48,16 +41,6 @@ def test_simulator_follows_exactly_the_viable_ones(changes, stops, cycles):
     for orbit in orbits:
         assert orbit.viable == follows(orbit), orbit.reason
         assert orbit.viable == (orbit.reason == '')
-
-
-def flights_of(orbit):
-    """Return the flights after the impacts of a motion without other events."""
-    guess = guess_on(orbit)
-    segments = Segments(orbit.parameters, guess.nodes, orbit.cycles)
-    return [
-        segments.flight(i, state, instant)
-        for i, (state, instant) in enumerate(zip(guess.states, guess.instants, strict=True))
-    ]
 
 
 def reasons(changes, stops, cycles=1):
@@ -71,41 +54,11 @@ def test_reason_approach_from_beyond():
     assert '-1.015 m/s' in text
 
 
-def test_reason_another_impact_with_the_true_depth():
-    rig = INCLINED.replace(gap=3.0)
-    checked = 0
-    for orbit in find_orbits(rig, (1, 2)).orbits:
-        for depth, stop, start in re.findall(
-            r'pass stop (\d) by ([\d.e-]+) m between the impacts on stop (\d)', orbit.reason
-        ):
-            stop, depth = depth, stop
-            i = orbit.stops.index(int(start))
-            flight = flights_of(orbit)[i]
-            grid = np.linspace(0.0, orbit.durations[i], 20001)
-            travel = np.array([flight.motion(tau).travel for tau in grid])
-            y = travel + (1.5 if start == '1' else -1.5)
-            beyond = y.max() - 1.5 if stop == '1' else -1.5 - y.min()
-            assert float(depth) == pytest.approx(beyond, rel=1e-3)
-            checked += 1
-    assert checked
-
-
 def test_reason_friction_reverses():
     texts = [t for t in reasons({'friction': 2.0, 'gap': 20.0}, (1, 2)) if 'sign' in t]
     (text,) = [t for t in texts if 'm turns back between the impacts on stop 2 and' in t]
     assert '1.09321 s after the former' in text
     assert '6.497 m from stop 2: friction changes sign there' in text
-
-
-def test_largest_displacement_is_the_simulators():
-    orbit = find_orbits(INCLINED, (1, 2)).orbits[0]
-    run = begun_on(orbit)
-    largest = 0.0
-    for tau in np.linspace(0.0, orbit.period, 40001):
-        run.advance(tau)
-        largest = max(largest, abs(run.sample().x))
-    assert orbit.x_max >= largest
-    assert orbit.x_max == pytest.approx(largest, rel=1e-7)
 
 
 def test_turning_points_against_a_dense_look():

@@ -16,6 +16,7 @@ from bag.recorded_rig import LIVELY, NOTES, RecordedRig, random_run
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.messages import JointStateLayout, decode, header_ns
+from impact_damper_ros.bag.snapshots import FORMAT
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.replay.findings import ReplayVerdict
@@ -240,7 +241,9 @@ def controlled():
         ('/impacts', 7, ('stamp', 'nanosec'), 'stamp'),
         ('/impacts', 7, ('frame',), 'frame_id'),
         ('/impacts', 7, ('effort', 1), 'effort of damper'),
+        ('/gap_control', 40, ('act',), 'act'),
         ('/gap_control', 40, ('position', 1), 'position of stop_2'),
+        ('/gap_control', 40, ('effort', 3), 'effort of the act'),
         ('/gap_control', 40, ('velocity', 0), 'velocity of stop_1'),
         ('/snapshot', -1, ('state', 'parameters', 'stiffness'), 'parameters.stiffness'),
         ('/snapshot', -1, ('state', 'origin', 'clearance_1'), 'origin.clearance_1'),
@@ -355,18 +358,24 @@ def of_format(message, version, name='format'):
 
 
 def test_other_formats_are_refused(tmp_path, messages):
-    for name, version in (('format', 7), ('format', 4), ('state', 2), ('state', None)):
+    for name, version in (
+        ('format', FORMAT + 1),
+        ('format', FORMAT - 1),
+        ('state', 2),
+        ('state', None),
+    ):
         others = [of_format(messages[0], version, name), *messages[1:]]
-        words = f'of format {version}; this version reads format 5'
+        read = 5 if name == 'state' else FORMAT
+        words = f'of format {version}; this version reads format {read}'
         with pytest.raises(RecordingError, match=words) as caught:
             replayed(samples.record(tmp_path / f'{name}_{version}', others, custom=NOTES))
         assert 'use the version of impact_damper_ros that recorded the bag' in str(caught.value)
     place = places(messages, '/snapshot')[-1]
-    messages[place] = of_format(messages[place], 6)
+    messages[place] = of_format(messages[place], FORMAT + 1)
     findings = replayed(samples.record(tmp_path / 'later', messages, custom=NOTES))
     assert findings.verdict is ReplayVerdict.PARTIAL
     assert findings.samples == 201
-    assert 'format 5' in findings.faults[0]
+    assert f'format {FORMAT + 1}' in findings.faults[0]
 
 
 def test_a_bag_of_another_arithmetic_says_so(tmp_path, messages):
@@ -392,7 +401,7 @@ def test_bags_without_a_rig_are_refused(tmp_path, messages):
     with pytest.raises(RecordingError, match='no whole message'):
         replayed(samples.record(tmp_path / 'empty', []))
     foreign = samples.record(tmp_path / 'foreign', samples.run(5))
-    with pytest.raises(RecordingError, match='of format 3; this version reads format 5'):
+    with pytest.raises(RecordingError, match=f'of format 3; this version reads format {FORMAT}'):
         replayed(foreign)
 
 

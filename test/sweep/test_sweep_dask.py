@@ -9,9 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
-from control.controlled_rigs import TRIAL, control
 
 import impact_damper_ros
 from impact_damper_ros.cli import sweep_rig
@@ -36,16 +34,6 @@ GRID = Grid(
     START,
     settling=Settling(cycles=1000, watch=40),
     force_frequencies=np.linspace(0.98, 1.04, 40),
-)
-#: Each rig takes over stops, estimates and waiting commands of the one before, noise and all.
-CONTROLLED = Grid(
-    TRIAL,
-    START,
-    control('timed', actuator_delay=0.1, actuator_speed=40.0, gap_control_noise_position=0.02),
-    follow='both',
-    settling=Settling(cycles=60, watch=21, section=10),
-    gap_control_park=[1.2, 1.5, 1.8],
-    gap_min=[0.01, 2e3],
 )
 
 
@@ -105,29 +93,10 @@ def test_command_runs_on_a_cluster(cluster, tmp_path):
     assert there.read_bytes() == here.read_bytes()
 
 
-def test_controlled_rigs_on_a_cluster(cluster):
-    """As by local processes; some of the rigs cannot be."""
-    local = sweep(CONTROLLED, jobs=2)
-    with Client(cluster[0], set_as_default=False) as client:
-        there = sweep(CONTROLLED, executor=client.get_executor(pure=False))
-    pd.testing.assert_frame_equal(there, local)
-    assert list(there.direction) == ['up'] * 6 + ['down'] * 6
-    assert list(there.ok) == [True, False] * 6
-    assert there.x_rms[0] != there.x_rms[6]
-
-
 def test_a_programming_error_comes_back_from_the_cluster(cluster, monkeypatch):
     monkeypatch.setattr('impact_damper_ros.sweep.execution.run_task', 'no function')
     with Client(cluster[0], set_as_default=False) as client, pytest.raises(TypeError):
         sweep(GRID, executor=client.get_executor(pure=False))
-
-
-def test_no_scheduler_at_the_address(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(sweep_rig, '_CONNECT_SECONDS', 0.3)
-    words = [PAPER, '--vary', 'gap=24:37:6', '--quiet', '--scheduler', 'tcp://127.0.0.1:9']
-    assert sweep_rig.main([*words, '-o', str(tmp_path / 'table.parquet')]) == 1
-    assert 'no Dask scheduler at tcp://127.0.0.1:9' in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_killed_worker_loses_no_row_and_leaves_no_trace(cluster, tmp_path, monkeypatch):

@@ -91,14 +91,6 @@ def test_attractors_are_distinguished_by_their_sections():
     assert attractor_numbers(pd.DataFrame(rows)) == [4, 0, 0, 1, 1, None, 2, 2, 3, 3, 0]
 
 
-def test_other_rigs_have_numbers_of_their_own():
-    table = swept(
-        RIG.replace(gap=18.0), friction=[0.0, 0.001], initial_primary_position=[0.0, 1.0, 2.0]
-    )
-    assert set(table.attractor[table.friction == 0.0]) <= {0, 1}
-    assert table.attractor[3:].min() == 0
-
-
 def test_optimum_gap_is_that_of_the_theory():
     """At resonance the least motion is a smooth minimum; followed upwards, the rig keeps to it."""
     rig = RigParameters(gravity=0.0)
@@ -114,24 +106,6 @@ def test_optimum_gap_is_that_of_the_theory():
     on_grid = find_optimum(table, 'x_max', refine=False)
     assert on_grid.values == on_grid.grid_values == found.grid_values
     assert on_grid.trials == 0
-
-
-def test_optimum_of_a_surface():
-    table = swept(
-        settling=Settling(800, watch=21),
-        gap=np.linspace(36.0, 44.0, 5),
-        force_frequencies=[1.0, 1.01, 1.02],
-    )
-    least = find_optimum(table, 'x_rms')
-    greatest = find_optimum(table, 'x_rms', 'greatest', refine=False)
-    measures = table.x_rms[table.settled]
-    assert least.grid_measure == measures.min()
-    assert greatest.value == measures.max()
-    assert least.value <= least.grid_measure
-    assert len(least.values) == 2
-    summary = summary_of(table, least)
-    assert summary['optimum']['names'] == ['gap', 'force_frequencies']
-    assert summary['rigs'] == 15
 
 
 @pytest.fixture(scope='module')
@@ -179,16 +153,6 @@ def test_optimum_on_the_grid_names_what_the_table_shows(hysteresis):
     assert all(edge.ratio < 0.5 for edge in narrow.edges)
 
 
-def test_a_smooth_optimum_has_no_cautions():
-    """At resonance, followed, the least motion is 2 m from the end of its branch."""
-    rig = RigParameters(gravity=0.0, damping=0.1)
-    table = swept(rig, follow='up', settling=Settling(1000), gap=np.linspace(4.0, 8.0, 9))
-    found = find_optimum(table, 'x_max')
-    summary = summary_of(table, found)
-    assert (found.edges, found.coexisting) == ((), ())
-    assert summary['optimum']['cautions'] == []
-
-
 def labels_of(figure):
     return [text.get_text() for text in figure.legends[0].texts]
 
@@ -226,33 +190,11 @@ def test_branches_run_through_what_has_settled(hysteresis):
     assert min(lines['--'].get_xdata()) == pytest.approx(special.value)
 
 
-def test_branches_of_shared_values_and_of_the_frequency():
-    names = {'restitution_1=restitution_2': [0.7, 0.75]}
-    (branch,) = branches_of(swept(RIG.replace(gap=37.0), settling=Settling(600), **names))
-    assert branch.points[0].orbit.parameters.restitution_2 == pytest.approx(0.7)
-    phased = RIG.replace(gap=37.0, force_phases=1.0)
-    (branch,) = branches_of(swept(phased, settling=Settling(600), force_frequencies=[1.02, 1.03]))
-    assert branch.points[-1].orbit.parameters.force_frequencies[0] == pytest.approx(1.03)
-
-
 def test_no_branches_where_there_is_no_theory():
     rest = {'settling': Settling(50, watch=21)}
     assert branches_of(swept(RIG, gap=[30.0], friction=[0.0, 0.1], **rest)) == []
     assert branches_of(swept(RIG, initial_primary_position=[0.0, 1.0], **rest)) == []
     assert branches_of(swept(RIG, one_sided=[False, True], **rest)) == []
-
-
-def test_no_optimum_without_a_motion_that_repeats(tmp_path):
-    table = swept(damping=[2, 3])
-    assert find_optimum(table, 'x_max') is None
-    assert 'damping is 2.0 N s/m' in summary_text(tmp_path, summary_of(table, None))
-
-
-def test_unknown_measures_and_ends_are_refused(hysteresis):
-    with pytest.raises(ValueError, match="measure is 'gap': give one of period, impacts, x_max"):
-        find_optimum(hysteresis, 'gap')
-    with pytest.raises(ValueError, match='give one of least, greatest'):
-        find_optimum(hysteresis, 'x_max', 'smallest')
 
 
 def panels(figure):

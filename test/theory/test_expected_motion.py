@@ -11,7 +11,6 @@ from rigs import FRICTION, HORIZONTAL, VERTICAL
 from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
-from impact_damper_ros.rig.swing import Swing
 from impact_damper_ros.theory.expected_motion import predictions, run_ahead
 from theory.observed import motion_on
 
@@ -131,22 +130,6 @@ def test_stops_that_a_law_moves_are_not_predicted_but_where_they_come_to_rest():
     assert last.expected.distance(find_orbits(HORIZONTAL, (1, 2)).orbits[0]) < 1e-9
 
 
-def test_two_harmonics_with_a_common_period():
-    rig = HORIZONTAL.replace(
-        force_amplitudes=(1.0, 0.2), force_frequencies=(1.0, 2.0), force_phases=(0.0, 0.0)
-    )
-    *_, last = predictions(Rig(rig))
-    assert last.basis == 'run ahead'
-    assert last.expected.stable
-    simulator = Rig(rig)
-    simulator.advance(400 * math.tau)
-    swing = Swing()
-    for k in range(1, 241):
-        events = simulator.advance((400 + k / 240) * math.tau)
-        swing.look(simulator.sample(), events)
-    assert last.expected.x_max == pytest.approx(swing.largest, rel=1e-6)
-
-
 def test_a_harmonic_that_was_added_on_the_way_has_the_phase_of_then():
     rig = Rig(FRICTION)
     rig.advance(20.0)
@@ -197,25 +180,6 @@ def test_where_no_stop_is_hit_or_nothing_repeats_the_reason_is_given():
     )
     # 0.288 +- 0.006 over 20,000 cycles
     assert exponent == pytest.approx(0.288, abs=4.0 * error)
-
-
-def test_the_swing_between_coarse_samples_with_impacts():
-    orbit = find_orbits(HORIZONTAL, (1, 2)).orbits[0]
-    start = InitialConditions(
-        initial_primary_position=orbit.x[0],
-        initial_primary_velocity=orbit.primary_velocity_after[0],
-        initial_damper_offset=18.5,
-        initial_damper_velocity=orbit.damper_velocity_after[0],
-    )
-    phase = math.tau * orbit.phases[0]
-    for samples, error in ((8, 2e-3), (20, 1e-4), (100, 1e-6)):
-        rig = Rig(HORIZONTAL.replace(force_phases=phase), start)
-        swing = Swing()
-        swing.look(rig.sample(), [])
-        for k in range(1, samples + 1):
-            events = rig.advance(k / samples * math.tau)
-            swing.look(rig.sample(), events)
-        assert swing.largest == pytest.approx(orbit.x_max, rel=error)
 
 
 @pytest.mark.parametrize('name', ['weight', 'tiny gap', 'at once'])

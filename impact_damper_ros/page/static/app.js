@@ -65,6 +65,8 @@ let numbers = {};
 /** Values of the rig itself; beside a recording the knobs hold those of the ghost. */
 let rigValues = {};
 let status = 'connecting';
+/** What the server said of it last. */
+let said = '';
 let presetList = [];
 
 // Measurements: times between frames and of drawing, how much has come in, and of when its newest is.
@@ -78,16 +80,16 @@ function setStatus(state, text = '') {
   mark(pill, 'data-state', state);
   write(pill, TEXTS[state] ?? state);
   const curtain = byId('curtain');
-  const said = {
+  const shown = {
     gone: 'The node does not answer; waiting for it.',
     offline: 'The page server does not answer; trying again.',
     paused: player.on ? '' : 'Paused',
   }[state] ?? '';
-  curtain.hidden = !said;
+  curtain.hidden = !shown;
   mark(curtain, 'data-state', state);
-  write(curtain, said);
+  write(curtain, shown);
   // A rig that lags says why in a tooltip and to a screen reader; it runs on.
-  mark(pill, 'title', text || said || TEXTS[state] || '');
+  mark(pill, 'title', text || shown || TEXTS[state] || '');
   mark(pill, 'aria-label', state === 'lagging' && text ? `${TEXTS[state]}: ${text}` : TEXTS[state] ?? state);
   const paused = state === 'paused';
   mark(byId('pause'), 'aria-pressed', String(paused));
@@ -126,16 +128,18 @@ function keepAddress() {
 /** Send values to the rig, or to the ghost beside a recording. */
 async function setValues(values) {
   if (hello.mode === 'player') {
-    ghostValues = { ...ghostValues, ...values };
-    connection.send({ type: 'what_if', values: ghostValues });
-    byId('clear-ghost').hidden = false;
-    shared.values = ghostValues;
-    keepAddress();
-    return { ok: true, reason: '' };
+    const answer = await connection.ask({ type: 'what_if', values: { ...ghostValues, ...values } });
+    if (answer.ok) {
+      ghostValues = answer.values;
+      byId('clear-ghost').hidden = false;
+      shared.values = ghostValues;
+      keepAddress();
+    }
+    return answer;
   }
   const answer = await connection.ask({ type: 'set', values });
   if (answer.ok) {
-    Object.assign(shared.values, values);
+    Object.assign(shared.values, answer.values);
     keepAddress();
   }
   return answer;
@@ -277,8 +281,8 @@ async function applyWanted() {
 function takeValues(values) {
   Object.assign(rigValues, values);
   if (values.force_frequencies) {
-    // Some twelve cycles of the force
-    if (!shared.view.window) chooseWindow((24 * Math.PI) / values.force_frequencies[0]);
+    // Some eight cycles of the force, or more
+    if (!shared.view.window) chooseWindow((16 * Math.PI) / values.force_frequencies[0]);
   }
   if ('record' in values) {
     mark(byId('record'), 'aria-pressed', String(values.record));
@@ -298,13 +302,27 @@ function takeValues(values) {
   rig.stale = true;
 }
 
+/** Whether so much has changed that the scales of before say nothing. */
+function isAnotherRig({ preset, values }) {
+  const factor = values.gap / rigValues.gap;
+  return Boolean(preset) || factor > 2 || factor < 0.5;
+}
+
+/** Choose all scales anew, from what moves since an instant. */
+function anotherRig(time) {
+  if (Number.isFinite(time)) history.begun = time;
+  for (const picture of [rig, slow.drawing, traces, portrait, map]) picture.rescale();
+}
+
 connection.addEventListener('parameters', ({ detail }) => {
   // A knob that makes the ghost another rig stays where it was turned to.
   const values = Object.fromEntries(Object.entries(detail.values).filter(([name]) => !(name in ghostValues)));
+  const line = knobs.done(detail);
+  if (isAnotherRig(detail)) anotherRig(detail.time);
   knobs.take(values);
   takeValues(detail.values);
   if (!history.recorded) {
-    history.change(detail.time, knobs.done(detail));
+    history.change(detail.time, line);
     const preset = presetList.find((one) => one.title === detail.preset)?.name;
     if (preset && preset !== shared.preset) {
       // Chosen in another tab, or by hand
@@ -331,13 +349,14 @@ connection.addEventListener('frame', ({ detail: frame }) => {
 });
 connection.addEventListener('status', ({ detail }) => {
   counted.latest = performance.now();
+  said = detail.text;
   player.status(detail);
   setStatus(detail.state, detail.text);
   if (detail.state === 'ended') player.show(detail.time);
 });
 connection.addEventListener('lost', () => setStatus('offline'));
-connection.addEventListener('missing', ({ detail }) => {
-  toast(detail.reason || 'There is no such rig or recording.', 'bad');
+connection.addEventListener('missing', () => {
+  toast(said || 'There is no such rig or recording.', 'bad');
   setStatus('gone');
   // What the server offers instead.
   if (shared.rig || shared.bag) join({});
@@ -370,6 +389,7 @@ connection.addEventListener('what_if', ({ detail }) => {
   byId('clear-ghost').hidden = !detail.on;
   if (!detail.on && detail.text) toast(detail.text, 'bad');
 });
+connection.addEventListener('notice', ({ detail }) => toast(detail.text, 'bad'));
 connection.addEventListener('seek_done', () => keepAddress());
 
 // What is pressed

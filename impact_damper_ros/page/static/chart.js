@@ -4,7 +4,7 @@ import { minus, ticks } from './format.js';
 
 const NAMES = [
   'page', 'panel', 'line', 'ink', 'quiet', 'grid', 'stop', 'primary', 'damper', 'theory', 'special',
-  'good', 'bad', 'open', 'force', 'link', 'steel', 'shade', 'upper',
+  'good', 'bad', 'open', 'force', 'link', 'steel', 'shade', 'lower', 'upper',
 ];
 
 /** Colours of the theme in force; read anew when it changes. */
@@ -19,6 +19,12 @@ export function readColours() {
 /** Font of a size relative to the text of the page, in whole pixels: uPlot scales no others. */
 export const font = (scale = 0.8, weight = '') =>
   `${weight} ${Math.round(Math.max(10.5, scale * colours.size))}px system-ui, 'Segoe UI', Roboto, 'Noto Sans', 'Liberation Sans', 'DejaVu Sans', sans-serif`;
+
+/** Colour of stop 1 or 2. */
+export const stopColour = (stop) => (stop === 1 ? colours.lower : colours.upper);
+
+/** Dashes of a line for a motion: solid if stable, dashed if not, dotted if it is not viable. */
+export const dashes = ({ stable, viable }) => (viable === false ? [1, 3] : stable ? [] : [5, 4]);
 
 /** A canvas that knows its size in CSS pixels and draws sharply on every screen. */
 export class Canvas {

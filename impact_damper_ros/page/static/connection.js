@@ -64,10 +64,10 @@ export class Connection extends EventTarget {
       this.dispatchEvent(new CustomEvent('open'));
     };
     socket.onmessage = ({ data }) => this.receive(data);
-    socket.onclose = ({ code, reason }) => {
+    socket.onclose = ({ code }) => {
       this.forget('The page server does not answer.');
       if (code === NOT_THERE) {
-        this.dispatchEvent(new CustomEvent('missing', { detail: { reason } }));
+        this.dispatchEvent(new CustomEvent('missing'));
         return;
       }
       this.dispatchEvent(new CustomEvent('lost', { detail: { wait: this.wait } }));

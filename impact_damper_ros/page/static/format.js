@@ -52,12 +52,6 @@ export function typed(value, relative = 1e-6) {
   return String(value);
 }
 
-/** Read what a person typed: a comma as decimal sign and a true minus are understood. */
-export function parsed(text) {
-  const plain = text.trim().replace(/[−–]/g, '-').replace(/^([-+]?\d+),(\d+)$/, '$1.$2');
-  return plain === '' ? NaN : Number(plain);
-}
-
 /** Return a span of time as minutes and seconds; with milliseconds if it is to be exact. */
 export function clock(seconds, exact = false) {
   if (!Number.isFinite(seconds)) return '–';

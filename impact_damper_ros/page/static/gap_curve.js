@@ -1,15 +1,19 @@
 // Xmax/A over the gap by theory, with the rig's own dot on it; a click sets the gap.
 
-import { Axes, colours, font } from './chart.js';
-import { digits, lengthUnit, niceAbove } from './format.js';
+import { Axes, colours, dashes, font } from './chart.js';
+import { mark } from './dom.js';
+import { digits, lengthUnit, niceAbove, withUnit } from './format.js';
+import { TERMS } from './glossary.js';
 
+/** Short names of special points, and the entries of the glossary that spell them out. */
 const MARKS = {
-  fold: 'fold',
-  'period doubling': 'doubling',
-  'Neimark-Sacker': 'N.-S.',
-  'branch point': 'branch',
-  grazing: 'grazing',
+  fold: ['fold', 'fold'],
+  'period doubling': ['doubling', 'doubling'],
+  'Neimark-Sacker': ['N.-S.', 'neimark-sacker'],
+  'branch point': ['branch', 'branch-point'],
+  grazing: ['grazing', 'grazing'],
 };
+const KINDS = ['not viable', 'unstable', 'stable'];
 
 export class GapCurve extends Axes {
   constructor(canvas, theory, setGap) {
@@ -32,6 +36,7 @@ export class GapCurve extends Axes {
     canvas.addEventListener('pointermove', (event) => {
       this.aim = pointed(event);
       this.stale = true;
+      this.explain(event);
     });
     canvas.addEventListener('pointerleave', () => {
       this.aim = null;
@@ -47,6 +52,14 @@ export class GapCurve extends Axes {
       event.preventDefault();
       setGap(Number((this.gap * 1.01 ** step).toPrecision(4)));
     });
+  }
+
+  /** Spell out the special point under the pointer. */
+  explain({ clientX, clientY }) {
+    const box = this.canvas.getBoundingClientRect();
+    const near = (this.places ?? []).find(([a, b]) => Math.hypot(a + box.left - clientX, b + box.top - clientY) < 14);
+    const [name, sentence] = TERMS[MARKS[near?.[2]]?.[1]] ?? ['', ''];
+    mark(this.canvas, 'title', name && `${name}: ${sentence}`);
   }
 
   /** Where the rig is: its gap, and how far M moves. */
@@ -69,7 +82,9 @@ export class GapCurve extends Axes {
         if (branch.x_max_ratio[n] > most) most = branch.x_max_ratio[n];
       }
     }
-    if (this.gap > 0) {
+    // A rig far beyond the curve stands at its end.
+    this.beyond = high > 0 && (this.gap > 4 * high || this.gap < low / 20);
+    if (this.gap > 0 && !this.beyond) {
       low = Math.min(low, 0.9 * this.gap);
       high = Math.max(high, 1.1 * this.gap);
     }
@@ -123,7 +138,15 @@ export class GapCurve extends Axes {
         context.textAlign = right ? 'left' : 'right';
         context.fillText(`set ${digits(this.aim * factor, 3)} ${unit}`, toX(this.aim) + (right ? 4 : -4), box.top + box.height - 3);
       }
-      if (this.gap > 0) {
+      if (this.beyond) {
+        const right = this.gap > this.high;
+        context.fillStyle = colours.primary;
+        context.font = font(0.75);
+        context.textBaseline = 'top';
+        context.textAlign = right ? 'right' : 'left';
+        const said = `the rig is at ${withUnit(this.gap, 'm')}`;
+        context.fillText(right ? `${said} →` : `← ${said}`, box.left + (right ? box.width - 4 : 4), box.top + 4);
+      } else if (this.gap > 0) {
         context.strokeStyle = colours.primary;
         context.lineWidth = 1;
         context.globalAlpha = 0.55;
@@ -156,7 +179,8 @@ export class GapCurve extends Axes {
 
   /** Special points as rings, each with its name where there is room for it. */
   specials(context, specials, toX, toY, box) {
-    const places = specials.map(({ gap, x_max_ratio: ratio }) => [toX(gap), toY(ratio)]);
+    const places = specials.map(({ gap, x_max_ratio: ratio, kind }) => [toX(gap), toY(ratio), kind]);
+    this.places = places;
     context.strokeStyle = colours.special;
     context.fillStyle = colours.page;
     context.lineWidth = 1.6;
@@ -176,7 +200,7 @@ export class GapCurve extends Axes {
     context.lineJoin = 'round';
     specials.forEach(({ kind }, n) => {
       const [a, b] = places[n];
-      const name = MARKS[kind] ?? kind;
+      const name = MARKS[kind]?.[0] ?? kind;
       const { width } = context.measureText(name);
       const corners = [[a + 5, b - 4 - height], [a - 5 - width, b - 4 - height], [a + 5, b + 4], [a - 5 - width, b + 4]];
       const place = corners.map(([x, y]) => [x, y, x + width, y + height]).find(free);
@@ -191,20 +215,22 @@ export class GapCurve extends Axes {
     });
   }
 
-  /** Stable parts solid, unstable or not viable ones dashed. */
-  branch(context, branch, toX, toY) {
-    const fine = (n) => branch.stable[n] && (branch.viable?.[n] ?? true);
+  /** Stable parts solid, unstable ones dashed, those that are not viable dotted. */
+  branch(context, { gap, x_max_ratio: ratio, stable, viable }, toX, toY) {
+    const kind = (n) => (viable[n] ? (stable[n] ? 'stable' : 'unstable') : 'not viable');
+    // Between two points of different kinds it is the lesser one.
+    const piece = (n) => [kind(n), kind(n + 1)].sort((a, b) => KINDS.indexOf(a) - KINDS.indexOf(b))[0];
     let n = 0;
-    while (n < branch.gap.length - 1) {
-      const solid = fine(n) && fine(n + 1);
-      context.strokeStyle = solid ? colours.theory : colours.quiet;
-      context.lineWidth = solid ? 2 : 1.2;
-      context.setLineDash(solid ? [] : [4, 3]);
+    while (n < gap.length - 1) {
+      const shown = piece(n);
+      context.strokeStyle = shown === 'stable' ? colours.theory : colours.quiet;
+      context.lineWidth = shown === 'stable' ? 2 : 1.2;
+      context.setLineDash(dashes({ stable: shown === 'stable', viable: shown !== 'not viable' }));
       context.beginPath();
-      context.moveTo(toX(branch.gap[n]), toY(branch.x_max_ratio[n]));
-      while (n < branch.gap.length - 1 && (fine(n) && fine(n + 1)) === solid) {
+      context.moveTo(toX(gap[n]), toY(ratio[n]));
+      while (n < gap.length - 1 && piece(n) === shown) {
         n += 1;
-        context.lineTo(toX(branch.gap[n]), toY(branch.x_max_ratio[n]));
+        context.lineTo(toX(gap[n]), toY(ratio[n]));
       }
       context.stroke();
     }

@@ -125,6 +125,8 @@ export class History {
     this.other.clear();
     this.changes = [];
     this.end = NaN;
+    /** Since when the rig is the one that it is. */
+    this.begun = -Infinity;
     this.state = null;
     this.ghost = null;
     this.fresh = [];
@@ -178,9 +180,10 @@ export class History {
   /** Largest |X| and |Y| of the last seconds, those of the what-if too. */
   extent(seconds) {
     let [swing, apart] = [0, 0];
+    const from = Math.max(this.end - seconds, this.begun);
     for (const { samples } of [this.own, this.other]) {
       const [x, z] = [samples.field('x'), samples.field('z')];
-      for (let n = samples.after(this.end - seconds); n < samples.end; n += 1) {
+      for (let n = samples.after(from); n < samples.end; n += 1) {
         swing = Math.max(swing, Math.abs(x[n]));
         apart = Math.max(apart, Math.abs(z[n] - x[n]));
       }

@@ -1,7 +1,7 @@
 // Knobs made from the descriptors of the parameters: degrees and hertz for people, SI for the rig.
 
 import { byId, element, mark, reducedMotion, write } from './dom.js';
-import { digits, lengthUnit, parsed, TAU, typed } from './format.js';
+import { digits, lengthUnit, TAU, typed, withUnit } from './format.js';
 import { term } from './glossary.js';
 
 /** Names for people, and the entry of the glossary; the order of the first knobs. */
@@ -51,10 +51,7 @@ class Knob {
     const { name, type } = descriptor;
     this.id = `${slider ? 'knob' : 'parameter'}-${name}`;
     const fixed = descriptor.read_only;
-    const range = descriptor.min === null || descriptor.min === undefined
-      ? ''
-      : ` From ${digits(descriptor.min * this.shown.factor, 3)} to ${digits(descriptor.max * this.shown.factor, 3)}${this.shown.unit ? ` ${this.shown.unit}` : ''}.`;
-    const help = `${descriptor.description}${range}${fixed ? ' Set at the start of the node.' : ''}`;
+    const help = [descriptor.description, this.rangeText(), fixed ? 'Set at the start of the node.' : ''].filter(Boolean).join(' ');
     this.error = element('p', { class: 'error', id: `${this.id}-error`, role: 'alert', hidden: true });
     const described = { 'aria-describedby': `${this.id}-help ${this.id}-error` };
     if (type === 'bool') {
@@ -74,9 +71,18 @@ class Knob {
       // What is being typed is not overwritten by a value that comes in meanwhile.
       this.input.addEventListener('input', () => { this.typing = true; });
       this.input.addEventListener('change', () => { this.typing = false; this.enter(); });
-      this.input.addEventListener('blur', () => { if (this.typing) { this.typing = false; this.show(); } });
+      this.input.addEventListener('blur', () => {
+        if (this.typing) {
+          this.typing = false;
+          this.show();
+        }
+        this.note('');
+      });
       this.input.addEventListener('keydown', (event) => this.key(event));
-      this.input.addEventListener('focus', () => this.input.select());
+      this.input.addEventListener('focus', () => {
+        this.input.select();
+        if (this.error.hidden) this.note(this.rangeText());
+      });
     }
     const label = element('label', { for: this.id, text: title });
     this.unit = element('span', { class: 'unit', text: this.unitText() });
@@ -94,6 +100,17 @@ class Knob {
       this.error,
     );
     this.show();
+  }
+
+  /** The usual values, and the units in which they can be typed. */
+  rangeText() {
+    const { min, max, unit, units, usual, choices, type } = this.descriptor;
+    const [low, high] = usual ?? [min, max];
+    if (choices?.length || type === 'bool' || low === null || low === undefined) return '';
+    const { factor } = this.shown;
+    const text = (value) => (unit === 'm' ? withUnit(value, unit) : digits(value * factor, 3));
+    const shown = unit === 'm' ? '' : this.unitText();
+    return `${usual ? 'Usually' : 'From'} ${text(low)} to ${text(high)}${shown && `\u202f${shown}`}.${units.length > 1 ? ` Units: ${units.join(', ')}.` : ''}`;
   }
 
   unitText() {
@@ -145,7 +162,9 @@ class Knob {
       this.span = [0.5 * natural, Math.max(1.5 * natural, 1.2 * number), 0.001 * natural];
     } else if (number > 0) {
       this.log = true;
-      this.span = [Math.max(min * factor, number / 8), Math.min(max * factor, number * 8), 0];
+      // Eight times smaller and larger, but not farther than is usual
+      const [low, high] = (this.descriptor.usual ?? [min, max]).map((bound) => bound * factor);
+      this.span = [Math.min(number, Math.max(low, number / 8)), Math.max(number, Math.min(high, number * 8)), 0];
     } else this.span = [0, 1, 0.001];
   }
 
@@ -161,21 +180,14 @@ class Knob {
     return Math.round(1000 * Math.min(1, Math.max(0, part)));
   }
 
-  /** Read what was typed. */
+  /** Send what was typed, to be read with its unit; without one it is in that of the knob. */
   enter() {
-    const { type } = this.descriptor;
-    const text = this.input.value;
-    if (type === 'string') return this.send(text);
-    if (type === 'double_array' && !this.firstOnly) {
-      const values = text.replace(/[[\]]/g, '').split(/[,;\s]+/).filter(Boolean).map(parsed);
-      if (!values.length || values.some((value) => !Number.isFinite(value))) {
-        return this.fail(`“${text}” is not a list of numbers, such as 1, 0.5`);
-      }
-      return this.send(values.map((value) => value / this.shown.factor));
-    }
-    const number = parsed(text);
-    if (!Number.isFinite(number)) return this.fail(`“${text}” is not a number`);
-    return this.sendNumber(number);
+    const { type, unit } = this.descriptor;
+    const { value } = this.input;
+    if (type === 'string') return this.send(value);
+    const rest = this.firstOnly ? this.value.slice(1).map((one) => `${one} ${unit}`) : [];
+    const text = this.firstOnly ? `[${[value, ...rest].join(';')};]` : value;
+    return this.send({ text, unit: this.shown.factor === 1 ? unit : this.shown.unit });
   }
 
   sendNumber(number) {
@@ -196,7 +208,7 @@ class Knob {
     const turn = { ArrowUp: 1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key];
     if (!turn || !['double', 'integer', 'double_array'].includes(this.descriptor.type)) return;
     if (this.descriptor.type === 'double_array' && !this.firstOnly) return;
-    const number = parsed(this.input.value);
+    const number = Number(this.input.value);
     if (!Number.isFinite(number)) return;
     event.preventDefault();
     const step = this.descriptor.type === 'integer' ? 1 : this.span?.[2] || 10 ** Math.floor(Math.log10(Math.abs(number) || 1) - 1);
@@ -212,10 +224,14 @@ class Knob {
       return;
     }
     this.busy = true;
-    const { ok, reason } = await this.knobs.set({ [this.descriptor.name]: value });
+    const { name } = this.descriptor;
+    const { ok, reason, values } = await this.knobs.set({ [name]: value });
     this.busy = false;
     this.fail(ok ? '' : reason);
-    if (ok) this.take(value, true);
+    if (ok) {
+      this.take(values[name], true);
+      this.doubt();
+    }
     if (this.next) {
       const { value: newest } = this.next;
       this.next = null;
@@ -223,20 +239,23 @@ class Knob {
     }
   }
 
-  /** Show why a value was rejected, in the words of the node. */
+  /** Show why a value was rejected. */
   fail(reason) {
-    this.error.hidden = !reason;
-    write(this.error, reason?.includes(': give a number from') ? `${reason}${this.inOwnUnit()}` : reason ?? '');
+    this.note(reason);
     this.input.setAttribute('aria-invalid', reason ? 'true' : 'false');
     this.place.classList.toggle('wrong', Boolean(reason));
   }
 
-  /** The range in the unit of the knob, where the node speaks of another one. */
-  inOwnUnit() {
-    const { min, max } = this.descriptor;
-    const { unit, factor } = this.shown;
-    if (factor === 1 || min === null || min === undefined) return '';
-    return ` (here in ${unit}: ${digits(min * factor, 1)} to ${digits(max * factor, 1)} ${unit})`;
+  /** Show a text under the knob. */
+  note(text) {
+    this.error.hidden = !text;
+    write(this.error, text);
+  }
+
+  /** A value far from the usual ones may be meant in another unit. */
+  doubt() {
+    const [low, high] = this.descriptor.usual ?? [];
+    if ([this.value].flat().some((one) => one && (one < low || one > high))) this.note(`This is far from usual. ${this.rangeText()}`);
   }
 
   /** Take in a value that the rig has. */
@@ -363,11 +382,18 @@ export class Knobs {
 
   /** What was done to the rig, for the lines in the traces: the same for live and recorded rigs. */
   done({ kind, values = {}, preset = '' }) {
-    const names = Object.keys(values).filter((name) => !SETTINGS.has(name));
+    const names = Object.keys(values).filter((name) => !SETTINGS.has(name) && !this.padded(name, values[name]));
     const turned = names.length > 2
       ? preset || `${names.length} parameters`
       : names.map((name) => this.said(name, values[name])).join(', ');
     return [kind === 'reset' ? 'reset' : '', turned].filter(Boolean).join(', ');
+  }
+
+  /** Whether a list has only become as long as that of another knob. */
+  padded(name, value) {
+    const before = this.knobs.find((one) => one.descriptor.name === name)?.value;
+    const trimmed = (list) => JSON.stringify(list.slice(0, list.findLastIndex((one) => one !== 0) + 1));
+    return Array.isArray(value) && Array.isArray(before) && value.length !== before.length && trimmed(value) === trimmed(before);
   }
 
   /** Name for people, and a value with its unit, for the lines in the traces. */

@@ -1,6 +1,6 @@
 // Phase portrait of m in the gap, impact map, multipliers on the unit circle.
 
-import { Axes, Canvas, colours, font, SteadyRange } from './chart.js';
+import { Axes, Canvas, colours, dashes, font, SteadyRange, stopColour } from './chart.js';
 import { digits, lengthUnit, niceAbove, velocityUnit } from './format.js';
 
 const BANDS = 6;
@@ -31,21 +31,29 @@ export class PhasePortrait extends Axes {
     super(canvas);
     this.history = history;
     this.theory = theory;
-    this.across = new SteadyRange();
-    this.up = new SteadyRange();
+    this.rescale();
     this.seconds = 2;
     this.showTheory = true;
+  }
+
+  /** Choose the scales anew. */
+  rescale() {
+    this.across = new SteadyRange();
+    this.up = new SteadyRange();
   }
 
   draw(now) {
     if (!this.begin()) return;
     const { own, other, state, ghost, end } = this.history;
-    const [line, ghostLine] = [own, other].map((motion) => pointsSince(motion, end - this.seconds));
+    const from = Math.max(end - this.seconds, this.history.begun);
+    const [line, ghostLine] = [own, other].map((motion) => pointsSince(motion, from));
     const { y = [], relative_velocity: rate = [] } = (this.showTheory && this.theory.orbit) || {};
     const orbit = y.map((value, n) => [value, rate[n]]);
     const stops = [ghost, state].map((one) => (one ? [one.stop1 - one.x, one.stop2 - one.x].filter(Number.isFinite) : []));
     const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
-    const far = largest([...line, ...ghostLine].map(([place]) => place).concat(...stops));
+    const moved = largest([...line, ...ghostLine].map(([place]) => place));
+    // Stops far beyond all that moves are not in view.
+    const far = largest(stops.flat().filter((place) => !(moved > 0) || Math.abs(place) < 20 * moved).concat(moved));
     const fast = largest([...line, ...ghostLine, ...orbit].map(([, speed]) => speed));
     const width = this.across.fit(far > 0 ? niceAbove(1.08 * far) : 0, now);
     const height = this.up.fit(fast > 0 ? niceAbove(1.05 * fast) : 0, now);
@@ -66,8 +74,8 @@ export class PhasePortrait extends Axes {
         for (const [a, b] of points) context.lineTo(toX(a), toY(b));
         context.stroke();
       };
-      [[colours.special, 1], [colours.steel, 2]].forEach(([stroke, wide], n) => {
-        for (const place of stops[n]) draw([[place, -height], [place, height]], stroke, wide);
+      stops.forEach((places, n) => {
+        for (const place of places) draw([[place, -height], [place, height]], n ? stopColour(place > 0 ? 1 : 2) : colours.special, n + 1);
       });
       for (let band = 0; band < BANDS; band += 1) {
         context.globalAlpha = 0.12 + (0.78 * (band + 1)) / BANDS;
@@ -77,7 +85,7 @@ export class PhasePortrait extends Axes {
       context.globalAlpha = 0.8;
       draw(ghostLine, colours.special, 1);
       context.globalAlpha = 1;
-      context.setLineDash([5, 4]);
+      context.setLineDash(dashes(this.theory.orbit ?? {}));
       draw(orbit, colours.theory, 1.2);
       context.setLineDash([]);
       if (!state || !line.length) return;
@@ -93,8 +101,13 @@ export class ImpactMap extends Axes {
     super(canvas);
     this.history = history;
     this.theory = theory;
-    this.up = new SteadyRange();
+    this.rescale();
     this.showTheory = true;
+  }
+
+  /** Choose the scale anew. */
+  rescale() {
+    this.up = new SteadyRange();
   }
 
   draw(now) {
@@ -105,7 +118,7 @@ export class ImpactMap extends Axes {
     const since = this.history.lastChange;
     let fast = 0;
     const first = Math.max(impacts.start, impacts.end - MOST_DOTS);
-    for (let n = first; n < impacts.end; n += 1) fast = Math.max(fast, Math.abs(damper[n]));
+    for (let n = Math.max(first, impacts.after(this.history.begun)); n < impacts.end; n += 1) fast = Math.max(fast, Math.abs(damper[n]));
     for (const one of predicted) fast = Math.max(fast, Math.abs(one.damper_velocity_after));
     const height = this.up.fit(fast > 0 ? niceAbove(1.2 * fast) : 0, now);
     const speed = velocityUnit(height);
@@ -124,7 +137,7 @@ export class ImpactMap extends Axes {
         const age = (impacts.end - n) / MOST_DOTS;
         const old = time[n] < since;
         context.globalAlpha = old ? 0.14 : Math.max(0.25, 0.95 - age);
-        context.fillStyle = old ? colours.quiet : stop[n] === 1 ? colours.damper : colours.upper;
+        context.fillStyle = old ? colours.quiet : stopColour(stop[n]);
         const [a, b] = [axes.toX(phase[n]), toY(damper[n])];
         if (stop[n] === 1) context.fillRect(a - dot, b - dot, 2 * dot, 2 * dot);
         else {
@@ -145,7 +158,7 @@ export class ImpactMap extends Axes {
       // the last impact
       if (impacts.length) {
         const n = impacts.end - 1;
-        this.dot(axes.toX(phase[n]), toY(damper[n]), stop[n] === 1 ? colours.damper : colours.upper, 4);
+        this.dot(axes.toX(phase[n]), toY(damper[n]), stopColour(stop[n]), 4);
       }
     });
     if (!impacts.length) {

@@ -4,30 +4,33 @@
 // as long as `slug` on either side of its position, and both stops are that much farther apart, so
 // that contact is seen exactly where it is.
 
-import { colours, font, Canvas, SteadyRange } from './chart.js';
+import { colours, font, Canvas, SteadyRange, stopColour } from './chart.js';
 import { digits, lengthUnit, minus, niceAbove, ticks } from './format.js';
 import { reducedMotion } from './dom.js';
 
 const FLASH = 260;
 const COILS = 9;
+/** Stops so many times farther away than anything moves are not drawn to scale. */
+const FAR = 100;
 
 /** A place along the axis and across it, in pixels of a canvas turned by the angle of the rig. */
 export class RigDrawing extends Canvas {
   constructor(canvas) {
     super(canvas);
-    this.swing = new SteadyRange();
-    this.spread = new SteadyRange();
+    this.clear();
+  }
+
+  clear() {
+    this.rescale();
     this.flashes = [];
     this.loudest = 1e-12;
     this.shown = null;
   }
 
-  clear() {
+  /** Choose the scale anew. */
+  rescale() {
     this.swing = new SteadyRange();
     this.spread = new SteadyRange();
-    this.flashes = [];
-    this.loudest = 1e-12;
-    this.shown = null;
   }
 
   /** Let a stop light up; its strength is the impulse over the largest seen lately. */
@@ -45,7 +48,9 @@ export class RigDrawing extends Canvas {
   layout(extent, state, now) {
     const rel1 = state.stop1 - state.x;
     const rel2 = Number.isFinite(state.stop2) ? state.x - state.stop2 : rel1;
-    const half = Math.max(rel1, rel2, 1e-12);
+    // Stops that are far beyond all that moves stand at the edge.
+    const moved = Math.max(extent.swing, extent.apart);
+    const half = Math.min(Math.max(rel1, rel2, 1e-12), moved > 0 ? FAR * moved : Infinity);
     const swing = this.swing.fit(niceAbove(Math.max(extent.swing, Math.abs(state.x), 0.02 * half)), now);
     const spread = this.spread.fit(niceAbove(Math.max(half, extent.apart)), now);
     const angle = state.angle;
@@ -272,8 +277,8 @@ export class RigDrawing extends Canvas {
     const pad = Math.max(3.5, 0.3 * g.thick);
     const tallPad = Math.min(slugTall * 1.15, floor - top - g.thick - 2);
     const faces = [
-      [1, state.stop1 * g.scale + g.slug, 1],
-      [2, state.stop2 * g.scale - g.slug, -1],
+      [1, Math.min(state.stop1 * g.scale + g.slug, x + g.cavity), 1],
+      [2, Number.isFinite(state.stop2) ? Math.max(state.stop2 * g.scale - g.slug, x - g.cavity) : NaN, -1],
     ];
     for (const [stop, face, side] of faces) {
       if (stop === 2 && (oneSided || !Number.isFinite(face))) continue;
@@ -282,7 +287,7 @@ export class RigDrawing extends Canvas {
       const rod = Math.max(3, 0.2 * slugTall);
       context.fillRect(Math.min(face, anchor), centre - rod / 2, Math.abs(anchor - face), rod);
       const flash = this.flashes.filter((one) => one.stop === stop);
-      context.fillStyle = colours.ink;
+      context.fillStyle = stopColour(stop);
       context.fillRect(side > 0 ? face : face - pad, floor - tallPad, pad, tallPad);
       for (const one of flash) {
         const part = Math.max(0, now - one.since) / FLASH;

@@ -36,7 +36,7 @@ export function startTour(act) {
     {
       at: 'curve',
       title: 'What theory says',
-      text: 'Solid: stable periodic motions over the gap; dashed: unstable ones. The dot is the rig. Click on the curve to set the gap. Multipliers within the unit circle mean stable.',
+      text: 'Solid: stable periodic motions over the gap; dashed: unstable ones; dotted: ones that the rig cannot make. The dot is the rig. Click on the curve to set the gap. Multipliers within the unit circle mean stable.',
       label: 'Go to the optimal gap',
       run: () => act.optimum(),
     },

@@ -2,11 +2,13 @@
 
 /* global uPlot */
 
-import { colours, font, SteadyRange } from './chart.js';
+import { colours, dashes, font, SteadyRange, stopColour } from './chart.js';
 import { byId, element, write } from './dom.js';
 import { digits, lengthUnit, minus, niceAbove } from './format.js';
 
 const MOST_DOTS = 1200;
+/** Stops so many times farther away than anything moves are not in view. */
+const FAR = 20;
 /** Steps between the numbers of an axis: 1, 2 and 5 times powers of ten. */
 const STEPS = Array.from({ length: 22 }, (_, n) => n - 11).flatMap((power) => [1, 2, 5].map((one) => Number(`${one}e${power}`)));
 export const WINDOWS = [30, 10, 3, 1];
@@ -66,7 +68,7 @@ export class Traces {
         select: { show: false },
         scales: {
           x: { time: false, range: () => this.span() },
-          y: { range: (_, low, high) => this.reach(low, high) },
+          y: { range: () => this.reach() },
         },
         axes: [
           {
@@ -99,6 +101,11 @@ export class Traces {
     this.chart.over.setAttribute('aria-hidden', 'true');
   }
 
+  /** Choose the scale anew. */
+  rescale() {
+    this.range = new SteadyRange();
+  }
+
   /** Colours or text size have changed. */
   restyle() {
     this.make();
@@ -114,14 +121,20 @@ export class Traces {
     return Number.isFinite(end) ? [end - window, end] : [-window, 0];
   }
 
-  /** The range of a quantity whose values are between two; the what-if has room in it, too. */
-  reach(low, high) {
-    let most = Math.max(-low, high, 0) || 0;
-    const { samples } = this.history.other;
-    for (const name of ['x', 'z']) {
-      const values = samples.field(name);
-      for (let n = samples.after(this.span()[0]); n < samples.end; n += 1) most = Math.max(most, Math.abs(values[n]));
+  /** The range: all that moves, the what-if too, and the stops unless they are far beyond it. */
+  reach() {
+    const from = Math.max(this.span()[0], this.history.begun);
+    let most = 0;
+    let stops = 0;
+    for (const { samples } of [this.history.own, this.history.other]) {
+      const [x, z, stop1, stop2] = ['x', 'z', 'stop1', 'stop2'].map((name) => samples.field(name));
+      for (let n = samples.after(from); n < samples.end; n += 1) {
+        most = Math.max(most, Math.abs(x[n]), Math.abs(z[n]));
+        // Without stop 2 it is NaN.
+        stops = Math.max(stops, Math.abs(stop1[n]), Math.abs(stop2[n]) || 0);
+      }
     }
+    if (!(most > 0) || stops < FAR * most) most = Math.max(most, stops);
     const range = this.range.fit(most > 0 ? niceAbove(1.04 * most) : 0, performance.now());
     this.unit = lengthUnit(range);
     return [-range, range];
@@ -172,29 +185,29 @@ export class Traces {
     context.beginPath();
     context.rect(bbox.left, bbox.top - 1.8 * em, bbox.width, bbox.height + 1.8 * em);
     context.clip();
-    const ends = [-Infinity, -Infinity];
+    const taken = [];
     const [from, to] = this.span();
+    context.strokeStyle = colours.special;
+    context.fillStyle = colours.special;
+    context.lineWidth = ratio;
     context.textAlign = 'left';
-    for (const { time, text } of this.history.changes) {
+    // The newest first: it has its text in any case.
+    for (const { time, text } of this.history.changes.toReversed()) {
       if (time < from || time > to) continue;
       const place = u.valToPos(time, 'x', true);
-      const width = context.measureText(text).width;
-      const row = place > ends[0] ? 0 : place > ends[1] ? 1 : 2;
-      if (row < 2) ends[row] = place + width + em;
-      context.strokeStyle = colours.special;
-      context.lineWidth = ratio;
       context.setLineDash([4 * ratio, 3 * ratio]);
       context.beginPath();
       context.moveTo(place, bbox.top - 1.3 * em);
       context.lineTo(place, bbox.top + bbox.height);
       context.stroke();
       context.setLineDash([]);
-      context.fillStyle = colours.special;
-      if (row === 2) continue;
-      const height = row === 0 ? bbox.top - 0.45 * em : bbox.top + 1.1 * em;
-      const inside = place + width + 0.4 * em < bbox.left + bbox.width;
-      context.textAlign = inside ? 'left' : 'right';
-      context.fillText(text, place + (inside ? 0.35 : -0.35) * em, height);
+      const { width } = context.measureText(text);
+      const left = Math.max(bbox.left, Math.min(place + 0.35 * em, bbox.left + bbox.width - width));
+      const free = (height) => taken.every(([low, high, other]) => other !== height || left > high || left + width < low);
+      const row = [bbox.top - 0.45 * em, bbox.top + 1.1 * em].find(free);
+      if (row === undefined) continue;
+      taken.push([left - em, left + width + em, row]);
+      context.fillText(text, left, row);
     }
     context.restore();
   }
@@ -214,13 +227,17 @@ export class Traces {
     const perPixel = (impacts.end - impacts.after(from)) / Math.max(1, bbox.width / ratio);
     const size = (perPixel > 0.25 || this.history.window > 12 ? 1.6 : 2.6) * ratio;
     for (const side of [1, 2]) {
-      context.fillStyle = side === 1 ? colours.ink : colours.upper;
+      context.fillStyle = stopColour(side);
       context.beginPath();
       for (let n = Math.max(impacts.after(from), impacts.end - MOST_DOTS); n < impacts.end; n += 1) {
         if (stop[n] !== side || time[n] > to) continue;
         const place = u.valToPos(time[n], 'x', true);
         const height = u.valToPos(x[n] + y[n], 'y', true);
-        context.rect(place - size, height - size, 2 * size, 2 * size);
+        if (side === 1) context.rect(place - size, height - size, 2 * size, 2 * size);
+        else {
+          context.moveTo(place + 1.15 * size, height);
+          context.arc(place, height, 1.15 * size, 0, 7);
+        }
       }
       context.fill();
     }
@@ -255,7 +272,7 @@ export class Traces {
     const begin = Math.max(from, this.history.lastChange);
     context.strokeStyle = colours.theory;
     context.lineWidth = 1.2 * ratio;
-    context.setLineDash([5 * ratio, 4 * ratio]);
+    context.setLineDash(dashes(orbit).map((length) => length * ratio));
     context.beginPath();
     const perPeriod = (orbit.period / (to - from)) * (u.bbox.width / ratio);
     if (perPeriod < 36) {

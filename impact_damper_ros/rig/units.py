@@ -1,0 +1,61 @@
+"""The units in which people type quantities, and the reading of a number with one."""
+
+from __future__ import annotations
+
+import re
+from math import pi, tau
+
+#: Units of a quantity by its SI unit, as factors to that.
+UNITS: dict[str, dict[str, float]] = {
+    'm': {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'µm': 1e-6, 'um': 1e-6},
+    'm/s': {'m/s': 1.0, 'cm/s': 1e-2, 'mm/s': 1e-3},
+    'm/s^2': {'m/s^2': 1.0, 'm/s²': 1.0, 'mm/s^2': 1e-3, 'mm/s²': 1e-3},
+    'kg': {'kg': 1.0, 'g': 1e-3, 't': 1e3},
+    'N': {'N': 1.0, 'mN': 1e-3, 'kN': 1e3},
+    'N/m': {'N/m': 1.0, 'kN/m': 1e3, 'N/mm': 1e3},
+    'N s/m': {'N s/m': 1.0, 'Ns/m': 1.0, 'kg/s': 1.0},
+    'rad': {'rad': 1.0, 'deg': pi / 180.0, '°': pi / 180.0},
+    'rad/s': {'rad/s': 1.0, 'Hz': tau, 'kHz': 1e3 * tau, 'rpm': tau / 60.0},
+    'Hz': {'Hz': 1.0, 'kHz': 1e3},
+    's': {'s': 1.0, 'ms': 1e-3, 'min': 60.0, 'h': 3600.0},
+    'B': {'B': 1.0, 'kB': 1e3, 'MB': 1e6, 'GB': 1e9},
+    '': {'': 1.0, '%': 1e-2},
+}
+#: Sizes that quantities have in most rigs, from the smallest one to the largest one, in SI.
+USUAL: dict[str, tuple[float, float]] = {
+    'm': (1e-4, 100.0),
+    'm/s': (1e-3, 100.0),
+    'm/s^2': (0.1, 25.0),
+    'kg': (1e-3, 1e4),
+    'N': (1e-3, 1e4),
+    'N/m': (0.1, 1e7),
+    'N s/m': (1e-3, 1e4),
+    'rad': (0.0, tau),
+    'rad/s': (0.1, 600.0),
+    'Hz': (1.0, 1e4),
+    's': (1e-3, 1e3),
+}
+_NUMBER = re.compile(r'([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?)(.*)', re.DOTALL)
+#: 1 or 1000, as the reader is used to
+_AMBIGUOUS = re.compile(r'[-+]?[1-9]\d{0,2},\d{3}')
+
+
+def in_si(number: float, factor: float) -> float:
+    """Return a number of a unit in SI, as it would be typed: 5 Hz without what rounding adds."""
+    return number if factor == 1.0 else float(f'{number * factor:.15g}')
+
+
+def split_number(text: str) -> tuple[float | None, str, str]:
+    """
+    Return the number that a text begins with, what is behind it, and what to write instead.
+
+    The number is None if there is none. A comma may be its decimal sign; where it may as well
+    separate thousands, the last text says how to write either.
+    """
+    found = _NUMBER.fullmatch(text.strip().replace('−', '-').replace('\u202f', ' '))
+    if found is None:
+        return None, text, ''
+    digits, point = found[1], found[1].replace(',', '.')
+    ambiguous = _AMBIGUOUS.fullmatch(digits)
+    other = f'{point} or {digits.replace(",", "")}' if ambiguous else ''
+    return float(point), found[2].strip(), other

@@ -1,0 +1,223 @@
+"""What each command refuses, before any work: a line that says why, exit code 2, no file."""
+
+import sys
+from importlib import import_module
+
+import pytest
+
+from impact_damper_ros.cli import command_line
+
+#: Arguments with which a command works, before those that it refuses.
+GIVEN = {
+    'compare_run': 'no_bag',
+    'replay_run': 'no_bag',
+    'rig_page': '',
+    'simulate_rig': 'paper --duration 80 --set gravity=0',
+    'solve_periodic': 'paper --set gravity=0',
+    'sweep_rig': 'paper -o a.parquet --set gravity=0',
+}
+FIGURE = 'give a name that ends in .png, .svg or .pdf'
+REFUSALS = {
+    'compare_run': [
+        ('', "cannot read 'no_bag': there is no such file or directory; name a bag directory"),
+        ('--params broken.yaml', 'gap is -1.0 m'),
+    ],
+    'replay_run': [
+        ('', "cannot read 'no_bag': there is no such file or directory; name a bag directory"),
+        ('--figure a.png', 'give --set NAME=VALUE as well'),
+        ('--set gap=1 --figure a.gif', f'a.gif: {FIGURE}'),
+        ('--set gap=1 --figure a', f'a: {FIGURE}'),
+    ],
+    'rig_page': [
+        ('--bag m.csv', 'm.csv is no bag: give a file .mcap or .db3'),
+        ('--bag no_bag', 'no_bag: there is no such bag or directory'),
+        *(
+            (f'--port={port}', f'{port!r}: give a whole number from 0 to 65535')
+            for port in ('abc', '-1', '65536', '80.0', '')
+        ),
+    ],
+    'simulate_rig': [
+        ('--set gap=-1', 'gap is -1.0 m: give a number from 1e-09 to 1e+09 m'),
+        ('--set gap=.nan', 'gap is nan'),
+        ('--set gap=wide', "gap is 'wide': give a number"),
+        ('--set gap', '--set gap: give NAME=VALUE'),
+        ('--set gap=', '--set gap=: give NAME=VALUE'),
+        ('--set gab=3', '--set gab=3: there is no parameter gab to set: did you mean gap?'),
+        ('--set gap_contol=off', 'did you mean gap_control?'),
+        ('--set xyzzy=3', 'simulate_rig --parameters lists all parameters'),
+        ('--set damping=3', 'underdamped'),
+        ('--set force_phases=[0,1]', 'force_phases has 2 entries'),
+        ('--set initial_damper_offset=20', '18.5'),
+        ('--set gap_control=always', 'give one of off, amplitude, timed'),
+        ('--set gap_min=2 --set gap_max=1', 'give a gap_min below gap_max'),
+        *(
+            (f'--change {at}:gap=30', 'above 0 s and up to the 80 s of the run')
+            for at in ('90', '0', 'nan')
+        ),
+        ('--change gap=30', 'give TIME:NAME=VALUE'),
+        ('--change 5:gab=30', 'there is no parameter gab to set: did you mean gap?'),
+        ('--change 5:gap=-3', '--change at 5 s: gap is -3'),
+        ('--change 5:gap', 'give NAME=VALUE'),
+        *((f'--duration {t}', 'from 1e-09 to 1e+13 s') for t in ('nan', '1e-320', '1e14')),
+        *((f'--rate {rate}', 'from 1e-12 to 1e+09 Hz') for rate in ('inf', '1e-320', '1e300')),
+        ('--max-bag-duration 1e300', 'give a number from 0 to 1e+09 s'),
+        (
+            '--max-bag-size 99999999999999999999',
+            'give a whole number from 0 to 1000000000000000 B',
+        ),
+        ('--max-bag-size 7', 'give 0 (no limit) or a number from 100000 to 1e+15 B'),
+        ('--states a.csv --impacts a.csv', 'two tables go to this file'),
+        ('--law catch', 'the law catch'),
+        ('--law no_such_module:catch', 'the law no_such_module:catch'),
+        ('--law math:catch', 'the law math:catch'),
+    ],
+    'solve_periodic': [
+        ('', '--impacts'),
+        *((f'--impacts {text}', '--impacts') for text in ('0', 'x', '3:2', '1:2:3')),
+        ('--impacts 2 --stops 1,3', '--stops'),
+        ('--impacts 2 --set gap=-1', 'gap is -1.0 m: give a number from'),
+        ('--impacts 2 --set gap_max=20', 'there is no parameter gap_max to set'),
+        ('--impacts 3 --stops 1,2', '--stops 1,2 names 2 impacts'),
+        ('--impacts 2 --stops 1,2 --set one_sided=true', 'no stop 2'),
+        ('--impacts 2 --set force_amplitudes=[0]', 'both different from 0'),
+        (
+            '--impacts 2 --set force_amplitudes=[1,1] --set force_frequencies=[1,2.5] '
+            '--set force_phases=[0,0]',
+            'turns 2.5 times in 1 cycles',
+        ),
+        ('--impacts 9', 'name one, such as 1,2,1,2,1,2,1,2,1'),
+        ('--impacts 2 --follow gap', '--follow'),
+        ('--impacts 2 --follow gap=60:20', '--follow'),
+        ('--impacts 2 --follow gap=20:', '--follow'),
+        ('--impacts 2 --follow gravy=1:2', 'gravy'),
+        ('--impacts 2 --csv a.csv', 'are for --follow'),
+        ('--impacts 2 --follow gap=20:60 --figure a.bmp', FIGURE),
+        ('--settled --cycles 2', 'leave out --cycles'),
+        ('--settled --set force_amplitudes=[0]', 'both different from 0'),
+    ],
+    'sweep_rig': [
+        ('', 'nothing is varied'),
+        ('--vary gab=1:2:3', "'gab' is not a parameter of the rig: did you mean gap?"),
+        ('--vary gap=1:2:0', 'gap=1:2:0: 0 values'),
+        ('--vary gap=nan:2:3', "'nan' is not a finite number"),
+        (
+            '--vary angle=0:45:4',
+            'angle: angle is 15.0 rad: give a number from -1.5708 to 1.5708 rad (10° = 0.1745',
+        ),
+        ('--vary restitution_1=restitution_2=0.5:1.5:9', 'restitution_1 is 1.125: give'),
+        ('--vary force_frequencies=-1,2', 'force_frequencies[0] is -1.0 rad/s: give'),
+        ('--vary multisine_lines=1,1000', 'multisine_lines is 1000'),
+        ('--vary initial_damper_velocity=0,1e10', 'initial_damper_velocity is 1'),
+        ('--vary gap_min=1,2', 'gap_min is varied, but gap_control is off'),
+        ('--vary initial_damper_offset=0,1 --follow up', 'cannot be followed'),
+        ('--vary gap=1,2 --set angle=45', 'angle is 45.0 rad: give a number from'),
+        ('--vary gap=1,2 --set sweep_mode=up', 'has no steady state; give --set sweep_mode=off'),
+        ('--vary gap=1,2 --cycles 0', 'cycles is 0: give a whole number'),
+        ('--vary gap=1,2 --figure a.gif', 'a name that ends in .png, .svg or .pdf'),
+        ('--vary gap=1,2 --figure no/a.png', 'is not a directory: make it'),
+        ('--vary gap=1,2 --figure a.parquet', 'two outputs have the same name'),
+        (
+            '--vary gap=1 --vary friction=0 --vary angle=0 --figure a.png',
+            'a figure shows one axis or two, not 3',
+        ),
+        ('--ranges no.yaml', 'no.yaml: cannot be read'),
+        ('--vary gap=1,2 -o no/a.parquet', 'is not a directory: make it'),
+        *(
+            (f'--vary gap=1,2 -o {name}', 'a name that ends in .parquet')
+            for name in ('a.txt', 'a', 'a.parquet.bak', '.csv')
+        ),
+    ],
+}
+ROWS = [(command, *row) for command, rows in REFUSALS.items() for row in rows]
+
+
+def run(command, words):
+    """Run a command in this process, and return its exit code."""
+    try:
+        return import_module(f'impact_damper_ros.cli.{command}').main(words)
+    except SystemExit as ended:
+        return ended.code
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """Go to a directory of some files that are wrong."""
+    (tmp_path / 'broken.yaml').write_text('/**:\n  ros__parameters:\n    gap: -1.0\n')
+    (tmp_path / 'm.csv').write_text('time,x\n')
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(('command', 'words', 'message'), ROWS)
+def test_what_is_wrong_is_said_before_any_work(command, words, message, place, capsys):
+    pytest.importorskip('pyarrow')
+    there = sorted(place.iterdir())
+    assert run(command, [*GIVEN[command].split(), *words.split()]) == 2
+    said = capsys.readouterr()
+    assert said.out == ''
+    line = said.err.splitlines()[-1]
+    assert line.startswith(f'{command}: ')
+    assert message in line.replace("law '", 'law ')
+    assert sorted(place.iterdir()) == there
+
+
+@pytest.mark.parametrize(
+    ('command', 'words'),
+    [
+        ('compare_run', '--report'),
+        ('compare_run', '--json'),
+        ('replay_run', '--json'),
+        ('replay_run', '--set gap=0.02 --figure'),
+        ('solve_periodic', '--impacts 2 --stops 1 --json'),
+    ],
+)
+@pytest.mark.usefixtures('place')
+def test_a_place_that_cannot_be_written(command, words, capsys):
+    """Found out first: each has something else to complain of, once the work has begun."""
+    assert run(command, [*GIVEN[command].split(), *words.split(), 'm.csv/place.png']) == 1
+    said = capsys.readouterr()
+    assert 'cannot write m.csv/place.png: Not a directory: a part of the path is a' in said.err
+    assert (said.out, said.err.count('\n')) == ('', 1)
+
+
+@pytest.mark.parametrize(
+    ('command', 'words'),
+    [
+        ('compare_run', '--report report'),
+        ('replay_run', '--set gap=0.02 --figure a.png'),
+        ('sweep_rig', '--vary gap=5:9:2 --figure a.png'),
+    ],
+)
+def test_a_missing_matplotlib(command, words, place, monkeypatch, capsys):
+    monkeypatch.setattr(command_line, 'find_spec', lambda _: None)
+    there = sorted(place.iterdir())
+    assert run(command, [*GIVEN[command].split(), *words.split()]) == 2
+    assert 'matplotlib, which draws the figures, is not installed' in capsys.readouterr().err
+    assert sorted(place.iterdir()) == there
+
+
+@pytest.mark.parametrize(
+    ('missing', 'words', 'message'),
+    [
+        ('pyarrow', '', '"pip install pyarrow", or the package with its extra [sweep], or'),
+        ('pandas', '-o a.csv', '"pip install pandas", or the package with its extra [sweep]'),
+        ('distributed', '--scheduler tcp://127.0.0.1:9', 'extra [dask]'),
+    ],
+)
+def test_a_missing_library_of_sweeps(missing, words, message, place, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, missing, None)
+    there = sorted(place.iterdir())
+    given = [*GIVEN['sweep_rig'].split(), '--vary', 'gap=1,2', *words.split()]
+    assert run('sweep_rig', given) == 2
+    assert message in capsys.readouterr().err
+    assert sorted(place.iterdir()) == there
+
+
+@pytest.mark.parametrize('text', ['', '{', 'other:\n  a: 1\n'])
+def test_files_that_hold_no_rig(text, place, capsys):
+    (place / 'rig.yaml').write_text(text)
+    for command in ('simulate_rig', 'solve_periodic', 'sweep_rig'):
+        words = GIVEN[command].replace('paper', 'rig.yaml').split()
+        words += ['--impacts', '2'] if command == 'solve_periodic' else []
+        assert run(command, words) == 2
+        assert capsys.readouterr().err.startswith(f'{command}: rig.yaml')
