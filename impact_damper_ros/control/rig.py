@@ -1013,7 +1013,11 @@ class Rig:
         }
         if self._law is not None:
             memory = [float(v) if abs(v) < inf else str(float(v)) for v in control.memory]
-            held['law'] = {'name': self._law.name, 'memory': memory}
+            held['law'] = {
+                'name': self._law.name,
+                'digest': self._law.digest,
+                'memory': memory,
+            }
         return {**self.state().as_dict(), 'gap_control': held}
 
     @classmethod

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
 from impact_damper_ros.bag.snapshots import Snapshots
-from impact_damper_ros.control import ControlRecord, GapControlParameters, Rig
+from impact_damper_ros.control import ControlRecord, GapControlParameters, OwnLaw, Rig
 from impact_damper_ros.rig import (
     InitialConditions,
     NodeSettings,
@@ -150,6 +150,8 @@ class Engine:
         The control of the gap; off, if not given.
     inbox : CommandInbox, optional
         Where the commands of an external control come from.
+    law : OwnLaw, optional
+        A law of the user's own, in place of that of the control.
 
     Attributes
     ----------
@@ -171,9 +173,10 @@ class Engine:
         callbacks: EngineCallbacks,
         control: GapControlParameters | None = None,
         inbox: CommandInbox | None = None,
+        law: OwnLaw | None = None,
     ) -> None:
         self.failure: Exception | None = None
-        self._rig = Rig(parameters, initial, control=control)
+        self._rig = Rig(parameters, initial, control=control or GapControlParameters(), law=law)
         self.controller = ExternalControl(self._rig, inbox or CommandInbox(), settings.controller)
         self._publishers = publishers
         self._callbacks = callbacks

@@ -52,6 +52,7 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.messages import Parameter as RecordedParameter
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.topics import LATCHED, QosProfile
+from impact_damper_ros.control import OwnLaw
 from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
 from impact_damper_ros.rig.quoting import printable, shown
@@ -120,7 +121,9 @@ def start_message(
     parameters: NodeParameters, publishers: RigPublishers, node: str, recording: str
 ) -> str:
     """Return a summary of the node in a few lines."""
-    control = parameters.control.gap_control if parameters.control.active else 'off'
+    control = parameters.control.gap_control
+    if parameters.control_law != 'none':
+        control += f' (its law is {parameters.control_law})'
     listed = ('joint_states', 'impacts', 'gap_control', 'snapshot', 'diagnostics', 'clock')
     topics = [publishers[key].topic for key in listed if key in publishers]
     topics[0] += f' at {parameters.state_rate:g} Hz'
@@ -239,6 +242,7 @@ class SimNode(Node):
             ),
             parameters.control,
             self._command_inbox(),
+            None if parameters.control_law == 'none' else OwnLaw.from_text(parameters.control_law),
         )
         self._monitor = MotionMonitor(self.engine.trace, self._theory, parameters.state_rate)
         broken = self.create_guard_condition(self._end_broken_recording)

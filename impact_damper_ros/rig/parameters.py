@@ -487,6 +487,13 @@ class NodeSettings(ParameterTable):
     measurement_loss: float = number(
         0.0, 0.0, 1.0, '', 'Share of the measurements that get lost, at random.'
     )
+    control_law: str = text(
+        'none',
+        (),
+        "A law of one's own in place of that which gap_control names, unless that is off: "
+        'MODULE:FUNCTION, of the directory in which the node starts; or none.',
+        effect='start',
+    )
     lock_step: str = text(
         'off',
         ('off', 'stop_commands', 'force_command', 'both'),

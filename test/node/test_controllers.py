@@ -1,6 +1,8 @@
 """A controller outside the node: commands over DDS, refusals, watchdog; recorded and replayed."""
 
+import importlib
 import math
+import sys
 import time
 
 import pytest
@@ -180,3 +182,45 @@ def test_the_watchdog_parks_the_stops(plant):
     assert plant.parameters.set_atomically(command_timeout=0.0, force_limit=0.0) == ''
     plant.obeyed(lambda: plant.send_stops(0.02, -0.02))
     until(lambda: plant.report()[1]['Stops parked'] == 'False')
+
+
+LAW = """
+def gap_of_the_amplitude(seen, memory):
+    memory[0] += 1.0
+    half = min(max({factor} * seen.amplitude, seen.gap_min), 0.5 * seen.gap_max)
+    return half, -half
+"""
+
+
+def test_a_law_of_ones_own_is_replayed_with_it(tmp_path, monkeypatch, capsys):
+    directory = tmp_path / 'node'
+    directory.mkdir()
+    (directory / 'plant_law.py').write_text(LAW.format(factor=4.0))
+    process = SimProcess(
+        directory,
+        ('__ns:=/lawful',),
+        predict_motion=False,
+        gap_control='timed',
+        control_law='plant_law:gap_of_the_amplitude',
+        record=True,
+        **ACTUATORS,
+        **LIVELY,
+    )
+    with RigClient() as client:
+        acts = client.listen(JointState, '/lawful/gap_control')
+        until(lambda: len(acts) > 100 or not process.running(), lambda: process.output)
+        set_law = RigParametersClient(client, '/lawful/sim_node').set
+        assert 'fixed while the node runs' in set_law(control_law='other:law')
+    assert process.stop() == 0, process.output
+    (bag,) = (directory / 'runs').iterdir()
+    assert replay_run([str(bag)]) != 0
+    assert 'plant_law:gap_of_the_amplitude' in capsys.readouterr().err
+    monkeypatch.chdir(directory)
+    law = ['--law', 'plant_law:gap_of_the_amplitude']
+    assert replay_run([str(bag), *law]) == 0, capsys.readouterr()
+    # Another law of the same name
+    (directory / 'plant_law.py').write_text(LAW.format(factor=3.0) + '\n')
+    sys.modules.pop('plant_law')
+    importlib.invalidate_caches()
+    assert replay_run([str(bag), *law]) == 1
+    assert 'law.digest' in capsys.readouterr().out
