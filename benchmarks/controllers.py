@@ -91,11 +91,12 @@ def in_the_loop(watch: Watch, rate: int, seconds: float, *, lock_step: bool) -> 
         measurement_rate=float(rate),
         predict_motion=False,
         publish_clock=True,
+        real_time_priority=2,
         actuator_speed=0.0,
         actuator_delay=0.0,
         **({'lock_step': 'stop_commands', 'real_time_factor': 0.0} if lock_step else {}),
     )
-    watch.rate = float(rate)
+    watch.rate, watch.samples, watch.trips_ns = float(rate), {}, []
     with running(node), running([sys.executable, __file__, '--echo', str(rate)]):
         watch.listen(WARM_UP_S)
         end = time.monotonic() + 30.0

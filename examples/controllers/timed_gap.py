@@ -20,15 +20,16 @@ class TimedGap(Controller):
     def __init__(self):
         super().__init__(
             'timed_gap',
+            # Those of the bench rig
             damper_mass=0.1,
-            primary_mass=1.0,
-            restitution=0.75,
-            gap=0.01,
-            gap_min=0.001,
-            gap_max=0.5,
+            primary_mass=2.0,
+            restitution=0.6,
+            gap=0.024,
+            gap_min=0.004,
+            gap_max=0.3,
             rate=200.0,
-            speed=0.0,
-            delay=0.0,
+            speed=3.0,
+            delay=0.004,
         )
         # What the law knows of the rig
         rig = RigParameters(

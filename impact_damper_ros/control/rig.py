@@ -67,8 +67,8 @@ from impact_damper_ros.rig.state import (
 from impact_damper_ros.rig.transition import begin_from, move_stops, place_stops_at_gap
 
 from .actuator import MOST_ORDERS, settle_stops
-from .controller import Control, ControlSettings, forget_all, next_sample, relearn_laws
-from .loop import measure, run_compiled, run_through, write_act
+from .controller import Control, ControlSettings, forget_all, measured, next_sample, relearn_laws
+from .loop import run_compiled, run_through, write_act
 from .order import Order
 from .own_law import Law, LawError, OwnLaw
 from .record import Action, ActRow, ControlRecord
@@ -885,11 +885,15 @@ class Rig:
         )
         return events_of(rows, self._run.written)
 
-    def measure(self, index: int) -> Measurement:
-        """Return what the sensors see now; the index of the sample chooses their noise."""
-        run, control = self._run, self._control
-        seen: Measurement = measure(self._rig, self._lines, run, self._waves, control, index)
-        return seen
+    def measure(self, index: int) -> tuple[Measurement, tuple[float, float]]:
+        """
+        Return what the sensors see now, and the velocities of the stops in M, m/s.
+
+        The index of the sample chooses the noise.
+        """
+        view = self._view()
+        seen = measured(self._control, index, self.time, *view[:4], view.stop_1, view.stop_2)
+        return seen, (view.stop_rate_1, view.stop_rate_2)
 
     def order(self, order: Order) -> list[Event]:
         """

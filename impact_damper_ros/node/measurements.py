@@ -66,20 +66,22 @@ class Measurements:
 
     def _sample(self, rig: Rig, settings: NodeSettings, time_ns: int, offset_ns: int) -> None:
         control = rig.control
-        key = mixed_bits(mixed_seed(control.gap_control_seed) ^ self._index)
-        lost = uniform_of(mixed_bits(key + _LOSS)) <= settings.measurement_loss
-        if lost or control.sensor_fault == 'dropout':
+        late_s, jitter_s = settings.measurement_latency, settings.measurement_jitter
+        if settings.measurement_loss or jitter_s:
+            key = mixed_bits(mixed_seed(control.gap_control_seed) ^ self._index)
+            late_s += jitter_s * uniform_of(mixed_bits(key + _JITTER))
+            if uniform_of(mixed_bits(key + _LOSS)) <= settings.measurement_loss:
+                return
+        if control.sensor_fault == 'dropout':
             return
         if control.sensor_fault != 'frozen' or self._seen is None:
-            seen = rig.measure(self._index)
+            seen, stop_rates = rig.measure(self._index)
             self._seen = (
                 (seen.x, seen.y, seen.stop_1, seen.stop_2),
-                (seen.x_rate, seen.y_rate, *rig.stop_velocities),
+                (seen.x_rate, seen.y_rate, *stop_rates),
             )
         stamp_ns = offset_ns + time_ns
         content = self._encoder.measurement(stamp_ns, *self._seen)
-        late_s = settings.measurement_latency
-        late_s += settings.measurement_jitter * uniform_of(mixed_bits(key + _JITTER))
         due_ns = time_ns + round(late_s * 1e9)
         if self._on_the_way:
             # None overtakes the one before.

@@ -95,8 +95,10 @@ def test_two_runs_in_lock_step_are_the_same_bits(tmp_path):
 
 def test_the_timed_law_as_a_node_is_as_good_as_that_of_the_rig(tmp_path):
     seconds, rig = 20.0, {k: v for k, v in RIG.items() if k != 'actuator_speed'}
+    known = {'primary_mass': 1.0, 'restitution': 0.75, 'gap': 0.01, 'gap_max': 0.5}
+    known |= {'gap_min': 0.001, 'speed': 0.0, 'delay': 0.0}
     bag = lock_step.run_in_lock_step(
-        CONTROLLERS / 'timed_gap.py', seconds, tmp_path / 'runs', {**rig, 'gap': 0.01}
+        CONTROLLERS / 'timed_gap.py', seconds, tmp_path / 'runs', {**rig, 'gap': 0.01}, known
     )
     samples = replayed(bag, seconds)
     law = GapControlParameters(gap_control='timed', gap_control_rate=200.0, gap_max=0.5)
