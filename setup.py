@@ -19,7 +19,7 @@ EXAMPLES = (
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version='0.2.0',
     description='An exact, live digital rig of an impact damper on ROS 2, recorded to MCAP',
     # colcon --symlink-install runs a link to this file, in a folder without the others.
     long_description=Path(__file__).resolve().with_name('README.md').read_text(encoding='utf-8'),
@@ -64,6 +64,7 @@ setup(
     # The console scripts look their modules up by path, so the package is never run from a zip.
     zip_safe=False,
     install_requires=[
+        'argcomplete>=2.0',
         'lz4>=4.0',
         'mcap>=1.5',
         'numpy>=1.24',

@@ -5,7 +5,7 @@ if TYPE_CHECKING:
     from impact_damper_ros.control import Rig
     from impact_damper_ros.rig import RigParameters
 
-__version__ = '0.1.0'
+__version__ = '0.2.0'
 __all__ = ['Rig', 'RigParameters', '__version__']
 
 

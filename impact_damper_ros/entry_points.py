@@ -8,6 +8,7 @@ that handles no signals. This module must not import anything that takes time.
 
 from __future__ import annotations
 
+import os
 import signal
 from functools import partial
 from importlib import import_module
@@ -30,6 +31,8 @@ def _command(name: str, room: str = 'cli') -> Any:
     """Import a command and run it."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if room == 'node' and '_ARGCOMPLETE' in os.environ:
+        import_module('impact_damper_ros.cli.completion').complete_node()
     return import_module(f'impact_damper_ros.{room}.{name}').main()
 
 

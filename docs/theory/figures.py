@@ -13,7 +13,6 @@ from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.orbits import ImpactEquations, find_orbits, follow
 from impact_damper_ros.report.drawing import (
     COLORS,
-    DASHED,
     blank_figure,
     draw_stop,
     finish_panel,
@@ -41,7 +40,7 @@ def release():
     support.plot(at, need, color=COLORS['primary'], linewidth=1.6)
     for axes in (speed, support):
         for event in run.events[:2]:
-            axes.axvline(event['time'], color=COLORS['quiet'], linestyle=DASHED, linewidth=0.9)
+            axes.axvline(event['time'], color=COLORS['quiet'], linestyle='--', linewidth=0.9)
         axes.set_xlim(0.0, 3.0)
     top = speed.get_ylim()[1]
     for event, word in zip(run.events[:2], (' sticks', ' is released'), strict=True):
@@ -72,7 +71,7 @@ def draw_step(axes, start, end, bound, labelled):
     color = COLORS['primary'] if certain else COLORS['special']
     places = start + step * np.arange(4) / 3.0
     axes.fill_between(start + step * s, least, 2 * cubic - least, color=color, alpha=0.18, lw=0)
-    axes.plot(places, [f_a, *inner, f_b], color=color, linewidth=0.9, linestyle=DASHED)
+    axes.plot(places, [f_a, *inner, f_b], color=color, linewidth=0.9, linestyle='--')
     axes.plot(places, [f_a, *inner, f_b], 'o', color=color, markersize=4.5)
     if labelled:
         for name, place, value in zip(
@@ -114,7 +113,7 @@ def chatter():
     figure = blank_figure(7.0, 2.8)
     path, decay = figure.subplots(1, 2)
     path.plot(run.samples['time'], height, color=COLORS['damper'], linewidth=1.4)
-    path.axvline(rest, color=COLORS['quiet'], linestyle=DASHED, linewidth=0.9)
+    path.axvline(rest, color=COLORS['quiet'], linestyle='--', linewidth=0.9)
     path.set_xlim(0.0, 2.5)
     path.set_ylim(0.0, 0.52)
     decay.semilogy(rest - hits['time'][:-1], speed[:-1], 'o', color=COLORS['damper'], ms=4)
@@ -178,7 +177,7 @@ def saltation():
     axes = figure.subplots()
     draw_stop(axes, t - hit, 0.0 * t, 0.6)
     axes.plot(t - hit, paths[0], color=COLORS['ink'], linewidth=1.6)
-    axes.plot(t - hit, paths[1], color=COLORS['damper'], linewidth=1.6, linestyle=DASHED)
+    axes.plot(t - hit, paths[1], color=COLORS['damper'], linewidth=1.6, linestyle='--')
     before, after = np.searchsorted(t - hit, [-0.2, 0.12])
     for place, name, shift in (
         (before, '$\\delta Y_b$', (-27, -24)),
@@ -210,7 +209,7 @@ def best_gap():
     figure = blank_figure(4.8, 3.0)
     axes = figure.subplots()
     axes.plot(gap, np.where(stable, x_max, np.nan), color=COLORS['primary'], linewidth=1.8)
-    axes.plot(gap, x_max, color=COLORS['primary'], linewidth=1.0, linestyle=DASHED)
+    axes.plot(gap, x_max, color=COLORS['primary'], linewidth=1.0, linestyle='--')
     loss = (1.0 - rig.restitution_1) * (1.0 + rig.mass_ratio)
     axes.plot(gap, gap * loss / (pi * 1.75), color=COLORS['ink'], linewidth=1.2)
     axes.text(31.0, 0.6, '$d = d^*(X_{\\max})$', color=COLORS['ink'])

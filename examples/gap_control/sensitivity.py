@@ -88,7 +88,7 @@ def main() -> None:
     for axes, letter, (what, (label, values, disturbed)) in zip(
         figure.subplots(2, 2).ravel(), 'abcd', DISTURBANCES.items(), strict=True
     ):
-        some = values[2:4] if quick else values
+        some = values[3:4] if quick else values
         rows = []
         for name, where in SERIES:
             rig, spans = runs[where]

@@ -300,6 +300,21 @@ def clock_message(stamp_ns: int) -> bytes:
     return _PLAIN + _STAMP.pack(*divmod(stamp_ns, _NS_PER_S))
 
 
+def message_row(numbers: int) -> np.dtype[np.void]:
+    """Return the dtype of joint states with so many positions, velocities and efforts in all."""
+    import numpy as np
+
+    return np.dtype(
+        [
+            ('log_ns', np.int64),  # stamp of the recording
+            ('stamp_ns', np.int64),  # stamp in the message
+            ('frame', 'U16'),
+            ('act', 'U16'),  # what else than a state the message is about
+            ('numbers', np.float64, (numbers,)),
+        ]
+    )
+
+
 class JointStateLayout:
     """
     The layout of a sensor_msgs/JointState: all of it but the stamp and the numbers.
@@ -326,29 +341,9 @@ class JointStateLayout:
         self._same = [content[:_STAMP_AT], *(content[begin:end] for begin, end in same)]
         sizes = [f'{len(part)}s' for part in self._same]
         numbers = ''.join(f'{n}d{size}' for n, size in zip(counts, sizes[2:], strict=True))
-        self._whole = struct.Struct(f'<{sizes[0]}iI{sizes[1]}{numbers}')
-        self._pack = self._whole.pack
-        # The places of the parts that are the same among the values of `_whole`
-        self._at = [0, 3, *(3 + i + sum(counts[:i]) for i in (1, 2, 3))]
+        self._pack = struct.Struct(f'<{sizes[0]}iI{sizes[1]}{numbers}').pack
         self._no_efforts = (0.0,) * counts[2]
         self._content, self._begins, self._ends = content, begins, ends
-
-    @cached_property
-    def _row(self) -> tuple[np.dtype[np.void], NDArray[np.int64], NDArray[np.uint8]]:
-        """The dtype of a message, and of its bytes the places of those that are the same."""
-        import numpy as np
-
-        names = ('seconds', 'rest', 'position', 'velocity', 'effort')
-        formats = ['<i4', '<u4', *(f'{n}<f8' for n in self.counts)]
-        offsets = [_STAMP_AT, _STAMP_AT + 4, *self._begins]
-        dtype = np.dtype(
-            {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': self.size}
-        )
-        same = np.ones(self.size, dtype=np.bool_)
-        for begin, end in ((_STAMP_AT, _STAMP_END), *zip(self._begins, self._ends, strict=True)):
-            same[begin:end] = False
-        fixed = np.flatnonzero(same)
-        return dtype, fixed, np.frombuffer(self._content, np.uint8)[fixed]
 
     @classmethod
     def of(cls, frame_id: str, names: Sequence[str], *counts: int) -> Self:
@@ -380,56 +375,50 @@ class JointStateLayout:
             after_efforts,
         )
 
-    def numbers(self, content: bytes) -> tuple[tuple[float, ...], ...] | None:
-        """Return positions, velocities and efforts; None if a message has another layout."""
-        if len(content) != self.size:
-            return None
-        values = self._whole.unpack(content)
-        if [values[at] for at in self._at] != self._same:
-            return None
-        places = zip(self._at[1:], self._at[2:], strict=False)
-        return tuple(values[begin + 1 : end] for begin, end in places)
-
-    def fitting(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Return which of many messages of this size, one per row, have this layout."""
-        _, fixed, content = self._row
-        fits: NDArray[np.bool_] = (rows[:, fixed] == content).all(axis=1)
-        return fits
-
-    def columns(
-        self, rows: NDArray[np.uint8], counts: Sequence[int]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return stamps, ns, and the first positions, velocities and efforts of such messages."""
+    @cached_property
+    def _fields(self) -> tuple[np.dtype[np.void], NDArray[np.int64], NDArray[np.uint8]]:
+        """The dtype of a message, and of its bytes the places of those that are the same."""
         import numpy as np
 
-        held = np.ascontiguousarray(rows).view(self._row[0])[:, 0]
-        stamps = held['seconds'].astype(np.int64) * _NS_PER_S + held['rest']
+        names = ('seconds', 'rest', 'position', 'velocity', 'effort')
+        formats = ['<i4', '<u4', *(f'{n}<f8' for n in self.counts)]
+        offsets = [_STAMP_AT, _STAMP_AT + 4, *self._begins]
+        dtype = np.dtype(
+            {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': self.size}
+        )
+        same = np.ones(self.size, dtype=np.bool_)
+        for begin, end in ((_STAMP_AT, _STAMP_END), *zip(self._begins, self._ends, strict=True)):
+            same[begin:end] = False
+        fixed = np.flatnonzero(same)
+        return dtype, fixed, np.frombuffer(self._content, np.uint8)[fixed]
+
+    def fitting(self, contents: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return which of many messages of this size, one per row, have this layout."""
+        _, fixed, same = self._fields
+        fits: NDArray[np.bool_] = (contents[:, fixed] == same).all(axis=1)
+        return fits
+
+    def stamps(self, contents: NDArray[np.uint8]) -> NDArray[np.int64]:
+        """Return the stamps of such messages, ns."""
+        held = contents.view(self._fields[0])[:, 0]
+        stamps: NDArray[np.int64] = held['seconds'].astype('i8') * _NS_PER_S + held['rest']
+        return stamps
+
+    def numbers(self, contents: NDArray[np.uint8], counts: Sequence[int]) -> NDArray[np.float64]:
+        """Return the first positions, velocities and efforts of such messages."""
+        import numpy as np
+
+        held = contents.view(self._fields[0])[:, 0]
         names = ('position', 'velocity', 'effort')
-        parts = [held[name][:, :n] for name, n in zip(names, counts, strict=True) if n]
-        return stamps, np.concatenate(parts, axis=1).astype(np.float64)
-
-
-class JointStateDecoder:
-    """Decodes the joint states of one topic, which mostly have one layout."""
-
-    def __init__(self) -> None:
-        self._layout: JointStateLayout | None = None
-
-    def decode(self, content: bytes) -> JointState:
-        """Decode a message."""
-        layout = self._layout
-        numbers = None if layout is None else layout.numbers(content)
-        if layout is None or numbers is None:
-            self._layout = layout = JointStateLayout(content)
-            numbers = layout.numbers(content) or ()
-        return JointState(header_ns(content), layout.frame_id, layout.names, *numbers)
+        parts = [held[name][:, :n] for name, n in zip(names, counts, strict=True)]
+        return np.concatenate(parts, axis=1)
 
 
 #: Layouts that are remembered for a topic.
 _MOST_LAYOUTS = 8
 
 
-class JointStateColumns:
+class JointStateRows:
     """
     Reads the joint states of one topic: the first `counts` numbers of each kind, by joints.
 
@@ -452,13 +441,14 @@ class JointStateColumns:
         self._layouts = [*self._layouts[: _MOST_LAYOUTS - 1], layout]
         return layout
 
-    def read(self, contents: Sequence[bytes]) -> tuple[NDArray[Any], ...]:
-        """Return stamps, ns, frames, acts and numbers of messages, and which can be read."""
+    def read(
+        self, contents: Sequence[bytes], log_ns: int | Sequence[int]
+    ) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
+        """Return messages as `message_row`, and which of them can be read."""
         import numpy as np
 
-        stamps = np.zeros(len(contents), dtype=np.int64)
-        frames, acts = (np.full(len(contents), '', dtype='U16') for _ in range(2))
-        numbers = np.zeros((len(contents), sum(self._counts)))
+        found = np.zeros(len(contents), message_row(sum(self._counts)))
+        found['log_ns'] = log_ns
         readable = np.ones(len(contents), dtype=np.bool_)
         sizes = np.fromiter(map(len, contents), dtype=np.int64, count=len(contents))
         for size in np.unique(sizes).tolist():
@@ -475,9 +465,10 @@ class JointStateColumns:
                     left, rows = left[1:], rows[1:]
                     continue
                 fits = layout.fitting(rows)
-                at = left[fits]
-                if len(at):
-                    stamps[at], numbers[at] = layout.columns(rows[fits], self._counts)
-                frames[at], acts[at] = layout.frame_id, ''.join(layout.names[len(self._joints) :])
+                at, there = left[fits], rows[fits]
+                found['stamp_ns'][at] = layout.stamps(there)
+                found['frame'][at] = layout.frame_id
+                found['act'][at] = ''.join(layout.names[len(self._joints) :])
+                found['numbers'][at] = layout.numbers(there, self._counts)
                 left, rows = left[~fits], rows[~fits]
-        return stamps, frames, acts, numbers, readable
+        return found, readable

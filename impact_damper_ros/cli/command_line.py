@@ -22,6 +22,8 @@ from impact_damper_ros.outputs import check_file, in_words, write_text
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, PER_PERIOD, REMEDY, RunawayError
 from impact_damper_ros.rig.quoting import printable
 
+from .completion import complete
+
 if TYPE_CHECKING:
     import subprocess
 
@@ -142,9 +144,17 @@ def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupt
     return code
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that also answers the shell's completion."""
+
+    def parse_args(self, *arguments: Any, **named: Any) -> Any:
+        complete(self)
+        return super().parse_args(*arguments, **named)
+
+
 def command_parser(command: str, description: str, epilog: str = '') -> argparse.ArgumentParser:
     """Return the parser of a command, with ``--version``; line breaks of the texts stay."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         command,
         description=description,
         epilog=epilog,

@@ -58,8 +58,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--gap-curves',
         action='store_true',
-        help='with --report: follow each predicted motion closely in the gap, some seconds each '
-        '(default: up to three, coarsely)',
+        help='with --report: follow each predicted motion in the gap, about a second each '
+        '(default: the first three)',
     )
     rig = 'parameters of the rig, for a bag recorded without them (without snapshot)'
     add_path_option(parser, '--params', rig, 'FILE.yaml')

@@ -20,7 +20,6 @@ from impact_damper_ros.orbits import (
     OrbitError,
     PeriodicOrbit,
     find_orbits,
-    follow,
     orbit_near,
 )
 from impact_damper_ros.orbits.orbit import AT_IMPACTS
@@ -40,11 +39,8 @@ from .result import (
     Convergence,
     Decay,
     Finding,
-    GapCurve,
     ImpactStates,
     PredictedCurve,
-    StretchComparison,
-    StretchCurves,
 )
 
 # The predicted motion
@@ -407,85 +403,4 @@ def predicted_curve(
         force_zero=zero,
         cycle=clock.cycle,
         cycles=orbit.cycles,
-    )
-
-
-_GAP_RANGE = 3.0
-#: Points in each direction, and curves: of all stretches closely, or of the first ones only.
-_GAP_POINTS, _FEW_GAP_POINTS, _FEW_GAP_CURVES = 150, 24, 3
-#: How near a curve a predicted motion must be to lie on it, in Xmax/A.
-_ON_CURVE = 1e-3
-
-
-class GapCurves:
-    """
-    Follows predicted motions in the gap, and keeps the curves for other stretches.
-
-    A few coarse curves, or one of each motion.
-    """
-
-    def __init__(self, *, closely: bool = False) -> None:
-        self._closely = closely
-        self._known: list[tuple[PeriodicOrbit, GapCurve]] = []
-
-    def added(self, stretch: StretchComparison) -> StretchCurves:
-        """Return the curves of a stretch with that against the gap, if there is one."""
-        orbit = stretch.predicted
-        if orbit is None or orbit.parameters.one_sided or stretch.measured is None:
-            return stretch.curves
-        ratio = stretch.measured.amplitude_ratio
-        curve = self._found(orbit)
-        if curve is None:
-            if len(self._known) >= _FEW_GAP_CURVES and not self._closely:
-                return stretch.curves
-            curve = _followed(orbit, _GAP_POINTS if self._closely else _FEW_GAP_POINTS)
-            if curve is None:
-                return stretch.curves
-            self._known.append((orbit, curve))
-        marked = replace(curve, measured_gap=orbit.parameters.gap, measured_ratio=ratio)
-        return replace(stretch.curves, gap_curve=marked)
-
-    def _found(self, orbit: PeriodicOrbit) -> GapCurve | None:
-        """Return a known curve on which a motion lies."""
-        rig = orbit.parameters
-        for other, curve in self._known:
-            same = other.parameters == rig.replace(gap=other.parameters.gap)
-            if not same or other.cycles != orbit.cycles or len(other.stops) != len(orbit.stops):
-                continue
-            scaled = (curve.gap / rig.gap - 1.0, curve.ratio - orbit.amplitude_ratio)
-            ends = np.hypot(*scaled)
-            near = int(ends.argmin())
-            here = slice(max(near - 1, 0), near + 2)
-            gaps, ratios = curve.gap[here], curve.ratio[here]
-            order = np.argsort(gaps)
-            between = float(np.interp(rig.gap, gaps[order], ratios[order]))
-            inside = gaps.min() <= rig.gap <= gaps.max()
-            if inside and abs(between - orbit.amplitude_ratio) < _ON_CURVE:
-                return curve
-        return None
-
-
-def _followed(orbit: PeriodicOrbit, points: int) -> GapCurve | None:
-    """Follow a motion in the gap; None if that cannot be done."""
-    gap = orbit.parameters.gap
-    ends = gap / _GAP_RANGE, gap * _GAP_RANGE
-    try:
-        branch = follow(orbit, 'gap', *ends, most_points=points)
-    except (ValueError, ArithmeticError):
-        return None
-    orbits, special = branch.orbits, branch.special
-    if len(orbits) < 2:
-        return None
-    return GapCurve(
-        gap=np.array([o.parameters.gap for o in orbits]),
-        ratio=np.array([o.amplitude_ratio for o in orbits]),
-        stable=np.array([o.stable for o in orbits]),
-        viable=np.array([o.viable for o in orbits]),
-        special_gap=np.array([s.value for s in special]),
-        special_ratio=np.array([s.orbit.amplitude_ratio for s in special]),
-        special_kind=tuple(s.kind.value for s in special),
-        measured_gap=gap,
-        measured_ratio=orbit.amplitude_ratio,
-        stops=orbit.stops,
-        ended=branch.ended,
     )

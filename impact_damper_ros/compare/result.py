@@ -360,26 +360,6 @@ class Spectrum:
 
 
 @dataclass(frozen=True)
-class GapCurve:
-    """The predicted motion followed in the gap, all other parameters as logged."""
-
-    gap: Array  # gaps along the branch, m; not monotonic if it has folds, shape (n,)
-    ratio: Array  # largest |X| over that without impacts, Xmax/A, shape (n,)
-    #: Whether the motion there is stable, and whether the rig can move so, shape (n,).
-    stable: NDArray[np.bool_]
-    viable: NDArray[np.bool_]
-    #: Folds, period doublings, grazing and the like, shape (s,).
-    special_gap: Array
-    special_ratio: Array
-    special_kind: tuple[str, ...]  # what each of them is
-    #: This run.
-    measured_gap: float
-    measured_ratio: float
-    stops: tuple[int, ...]  # stops hit in a period of this branch
-    ended: str  # why it was not followed further
-
-
-@dataclass(frozen=True)
 class StretchCurves:
     """The arrays of one stretch for plots, of bounded size; None for those that do not apply."""
 
@@ -392,7 +372,8 @@ class StretchCurves:
     predicted: PredictedCurve | None = None  # one period of the predicted motion
     convergence: Convergence | None = None  # the approach to the periodic motion
     spectrum: Spectrum | None = None
-    gap_curve: GapCurve | None = None  # Xmax/A against the gap
+    #: Xmax/A against the gap, as of `theory.GapCurve.message`; only of a report.
+    gap_curve: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -428,7 +428,7 @@ class RecordedPieces:
             elif isinstance(item, Rows) and self.rig is not None:
                 yield self._piece(item, self.rig.parameters)
             elif isinstance(item, Rows):
-                self.early += sum(table.size for table in item)
+                self.early += sum(map(len, item))
 
     def _change(self, stated: StatedParameters) -> Iterator[_Piece]:
         assert self.rig is not None
@@ -444,15 +444,15 @@ class RecordedPieces:
 
     def _piece(self, rows: Rows, rig: RigParameters) -> _Piece:
         states, impacts = (
-            table[np.isfinite(table.numbers).all(axis=1)] for table in (rows.states, rows.impacts)
+            held[np.isfinite(held['numbers']).all(axis=1)] for held in (rows.states, rows.impacts)
         )
-        states = states[np.diff(states.stamp_ns, prepend=self._last_ns) > 0]
-        self._last_ns = int(states.stamp_ns[-1]) if states.size else self._last_ns
-        self.samples += states.size
-        self.impacts += impacts.size
+        states = states[np.diff(states['stamp_ns'], prepend=self._last_ns) > 0]
+        self._last_ns = int(states['stamp_ns'][-1]) if len(states) else self._last_ns
+        self.samples += len(states)
+        self.impacts += len(impacts)
         return _Piece(
-            recorded_samples(states, rig, states.stamp_ns / 1e9),
-            recorded_impacts(impacts, rig, impacts.stamp_ns / 1e9),
+            recorded_samples(states, rig, states['stamp_ns'] / 1e9),
+            recorded_impacts(impacts, rig, impacts['stamp_ns'] / 1e9),
         )
 
 

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from impact_damper_ros.bag.messages import CdrReader, JointStateDecoder
+from impact_damper_ros.bag.messages import JOINT_STATE, CdrReader, JointState, decode
 from impact_damper_ros.control import Order
 from impact_damper_ros.rig.quoting import counted, shown
 
@@ -53,39 +53,35 @@ class CommandTopic(NamedTuple):
     read: CommandReader
 
 
-def stop_command_reader() -> CommandReader:
-    """Return a function that reads a sensor_msgs/JointState as an order to the stops."""
-    decoder = JointStateDecoder()
-
-    def read(content: bytes) -> tuple[int, Order]:
-        message = decoder.decode(content)
-        strange = [name for name in message.name if name not in ('stop_1', 'stop_2')]
-        if strange:
-            raise CommandError(
-                f'there is no joint {shown(strange[0])}: give stop_1, stop_2, both or none'
-            )
-        count = len(message.name)
-        if len(set(message.name)) < count:
-            raise CommandError(f'it names {shown(message.name[0])} twice')
-        if len(message.position) != count or len(message.velocity) not in (0, count):
-            raise CommandError(
-                f'it has {counted(count, "joint")}, {counted(len(message.position), "position")} '
-                f'and {len(message.velocity)} velocities: give one position each, and one '
-                'velocity each or none'
-            )
-        places = {}
-        for name, place in zip(message.name, message.position, strict=True):
-            if place != place:
-                raise CommandError(f'{name} is nan: leave a joint out that is to stay')
-            places[name] = place
-        for name, velocity in zip(message.name, message.velocity, strict=False):
-            if velocity != velocity:
-                raise CommandError(f'the velocity of {name} is nan: give none, or 0 for any')
-            if velocity:
-                places[name.replace('stop', 'speed')] = abs(velocity)
-        return message.stamp_ns, Order(**places)
-
-    return read
+def read_stop_command(content: bytes) -> tuple[int, Order]:
+    """Read a sensor_msgs/JointState as an order to the stops."""
+    message = decode(JOINT_STATE, content)
+    assert isinstance(message, JointState)
+    strange = [name for name in message.name if name not in ('stop_1', 'stop_2')]
+    if strange:
+        raise CommandError(
+            f'there is no joint {shown(strange[0])}: give stop_1, stop_2, both or none'
+        )
+    count = len(message.name)
+    if len(set(message.name)) < count:
+        raise CommandError(f'it names {shown(message.name[0])} twice')
+    if len(message.position) != count or len(message.velocity) not in (0, count):
+        raise CommandError(
+            f'it has {counted(count, "joint")}, {counted(len(message.position), "position")} '
+            f'and {len(message.velocity)} velocities: give one position each, and one '
+            'velocity each or none'
+        )
+    places = {}
+    for name, place in zip(message.name, message.position, strict=True):
+        if place != place:
+            raise CommandError(f'{name} is nan: leave a joint out that is to stay')
+        places[name] = place
+    for name, velocity in zip(message.name, message.velocity, strict=False):
+        if velocity != velocity:
+            raise CommandError(f'the velocity of {name} is nan: give none, or 0 for any')
+        if velocity:
+            places[name.replace('stop', 'speed')] = abs(velocity)
+    return message.stamp_ns, Order(**places)
 
 
 def read_force_command(content: bytes) -> tuple[int, Order]:

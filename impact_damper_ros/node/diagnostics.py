@@ -46,7 +46,7 @@ class Diagnostics:
     ) -> None:
         self._node_name = node_name.removeprefix('/')
         self._state_rate = state_rate
-        self._factor = real_time_factor
+        self.factor = real_time_factor
         self._clock = clock
         self._last_report = clock()
         self._last: EngineStatus | None = None
@@ -92,7 +92,7 @@ class Diagnostics:
             for new, old in zip(counts[:4], last.pacing[:4] if last else (0,) * 4, strict=True)
         )
         rig_time = (engine.time_ns - (last.time_ns if last else 0)) * 1e-9
-        asked = self._state_rate * self._factor
+        asked = self._state_rate * self.factor
         worst_ms = counts.worst_lateness_ns * 1e-6
         burden = self._burden(engine, rig_time, elapsed)
         if engine.held:
@@ -110,7 +110,7 @@ class Diagnostics:
         elif overruns:
             level = WARN
             message = f'{overruns} of {ticks} ticks late by more than a period; no sample lost'
-        elif not self._factor:
+        elif not self.factor:
             level, message = OK, f'runs {rig_time / elapsed:.3g} times as fast as real time'
             if burden and rig_time < elapsed:
                 level, message = WARN, f'{message}: {burden}'
@@ -123,7 +123,7 @@ class Diagnostics:
             {
                 'State rate [Hz]': f'{self._state_rate:g}',
                 'Achieved rate [Hz]': f'{ticks / elapsed:.2f}',
-                'Real-time factor': f'{self._factor:g}',
+                'Real-time factor': f'{self.factor:g}',
                 'Achieved real-time factor': f'{rig_time / elapsed:.4f}',
                 'Ticks': counts.ticks,
                 'Overruns': counts.overruns,
@@ -139,7 +139,7 @@ class Diagnostics:
         """Return why the rig takes so long, and a remedy; empty if it does not."""
         now, before = engine.load, self._last.load if self._last else Load()
         events, busy = now.events - before.events, (now.busy_ns - before.busy_ns) * 1e-9
-        if busy < AT_WORK * elapsed or busy * (self._factor or 1.0) < BUSY * rig_time:
+        if busy < AT_WORK * elapsed or busy * (self.factor or 1.0) < BUSY * rig_time:
             return ''
         control = engine.control.parameters
         commands = engine.control.commands - (self._last.control.commands if self._last else 0)

@@ -184,8 +184,6 @@ class Engine:
         self._priority = settings.real_time_priority
         self._scheduling = ORDINARY
         self._pacer = Pacer(self._grid.instant(1), settings.real_time_factor, on_slip=self._slip)
-        self._free_running = not settings.real_time_factor
-        self._stride_ns = max(1, round(STRIDE_NS * settings.real_time_factor))
         self._stamps = StampClock(simulated=settings.publish_clock)
         topics = {key: publisher.topic for key, publisher in publishers.items()}
         self._snapshots = Snapshots(settings.node, topics, initial.as_dict(), settings.state_rate)
@@ -208,11 +206,9 @@ class Engine:
             publishers,
             self._grid,
             MotionTrace.at(parameters, self._rig.snapshot()),
-            # A rig that is measured stops at the instants of that, too.
-            1
-            if settings.controller.measurement_rate
-            else ticks_ahead(self._grid.instant(1), settings.real_time_factor),
+            most=1,
         )
+        self._run_at(settings.real_time_factor)
         # Whether the rig has another motion since the last snapshot; also at the start
         self._new_course = True
         # All parameters, as an encoded ParameterEvent, while there is a recording
@@ -293,6 +289,10 @@ class Engine:
     def pause(self, paused: bool) -> Request:
         """Pause the rig, or resume it; the result is whether that changed anything."""
         return self._submit(lambda: self._pause(paused))
+
+    def set_pace(self, real_time_factor: float) -> Request:
+        """Run at another pace; stamps that count from the system time do not go back for it."""
+        return self._submit(lambda: self._set_pace(real_time_factor))
 
     def step(self, *, to_impact: bool = False) -> Request:
         """
@@ -611,6 +611,25 @@ class Engine:
                 self._go_on()
             self._news = 'resume'
         return True
+
+    def _set_pace(self, real_time_factor: float) -> None:
+        # The messages made ahead may have other stamps.
+        self._motion.discard()
+        self._run_at(real_time_factor)
+        if not self._paused and not self._held:
+            before_ns = self._stamps.offset_ns
+            self._go_on()
+            if self._stamps.offset_ns != before_ns:
+                self._news = self._news or 'slip'
+
+    def _run_at(self, real_time_factor: float) -> None:
+        period_ns = self._grid.instant(1)
+        self._pacer.set_pace(period_ns, real_time_factor)
+        self._free_running = not real_time_factor
+        self._stride_ns = max(1, round(STRIDE_NS * real_time_factor))
+        # A rig that is measured stops at the instants of that, too.
+        measured = self.controller.settings.measurement_rate > 0.0
+        self._motion.most = 1 if measured else ticks_ahead(period_ns, real_time_factor)
 
     def _step(self, to_impact: bool) -> Request:
         """Run on as after a pause, so that nothing of the motion depends on the steps."""

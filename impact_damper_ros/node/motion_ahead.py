@@ -195,6 +195,8 @@ class MotionAhead:
         Joint states of the next ticks, as far as they are known.
     events, impacts, commands : int
         How many there were so far; commands are those of the gap control.
+    most : int
+        Largest number of ticks that are made ahead.
     last_act : ControlRecord or None
         The last act of the gap control.
     """
@@ -215,7 +217,7 @@ class MotionAhead:
         self._publishers = publishers
         self._encoder = RigMessages()
         self._grid = grid
-        self._most = most
+        self.most = most
         # Of the events on the way to the next tick
         self._budget = EventBudget(MOST_TO_TICK)
 
@@ -260,7 +262,7 @@ class MotionAhead:
             self._budget.restart(rig)
         instants, samples = [], []
         if reached_ns == self._grid.instant(tick):
-            most = min(self._most, AFTER_EVENT) if events else self._most
+            most = min(self.most, AFTER_EVENT) if events else self.most
             instants = [self._grid.instant(tick + i) for i in range(most)]
             samples = rig.preview([instant / 1e9 for instant in instants], interrupted)
             samples = samples or [rig.sample()]

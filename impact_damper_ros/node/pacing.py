@@ -141,8 +141,7 @@ class Pacer:
         on_slip: Callable[[], object] = lambda: None,
     ) -> None:
         """Start counting from nothing; `anchor` sets the first deadline."""
-        self._factor = real_time_factor
-        self._late_after_ns = round(period_ns / real_time_factor) if real_time_factor else 0
+        self.set_pace(period_ns, real_time_factor)
         self._clock = clock
         self._sleep = sleep
         self._on_slip = on_slip
@@ -150,6 +149,11 @@ class Pacer:
         self._stretch_began_ns = clock()
         self._ticks = self._overruns = self._slips = self._slipped_ns = 0
         self._worst = _Worst()
+
+    def set_pace(self, period_ns: int, real_time_factor: float) -> None:
+        """Go on at another pace, from the next `anchor` on."""
+        self._factor = real_time_factor
+        self._late_after_ns = round(period_ns / real_time_factor) if real_time_factor else 0
 
     def anchor(self, rig_ns: int) -> None:
         """Let rig time run on from `rig_ns` now."""

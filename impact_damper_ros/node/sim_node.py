@@ -64,7 +64,7 @@ from .commands import (
     CommandReader,
     CommandTopic,
     read_force_command,
-    stop_command_reader,
+    read_stop_command,
 )
 from .diagnostics import Diagnostics
 from .engine import Done, Engine, EngineCallbacks, EngineSettings, Request
@@ -354,7 +354,7 @@ class SimNode(Node):
     def _command_inbox(self) -> CommandInbox:
         """Return the commands of a controller, which the engine's thread takes by itself."""
         kinds = {
-            'stop_commands': (JointState, stop_command_reader()),
+            'stop_commands': (JointState, read_stop_command),
             'force_command': (WrenchStamped, read_force_command),
         }
         subscriptions = {
@@ -424,6 +424,9 @@ class SimNode(Node):
         turned = rig is not None and rig.force_frequencies != before.rig.force_frequencies
         if turned and (hint := frequency_hint(after.rig)):
             self.get_logger().warning(hint)
+        if after.real_time_factor != before.real_time_factor:
+            self.engine.set_pace(after.real_time_factor)
+            self._diagnostics.factor = after.real_time_factor
         if after.predict_motion != before.predict_motion:
             self._theory.enable(after.predict_motion)
             self._follow_theory()

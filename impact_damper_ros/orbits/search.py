@@ -23,7 +23,6 @@ from .arguments import (
     OrbitError,
     check_forcing,
     check_stops,
-    checked_whole,
     pressed_to,
     single_harmonic,
 )
@@ -41,8 +40,6 @@ SOFT = 0.2
 
 #: Systematic starts for each unknown instant, three and more impacts in a period.
 STARTS_PER_INSTANT = 200
-#: Most systematic starts.
-MOST_STARTS = 1_000_000
 
 _SETTLING_CYCLES = 120
 _STARTS_PER_RUN = 3
@@ -370,12 +367,11 @@ def find_orbits(
     >>> [round(phase, 6) for phase in found.orbits[0].phases]
     [0.733784, 0.233784]
     """
-    stops = check_stops(parameters, stops, cycles)
+    stops = tuple(stops)
+    check_stops(parameters, stops)
     check_forcing(parameters, cycles)
-    if starts is not None:
-        starts = checked_whole('starts', starts, 0, MOST_STARTS)
     try:
-        return _found(parameters, stops, int(cycles), starts, simulate)
+        return _found(parameters, stops, cycles, starts, simulate)
     except np.linalg.LinAlgError as error:
         raise OrbitError(
             f'the equations of this rig have no solution in double precision ({error}): give '

@@ -25,7 +25,7 @@ from impact_damper_ros.rig.flight import (
 )
 from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
 
-from .arguments import MOST_CYCLES, check_forcing, checked_whole, single_harmonic
+from .arguments import check_forcing, single_harmonic
 from .extremes import largest_displacement
 from .flights import (
     Flight,
@@ -315,7 +315,6 @@ def orbit_near(
     PeriodicOrbit or None
         The motion to which Newton's method converges; None if it does not.
     """
-    cycles = checked_whole('cycles', cycles, 1, MOST_CYCLES)
     check_forcing(parameters, cycles)
     cycle = math.tau / parameters.force_frequencies[0]
     instant = cycle * (phase % cycles)

@@ -66,7 +66,7 @@ class ImpactEquations:
 
     def __init__(self, parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:
         check_forcing(parameters)
-        check_stops(parameters, stops, cycles)
+        check_stops(parameters, stops)
         machine, lines = constants_of(parameters)
         self.parameters = parameters
         self.stops = stops
@@ -114,15 +114,21 @@ class ImpactEquations:
         lasts[..., -1] += self.period
         return lasts
 
-    def _mean_velocity(self, lasts: Array) -> Array:
-        """Return m's mean velocity in each flight by X_1..X_N, without its constant part."""
-        n = self.impacts
-        inverse = 1.0 / lasts
-        mean = np.zeros((*lasts.shape, n))
-        for i in range(n):
-            mean[..., i, (i + 1) % n] += inverse[..., i]
-            mean[..., i, i] -= inverse[..., i]
-        return mean
+    def _velocities(
+        self, x: Array, lasts: Array, constant: Array | float
+    ) -> tuple[Array, Array, Array]:
+        """
+        Return the velocity of M before and after each impact, and of m after it, from X there.
+
+        They are linear in X but for a part that does not depend on it, which is multiplied by
+        `constant`.
+        """
+        mean = (x[..., self._next] - x + constant * self._travel) / lasts
+        half = constant * 0.5 * self.accelerations * lasts
+        damper, arriving = mean - half, (mean + half)[..., self._last]
+        before = self._before_from_after * damper + self._before_from_before * arriving
+        after = self._after_from_after * damper + self._after_from_before * arriving
+        return before, after, damper
 
     def linear_system(self, instants: Array) -> Array:
         """
@@ -135,55 +141,28 @@ class ImpactEquations:
         n = self.impacts
         lasts = self.durations(instants)
         free = self._oscillator
-        less, impulse, slope = free_response(free.decay, free.frequency, lasts)
+        less, impulse, slope = (
+            part[..., None, :] for part in free_response(free.decay, free.frequency, lasts)
+        )
+        # One for each X alone, and the constant part
+        x, constant = np.eye(n + 1, n), np.eye(n + 1)[:, n:]
+        before, after, _ = self._velocities(x, lasts[..., None, :], constant)
+        pushed = x - constant * self.pushes / self._stiffness
+        place = x[:, self._next] - x - less * pushed - impulse * after
+        speed = before[..., self._next] - slope * after + self._stiffness * impulse * pushed
+        columns = np.concatenate([place, speed / self.rate], axis=-1)
         x_forced, v_forced = forced_response(free.decay, free.frequency, self.frequency, lasts)
-        turn = self._force * np.exp(1j * self.frequency * instants)
-        constant = self._travel * (1.0 / lasts)
-        half = 0.5 * self.accelerations * lasts
-        after_0 = self._after_from_after * (constant - half)
-        after_0 += self._after_from_before * (constant + half)[..., self._last]
-        before_0 = self._before_from_after * (constant - half)
-        before_0 += self._before_from_before * (constant + half)[..., self._last]
-        rows = np.zeros((*lasts.shape[:-1], 2 * n, n + 3))
-        rows[..., :n] = self._by_x(lasts, less, impulse, slope)
-        place = rows[..., :n, :]
-        speed = rows[..., n:, :]
-        place[..., n] = -(turn * x_forced).imag
-        place[..., n + 1] = -(turn * x_forced).real
-        speed[..., n] = -(turn * v_forced).imag
-        speed[..., n + 1] = -(turn * v_forced).real
-        place[..., n + 2] = -impulse * after_0 - self.pushes / self._stiffness * -less
-        speed[..., n + 2] = before_0[..., self._next] - slope * after_0 - self.pushes * impulse
-        speed[..., n:] /= self.rate
-        return rows
-
-    def _by_x(self, lasts: Array, less: Array, impulse: Array, slope: Array) -> Array:
-        """Return the columns of `linear_system` for X_1 .. X_N, given the free response."""
-        n = self.impacts
-        mean = self._mean_velocity(lasts)
-        after = mean * self._after_from_after[:, None]
-        after += mean[..., self._last, :] * self._after_from_before[:, None]
-        before = mean * self._before_from_after[:, None]
-        before += mean[..., self._last, :] * self._before_from_before[:, None]
-        rows = np.empty((*lasts.shape[:-1], 2 * n, n))
-        place, speed = rows[..., :n, :], rows[..., n:, :]
-        place[...] = -impulse[..., None] * after
-        speed[...] = before[..., self._next, :] - slope[..., None] * after
-        for i in range(n):
-            place[..., i, (i + 1) % n] += 1.0
-            place[..., i, i] -= 1.0 + less[..., i]
-            speed[..., i, i] += self._stiffness * impulse[..., i]
-        speed /= self.rate
+        turn = -self._force * np.exp(1j * self.frequency * instants)
+        forced = np.concatenate([turn * x_forced, turn * v_forced / self.rate], axis=-1)
+        rows = np.empty((*lasts.shape[:-1], 2 * n, n + 3))
+        rows[..., :n] = columns[..., :n, :].swapaxes(-1, -2)
+        rows[..., n], rows[..., n + 1] = forced.imag, forced.real
+        rows[..., n + 2] = columns[..., n, :]
         return rows
 
     def states(self, x: Array, instants: Array) -> Array:
         """Return the states just after the impacts as `Segments` has them, (..., N, 4)."""
-        lasts = self.durations(instants)
-        mean = (x[..., self._next] - x + self._travel) / lasts
-        half = 0.5 * self.accelerations * lasts
-        damper = mean - half
-        velocity = self._after_from_after * damper
-        velocity += self._after_from_before * (mean + half)[..., self._last]
+        _, velocity, damper = self._velocities(x, self.durations(instants), 1.0)
         return np.stack([x, velocity, np.zeros_like(x), damper - velocity], axis=-1)
 
 

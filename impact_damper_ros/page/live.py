@@ -17,13 +17,13 @@ from impact_damper_ros.bag.messages import (
     PARAMETER_EVENT,
     STRING,
     CdrError,
-    JointStateColumns,
+    JointStateRows,
     decode,
 )
 from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_ACT
 from impact_damper_ros.bag.snapshots import FORMAT
 from impact_damper_ros.replay.command import parsed
-from impact_damper_ros.replay.rows import Table
+from impact_damper_ros.replay.rows import Messages
 from impact_damper_ros.rig.snapshot import Snapshot
 
 from .frames import PAUSED, View
@@ -100,9 +100,9 @@ class LiveRig(Source):
     def _forget(self) -> None:
         """Discard all messages: the node was restarted."""
         self.motion = Motion(_MOST_SAMPLES, _MOST_IMPACTS)
-        self._columns = {
-            'joint_states': JointStateColumns(JOINTS, (5, 5, 0)),
-            'impacts': JointStateColumns(IMPACT_JOINTS, (2, 2, 2)),
+        self._readers = {
+            'joint_states': JointStateRows(JOINTS, (5, 5, 0)),
+            'impacts': JointStateRows(IMPACT_JOINTS, (2, 2, 2)),
         }
         # Those whose messages may still come
         self._eras: list[Era] = []
@@ -220,22 +220,22 @@ class LiveRig(Source):
             message = {'time': time_, 'kind': kind, 'values': changed, 'preset': preset}
             self.tell({'type': 'parameters', **message})
 
-    def _tables(self, topic: str, contents: list[bytes]) -> Iterable[tuple[Era, Table]]:
-        """Return messages of a topic as tables, each of one era."""
+    def _tables(self, topic: str, contents: list[bytes]) -> Iterable[tuple[Era, Messages]]:
+        """Return messages of a topic, those of each era together."""
         if not contents:
             return []
-        stamps_ns, *held, readable = self._columns[topic].read(contents)
-        table = Table(stamps_ns, stamps_ns, *held)[readable]
-        if topic == 'joint_states' and table.size:
-            self._paused = bool(table.act[-1] == PAUSED_ACT)
-            stamp, now = table.stamp_ns[-1] / 1e9, time.time()
+        rows, readable = self._readers[topic].read(contents, 0)
+        rows = rows[readable]
+        if topic == 'joint_states' and len(rows):
+            self._paused = bool(rows['act'][-1] == PAUSED_ACT)
+            stamp, now = rows['stamp_ns'][-1] / 1e9, time.time()
             self._epoch = stamp if abs(stamp - now) < _WALL_S else now
             # A paused rig repeats its last sample.
-            table = table[table.act != PAUSED_ACT]
+            rows = rows[rows['act'] != PAUSED_ACT]
         if len(self._eras) == 1:
-            return [(self._eras[0], table)]
-        places = self._places(table.stamp_ns.tolist())
-        return [(self._eras[n], table[places == n]) for n in np.unique(places)]
+            return [(self._eras[0], rows)]
+        places = self._places(rows['stamp_ns'].tolist())
+        return [(self._eras[n], rows[places == n]) for n in np.unique(places)]
 
     def _places(self, stamps_ns: list[int]) -> np.ndarray[Any, np.dtype[np.int64]]:
         """

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.replay.rows import (
     Events,
+    Messages,
     Samples,
-    Table,
     impacts_of,
     recorded_impacts,
     recorded_samples,
@@ -78,15 +78,15 @@ class Era:
     rig: RigParameters
     phase: ForcePhase | None  # None if it is not needed
 
-    def samples(self, table: Table) -> Rows:
+    def samples(self, messages: Messages) -> Rows:
         """Return joint states as `SAMPLE_COLUMNS`."""
-        times = (table.stamp_ns - self.offset_ns) / 1e9
-        return self.sample_rows(recorded_samples(table, self.rig, times))
+        times = (messages['stamp_ns'] - self.offset_ns) / 1e9
+        return self.sample_rows(recorded_samples(messages, self.rig, times))
 
-    def impacts(self, table: Table) -> Rows:
+    def impacts(self, messages: Messages) -> Rows:
         """Return messages of impacts as `IMPACT_COLUMNS`."""
-        times = (table.stamp_ns - self.offset_ns) / 1e9
-        return self.impact_rows(recorded_impacts(table, self.rig, times))
+        times = (messages['stamp_ns'] - self.offset_ns) / 1e9
+        return self.impact_rows(recorded_impacts(messages, self.rig, times))
 
     def sample_rows(self, samples: Samples) -> Rows:
         """Return samples of the rig as `SAMPLE_COLUMNS`."""

@@ -8,18 +8,18 @@ longest rows of equal messages show which are missing on one side, and which wer
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
 from difflib import SequenceMatcher
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.bag.messages import message_row
 from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
 from impact_damper_ros.control import CONTROL_JOINTS
 
 from .findings import Difference, Findings, SampleGap
-from .rows import Numbers, Table
+from .rows import Messages, Numbers
 from .run import TWICE, Disorder
 
 #: Gaps without samples that are remembered, to excuse the impacts missing there.
@@ -57,7 +57,7 @@ class Matcher:
     ) -> None:
         self.topic = topic
         self._disorder = disorder
-        self._last: tuple[Any, ...] = ()
+        self._last = b''
         self._findings, self._stamped = findings, stamped
         self._key = key
         impacts = key == 'impacts'
@@ -65,8 +65,7 @@ class Matcher:
         self.fields = [('stamp', 'ns'), ('frame_id', ''), ('act', '')]
         self.fields += _names(joints, 'N s' if impacts else 'J')
         self._what = 'impact' if key == 'impacts' else 'act of the gap control'
-        self._recorded: list[Table] = []
-        self._expected: list[Table] = []
+        self._recorded = self._expected = np.empty(0, message_row(len(self.fields) - 3))
         self._gaps: deque[SampleGap] = deque(maxlen=_REMEMBERED_GAPS)
         #: Stamps of the first and of the last recorded message
         self.first_ns: int | None = None
@@ -74,23 +73,23 @@ class Matcher:
         #: Messages of the replay from before the first one that the recorder received
         self.before_recorder = 0
 
-    def take(self, recorded: Table) -> None:
+    def take(self, recorded: Messages) -> None:
         """Take recorded messages."""
-        if recorded.size:
-            self._recorded.append(recorded)
-            self.last_ns = int(recorded.stamp_ns[-1])
+        if len(recorded):
+            self._recorded = np.concatenate([self._recorded, recorded])
+            self.last_ns = int(recorded['stamp_ns'][-1])
             if self.first_ns is None:
-                self.first_ns = int(recorded.stamp_ns[0])
-            self._count('recorded_{}', recorded.size)
+                self.first_ns = int(recorded['stamp_ns'][0])
+            self._count('recorded_{}', len(recorded))
 
-    def expect(self, replayed: Table) -> None:
+    def expect(self, replayed: Messages) -> None:
         """Take messages of the replay."""
-        if replayed.size and self.topic:
-            self._expected.append(replayed)
+        if len(replayed) and self.topic:
+            self._expected = np.concatenate([self._expected, replayed])
 
     def forget(self, before_ns: float) -> None:
         """Forget the messages of the replay from before a stamp."""
-        self._taken(self._expected, before_ns)
+        self._expected = _parted(self._expected, before_ns)[1]
 
     def excuse(self, gap: SampleGap) -> None:
         """Take note of a gap in which messages are missing."""
@@ -101,69 +100,50 @@ class Matcher:
         name = name.format(key)
         setattr(self._findings, name, getattr(self._findings, name) + count)
 
-    def _taken(self, tables: list[Table], before_ns: float) -> Table | None:
-        """Take the messages up to the first that is not before a stamp."""
-        if not tables:
-            return None
-        table = Table.joined(tables)
-        late = np.flatnonzero(table.stamp_ns >= before_ns)
-        cut = int(late[0]) if len(late) else table.size
-        tables[:] = [table[cut:]] if cut < table.size else []
-        return table[:cut] if cut else None
-
     def settle(self, before_ns: float) -> None:
         """Compare what is from before a stamp."""
-        recorded = self._taken(self._recorded, before_ns)
-        expected = self._taken(self._expected, before_ns)
-        if recorded is None and expected is None:
+        recorded, self._recorded = _parted(self._recorded, before_ns)
+        expected, self._expected = _parted(self._expected, before_ns)
+        there, here = _contents(recorded), _contents(expected)
+        if there == here:
+            self._count('{}', len(there))
+            self._last = there[-1] if there else self._last
             return
-        if recorded is not None and expected is not None and self._same(recorded, expected):
-            self._count('{}', recorded.size)
-            self._last = _rows(recorded[-1:])[0]
-            return
-        there, here = ([] if t is None else _rows(t) for t in (recorded, expected))
         matcher = SequenceMatcher(None, there, here, autojunk=False)
         for kind, a, b, c, d in matcher.get_opcodes():
             both = min(b - a, d - c)
             self._count('{}', both)
             for i in range(both if kind == 'replace' else 0):
-                self._altered(there[a + i], here[c + i])
-            for row in here[c + both : d]:
+                self._altered(recorded[a + i], expected[c + i])
+            for row in expected[c + both : d]:
                 self._missing(row)
             for i in range(a + both, b):
-                row = there[i]
-                if row in ((there[i - 1] if i else self._last), *there[i + 1 : i + 2]):
+                if there[i] in ((there[i - 1] if i else self._last), *there[i + 1 : i + 2]):
                     # Copied, as where recordings that overlap are joined
-                    self._disorder.note(TWICE, self.topic, [row[0]])
+                    self._disorder.note(TWICE, self.topic, [recorded[i]['stamp_ns']])
                 else:
-                    self.differ(row[0], self._what, '', row[1] or row[2], None)
+                    self._differ_by(recorded[i], self._what, '', _named(recorded[i]), None)
         self._last = there[-1] if there else self._last
 
-    @staticmethod
-    def _same(recorded: Table, expected: Table) -> bool:
-        return (
-            recorded.size == expected.size
-            and np.array_equal(recorded.stamp_ns, expected.stamp_ns)
-            and np.array_equal(recorded.frame, expected.frame)
-            and np.array_equal(recorded.act, expected.act)
-            and np.array_equal(bits(recorded.numbers), bits(expected.numbers))
-        )
-
-    def _altered(self, there: tuple[Any, ...], here: tuple[Any, ...]) -> None:
+    def _altered(self, there: np.void, here: np.void) -> None:
         """Note the first quantity in which two messages differ."""
         pairs = zip(self.fields, _values(there), _values(here), strict=True)
-        for (name, unit), recorded, replayed in pairs:
+        for field, recorded, replayed in pairs:
             if recorded != replayed or str(recorded) != str(replayed):
-                self.differ(here[0], name, unit, recorded, replayed)
+                self._differ_by(here, *field, recorded, replayed)
                 return
 
-    def _missing(self, row: tuple[Any, ...]) -> None:
-        if self.first_ns is None or (not self._stamped and row[0] < self.first_ns):
+    def _missing(self, row: np.void) -> None:
+        stamp_ns = row['stamp_ns']
+        if self.first_ns is None or (not self._stamped and stamp_ns < self.first_ns):
             self.before_recorder += 1
-        elif not self._stamped or any(g.from_ns <= row[0] <= g.to_ns for g in self._gaps):
+        elif not self._stamped or any(g.from_ns <= stamp_ns <= g.to_ns for g in self._gaps):
             self._count('missing_{}', 1)
         else:
-            self.differ(row[0], self._what, '', None, row[1] or row[2])
+            self._differ_by(row, self._what, '', None, _named(row))
+
+    def _differ_by(self, row: np.void, *difference: Any) -> None:
+        self.differ(int(row['stamp_ns']), *difference)
 
     def differ(
         self, stamp_ns: int, quantity: str, unit: str, recorded: object, replayed: object
@@ -178,31 +158,41 @@ class Matcher:
         )
 
 
-def _rows(table: Table) -> list[tuple[Any, ...]]:
-    """Return stamp, frame, act and numbers, as bytes, of each message."""
-    columns = [column.tolist() for column in (table.stamp_ns, table.frame, table.act)]
-    numbers = [row.tobytes() for row in np.ascontiguousarray(table.numbers)]
-    return [*zip(*columns, numbers, strict=True)]
+def _parted(rows: Messages, before_ns: float) -> tuple[Messages, Messages]:
+    """Return the messages up to the first that is not before a stamp, and the others."""
+    late = np.flatnonzero(rows['stamp_ns'] >= before_ns)
+    cut = int(late[0]) if len(late) else len(rows)
+    return rows[:cut], rows[cut:]
 
 
-def _values(row: tuple[Any, ...]) -> Iterator[Any]:
-    yield from row[:-1]
-    yield from np.frombuffer(row[-1]).tolist()
+def _contents(rows: Messages) -> list[bytes]:
+    """Return all of each message but the stamp of the recording, which is its first field."""
+    held, size, stamp = rows.tobytes(), rows.itemsize, rows.dtype['log_ns'].itemsize
+    return [held[i + stamp : i + size] for i in range(0, len(held), size)]
 
 
-def differing_states(states: Table, numbers: Numbers, *, stamped: bool) -> NDArray[np.bool_]:
+def _named(row: np.void) -> str:
+    """Return what an impact or an act is called: by its stop, or by its kind."""
+    return str(row['frame'] or row['act'])
+
+
+def _values(row: np.void) -> list[Any]:
+    return [int(row['stamp_ns']), str(row['frame']), str(row['act']), *row['numbers'].tolist()]
+
+
+def differing_states(states: Messages, numbers: Numbers, *, stamped: bool) -> NDArray[np.bool_]:
     """Return which joint states are not those of the replay, given its numbers."""
-    differs: NDArray[np.bool_] = (bits(states.numbers) != bits(numbers)).any(axis=1)
-    differs |= (states.frame != '') | (states.act != '')
+    differs: NDArray[np.bool_] = (bits(states['numbers']) != bits(numbers)).any(axis=1)
+    differs |= (states['frame'] != '') | (states['act'] != '')
     if stamped:
-        differs |= states.stamp_ns != states.log_ns
+        differs |= states['stamp_ns'] != states['log_ns']
     return differs
 
 
 def note_states(
     findings: Findings,
     topic: str,
-    states: Table,
+    states: Messages,
     times: Numbers,
     numbers: Numbers,
     differs: NDArray[np.bool_],
@@ -215,19 +205,18 @@ def note_states(
         return
     found = []
     for i in rows[:_LOOKED_AT]:
-        here, there = numbers[i].tolist(), states.numbers[i].tolist()
-        wrong: list[tuple[str, str, Any, Any]] = [
-            ('stamp', 'ns', int(states.stamp_ns[i]), int(states.log_ns[i]))
-        ]
+        here, there = numbers[i].tolist(), states['numbers'][i].tolist()
+        stamp_ns, within_ns = int(states['log_ns'][i]), int(states['stamp_ns'][i])
+        wrong: list[tuple[str, str, Any, Any]] = [('stamp', 'ns', within_ns, stamp_ns)]
         wrong += [
             (*name, a, b)
             for name, a, b in zip(_STATES, there, here, strict=False)
             if repr(a) != repr(b)
         ]
-        if states.stamp_ns[i] == states.log_ns[i] or not stamped:
-            texts = ('frame_id', str(states.frame[i])), ('act', str(states.act[i]))
+        if within_ns == stamp_ns or not stamped:
+            texts = ('frame_id', str(states['frame'][i])), ('act', str(states['act'][i]))
             wrong = wrong[1:] or [(name, '', text, '') for name, text in texts if text]
-        stamp_ns, time = int(states.log_ns[i]), float(times[i])
+        time = float(times[i])
         found.append(
             max(
                 (Difference(time, stamp_ns, topic, *entry, findings.after) for entry in wrong),
@@ -237,7 +226,7 @@ def note_states(
     for difference in found[:-1]:
         findings.differ(difference)
     findings.differ(found[-1], alike=len(rows) - len(found))
-    values = (bits(states.numbers[rows]) != bits(numbers[rows])).any(axis=1)
+    values = (bits(states['numbers'][rows]) != bits(numbers[rows])).any(axis=1)
     rows = rows[values]
-    off = states.numbers[rows] - numbers[rows]
+    off = states['numbers'][rows] - numbers[rows]
     findings.divergence.take(times[rows], off[:, 0], off[:, 1])

@@ -35,9 +35,9 @@ from .rows import (
     NO_SAMPLES,
     Events,
     Ints,
+    Messages,
     Numbers,
     Samples,
-    Table,
     events_as_rows,
     orders_of,
     published_acts,
@@ -216,17 +216,17 @@ class Replay:
     def _take_rows(self, rows: Rows) -> Part:
         if self._shadowing is not None:
             self._shadowing.expect(rows.impacts)
-            self.findings.recorded_impacts += rows.impacts.size
+            self.findings.recorded_impacts += len(rows.impacts)
         else:
             for matcher, table in zip(self._matchers, rows[1:], strict=True):
                 matcher.take(table)
         findings, states = self.findings, rows.states
-        stamps_ns = states.log_ns if self.recorded.stamped else states.stamp_ns
+        stamps_ns = states['log_ns' if self.recorded.stamped else 'stamp_ns']
         times_ns = stamps_ns - findings.offset_ns
         usable = self._usable(times_ns)
         if not usable.all():
             states, times_ns, stamps_ns = states[usable], times_ns[usable], stamps_ns[usable]
-        if not states.size:
+        if not len(states):
             return Part(NO_SAMPLES, NO_EVENTS)
         instants = times_ns / 1e9
         self._orders += orders_of(rows.acts, findings.offset_ns)
@@ -250,10 +250,12 @@ class Replay:
         while self._orders and self._orders[0][0] <= until:
             self._orders.popleft()
 
-    def _note_rows(self, tried: _Stretch, states: Table, times_ns: Ints, stamps_ns: Ints) -> Part:
+    def _note_rows(
+        self, tried: _Stretch, states: Messages, times_ns: Ints, stamps_ns: Ints
+    ) -> Part:
         """Note what differs in joint states, and the gaps between them."""
         findings, instants, first = self.findings, times_ns / 1e9, self.findings.end_ns is None
-        findings.samples += states.size
+        findings.samples += len(states)
         topic = self.recorded.topics.joint_states
         stamped = self.recorded.stamped
         numbers, differs = tried.numbers, tried.differs
@@ -361,7 +363,7 @@ class Replay:
         cause = f'the rig cannot be run on from rig time {rig.time:.9g} s: {reason}'
         return RecordingError('replay', self.recorded.reader.path, cause, _REMEDY)
 
-    def _tried(self, rig: Rig, states: Table, times_ns: Ints) -> _Stretch:
+    def _tried(self, rig: Rig, states: Messages, times_ns: Ints) -> _Stretch:
         """Let a rig run on to joint states, and hold these against it."""
         found = self.advanced(rig, times_ns / 1e9)
         numbers = published_states(found[0], rig.parameters)
@@ -369,7 +371,7 @@ class Replay:
         for time_ns, before in self._before:
             # Of other recorders: a sample of the instant of a change may be from before it.
             for i in np.flatnonzero(differs & (times_ns == time_ns)):
-                differs[i] = states.numbers[i].tobytes() != before.tobytes()
+                differs[i] = states['numbers'][i].tobytes() != before.tobytes()
         return _Stretch(*found, numbers, differs)
 
     def _expect(self, events: Events, records: list[ControlRecord]) -> None:

@@ -1,53 +1,28 @@
 """
-Rows: messages of a topic as arrays, and samples and events of a rig.
+Rows: messages of a topic, and samples and events of a rig, as structured arrays.
 
 Replayed samples and events become the numbers of messages, recorded numbers become samples and
-events: both have the two types of rows that the rig itself writes.
+events: both have the two types of rows that the rig itself writes. Messages are `message_row`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.bag.messages import message_row
 from impact_damper_ros.control import Action, ControlRecord, Order
 from impact_damper_ros.rig import EVENT_TYPE, Event, EventKind, RigParameters, Sample
 from impact_damper_ros.rig.event import SAMPLE_TYPE
 
 Samples = NDArray[np.void]
 Events = NDArray[np.void]
+Messages = NDArray[np.void]
 Ints = NDArray[np.int64]
 Numbers = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Table:
-    """Messages of one topic, in order."""
-
-    log_ns: Ints  # stamps of the recording, shape (n,)
-    stamp_ns: Ints  # stamps in the messages, shape (n,)
-    frame: NDArray[np.str_]  # frames, shape (n,)
-    act: NDArray[np.str_]  # what else than a state a message is about, shape (n,)
-    numbers: Numbers  # positions, velocities and efforts, shape (n, k)
-
-    def __getitem__(self, rows: Any) -> Table:
-        columns = (self.log_ns, self.stamp_ns, self.frame, self.act, self.numbers)
-        return Table(*(column[rows] for column in columns))
-
-    @classmethod
-    def joined(cls, tables: Sequence[Table]) -> Table:
-        """Return the messages of all tables, at least one."""
-        names = ('log_ns', 'stamp_ns', 'frame', 'act', 'numbers')
-        return cls(*(np.concatenate([getattr(t, name) for t in tables]) for name in names))
-
-    @property
-    def size(self) -> int:
-        """Number of messages."""
-        return len(self.stamp_ns)
 
 
 NO_SAMPLES: Samples = np.empty(0, SAMPLE_TYPE)
@@ -70,11 +45,6 @@ def impacts_of(events: Events) -> Events:
     return found
 
 
-def stamps_of(times: Numbers, offset_ns: int) -> Ints:
-    """Return the stamps of instants, s."""
-    return offset_ns + np.rint(times * 1e9).astype(np.int64)
-
-
 def published_states(samples: Samples, rig: RigParameters) -> Numbers:
     """Return positions and velocities of the joint states, one row for each sample."""
     from impact_damper_ros.bag.rig_topics import state_numbers
@@ -85,7 +55,15 @@ def published_states(samples: Samples, rig: RigParameters) -> Numbers:
     return np.column_stack(wide) if len(samples) else np.empty((0, 10))
 
 
-def published_impacts(events: Events, rig: RigParameters, offset_ns: int) -> Table:
+def _messages(times: Numbers, offset_ns: int, numbers: Numbers) -> Messages:
+    """Return messages of instants, s, without frames and acts."""
+    found = np.zeros(len(times), message_row(numbers.shape[1]))
+    found['log_ns'] = found['stamp_ns'] = offset_ns + np.rint(times * 1e9).astype(np.int64)
+    found['numbers'] = numbers
+    return found
+
+
+def published_impacts(events: Events, rig: RigParameters, offset_ns: int) -> Messages:
     """Return the messages of the impacts among some events."""
     hits = impacts_of(events)
     rest = rig.static_deflection
@@ -100,31 +78,33 @@ def published_impacts(events: Events, rig: RigParameters, offset_ns: int) -> Tab
             -impulse,
         ]
     )
-    stamps_ns = stamps_of(hits['time'], offset_ns)
-    frames = np.where(hits['stop'] == 1, 'stop_1', 'stop_2')
-    return Table(stamps_ns, stamps_ns, frames, np.full(len(hits), ''), numbers)
+    found = _messages(hits['time'], offset_ns, numbers)
+    found['frame'] = np.where(hits['stop'] == 1, 'stop_1', 'stop_2')
+    return found
 
 
-def published_acts(records: Sequence[ControlRecord], offset_ns: int) -> Table:
+def published_acts(records: Sequence[ControlRecord], offset_ns: int) -> Messages:
     """Return the messages of acts of the gap control."""
-    stamps_ns = stamps_of(np.array([record.time for record in records]), offset_ns)
+    times = np.array([record.time for record in records])
     numbers = np.array([sum(record.numbers, ()) for record in records]).reshape(-1, 12)
-    acts = np.array([record.act for record in records], dtype=np.str_)
-    return Table(stamps_ns, stamps_ns, np.full(len(records), ''), acts, numbers)
+    found = _messages(times, offset_ns, numbers)
+    found['act'] = [record.act for record in records]
+    return found
 
 
-def orders_of(acts: Table, offset_ns: int) -> list[tuple[float, Order]]:
+def orders_of(acts: Messages, offset_ns: int) -> list[tuple[float, Order]]:
     """Return what a controller outside the rig ordered, among some acts, with the rig times, s."""
-    rows = np.flatnonzero(acts.act == Action.ORDER.name.lower())
-    times = (acts.stamp_ns[rows] - offset_ns) / 1e9
-    chosen = acts.numbers[rows][:, [0, 1, 4, 5, 10]]
+    orders = acts[acts['act'] == Action.ORDER.name.lower()]
+    times = (orders['stamp_ns'] - offset_ns) / 1e9
+    # Targets, speeds and the force among four positions, four velocities and four efforts
+    chosen = orders['numbers'][:, [0, 1, 4, 5, 10]]
     return [(t, Order(*row)) for t, row in zip(times.tolist(), chosen.tolist(), strict=True)]
 
 
-def recorded_samples(states: Table, rig: RigParameters, times: Numbers) -> Samples:
+def recorded_samples(states: Messages, rig: RigParameters, times: Numbers) -> Samples:
     """Return recorded joint states as samples at instants, s."""
-    found = np.empty(states.size, SAMPLE_TYPE)
-    x, z, stop_1, stop_2, _, velocity, damper, rate_1, rate_2, _ = states.numbers.T
+    found = np.empty(len(states), SAMPLE_TYPE)
+    x, z, stop_1, stop_2, _, velocity, damper, rate_1, rate_2, _ = states['numbers'].T
     rest = rig.static_deflection
     places = (x - rest, velocity, z - rest, damper, stop_1 - rest, stop_2 - rest, rate_1, rate_2)
     for name, column in zip(Sample._fields, (times, *places), strict=True):
@@ -132,15 +112,15 @@ def recorded_samples(states: Table, rig: RigParameters, times: Numbers) -> Sampl
     return found
 
 
-def recorded_impacts(impacts: Table, rig: RigParameters, times: Numbers) -> Events:
+def recorded_impacts(impacts: Messages, rig: RigParameters, times: Numbers) -> Events:
     """Return recorded impacts as events at instants, s; velocities before by the impulses."""
-    found = np.zeros(impacts.size, EVENT_TYPE)
-    x, z, after, damper_after, impulse, damper_impulse = impacts.numbers.T
+    found = np.zeros(len(impacts), EVENT_TYPE)
+    x, z, after, damper_after, impulse, damper_impulse = impacts['numbers'].T
     found['time'], found['x'], found['y'] = times, x - rig.static_deflection, z - x
     found['primary_velocity_after'], found['damper_velocity_after'] = after, damper_after
     found['primary_velocity_before'] = after - impulse / rig.primary_mass
     found['damper_velocity_before'] = damper_after - damper_impulse / rig.damper_mass
     found['impulse'] = np.abs(impulse)
     found['kind'] = EventKind.IMPACT
-    found['stop'] = np.where(impacts.frame == 'stop_1', 1, 2)
+    found['stop'] = np.where(impacts['frame'] == 'stop_1', 1, 2)
     return found

@@ -31,7 +31,7 @@ from impact_damper_ros.bag.messages import (
     PARAMETER_EVENT,
     STRING,
     CdrError,
-    JointStateColumns,
+    JointStateRows,
     decode,
     header_ns,
 )
@@ -40,7 +40,7 @@ from impact_damper_ros.control import CONTROL_JOINTS, GAP_CONTROL_SPECS, OwnLaw
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 
 from .command import Command, parsed, read_command
-from .rows import Ints, Table
+from .rows import Ints, Messages
 
 #: Parameters that a walk reports.
 _REPORTED = {*PARAMETER_SPECS, *INITIAL_SPECS, *GAP_CONTROL_SPECS, 'state_rate', 'record'}
@@ -61,9 +61,9 @@ _LAYOUTS: dict[str, tuple[tuple[str, ...], tuple[int, int, int]]] = {
 class Rows(NamedTuple):
     """Messages between which nothing is done to the rig."""
 
-    states: Table
-    impacts: Table
-    acts: Table
+    states: Messages
+    impacts: Messages
+    acts: Messages
 
 
 class StatedParameters(NamedTuple):
@@ -317,7 +317,7 @@ class _Tables:
         self._run = run
         self._topics = {key: getattr(run.topics, key) for key in _LAYOUTS}
         self._columns = {
-            key: JointStateColumns(joints, counts) for key, (joints, counts) in _LAYOUTS.items()
+            key: JointStateRows(joints, counts) for key, (joints, counts) in _LAYOUTS.items()
         }
         self._waiting: dict[str, list[RecordedMessage]] = {t: [] for t in self._topics.values()}
         self._last: dict[str, tuple[int, bytes]] = {}
@@ -334,37 +334,35 @@ class _Tables:
         self.count = 0
         return Rows(*(self._table(key) for key in _LAYOUTS))
 
-    def _table(self, key: str) -> Table:
+    def _table(self, key: str) -> Messages:
         columns, topic, disorder = self._columns[key], self._topics[key], self._run.disorder
         records = self._waiting[topic] if topic else []
         self._waiting[topic] = []
-        log_ns = np.array([record.stamp_ns for record in records], dtype=np.int64)
-        *held, readable = columns.read([record.content for record in records])
-        table = Table(log_ns, *held)
+        rows, readable = columns.read([r.content for r in records], [r.stamp_ns for r in records])
         if not readable.all():
-            disorder.note(UNREADABLE, topic, log_ns[~readable])
-            table = table[readable]
+            disorder.note(UNREADABLE, topic, rows['log_ns'][~readable])
+            rows = rows[readable]
             records = [r for r, good in zip(records, readable, strict=True) if good]
-        if not table.size:
-            return table
+        if not len(rows):
+            return rows
+        stamps_ns, log_ns = rows['stamp_ns'], rows['log_ns']
         if self._run.stamped:
-            wrong = table.stamp_ns != table.log_ns
-            disorder.note(MISDATED, topic, table.log_ns[wrong])
+            disorder.note(MISDATED, topic, log_ns[stamps_ns != log_ns])
         # A paused rig repeats its joint states; the node does not record them, others may.
-        kept = table.act != PAUSED_ACT
+        kept = rows['act'] != PAUSED_ACT
         before_ns, before = self._last.get(topic, (None, b''))
-        steps = np.diff(table.stamp_ns, prepend=table.stamp_ns[0] - 1)
-        steps[0] = 1 if before_ns is None else table.stamp_ns[0] - before_ns
+        steps = np.diff(stamps_ns, prepend=stamps_ns[0] - 1)
+        steps[0] = 1 if before_ns is None else stamps_ns[0] - before_ns
         for i in np.flatnonzero((steps <= 0) & kept):
             if records[i].content == (records[i - 1].content if i else before):
                 # Changes may repeat an impact or an act while the rig is paused.
                 if key == 'joint_states':
-                    disorder.note(TWICE, topic, table.log_ns[i : i + 1])
+                    disorder.note(TWICE, topic, log_ns[i : i + 1])
                     kept[i] = False
             elif steps[i] < 0:
-                disorder.note(LATE, topic, table.log_ns[i : i + 1])
-        self._last[topic] = int(table.stamp_ns[-1]), records[-1].content
-        return table if kept.all() else table[kept]
+                disorder.note(LATE, topic, log_ns[i : i + 1])
+        self._last[topic] = int(stamps_ns[-1]), records[-1].content
+        return rows if kept.all() else rows[kept]
 
 
 # The topics of a rig in a bag

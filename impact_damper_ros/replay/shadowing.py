@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.bag.messages import message_row
 from impact_damper_ros.bag.snapshots import motion_of
 from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import EventKind
@@ -26,9 +27,9 @@ from .rows import (
     NO_EVENTS,
     NO_SAMPLES,
     Events,
+    Messages,
     Numbers,
     Samples,
-    Table,
     impacts_of,
     published_impacts,
     published_states,
@@ -91,28 +92,27 @@ class Shadowing:
     def __init__(self, replay: Replay, matcher: Matcher) -> None:
         self._replay, self._matcher = replay, matcher
         self._near = _nudged(replay.rig)
-        self._waiting: list[Table] = []
+        self._waiting = np.empty(0, message_row(6))
         self._sizes = np.zeros(2)  # largest position and velocity so far
 
     def restart(self) -> None:
         """Take the present state of the replay for that of the second rig."""
         self._near = _nudged(self._replay.rig)
 
-    def expect(self, impacts: Table) -> None:
+    def expect(self, impacts: Messages) -> None:
         """Take recorded impacts."""
-        if impacts.size:
-            self._waiting.append(impacts)
+        self._waiting = np.concatenate([self._waiting, impacts])
 
     def follow(
-        self, states: Table, instants: Numbers
+        self, states: Messages, instants: Numbers
     ) -> tuple[Samples, Events, Numbers, NDArray[np.bool_]]:
         """Return samples, events, numbers of the joint states, and which of these differ."""
         replay, offset_ns = self._replay, self._replay.findings.offset_ns
-        self._grow(states.numbers[:, :4], states.numbers[:, 5:9])
-        waiting = Table.joined(self._waiting) if self._waiting else states[:0]
-        times = (waiting.stamp_ns - offset_ns) / 1e9
+        self._grow(states['numbers'][:, :4], states['numbers'][:, 5:9])
+        waiting = self._waiting
+        times = (waiting['stamp_ns'] - offset_ns) / 1e9
         due = int(np.searchsorted(times, instants[-1], side='right'))
-        self._waiting = [waiting[due:]] if due < waiting.size else []
+        self._waiting = waiting[due:]
         found = []
         begin = 0
         for i in range(due):
@@ -144,7 +144,7 @@ class Shadowing:
         )
 
     def _flights(
-        self, states: Table, instants: Numbers
+        self, states: Messages, instants: Numbers
     ) -> tuple[Samples, Events, Numbers, NDArray[np.bool_]]:
         """Run on through joint states without an impact."""
         replay, rig = self._replay, self._replay.rig
@@ -155,7 +155,7 @@ class Shadowing:
         doubt = np.abs(published_states(others, rig.parameters) - numbers)
         length, speed = self._floors()
         floor = np.repeat([length, _FLOOR, speed, _FLOOR], [4, 1, 4, 1])
-        differs = ~(np.abs(states.numbers - numbers) <= _TIMES * doubt + floor).all(axis=1)
+        differs = ~(np.abs(states['numbers'] - numbers) <= _TIMES * doubt + floor).all(axis=1)
         alike = np.array_equal(events['kind'], near_events['kind'])
         if not alike:
             replay.findings.undecided += 1
@@ -179,34 +179,34 @@ class Shadowing:
         return np.concatenate(found) if found else NO_EVENTS
 
     def _impact(
-        self, recorded: Table, time: float
+        self, recorded: Messages, time: float
     ) -> tuple[Samples, Events, Numbers, NDArray[np.bool_]]:
         """Run on to a recorded impact, and begin anew there."""
         replay, rig = self._replay, self._replay.rig
         events, others = (self._to_impact(one, time + _LATE_S) for one in (rig, self._near))
         offset_ns = replay.findings.offset_ns
         here, there = (published_impacts(e, rig.parameters, offset_ns) for e in (events, others))
-        stamp_ns, frame = int(recorded.stamp_ns[0]), str(recorded.frame[0])
-        if here.size != there.size or not np.array_equal(events['kind'], others['kind']):
+        stamp_ns, frame = int(recorded['stamp_ns'][0]), str(recorded['frame'][0])
+        if len(here) != len(there) or not np.array_equal(events['kind'], others['kind']):
             replay.findings.undecided += 1
-        elif not here.size:
+        elif not len(here):
             self._matcher.differ(stamp_ns, 'impact', '', frame, None)
         else:
             doubt_ns = abs(float(events['time'][-1] - others['time'][-1])) * 1e9
-            doubt = np.abs(here.numbers - there.numbers)[0]
+            doubt = np.abs(here['numbers'] - there['numbers'])[0]
             length, speed = self._floors()
             floor = np.repeat([length, speed, rig.parameters.damper_mass * speed], 2)
-            off = np.abs(recorded.numbers - here.numbers)[0]
+            off = np.abs(recorded['numbers'] - here['numbers'])[0]
             wrong = np.flatnonzero(~(off <= _TIMES * doubt + floor))
-            if abs(stamp_ns - int(here.stamp_ns[0])) > _STAMP_NS + _TIMES * doubt_ns:
-                self._matcher.differ(stamp_ns, 'stamp', 'ns', stamp_ns, int(here.stamp_ns[0]))
-            elif frame != str(here.frame[0]):
-                self._matcher.differ(stamp_ns, 'frame_id', '', frame, str(here.frame[0]))
+            if abs(stamp_ns - int(here['stamp_ns'][0])) > _STAMP_NS + _TIMES * doubt_ns:
+                self._matcher.differ(stamp_ns, 'stamp', 'ns', stamp_ns, int(here['stamp_ns'][0]))
+            elif frame != str(here['frame'][0]):
+                self._matcher.differ(stamp_ns, 'frame_id', '', frame, str(here['frame'][0]))
             elif len(wrong):
-                numbers = (float(t.numbers[0, wrong[0]]) for t in (recorded, here))
+                numbers = (float(t['numbers'][0, wrong[0]]) for t in (recorded, here))
                 self._matcher.differ(stamp_ns, *self._matcher.fields[3 + wrong[0]], *numbers)
-        if here.size:
-            self._begin(recorded.numbers[0], time, float(events['time'][-1]))
+        if len(here):
+            self._begin(recorded['numbers'][0], time, float(events['time'][-1]))
         nothing = published_states(NO_SAMPLES, rig.parameters)
         return NO_SAMPLES, events, nothing, np.empty(0, np.bool_)
 

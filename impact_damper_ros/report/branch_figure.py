@@ -9,11 +9,8 @@ from impact_damper_ros.orbits import Branch, SpecialKind
 from impact_damper_ros.rig import PARAMETER_SPECS
 
 from .drawing import (
-    BLUE,
     COLORS,
-    DASHED,
-    DOTTED,
-    ORANGE,
+    MOTION_LINES,
     blank_figure,
     finish_panel,
     legend_below,
@@ -23,14 +20,7 @@ from .drawing import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Line and label of the motions by stability; one that the rig cannot perform is neither.
-_LINES: dict[str, dict[str, Any]] = {
-    'stable': {'color': BLUE, 'linestyle': '-', 'label': 'stable'},
-    'neutral': {'color': BLUE, 'linestyle': '-.', 'label': 'neutral'},
-    'unstable': {'color': ORANGE, 'linestyle': DASHED, 'label': 'unstable'},
-    'not viable': {'color': '0.6', 'linestyle': DOTTED, 'label': 'not viable'},
-}
-#: Marks of special points, here and in the figures of sweeps.
+#: Marks of special points, in all figures.
 SPECIAL_MARKS = {
     SpecialKind.FOLD: '>',
     SpecialKind.PERIOD_DOUBLING: 's',
@@ -72,9 +62,8 @@ def branch_figure(branches: Sequence[Branch], title: str = '') -> Figure:
     marks: set[SpecialKind] = set()
     for branch in branches:
         for words, part in branch.parts():
-            look = {k: v for k, v in _LINES[words].items() if k != 'label'}
             swings = [orbit.x_max for orbit in branch.orbits[part]]
-            axes.plot(branch.values[part], swings, linewidth=1.6, **look)
+            axes.plot(branch.values[part], swings, **MOTION_LINES[words])
             lines.add(words)
         for special in branch.special:
             axes.plot(
@@ -83,7 +72,9 @@ def branch_figure(branches: Sequence[Branch], title: str = '') -> Figure:
             marks.add(special.kind)
     name = branches[0].name
     finish_panel(axes, '', parameter_label(name), 'Largest |X| [m]')
-    handles = [Line2D([], [], linewidth=1.6, **_LINES[word]) for word in _LINES if word in lines]
+    handles = [
+        Line2D([], [], **look, label=word) for word, look in MOTION_LINES.items() if word in lines
+    ]
     handles += [
         Line2D([], [], marker=SPECIAL_MARKS[kind], label=kind.value, **mark)
         for kind in SpecialKind

@@ -1,13 +1,14 @@
 """
 Charts of the report: the whole run, and a stretch in time, phase plane, section and spectrum.
 
-Each chart of a stretch is None if too little is recorded to draw it.
+They are drawn in SI units; the numbers at an axis are those of a handy unit. Each chart of a
+stretch is None if too little is recorded to draw it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,7 +19,6 @@ from numpy.typing import ArrayLike
 from impact_damper_ros.compare.result import (
     Array,
     Convergence,
-    GapCurve,
     MotionCurve,
     PredictedCurve,
     StretchComparison,
@@ -26,8 +26,8 @@ from impact_damper_ros.compare.result import (
 )
 from impact_damper_ros.replay.rows import Events
 
-from .drawing import COLORS, DASHED, DOTTED, draw_stop, legend_handles
-from .formatting import number, unit_for
+from .drawing import COLORS, IMPACTS, MOTION_LINES, draw_stop, unit_axis
+from .formatting import number, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,9 +35,18 @@ if TYPE_CHECKING:
 
 #: Widths in inches. A narrow picture fits a phone as it is; a wide one is scrolled there.
 _NARROW, _WIDE = 5.3, 10.9
-_LEFT, _RIGHT, _BOTTOM = 0.78, 0.22, 0.5
-#: Room above the axes, and how much of it each row of the legend takes.
-_TOP, _ROW = 0.12, 0.185
+#: Room beside the axes, left, right and below, and above them, for each row of the legend too.
+_MARGINS, _TOP, _ROW = (0.78, 0.22, 0.5), 0.12, 0.185
+_RINGS: dict[str, Any] = {
+    'linestyle': 'none',
+    'marker': 'o',
+    'markersize': 9.0,
+    'markeredgecolor': COLORS['theory'],
+    'markerfacecolor': 'none',
+    'markeredgewidth': 1.3,
+    'clip_on': False,
+    'zorder': 4,
+}
 
 
 class Picture(NamedTuple):
@@ -49,106 +58,50 @@ class Picture(NamedTuple):
     wide: bool
 
 
-class _Chart:
-    """A figure of one panel that is being drawn, and its legend."""
+def _panel(x_label: str, y_label: str, *, wide: bool = False, height: float = 3.7) -> Any:
+    """Return the axes of a new figure."""
+    from matplotlib.figure import Figure
 
-    def __init__(
-        self, x_label: str, y_label: str, *, wide: bool = False, height: float = 3.7
-    ) -> None:
-        from matplotlib.figure import Figure
+    width = _WIDE if wide else _NARROW
+    figure = Figure(figsize=(width, height))
+    axes = figure.subplots()
+    axes.set(xlabel=x_label, ylabel=y_label)
+    # matplotlib's own layouts take longer than the drawing.
+    left, right, bottom = _MARGINS
+    figure.subplots_adjust(left / width, bottom / height, 1.0 - right / width)
+    return axes
 
-        self.wide = wide
-        self.figure = Figure(figsize=(_WIDE if wide else _NARROW, height))
-        self.axes: Any = self.figure.add_axes(self._place(1))
-        self.axes.set_xlabel(x_label)
-        self.axes.set_ylabel(y_label)
-        self.legend: list[tuple[str, str, str]] = []
 
-    def _place(self, rows: int) -> tuple[float, float, float, float]:
-        """Return the place of the axes below a legend, as shares of the figure."""
-        width, height = self.figure.get_size_inches()
-        inside = (width - _LEFT - _RIGHT, height - _TOP - rows * _ROW - _BOTTOM)
-        return _LEFT / width, _BOTTOM / height, inside[0] / width, inside[1] / height
+def _picture(axes: Any, title: str, caption: str, columns: int = 0) -> Picture:
+    """Put the legend above the axes, where it hides nothing; return the picture."""
+    count = len(axes.get_legend_handles_labels()[0])
+    columns = columns or max(1, count)
+    room = _TOP + _ROW * math.ceil(count / columns)
+    axes.figure.subplots_adjust(top=1.0 - room / axes.figure.get_figheight())
+    axes.legend(
+        loc='lower left',
+        bbox_to_anchor=(-0.01, 1.0),
+        ncols=columns,
+        borderaxespad=0.2,
+        borderpad=0.1,
+        columnspacing=1.1,
+        handlelength=1.6,
+        handletextpad=0.5,
+        labelspacing=0.25,
+        markerscale=0.8,
+    )
+    return Picture(axes.figure, title, caption, axes.figure.get_figwidth() == _WIDE)
 
-    def entry(self, look: str, color: str, label: str) -> None:
-        """Add to the legend; see `legend_handles`."""
-        if label:
-            self.legend.append((look, color, label))
 
-    def line(
-        self,
-        x: ArrayLike,
-        y: ArrayLike,
-        color: str,
-        width: float,
-        label: str = '',
-        look: str = 'line',
-        **style: Any,
-    ) -> None:
-        """Draw a line that is full, dashed or dotted."""
-        dashes: Any = {'line': '-', 'dashed': DASHED, 'dotted': DOTTED}[look]
-        self.axes.plot(x, y, color=COLORS[color], linewidth=width, linestyle=dashes, **style)
-        self.entry(look, color, label)
+def _log_axis(axes: Any, low: float, high: float, factor: float = 1.0) -> None:
+    """Make the vertical axis logarithmic, from `low` to `high`, with few labels."""
+    from matplotlib.ticker import LogLocator, NullLocator
 
-    def marks(
-        self, x: ArrayLike, y: ArrayLike, color: str, marker: str, size: float, label: str = ''
-    ) -> None:
-        """Draw points."""
-        style = {'linestyle': 'none', 'marker': marker, 'markersize': size, 'zorder': 4}
-        self.axes.plot(x, y, color=COLORS[color], markeredgewidth=0, **style)
-        self.entry(marker, color, label)
-
-    def rings(
-        self,
-        x: ArrayLike,
-        y: ArrayLike,
-        size: float,
-        label: str,
-        color: str = 'theory',
-        marker: str = 'o',
-        **style: Any,
-    ) -> None:
-        """Draw open circles, which do not hide what is inside."""
-        style = {'markeredgewidth': 1.3, 'clip_on': False, 'zorder': 4, **style}
-        self.axes.plot(
-            x,
-            y,
-            linestyle='none',
-            marker=marker,
-            markersize=size,
-            markeredgecolor=COLORS[color],
-            markerfacecolor='none',
-            **style,
-        )
-        self.entry(marker, color, label)
-
-    def log_axis(self, low: float, high: float) -> None:
-        """Make the vertical axis logarithmic, from `low` to `high`, with few labels."""
-        from matplotlib.ticker import LogLocator, NullLocator
-
-        self.axes.set_yscale('log')
-        self.axes.set_ylim(low, high)
-        self.axes.yaxis.set_major_locator(LogLocator(numticks=7))
-        self.axes.yaxis.set_major_formatter('{x:.0e}')
-        self.axes.yaxis.set_minor_locator(NullLocator())
-
-    def picture(self, title: str, caption: str, columns: int = 0) -> Picture:
-        """Put the legend above the axes, where it hides nothing; return the picture."""
-        columns = columns or max(1, len(self.legend))
-        self.axes.set_position(self._place(-(-len(self.legend) // columns)))
-        self.axes.legend(
-            handles=legend_handles(self.legend),
-            loc='lower left',
-            bbox_to_anchor=(-0.01, 1.0),
-            ncols=columns,
-            borderaxespad=0.2,
-            borderpad=0.1,
-            columnspacing=1.1,
-            handlelength=1.6,
-            handletextpad=0.5,
-            labelspacing=0.25,
-        )
-        return Picture(self.figure, title, caption, self.wide)
+    axes.set_yscale('log')
+    axes.set_ylim(low, high)
+    axes.yaxis.set_major_locator(LogLocator(numticks=7))
+    axes.yaxis.set_major_formatter(lambda value, _: f'{factor * value:.0e}')
+    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def _finite_range(
@@ -164,9 +117,14 @@ def _finite_range(
     return middle - width * (0.5 + margin), middle + width * (0.5 + margin)
 
 
-def _predicted_label(stretch: StretchComparison) -> str:
+def _prediction(stretch: StretchComparison) -> dict[str, Any]:
+    """Return line and label of the predicted motion, by its stability."""
     orbit = stretch.predicted
-    return 'predicted' if orbit is None or orbit.stable else f'predicted, but {orbit.stability}'
+    words = 'stable' if orbit is None else orbit.stability
+    label = 'predicted' if words == 'stable' else f'predicted, but {words}'
+    # Over the recorded motion, which is wider, each is in the ink of the theory.
+    look = {'color': COLORS['theory'], 'linewidth': 0.8, 'zorder': 3.5}
+    return {**MOTION_LINES[words], **look, 'label': label}
 
 
 #: Stretches that are numbered in the picture of the whole run; more would run into each other.
@@ -185,30 +143,15 @@ def _cycles(stretch: StretchComparison) -> float:
     return (stretch.end - stretch.start) * stretch.parameters.force_frequencies[0] / math.tau
 
 
-def _outline(stretch: StretchComparison, envelope: SwingEnvelope, most: float) -> Array:
-    """Return the outline of an envelope with a largest number of pieces, rows of time and X."""
+def _coarser(stretch: StretchComparison, envelope: SwingEnvelope, most: float) -> Array:
+    """Return time, least and greatest X of at most so many pieces, up to the end."""
     # Equal pieces: a short one at the end would not hold a whole oscillation.
     count = min(len(envelope.time), int(most))
     starts = np.arange(count) * len(envelope.time) // count
     low, high = np.fmin.reduceat(envelope.low, starts), np.fmax.reduceat(envelope.high, starts)
     # The last piece reaches to the end of the stretch
-    time = np.append(envelope.time[starts], stretch.end)
-    low, high = np.append(low, low[-1]), np.append(high, high[-1])
-    outline = np.array([[*time, *time[::-1]], [*low, *high[::-1]]]).T
-    finite: Array = outline[np.isfinite(outline).all(axis=1)]
-    return finite
-
-
-def _fill(axes: Any, outlines: Sequence[Array]) -> None:
-    """Fill several areas as one path, which takes less room than many."""
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-
-    paths = [Path(np.vstack([o, o[:1]]), closed=True) for o in outlines if len(o)]
-    if paths:
-        joined = Path.make_compound_path(*paths)
-        style = {'color': COLORS['primary'], 'alpha': 0.6, 'linewidth': 0.6, 'zorder': 2}
-        axes.add_patch(PathPatch(joined, **style))
+    rows = np.array([envelope.time[starts], low, high])
+    return np.hstack([rows, [[stretch.end], [low[-1]], [high[-1]]]])
 
 
 def _level_lines(stretches: Sequence[StretchComparison]) -> Array:
@@ -233,41 +176,42 @@ def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Pi
     ]
     if not shown:
         return None
-    levels = _level_lines(stretches)
-    sizes = [np.abs([envelope.low, envelope.high]).ravel() for _, envelope in shown]
-    joined = np.concatenate([*sizes, levels[:, 1]])
-    reach = float(np.max(joined[np.isfinite(joined)], initial=0.0))
-    unit = unit_for('m', reach)
-    reach = unit.factor * reach or 1.0
-    chart = _Chart('rig time [s]', f'X [{unit.name}]', wide=wide, height=2.8)
-    few = len(stretches) <= _MOST_NUMBERS
+    axes = _panel('rig time [s]', '', wide=wide, height=2.8)
+    # Cycles drawn one by one would only make a pattern of their own
     crowded = sum(map(_cycles, stretches)) > _MOST_CYCLES
-    begin, end = stretches[0].start, stretches[-1].end
-    least = 8.0 if wide else 2.0
-    chart.axes.set_ylim(-1.12 * reach, 1.3 * reach)
-    outlines = []
+    least, most = (8.0, 4.0 * _MOST_PIECES) if wide else (2.0, 1.0 * _MOST_PIECES)
+    pieces = []
     for stretch, envelope in shown:
-        most = max(least, (4.0 if wide else 1.0) * _MOST_PIECES / len(shown))
+        count = max(least, most / len(shown))
         if crowded:
-            # Cycles drawn one by one would only make a pattern of their own
-            most = min(most, max(least, _cycles(stretch)))
-        outlines.append(_outline(stretch, envelope, most) * (1.0, unit.factor))
-    _fill(chart.axes, outlines)
-    chart.entry('patch', 'primary', 'X as recorded')
+            count = min(count, max(least, _cycles(stretch)))
+        pieces.append(_coarser(stretch, envelope, count))
+    time, low, high = np.hstack(pieces)
+    color = COLORS['primary']
+    axes.fill_between(
+        time, low, high, color=color, alpha=0.6, linewidth=0.6, label='X as recorded'
+    )
+    times, levels = _level_lines(stretches).T
     if len(levels):
-        label = 'largest |X| of the stable motion predicted'
-        time, level = levels.T
-        chart.line(time, unit.factor * level, 'theory', 1.5, label, 'dashed', zorder=3)
-    starts = np.array([stretch.start for stretch in stretches[1:]])
-    edges = np.tile([*chart.axes.get_ylim(), math.nan], len(starts))
-    chart.line(np.repeat(starts, 3), edges, 'quiet', 0.7 if few else 0.3)
+        look = {**MOTION_LINES['stable'], 'linewidth': 1.2, 'zorder': 3}
+        axes.plot(times, levels, **look, label='largest |X| of the stable motion predicted')
+    joined = np.abs(np.concatenate([low, high, levels]))
+    reach = float(np.max(joined[np.isfinite(joined)], initial=0.0))
+    unit_axis(axes.yaxis, 'X', 'm', reach)
+    reach = reach or 1.0
+    axes.set_ylim(-1.12 * reach, 1.3 * reach)
+    few = len(stretches) <= _MOST_NUMBERS
+    starts = np.repeat([stretch.start for stretch in stretches[1:]], 3)
+    edges = np.tile([*axes.get_ylim(), math.nan], len(stretches) - 1)
+    axes.plot(starts, edges, color=COLORS['quiet'], linewidth=0.7 if few else 0.3)
+    begin, end = stretches[0].start, stretches[-1].end
     room = _NUMBER * (end - begin) * (1.0 if wide else 2.5)
     numbered = -math.inf
     for stretch in stretches:
         # A number that would cover the one before is left out
         if few and stretch.start - numbered >= room:
             numbered = stretch.start
-            chart.axes.annotate(
+            axes.annotate(
                 str(stretch.number),
                 (stretch.start, 1.28 * reach),
                 xytext=(4, 0),
@@ -275,10 +219,10 @@ def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Pi
                 va='top',
                 fontweight='bold',
             )
-    chart.axes.set_xlim(begin, end if end > begin else begin + 1.0)
+    axes.set_xlim(begin, end if end > begin else begin + 1.0)
     caption = 'Displacement of the primary mass over the whole run. A stretch begins at each '
     caption += 'upright line.'
-    return chart.picture('The whole run', caption, columns=0 if wide else 1)
+    return _picture(axes, 'The whole run', caption, columns=0 if wide else 1)
 
 
 # The predicted motion over any time
@@ -346,22 +290,15 @@ def _end_of(motion: MotionCurve) -> MotionCurve:
     return MotionCurve(*(getattr(motion, f.name)[late] for f in fields(motion)))
 
 
-def _draw_impacts(
-    chart: _Chart, impacts: Events | None, motion: MotionCurve, factor: float
-) -> None:
-    """Draw the recorded impacts where m hits, with a mark for each stop."""
-    if impacts is None:
-        return
-    times = impacts['time']
-    inside = (times >= motion.time[0]) & (times <= motion.time[-1])
-    label = 'impact'
-    for stop, marker in ((1, '^'), (2, 'v')):
-        chosen = inside & (impacts['stop'] == stop)
-        if chosen.any():
-            time = times[chosen]
-            place = (impacts['x'] + impacts['y'])[chosen]
-            chart.marks(time, factor * place, 'damper', marker, 7, label)
-            label = ''
+def _draw_impacts(axes: Any, impacts: Events, start: float, end: float) -> None:
+    """Draw the recorded impacts where m hits, with mark and colour of each stop."""
+    inside = (impacts['time'] >= start) & (impacts['time'] <= end)
+    for stop, look in IMPACTS.items():
+        hits = impacts[inside & (impacts['stop'] == stop)]
+        if len(hits):
+            style = {'linestyle': 'none', 'markersize': 7, 'markeredgewidth': 0, 'zorder': 4}
+            label = f'impact on stop {stop}'
+            axes.plot(hits['time'], hits['x'] + hits['y'], **style, **look, label=label)
 
 
 def _motion_of(stretch: StretchComparison) -> MotionCurve | None:
@@ -378,81 +315,80 @@ def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | 
     if not wide:
         motion = _end_of(motion)
     z = motion.x + motion.y
-    unit = unit_for('m', motion.x, z)
-    chart = _Chart('rig time [s]', f'position along the axis [{unit.name}]', wide=wide)
+    axes = _panel('rig time [s]', '', wide=wide)
+    unit_axis(axes.yaxis, 'position along the axis', 'm', motion.x, z)
+    axes.plot(
+        motion.time, motion.x, color=COLORS['primary'], linewidth=3.6, label='X, primary mass'
+    )
+    axes.plot(motion.time, z, color=COLORS['damper'], linewidth=3.0, label='Z, loose mass')
     width = motion.stop_1 - motion.stop_2
-    depth = 0.1 * unit.factor * float(np.max(width[np.isfinite(width)], initial=0.0))
+    depth = 0.1 * float(np.max(width[np.isfinite(width)], initial=0.0))
+    label = 'stops'
     for edge, side in ((motion.stop_1, 1.0), (motion.stop_2, -1.0)):
         if np.isfinite(edge).any():
-            draw_stop(chart.axes, motion.time, unit.factor * (motion.x + edge), side * depth)
-    chart.line(motion.time, unit.factor * motion.x, 'primary', 2.6, 'X, primary mass')
-    chart.line(motion.time, unit.factor * z, 'damper', 1.9, 'Z, loose mass')
-    chart.entry('patch', 'stop', 'stops')
-    _draw_impacts(chart, stretch.curves.impacts, motion, unit.factor)
+            draw_stop(axes, motion.time, motion.x + edge, side * depth, label)
+            label = ''
     start, end = float(motion.time[0]), float(motion.time[-1])
+    if stretch.curves.impacts is not None:
+        _draw_impacts(axes, stretch.curves.impacts, start, end)
     caption = 'The end of the stretch as recorded.'
     if theory is not None:
         time, x, y = predicted_motion(theory, start, end)
-        chart.line(time, unit.factor * x, 'theory', 1.0, look='dashed', zorder=3.5)
-        label = _predicted_label(stretch)
-        chart.line(time, unit.factor * (x + y), 'theory', 1.0, label, 'dashed', zorder=3.5)
+        look = _prediction(stretch)
+        axes.plot(time, x, **look)
+        axes.plot(time, x + y, **{**look, 'label': ''})
         hit, place = predicted_impacts(stretch, start, end)
         for at in hit:
-            chart.axes.axvline(at, color=COLORS['quiet'], linewidth=0.6, zorder=1)
-        chart.rings(hit, unit.factor * place, 10.0, 'its impacts')
+            axes.axvline(at, color=COLORS['quiet'], linewidth=0.5, alpha=0.6, zorder=1)
+        axes.plot(hit, place, **_RINGS, label='its impacts')
         caption += ' Over it is the predicted motion, with its impacts as rings.'
-    chart.axes.set_xlim(start, end if end > start else start + 1e-9)
-    return chart.picture('Time history', caption, columns=0 if wide else 3)
+    axes.set_xlim(start, end if end > start else start + 1e-9)
+    return _picture(axes, 'Time history', caption, columns=0 if wide else 3)
 
 
 def _portrait(
-    stretch: StretchComparison, measured: tuple[Array, Array], color: str, names: tuple[str, str]
-) -> tuple[_Chart, float]:
-    """Draw a velocity over its position; return the chart and the factor of positions."""
-    place, rate = unit_for('m', measured[0]), unit_for('m/s', measured[1])
-    chart = _Chart(f'{names[0]} [{place.name}]', f'{names[1]} [{rate.name}]')
-    chart.line(place.factor * measured[0], rate.factor * measured[1], color, 2.0, 'as recorded')
-    drawn = [measured]
-    theory = stretch.curves.predicted
+    stretch: StretchComparison, names: tuple[str, str], color: str, labels: tuple[str, str]
+) -> Any:
+    """Draw a velocity over its position, by their names in both curves; return the axes."""
+    motion, theory = stretch.curves.motion, stretch.curves.predicted
+    places, rates = [[getattr(motion, name)] for name in names]
+    axes = _panel('', '')
+    unit_axis(axes.xaxis, labels[0], 'm', places[0])
+    unit_axis(axes.yaxis, labels[1], 'm/s', rates[0])
+    axes.plot(places[0], rates[0], color=COLORS[color], linewidth=3.4, label='as recorded')
     if theory is not None and len(theory.x):
-        x, velocity = theory.x, theory.velocity
-        if color == 'damper':
-            x, velocity = theory.y, theory.relative_velocity
-        drawn.append((x, velocity))
-        label = _predicted_label(stretch)
-        x, velocity = place.factor * x, rate.factor * velocity
-        chart.line(x, velocity, 'theory', 1.1, label, 'dashed', zorder=3)
-    places, rates = zip(*drawn, strict=True)
-    chart.axes.set_xlim(*(place.factor * edge for edge in _finite_range(*places)))
-    chart.axes.set_ylim(*(rate.factor * edge for edge in _finite_range(*rates)))
-    return chart, place.factor
+        places.append(getattr(theory, names[0]))
+        rates.append(getattr(theory, names[1]))
+        axes.plot(places[1], rates[1], **_prediction(stretch))
+    axes.set(xlim=_finite_range(*places), ylim=_finite_range(*rates))
+    return axes
 
 
 def _draw_primary_portrait(stretch: StretchComparison) -> Picture | None:
     motion = _motion_of(stretch)
     if motion is None or not np.any(motion.velocity):
         return None
-    chart, _ = _portrait(stretch, (motion.x, motion.velocity), 'primary', ('X', 'X′'))
+    axes = _portrait(stretch, ('x', 'velocity'), 'primary', ('X', 'X′'))
     caption = 'Velocity of the primary mass over its displacement; each impact is a step.'
-    return chart.picture('Phase portrait of M', caption)
+    return _picture(axes, 'Phase portrait of M', caption)
 
 
 def _draw_damper_portrait(stretch: StretchComparison) -> Picture | None:
     motion = _motion_of(stretch)
     if motion is None or not np.any(motion.relative_velocity):
         return None
-    measured = (motion.y, motion.relative_velocity)
-    chart, factor = _portrait(stretch, measured, 'damper', ('Y = Z − X', 'Y′'))
-    left, right = chart.axes.get_xlim()
+    axes = _portrait(stretch, ('y', 'relative_velocity'), 'damper', ('Y = Z − X', 'Y′'))
+    left, right = axes.get_xlim()
+    depth = 0.03 * (right - left)
     for edge, side in ((motion.stop_1, 1.0), (motion.stop_2, -1.0)):
-        place = factor * float(edge[-1])
+        place = float(edge[-1])
         if math.isfinite(place):
-            outer = place + side * 0.03 * (right - left)
-            chart.axes.axvspan(place, outer, color=COLORS['stop'], alpha=0.4, linewidth=0)
+            outer = place + side * depth
+            axes.axvspan(place, outer, color=COLORS['stop'], alpha=0.4, linewidth=0)
             left, right = min(left, outer), max(right, outer)
-    chart.axes.set_xlim(left, right)
+    axes.set_xlim(left, right)
     caption = 'Motion of the loose mass within M, between the stops (grey).'
-    return chart.picture('Phase portrait of m relative to M', caption)
+    return _picture(axes, 'Phase portrait of m relative to M', caption)
 
 
 #: Least height of the Poincaré section, as a share of the largest velocity in it.
@@ -461,17 +397,16 @@ _LEAST = 0.05
 _MOST_MARKS = 300
 #: Points closer than the width of the axes by this are one.
 _RASTER = 700.0
-#: Colours for pixels, visible on a light and on a dark page.
-_BOTH = {'primary': '#2b83c4', 'damper': '#d0661c'}
+#: Colours of the stops for pixels, visible on a light and on a dark page.
+_BOTH = {1: '#17a0a8', 2: '#9a72d0'}
 
 
 class _Points(NamedTuple):
-    """Points in a section: where they are, their mark if there are few, colour and opacity."""
+    """Points in a section: where they are, on which stop, and opacity."""
 
     x: Array
     y: Array
-    marker: str
-    color: str
+    stop: int
     alpha: float
 
 
@@ -484,19 +419,19 @@ def _cloud(axes: Any, kinds: Sequence[_Points]) -> None:
         rows.append(np.unique(np.round(_RASTER * place), axis=1, return_index=True)[1])
     # All kinds alike, so that none looks as if it had more points
     dense = sum(map(len, rows)) > _MOST_MARKS
+    pixels = {'marker': 'o', 'markersize': 1.6, 'rasterized': True}
     for kind, seen in zip(kinds, rows, strict=True):
+        look = {**IMPACTS[kind.stop], 'markersize': 4.5}
+        look |= {**pixels, 'color': _BOTH[kind.stop]} if dense else {}
         axes.plot(
             kind.x[seen],
             kind.y[seen],
             linestyle='none',
-            marker='o' if dense else kind.marker,
-            markersize=1.6 if dense else 4.5,
             markeredgewidth=0,
-            color=_BOTH[kind.color] if dense else COLORS[kind.color],
             alpha=max(kind.alpha, 0.6) if dense else kind.alpha,
-            rasterized=dense,
             clip_on=dense,
             zorder=2,
+            **look,
         )
 
 
@@ -512,56 +447,53 @@ def _draw_section(stretch: StretchComparison) -> Picture | None:
     velocities = [after[known]]
     if orbit is not None:
         velocities.append(np.array(orbit.damper_velocity_after))
-    rate = unit_for('m/s', *velocities)
-    chart = _Chart(
-        'phase of the force at the impact [cycles]', f'Z′ just after the impact [{rate.name}]'
-    )
-    chart.axes.set_xlim(0.0, 1.0)
+    axes = _panel('phase of the force at the impact [cycles]', '')
+    unit_axis(axes.yaxis, 'Z′ just after the impact', 'm/s', *velocities)
+    axes.set_xlim(0.0, 1.0)
     # Points at one place, a settled motion on one stop, need no axis of seven digits
     sizes = np.abs(np.concatenate(velocities))
     least = _LEAST * float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
-    limits = _finite_range(*velocities, margin=0.1, least=least)
-    chart.axes.set_ylim(*(rate.factor * edge for edge in limits))
+    axes.set_ylim(_finite_range(*velocities, margin=0.1, least=least))
     settled = np.full(len(known), True)
     if stretch.settled_at is not None:
         settled = impacts['time'] >= stretch.settled_at
     kinds = []
-    for stop, marker, color in ((1, '^', 'damper'), (2, 'v', 'primary')):
+    for stop, look in IMPACTS.items():
         chosen = known & (impacts['stop'] == stop)
         for part, alpha in ((chosen & ~settled, 0.35), (chosen & settled, 1.0)):
             if part.any():
-                velocity = rate.factor * after[part]
-                kinds.append(_Points(phases[part], velocity, marker, color, alpha))
+                kinds.append(_Points(phases[part], after[part], stop, alpha))
         if chosen.any():
-            chart.entry(marker, color, f'on stop {stop}')
-    _cloud(chart.axes, kinds)
+            axes.plot([], [], linestyle='none', **look, label=f'on stop {stop}')
+    _cloud(axes, kinds)
     caption = f'The state just after each of the {known.sum()} latest impacts'
     caption += ', faint before the motion is steady.' if not settled.all() else '.'
     caption += ' A periodic motion shows as many points as it has impacts, a quasi-periodic one '
     caption += 'closed curves.'
     if orbit is not None:
         places = [phase % 1.0 for phase in orbit.phases]
-        velocity = rate.factor * np.array(orbit.damper_velocity_after)
-        chart.rings(places, velocity, 12.0, _predicted_label(stretch))
-    return chart.picture('Poincaré section', caption)
+        label = _prediction(stretch)['label']
+        look = {**_RINGS, 'markersize': 12.0, 'label': label}
+        axes.plot(places, orbit.damper_velocity_after, **look)
+    return _picture(axes, 'Poincaré section', caption)
 
 
 #: Periods of the convergence that are drawn after it has reached its floor, at least.
 _TAIL = 20
 
 
-def _slopes(chart: _Chart, curve: Convergence) -> None:
+def _slopes(axes: Any, curve: Convergence) -> None:
     """Draw the decay as measured and as predicted, within the axes."""
-    low, high = chart.axes.get_ylim()
+    low, high = axes.get_ylim()
     part = slice(curve.fitted_from, curve.fitted_to)
     time, distance = curve.time[part], curve.distance[part]
     count = np.arange(len(time))
     used = np.isfinite(distance) & (distance > 0.0)
     if used.sum() < 2:
         return
-    for factor, name, look, label in (
-        (curve.measured, 'damper', 'line', 'measured'),
-        (curve.predicted, 'theory', 'dashed', 'predicted'),
+    for factor, color, width, label in (
+        (curve.measured, 'primary', 3.4, 'measured'),
+        (curve.predicted, 'theory', 1.2, 'predicted'),
     ):
         if math.isfinite(factor) and factor > 0.0:
             # Through the middle of the points, so that the slopes can be compared
@@ -569,7 +501,8 @@ def _slopes(chart: _Chart, curve: Convergence) -> None:
             slope = np.exp(begin + count * math.log(factor))
             slope = np.where((slope >= low) & (slope <= high), slope, np.nan)
             label = f'{label}: × {number(factor, 4)} per period'
-            chart.line(time, slope, name, 1.8, label, look, zorder=3)
+            look = {'color': COLORS[color], 'linewidth': width, 'zorder': 3}
+            axes.plot(time, slope, **look, label=label)
 
 
 def _draw_convergence(stretch: StretchComparison) -> Picture | None:
@@ -584,22 +517,23 @@ def _draw_convergence(stretch: StretchComparison) -> Picture | None:
     if len(above):
         # Distances at the floor carry no information
         shown[above[-1] + 1 + max(_TAIL, len(above) // 2) :] = False
-    chart = _Chart('rig time [s]', 'relative distance')
+    axes = _panel('rig time [s]', 'relative distance')
     low, high = float(curve.distance[shown].min()), float(curve.distance[shown].max())
-    marks: dict[str, Any] = {'marker': 'o', 'markersize': 2.4} if shown.sum() < 150 else {}
     if curve.floor > 0.0:
         low = min(low, curve.floor)
-        chart.axes.axhspan(1e-3 * low, curve.floor, color=COLORS['stop'], alpha=0.3, linewidth=0)
-    chart.log_axis(0.2 * low, 4.0 * high)
+    _log_axis(axes, 0.2 * low, 4.0 * high)
     time, distance = curve.time[shown], curve.distance[shown]
-    chart.line(time, distance, 'primary', 1.0, 'as recorded', **marks)
+    marks: dict[str, Any] = {'marker': 'o', 'markersize': 2.4} if shown.sum() < 150 else {}
+    look = {'color': COLORS['primary'], 'linewidth': 1.0, **marks}
+    axes.plot(time, distance, **look, label='as recorded')
     if curve.floor > 0.0:
-        chart.entry('patch', 'stop', 'below the resolution of the log')
-    _slopes(chart, curve)
-    chart.axes.set_xlim(*_finite_range(time, margin=0.02))
+        look = {'color': COLORS['stop'], 'alpha': 0.3, 'linewidth': 0}
+        axes.axhspan(1e-3 * low, curve.floor, **look, label='below the resolution of the log')
+    _slopes(axes, curve)
+    axes.set_xlim(_finite_range(time, margin=0.02))
     caption = 'Distance of the impacts of each period from those of the periodic motion. The '
     caption += 'slope is the decay per period; the prediction is the largest multiplier.'
-    return chart.picture('Convergence', caption, columns=2)
+    return _picture(axes, 'Convergence', caption, columns=2)
 
 
 #: Harmonics of the force up to which the spectrum is drawn, with room for the last.
@@ -623,101 +557,96 @@ def _draw_spectrum(stretch: StretchComparison) -> Picture | None:
         highest = min(highest, _HARMONICS * curve.force_frequency)
     if largest <= 0.0 or not highest > 0.0:
         return None
-    unit, rate = unit_for('m', largest), unit_for('Hz', highest)
-    chart = _Chart(f'frequency [{rate.name}]', f'amplitude of X [{unit.name}]')
+    axes = _panel('', '')
+    unit_axis(axes.xaxis, 'frequency', 'Hz', highest)
+    unit = unit_axis(axes.yaxis, 'amplitude of X', 'm', largest)
     at, lines = (np.empty(0),) * 2 if theory is None else predicted_lines(theory, highest)
     top = max(largest, float(np.nanmax(lines, initial=0.0)))
-    chart.log_axis(_DEPTH * unit.factor * largest, 5.0 * unit.factor * top)
+    _log_axis(axes, _DEPTH * largest, 5.0 * top, unit.factor)
     inside = finite & (curve.frequency <= highest) & (curve.amplitude > 0.0)
-    x, y = rate.factor * curve.frequency[inside], unit.factor * curve.amplitude[inside]
-    chart.line(x, y, 'primary', 1.1, 'as recorded')
+    look = {'color': COLORS['primary'], 'linewidth': 1.1, 'label': 'as recorded'}
+    axes.plot(curve.frequency[inside], curve.amplitude[inside], **look)
     caption = f'The end of the stretch, {curve.window} window, lines {number(curve.resolution, 3)}'
     caption += ' Hz wide.'
     if driven:
+        label = 'multiples of the force'
         for n in range(1, math.floor(highest / curve.force_frequency) + 1):
-            line = rate.factor * n * curve.force_frequency
-            chart.axes.axvline(line, color=COLORS['quiet'], linewidth=0.7, linestyle=DOTTED)
-        chart.entry('dotted', 'quiet', 'multiples of the force')
+            look = {'color': COLORS['quiet'], 'linewidth': 0.6, 'alpha': 0.6, 'zorder': 1}
+            axes.axvline(n * curve.force_frequency, **look, label=label)
+            label = ''
     if theory is not None:
         seen = lines > _SEEN * largest
-        x, y = rate.factor * at[seen], unit.factor * lines[seen]
-        chart.rings(x, y, 8.0, _predicted_label(stretch))
+        label = _prediction(stretch)['label']
+        axes.plot(at[seen], lines[seen], **{**_RINGS, 'markersize': 8.0, 'label': label})
         caption += ' Rings: the Fourier coefficients of the predicted motion.'
-    chart.axes.set_xlim(0.0, rate.factor * highest)
-    return chart.picture('Spectrum', caption)
+    axes.set_xlim(0.0, highest)
+    return _picture(axes, 'Spectrum', caption)
 
 
 #: How much higher than all else the part of a gap curve may be that is not viable.
 _TALLEST = 2.5
 _MOST_SPECIAL = 6
-
-
-def _top(curve: GapCurve) -> float:
-    """Return where the axis of Xmax/A ends, above all of the curve if that can be."""
-    special = curve.special_ratio[np.isfinite(curve.special_ratio)]
-    others = (special, [curve.measured_ratio, 0.0])
-    wanted = _finite_range(curve.ratio[curve.viable], *others, margin=0.08)[1]
-    everything = _finite_range(curve.ratio, *others, margin=0.08)[1]
-    # Motions that the rig cannot perform must not press the others down
-    return everything if everything <= _TALLEST * wanted else wanted
+_KINDS = ('stable', 'unstable', 'not viable')
 
 
 def _draw_gap_curve(stretch: StretchComparison) -> Picture | None:
     """Draw Xmax/A over the gap, with this run."""
-    curve = stretch.curves.gap_curve
-    if curve is None or not np.isfinite(curve.ratio).any():
+    curve, measured = stretch.curves.gap_curve, stretch.measured
+    if curve is None or measured is None or not curve['branches']:
         return None
-    unit = unit_for('m', curve.measured_gap)
-    chart = _Chart(f'gap d [{unit.name}]', 'Xmax / A')
-    top = _top(curve)
-    inside = curve.ratio <= top
-    looks = (
-        ('line', 'theory', 2.0, 'stable'),
-        ('dashed', 'theory', 1.2, 'unstable'),
-        ('dotted', 'quiet', 1.0, 'not viable'),
+    names = ('gap', 'x_max_ratio', 'stable', 'viable')
+    branches = [[np.array(branch[name]) for name in names] for branch in curve['branches']]
+    gap = stretch.parameters.gap
+    special = curve['special']
+    others = [0.0, measured.amplitude_ratio, *(point['x_max_ratio'] for point in special)]
+    wanted, top = (
+        _finite_range(others, *(ratio[chosen] for ratio, chosen in pairs), margin=0.08)[1]
+        for pairs in ([(b[1], b[3]) for b in branches], [(b[1], ...) for b in branches])
     )
-    kinds = np.where(curve.viable, np.where(curve.stable, 0, 1), 2)
-    for begin, end in pairwise([0, *(np.flatnonzero(np.diff(kinds)) + 1), len(kinds)]):
-        look, color, width, _ = looks[kinds[begin]]
-        # Each piece reaches to the first point of the next
-        piece = slice(begin, end + 1)
-        x, y = unit.factor * curve.gap[piece], np.where(inside, curve.ratio, np.nan)[piece]
-        chart.line(x, y, color, width, look=look)
-    for kind in sorted(set(kinds.tolist())):
-        look, color, _, label = looks[kind]
-        chart.entry(look, color, label)
-    special = np.isfinite(curve.special_ratio)
-    if special.any():
-        x, y = unit.factor * curve.special_gap[special], curve.special_ratio[special]
-        style = {'markeredgewidth': 1.2, 'clip_on': True, 'zorder': 3}
-        chart.rings(x, y, 5, 'special point', 'special', 'D', **style)
-    if math.isfinite(curve.measured_ratio):
-        at = unit.factor * curve.measured_gap
-        chart.axes.axvline(at, color=COLORS['quiet'], linewidth=0.7, zorder=1)
-        chart.marks([at], [curve.measured_ratio], 'damper', '*', 14, 'this run')
-    chart.axes.set_ylim(0.0, top)
-    caption = _gap_caption(curve, unit.factor, unit.name)
-    if (np.isfinite(curve.ratio) & ~inside).any():
+    # Motions that the rig cannot perform must not press the others down
+    top = top if top <= _TALLEST * wanted else wanted
+    axes = _panel('', 'Xmax / A')
+    unit_axis(axes.xaxis, 'gap d', 'm', gap)
+    seen: set[int] = set()
+    for gaps, ratio, stable, viable in branches:
+        kinds = np.where(viable, np.where(stable, 0, 1), 2)
+        drawn = np.where(ratio <= top, ratio, np.nan)
+        for begin, end in pairwise([0, *(np.flatnonzero(np.diff(kinds)) + 1), len(kinds)]):
+            # Each piece reaches to the first point of the next
+            piece, kind = slice(begin, end + 1), int(kinds[begin])
+            axes.plot(gaps[piece], drawn[piece], **MOTION_LINES[_KINDS[kind]])
+            seen.add(kind)
+    for kind in sorted(seen):
+        axes.plot([], [], **MOTION_LINES[_KINDS[kind]], label=_KINDS[kind])
+    if special:
+        look = {**_RINGS, 'marker': 'D', 'markersize': 5, 'clip_on': True, 'zorder': 3}
+        look['markeredgecolor'] = COLORS['special']
+        places = zip(*((point['gap'], point['x_max_ratio']) for point in special), strict=True)
+        axes.plot(*places, **look, label='special point')
+    if math.isfinite(measured.amplitude_ratio):
+        axes.axvline(gap, color=COLORS['quiet'], linewidth=0.7, zorder=1)
+        look = {'linestyle': 'none', 'marker': '*', 'markersize': 14, 'markeredgewidth': 0}
+        look |= {'color': COLORS['primary'], 'zorder': 4}
+        axes.plot([gap], [measured.amplitude_ratio], **look, label='this run')
+    axes.set_ylim(0.0, top)
+    caption = _gap_caption(curve, gap)
+    if any((ratio > top).any() for _, ratio, _, _ in branches):
         caption += f' Motions that are not viable are not drawn above {number(top, 2)}.'
-    return chart.picture('Largest |X| over the gap', caption, columns=3)
+    return _picture(axes, 'Largest |X| over the gap', caption, columns=3)
 
 
-def _gap_caption(curve: GapCurve, factor: float, unit: str) -> str:
-    stops = ', '.join(map(str, curve.stops))
-    caption = f'The predicted motion (stops {stops}) followed in the gap, all else as logged; A '
-    caption += 'is the amplitude without impacts. The line is full where the motion is stable, '
+def _gap_caption(curve: Mapping[str, Any], gap: float) -> str:
+    words = ' and '.join(dict.fromkeys(branch['label'] for branch in curve['branches']))
+    caption = f'The predicted motion ({words}) followed in the gap, all else as logged; A '
+    caption += 'is the amplitude without impacts. The line is solid where the motion is stable, '
     caption += 'dashed where it is unstable, dotted where it is not viable.'
-    sound = np.flatnonzero(curve.stable & curve.viable & np.isfinite(curve.ratio))
-    if len(sound):
-        best = sound[np.argmin(curve.ratio[sound])]
-        where = 'on this branch' if 0 < best < len(curve.gap) - 1 else 'at the end of this branch'
-        caption += f' Least {where}: {number(float(curve.ratio[best]), 3)} at a gap of '
-        caption += f'{number(factor * float(curve.gap[best]), 3)} {unit}.'
-        if where.startswith('at'):
+    if (best := curve['optimum']) is not None:
+        where = f'{best["bound"]} {quantity(best["gap"], "m", 3, gap)}'.strip()
+        caption += f' Least: {number(best["x_max_ratio"], 3)} at a gap of {where}.'
+        if best['bound']:
             caption += ' It was not followed further, where M may move less.'
     points = [
-        f'{kind} at {number(factor * float(gap), 4)} {unit}'
-        for kind, gap in zip(curve.special_kind, curve.special_gap, strict=False)
+        f'{point["kind"]} at {quantity(point["gap"], "m", 4, gap)}' for point in curve['special']
     ]
     if points:
         left = len(points) - _MOST_SPECIAL

@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 
 from impact_damper_ros.outputs import whole
 
+from .formatting import Unit, number, unit_for
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -23,8 +25,8 @@ if TYPE_CHECKING:
 # Of Okabe and Ito: distinguished with any kind of colour vision
 BLUE, ORANGE, GREEN, PURPLE = '#0072b2', '#d55e00', '#009e73', '#aa4499'
 
-#: Colours by their use. The page has a variable of each name, with another value in a
-#: dark scheme. The theory is in ink, over the measurement.
+#: Colours by their use, one for each thing in all figures and in both pages, which have a variable
+#: of each name, with another value in a dark scheme. The theory is in ink, over the measurement.
 COLORS = {
     'ink': '#1b1f24',
     'quiet': '#5c6570',
@@ -32,13 +34,31 @@ COLORS = {
     'stop': '#98a2ae',
     'primary': BLUE,
     'damper': ORANGE,
+    'lower': '#00848c',
+    'upper': '#7a4fb5',
     'theory': '#0b0d10',
-    'special': PURPLE,
+    'special': '#a0358f',
 }
 
-DASHED, DOTTED = (0, (3.2, 2.2)), (0, (1, 1.8))
+#: Mark and colour of the impacts on each stop.
+IMPACTS: dict[int, dict[str, Any]] = {
+    1: {'marker': '^', 'color': COLORS['lower']},
+    2: {'marker': 'v', 'color': COLORS['upper']},
+}
+
+#: Lines of periodic motions by their stability, and of those that the rig cannot perform.
+MOTION_LINES: dict[str, dict[str, Any]] = {
+    'stable': {'color': COLORS['theory'], 'linestyle': '-', 'linewidth': 1.8},
+    'neutral': {'color': COLORS['theory'], 'linestyle': '-.', 'linewidth': 1.8},
+    'unstable': {'color': COLORS['quiet'], 'linestyle': '--', 'linewidth': 1.2},
+    'not viable': {'color': COLORS['quiet'], 'linestyle': ':', 'linewidth': 1.2},
+}
+
+#: Patterns of such lines.
+_PATTERNS = {'lines.dashed_pattern': (3.2, 2.2), 'lines.dotted_pattern': (1, 1.8)}
 
 _PRINT = {
+    **_PATTERNS,
     'font.size': 9,
     'axes.labelsize': 9,
     'axes.titlesize': 9,
@@ -47,6 +67,7 @@ _PRINT = {
     'svg.hashsalt': 'impact_damper_ros',
 }
 _PAGE = {
+    **_PATTERNS,
     'axes.axisbelow': True,
     'axes.edgecolor': COLORS['quiet'],
     'axes.facecolor': 'none',
@@ -170,30 +191,16 @@ def save_figure(figure: Figure, path: Path) -> None:
         figure.savefig(draft, format=kind, metadata={dated[kind]: None})
 
 
-def draw_stop(axes: Any, time: ArrayLike, place: ArrayLike, depth: float) -> None:
-    """Draw a stop over time, hatched on its outer side."""
-    outer = np.asarray(place) + depth
-    axes.fill_between(time, place, outer, color=COLORS['stop'], alpha=0.35, linewidth=0)
-    axes.plot(time, place, color=COLORS['stop'], linewidth=1.0)
+def draw_stop(axes: Any, time: ArrayLike, place: ArrayLike, depth: float, label: str = '') -> None:
+    """Draw a stop over time, filled on its outer side."""
+    outer, color = np.asarray(place) + depth, COLORS['stop']
+    axes.fill_between(time, place, outer, color=color, alpha=0.35, linewidth=0, label=label)
+    axes.plot(time, place, color=color, linewidth=1.0)
 
 
-def legend_handles(entries: Sequence[tuple[str, str, str]]) -> list[Any]:
-    """Return the handles of a legend from look (a line, 'patch' or marker), colour and label."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    lines: dict[str, Any] = {'line': '-', 'dashed': DASHED, 'dotted': DOTTED}
-    handles: list[Any] = []
-    for look, name, label in entries:
-        color = COLORS.get(name, name)
-        if look == 'patch':
-            handles.append(Patch(facecolor=color, alpha=0.5, label=label))
-        elif look in lines:
-            style: dict[str, Any] = {'linewidth': 1.8, 'linestyle': lines[look]}
-            handles.append(Line2D([], [], color=color, label=label, **style))
-        else:
-            face = 'none' if look in 'oD' else color
-            style = {'markeredgecolor': color, 'markerfacecolor': face, 'marker': look}
-            size = 8 if look == '*' else 6.5
-            handles.append(Line2D([], [], ls='none', ms=size, label=label, **style))
-    return handles
+def unit_axis(axis: Any, label: str, name: str, *values: ArrayLike) -> Unit:
+    """Label an axis in the handy unit of some values, which are drawn in SI units; return it."""
+    unit = unit_for(name, *values)
+    axis.set_label_text(f'{label} [{unit.name}]')
+    axis.set_major_formatter(lambda value, _: number(unit.factor * value))
+    return unit

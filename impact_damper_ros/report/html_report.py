@@ -21,9 +21,10 @@ from typing import Any, NamedTuple
 from unicodedata import category
 
 from impact_damper_ros.compare import LogVerdict, RunComparison, StretchComparison, Verdict
-from impact_damper_ros.compare.predicted import GapCurves
 from impact_damper_ros.outputs import write_texts
+from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.theory import GapCurve
 
 from .charts import PICTURES, Picture, draw_history, draw_run
 from .drawing import inline_svg, page_style
@@ -42,6 +43,8 @@ from .tables import (
 #: Stretches that are shown in detail, and those that are listed: more would make the page useless.
 MOST_DETAILED, MOST_LISTED = 12, 300
 _MOST_FINDINGS = 20
+#: Motions that are followed in the gap, half a second each, if not all of them are.
+_FEW_GAP_CURVES = 3
 
 #: Why a chart may be missing.
 _NEEDED = {
@@ -259,17 +262,27 @@ def _safe(value: Any) -> Any:
 
 
 def with_gap_curves(
-    comparison: RunComparison,
-    *,
-    closely: bool = False,
-    followed: Callable[[int, int], None] | None = None,
+    comparison: RunComparison, most: int, followed: Callable[[int, int], None] | None = None
 ) -> RunComparison:
-    """Follow the predicted motions in the gap, of stretches that are shown in detail."""
-    curves, found = GapCurves(closely=closely), {s.number: s for s in comparison.stretches}
+    """
+    Follow predicted motions in the gap, of stretches that are shown in detail.
+
+    At most so many are followed; a motion that is on a curve known already is none of them.
+    """
+    curves: dict[RigParameters, GapCurve] = {}
+    found = {s.number: s for s in comparison.stretches}
     detailed = shown_stretches(comparison.stretches, MOST_DETAILED)
     for count, stretch in enumerate(detailed, 1):
-        if stretch.curves.gap_curve is None:
-            found[stretch.number] = replace(stretch, curves=curves.added(stretch))
+        orbit = stretch.predicted
+        if orbit is not None and stretch.measured is not None and not orbit.parameters.one_sided:
+            curve = curves.setdefault(
+                orbit.parameters.replace(gap=1.0), GapCurve(orbit.parameters)
+            )
+            left = most - sum(len(one.starts) for one in curves.values())
+            if left > 0 or curve.holds(orbit):
+                curve.follow(orbit)
+                drawn = replace(stretch.curves, gap_curve=curve.message(done=True))
+                found[stretch.number] = replace(stretch, curves=drawn)
         if followed is not None:
             followed(count, len(detailed))
     return replace(comparison, stretches=tuple(found.values()))
@@ -329,8 +342,7 @@ def write_report(
     command : str, optional
         The command line that was given, to be shown on the page.
     gap_curves : bool, optional
-        Whether to follow each predicted motion closely in the gap, which takes a few seconds
-        each, and not just some of them coarsely.
+        Whether to follow each predicted motion in the gap, and not just the first three.
     drawn : callable, optional
         Called with the number of steps that are done, and of those to do: two for each stretch.
 
@@ -351,7 +363,8 @@ def write_report(
         if drawn is not None:
             drawn(before + count, steps)
 
-    comparison = with_gap_curves(comparison, closely=gap_curves, followed=done)
+    most = MOST_DETAILED if gap_curves else _FEW_GAP_CURVES
+    comparison = with_gap_curves(comparison, most, done)
     page = report_page(comparison, command=command, drawn=partial(done, before=steps // 2))
     numbers = json.dumps(comparison.as_dict(), indent=1, allow_nan=False) + '\n'
     if directory.exists() and not directory.is_dir():

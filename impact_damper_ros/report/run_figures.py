@@ -13,15 +13,14 @@ from impact_damper_ros.compare.result import SwingEnvelope
 
 from .drawing import (
     COLORS,
-    DASHED,
+    IMPACTS,
     blank_figure,
     draw_stop,
     finish_panel,
     legend_below,
-    legend_handles,
     print_style,
+    unit_axis,
 )
-from .formatting import Unit, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,9 +28,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Impacts, and the part of the run that is shown close up; no mass has one of these colours.
-_IMPACT, _BAND = '#ffd700', '#e69f00'
-_BAND_ALPHA = 0.5
+#: The part of the run that is shown close up.
+_BAND: dict[str, Any] = {'color': '#e69f00', 'alpha': 0.4, 'linewidth': 0}
 #: Depth of a stop in the figure, as a share of the gap.
 _DEPTH = 0.15
 #: Changes that are written out; more of them are only marked.
@@ -72,36 +70,22 @@ class Side(NamedTuple):
 
 
 def _draw_closeup(
-    axes: Any,
-    motion: SampledMotion,
-    start: float,
-    end: float,
-    unit: Unit,
-    primary: str,
-    damper: str,
+    axes: Any, motion: SampledMotion, start: float, end: float, looks: Sequence[dict[str, Any]]
 ) -> None:
-    """Draw both masses, stops and impacts from `start` to before `end`."""
+    """Draw both masses, each in its look, stops and impacts from `start` to before `end`."""
     inside = (motion.time >= start) & (motion.time < end)
-    time = motion.time[inside]
-    stop_1, stop_2 = (unit.factor * stop[inside] for stop in (motion.stop_1, motion.stop_2))
+    time, stop_1, stop_2 = (a[inside] for a in (motion.time, motion.stop_1, motion.stop_2))
+    for place, look in zip((motion.x, motion.z), looks, strict=True):
+        axes.plot(time, place[inside], **look)
     depth = _DEPTH * float((stop_1 - stop_2).max(initial=0.0))
-    draw_stop(axes, time, stop_1, depth)
+    draw_stop(axes, time, stop_1, depth, 'stops')
     draw_stop(axes, time, stop_2, -depth)
-    axes.plot(time, unit.factor * motion.x[inside], color=primary, linewidth=1.9)
-    axes.plot(time, unit.factor * motion.z[inside], color=damper, linewidth=1.2)
     hits = (motion.impact_time >= start) & (motion.impact_time < end)
-    for stop, marker in ((1, '^'), (2, 'v')):
-        chosen = hits & (motion.impact_stop == stop)
-        axes.plot(
-            motion.impact_time[chosen],
-            unit.factor * motion.impact_position[chosen],
-            linestyle='none',
-            marker=marker,
-            markersize=6.5,
-            markeredgecolor='black',
-            markerfacecolor=_IMPACT,
-            zorder=5,
-        )
+    for stop, look in IMPACTS.items():
+        at = hits & (motion.impact_stop == stop)
+        style = {'linestyle': 'none', 'markersize': 6.5, 'zorder': 5, **look}
+        label = f'impact on stop {stop}'
+        axes.plot(motion.impact_time[at], motion.impact_position[at], **style, label=label)
     if end > start:
         axes.set_xlim(start, end)
 
@@ -123,19 +107,13 @@ def _mark_changes(axes: Any, changes: Sequence[tuple[float, str]], most: int) ->
             )
 
 
-def _band(axes: Any, start: float, end: float) -> None:
-    axes.axvspan(start, end, color=_BAND, alpha=_BAND_ALPHA, linewidth=0, zorder=0)
-
-
-def _legend(figure: Figure, lines: Sequence[tuple[str, str, str]], *, band: bool) -> None:
-    entries = [*lines, ('patch', 'stop', 'stops')]
-    entries += [(m, _IMPACT, f'impact on stop {stop}') for stop, m in ((1, '^'), (2, 'v'))]
-    handles = legend_handles(
-        [*entries, ('patch', _BAND, 'close up below')][: None if band else -1]
-    )
-    for mark in handles[len(lines) + 1 : len(lines) + 3]:
-        mark.set_markeredgecolor('black')
-    legend_below(figure, handles, len(handles))
+def _legend(figure: Figure) -> None:
+    """Put one legend of all panels below them."""
+    found: dict[str, Any] = {}
+    for axes in [*figure.axes[1:], figure.axes[0]]:
+        handles, labels = axes.get_legend_handles_labels()
+        found |= dict(zip(labels, handles, strict=True))
+    legend_below(figure, list(found.values()), len(found))
 
 
 @print_style()
@@ -152,41 +130,47 @@ def draw_motion(
     """
     figure = blank_figure(11, 7)
     grid = figure.add_gridspec(2, max(1, len(closeups)), height_ratios=(1, 1.5))
-    unit = unit_for('m', motion.x)
     overview = figure.add_subplot(grid[0, :])
-    overview.plot(motion.time, unit.factor * motion.x, color=COLORS['primary'], linewidth=0.5)
+    overview.plot(motion.time, motion.x, color=COLORS['primary'], linewidth=0.5)
     for closeup in closeups:
-        _band(overview, closeup.start, closeup.end)
+        overview.axvspan(closeup.start, closeup.end, **_BAND, zorder=0, label='close up below')
     overview.set_xlim(motion.time[0], motion.time[-1])
     overview.margins(y=0.3)
     _mark_changes(overview, changes, len(changes))
-    finish_panel(overview, '', 'time [s]', f'X [{unit.name}]')
+    finish_panel(overview, '', 'time [s]', '')
+    unit_axis(overview.yaxis, 'X', 'm', motion.x)
+    looks = (
+        {'color': COLORS['primary'], 'linewidth': 1.9, 'label': 'X, primary mass'},
+        {'color': COLORS['damper'], 'linewidth': 1.2, 'label': 'Z, loose mass'},
+    )
     first = None
     for column, closeup in enumerate(closeups):
         axes = figure.add_subplot(grid[1, column], sharey=first)
-        colors = COLORS['primary'], COLORS['damper']
-        _draw_closeup(axes, motion, closeup.start, closeup.end, unit, *colors)
-        label = '' if first else f'position along the axis [{unit.name}]'
-        finish_panel(axes, '', 'time [s]', label)
+        _draw_closeup(axes, motion, closeup.start, closeup.end, looks)
+        finish_panel(axes, '', 'time [s]', '')
+        if first is None:
+            unit_axis(axes.yaxis, 'position along the axis', 'm', motion.x)
         axes.set_title(closeup.title)
         first = first or axes
-    lines = [('line', 'primary', 'X, primary mass'), ('line', 'damper', 'Z, loose mass')]
-    _legend(figure, lines, band=bool(closeups))
+    _legend(figure)
     if title:
         figure.suptitle(title, fontsize=11)
     return figure
 
 
-def _draw_envelopes(axes: Any, sides: Sequence[Side], unit: Unit) -> None:
+#: Colours of X of the recorded run and of the what-if, as in the page.
+_RUNS = {'X recorded': COLORS['primary'], 'X what if': COLORS['special']}
+
+
+def _draw_envelopes(axes: Any, sides: Sequence[Side]) -> None:
     """Draw X of two runs over each other, the larger motion behind."""
     largest = 0.0
-    pairs = list(zip(sides, (COLORS['primary'], COLORS['damper']), strict=True))
+    pairs = list(zip(sides, _RUNS.values(), strict=True))
     pairs.sort(key=lambda pair: -float(np.square(pair[0].envelope.high).sum()))
     for (side, color), alpha in zip(pairs, (0.5, 0.75), strict=True):
         time, low, high = side.envelope.time, side.envelope.low, side.envelope.high
         if not len(time):
             continue
-        low, high = unit.factor * low, unit.factor * high
         axes.set_xlim(time[0], max(time[-1], time[0] + 1e-9))
         largest = max(largest, float(np.abs(np.concatenate([low, high])).max()))
         if np.array_equal(low, high):
@@ -209,40 +193,33 @@ def draw_what_if(
     figure = blank_figure(11, 7.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.5))
     sides = (recorded, what_if)
-    unit = unit_for('m', *(s.envelope.low for s in sides), *(s.envelope.high for s in sides))
+    largest = [edge for s in sides for edge in (s.envelope.low, s.envelope.high)]
     overview = figure.add_subplot(grid[0, :])
-    _draw_envelopes(overview, sides, unit)
+    _draw_envelopes(overview, sides)
     end = recorded.closeup.time
     if len(end) and end[0] > overview.get_xlim()[0]:
-        _band(overview, end[0], end[-1])
+        overview.axvspan(end[0], end[-1], **_BAND, zorder=0, label='close up below')
     _mark_changes(overview, changes, _MOST_LABELS)
-    finish_panel(overview, '', 'rig time [s]', f'X [{unit.name}]')
+    finish_panel(overview, '', 'rig time [s]', '')
+    unit_axis(overview.yaxis, 'X', 'm', *largest)
     left = figure.add_subplot(grid[1, 0])
     right = figure.add_subplot(grid[1, 1], sharey=left)
-    colors = COLORS['primary'], COLORS['damper']
-    for axes, side, other, color, others in (
-        (left, recorded, what_if, *colors),
-        (right, what_if, recorded, *colors[::-1]),
-    ):
+    damper = {'color': COLORS['damper'], 'linewidth': 1.2, 'label': 'Z, loose mass'}
+    pairs = zip((left, right), sides, sides[::-1], _RUNS.items(), strict=True)
+    for axes, side, other, (label, color) in pairs:
         motion, shadow = side.closeup, other.closeup
-        style: dict[str, Any] = {'color': others, 'linestyle': DASHED, 'alpha': 0.8}
-        axes.plot(shadow.time, unit.factor * shadow.x, linewidth=1.0, **style)
+        others = next(c for c in _RUNS.values() if c != color)
+        axes.plot(shadow.time, shadow.x, linewidth=0.8, color=others, alpha=0.8)
         start, last = (motion.time[0], motion.time[-1]) if len(motion.time) else (0.0, 0.0)
-        _draw_closeup(
-            axes, motion, start, np.nextafter(last, np.inf), unit, color, COLORS['quiet']
-        )
+        primary = {'color': color, 'linewidth': 1.9, 'label': label}
+        _draw_closeup(axes, motion, start, np.nextafter(last, np.inf), (primary, damper))
         axes.locator_params(axis='x', nbins=6)
         axes.ticklabel_format(axis='x', useOffset=False)
         finish_panel(axes, '', 'rig time [s]', '')
         axes.set_title(side.title, color=color)
-    left.set_ylabel(f'position along the axis [{unit.name}]')
+    unit_axis(left.yaxis, 'position along the axis', 'm', *largest)
     right.tick_params(labelleft=False)
-    lines = [
-        ('line', 'primary', 'X recorded'),
-        ('line', 'damper', 'X what if'),
-        ('line', 'quiet', 'Z, loose mass'),
-    ]
-    _legend(figure, lines, band=bool(len(end)))
+    _legend(figure)
     if title:
         figure.suptitle(title, fontsize=11)
     return figure

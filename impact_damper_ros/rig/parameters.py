@@ -451,12 +451,11 @@ class NodeSettings(ParameterTable):
         'Rig seconds per wall second; 0 runs as fast as possible.',
         least=1e-3,
         zero='as fast as possible',
-        effect='start',
     )
     publish_clock: bool = flag(
         False,
         'Publish /clock, and count stamps from 0 instead of from the system time. So it is in '
-        'any case if real_time_factor is not 1.',
+        'any case if real_time_factor is not 1 at the start.',
         effect='start',
     )
     real_time_priority: int = number(

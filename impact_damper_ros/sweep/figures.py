@@ -14,8 +14,8 @@ from impact_damper_ros.orbits import Branch, MotionKind, PeriodicOrbit, SpecialK
 from impact_damper_ros.report.branch_figure import SPECIAL_MARKS
 from impact_damper_ros.report.drawing import (
     BLUE,
-    DASHED,
-    ORANGE,
+    GREEN,
+    MOTION_LINES,
     blank_figure,
     finish_panel,
     legend_below,
@@ -234,14 +234,9 @@ def basin_figure(table: pd.DataFrame) -> Figure:
 _LOOKS: dict[str, dict[str, Any]] = {
     '': {'color': BLUE, 'markersize': 2.4, 'label': 'each from the initial conditions'},
     'up': {'color': BLUE, 'markersize': 2.8, 'label': 'followed upwards'},
-    'down': {'color': ORANGE, 'markersize': 1.5, 'label': 'followed downwards'},
+    'down': {'color': GREEN, 'markersize': 1.5, 'label': 'followed downwards'},
 }
 _INK = '0.1'
-#: Branches of theory, stable and unstable.
-_LINES: dict[bool, dict[str, Any]] = {
-    True: {'color': _INK, 'linewidth': 0.9, 'linestyle': '-', 'zorder': 2.6},
-    False: {'color': '0.4', 'linewidth': 0.7, 'linestyle': DASHED, 'zorder': 2.5},
-}
 #: What theory says of a motion, by the measure that is drawn.
 _THEORY = {
     'x_max': lambda orbit: orbit.x_max,
@@ -274,7 +269,8 @@ def _draw_branch(axes: Any, branch: Branch, heights: Array, *, unstable: bool = 
     """Draw a quantity along a branch: solid where it is stable, dashed where it is not."""
     for status, part in branch.parts():
         if status != 'not viable' and (unstable or status != 'unstable'):
-            axes.plot(branch.values[part], heights[part], **_LINES[status != 'unstable'])
+            look = {**MOTION_LINES[status], 'linewidth': 0.9, 'zorder': 2.5}
+            axes.plot(branch.values[part], heights[part], **look)
 
 
 def _draw_phases(axes: Any, table: pd.DataFrame, grid: Grid) -> None:
@@ -328,12 +324,12 @@ def _draw_theory(panels: Sequence[Any], branches: Sequence[Branch], measure: str
         return []
     return [
         *(
-            Line2D([], [], label=f'theory, {"stable" if calm else "unstable"}', **look)
-            for calm, look in _LINES.items()
+            Line2D([], [], label=f'theory, {word}', **{**MOTION_LINES[word], 'linewidth': 0.9})
+            for word in ('stable', 'unstable')
         ),
         *(
             Line2D([], [], label=kind.value, **{**_special_look(kind), 'markersize': 2.8})
-            for kind in SpecialKind
+            for kind in SPECIAL_MARKS
             if kind in kinds
         ),
     ]

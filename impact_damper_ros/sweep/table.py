@@ -11,7 +11,8 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from functools import partial
 from importlib import import_module
 from itertools import takewhile
 from pathlib import Path
@@ -239,19 +240,9 @@ def attractor_numbers(table: pd.DataFrame) -> list[int | None]:
     return [None if number is None else ranks[number] for number in found]
 
 
-def _frame(grid: Grid, found: dict[str, list[Any]]) -> pd.DataFrame:
-    """Return a table of columns of values, or None; lists are arrays of numpy in it."""
-    import pandas as pd
-
-    def column(name: str, kind: Kind) -> Any:
-        if kind in _DTYPES:
-            return pd.array(found[name], dtype=_DTYPES[kind])
-        dtype = 'i1' if kind == 'integers' else 'f8'
-        arrays = [None if one is None else np.array(one, dtype) for one in found[name]]
-        return pd.Series(arrays, dtype=object)
-
+def _describe(table: pd.DataFrame, grid: Grid) -> pd.DataFrame:
+    """Return a table with its units, descriptions and inputs."""
     columns = columns_of(grid)
-    table = pd.DataFrame({one.name: column(one.name, one.kind) for one in columns})
     table.attrs = {
         'title': 'Steady states of an impact damper',
         'units': {one.name: one.unit for one in columns},
@@ -261,15 +252,30 @@ def _frame(grid: Grid, found: dict[str, list[Any]]) -> pd.DataFrame:
     return table
 
 
+def _array(kind: Kind, values: list[float] | None) -> Array | None:
+    return None if values is None else np.array(values, 'i1' if kind == 'integers' else 'f8')
+
+
+def _cell(kind: Kind, text: str) -> Any:
+    """Read a number, or a list."""
+    if kind == 'double':
+        return float(text or 'nan')
+    return _array(kind, json.loads(text or 'null'))
+
+
 def table_of(grid: Grid, rows: Iterable[Row]) -> pd.DataFrame:
     """Return the table of a sweep from the columns of its rigs, in order."""
     import pandas as pd
 
-    found: dict[str, list[Any]] = {column.name: [] for column in columns_of(grid)}
-    for row in rows:
-        for name, values in found.items():
-            values.append(row.get(name))
-    table = _frame(grid, found | grid.columns())
+    columns, known = columns_of(grid), list(rows)
+    found = {one.name: [row.get(one.name) for row in known] for one in columns} | grid.columns()
+    series = {
+        name: pd.array(found[name], dtype=_DTYPES[kind])
+        if kind in _DTYPES
+        else pd.Series([_array(kind, one) for one in found[name]], dtype=object)
+        for name, kind, *_ in columns
+    }
+    table = _describe(pd.DataFrame(series), grid)
     if len(grid.directions) == 1 and not any(axis.initial for axis in grid.axes):
         # A rig has one row
         table['attractor'] = table.ok.astype('Int64').where(table.ok) * 0
@@ -280,15 +286,6 @@ def table_of(grid: Grid, rows: Iterable[Row]) -> pd.DataFrame:
     return table
 
 
-#: What reads a cell of a CSV file.
-_READERS: dict[Kind, Callable[[str], Any]] = {
-    'double': float,
-    'integer': int,
-    'bool': {'True': True, 'False': False}.__getitem__,
-    'text': str,
-    'doubles': json.loads,
-    'integers': json.loads,
-}
 _CSV_TITLE = '# Steady states of an impact damper. In pandas: read_csv(file, comment="#")'
 _CSV_INPUTS = '# impact_damper_ros.sweep: '
 _CSV_UNITS = '# units: '
@@ -366,17 +363,18 @@ def _read_csv(path: Path) -> pd.DataFrame:
         head = list(takewhile(lambda line: line.startswith('#'), stream))
     stored = next((line for line in head if line.startswith(_CSV_INPUTS)), '')
     grid = Grid.from_inputs(json.loads(stored.removeprefix(_CSV_INPUTS)))
-    cells = pd.read_csv(path, skiprows=len(head), dtype=str, keep_default_na=False)
     kinds = {column.name: column.kind for column in columns_of(grid)}
-    if list(cells.columns) != list(kinds) or len(cells) != grid.size:
-        raise ValueError(f'{len(cells)} of {grid.size} rows')
-    table = _frame(
-        grid,
-        {
-            name: [_READERS[kind](cell) if cell else None for cell in cells[name]]
-            for name, kind in kinds.items()
-        },
+    # pandas would read some numbers to one unit of the last digit only
+    special = {'double', 'doubles', 'integers'}
+    table = pd.read_csv(
+        path,
+        skiprows=len(head),
+        dtype={name: _DTYPES[kind] for name, kind in kinds.items() if kind not in special},
+        converters={name: partial(_cell, kind) for name, kind in kinds.items() if kind in special},
     )
+    if list(table.columns) != list(kinds) or len(table) != grid.size:
+        raise ValueError(f'{len(table)} of {grid.size} rows')
+    table = _describe(table, grid)
     # A line that was cut short lacks its last columns
     if table.impact_speed[table.ok].isna().any():
         raise ValueError('a row is cut short')

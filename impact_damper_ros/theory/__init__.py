@@ -16,17 +16,16 @@ from .theory_process import TheoryProcess
 if TYPE_CHECKING:
     from .documents import theory
     from .expected_motion import counted_from_zero, predictions
-    from .gap_curve import GapBranch, follow_gap
+    from .gap_curve import GapCurve
     from .motion_curve import orbit_curve
 
 __all__ = [
     'ChildProcess',
-    'GapBranch',
+    'GapCurve',
     'ObservedMotion',
     'Prediction',
     'TheoryProcess',
     'counted_from_zero',
-    'follow_gap',
     'orbit_curve',
     'predictions',
     'theory',
@@ -38,7 +37,7 @@ __getattr__ = lazy_names(
     {
         'documents': ('theory',),
         'expected_motion': ('counted_from_zero', 'predictions'),
-        'gap_curve': ('GapBranch', 'follow_gap'),
+        'gap_curve': ('GapCurve',),
         'motion_curve': ('orbit_curve',),
     },
 )

@@ -157,19 +157,24 @@ class GapCurve:
         """The motions from which branches have been followed so far."""
         return [branch.start for branch in self._branches]
 
+    def holds(self, orbit: PeriodicOrbit) -> bool:
+        """Return whether a motion is on one of the branches."""
+        return any(branch.holds(orbit) for branch in self._branches)
+
     def follow(self, start: PeriodicOrbit, points: int = MOST_POINTS) -> bool:
         """Follow a motion, unless its branch is known as closely; return whether it was."""
-        known = [k for k, one in enumerate(self._branches) if one.start is start]
-        known += [k for k, one in enumerate(self._branches) if not known and one.holds(start)]
-        if known and self._branches[known[0]].points >= points:
+        place = 0
+        for known in self._branches:
+            if known.start is start or known.holds(start):
+                if known.points >= points:
+                    return False
+                break
+            place += 1
+        found = follow_gap(start, points) if place < _MOST_BRANCHES else None
+        if found is None:
             return False
-        if not known and len(self._branches) >= _MOST_BRANCHES:
-            return False
-        found = follow_gap(start, points)
-        if found is not None:
-            place = known[0] if known else len(self._branches)
-            self._branches[place : place + 1] = [found]
-        return found is not None
+        self._branches[place : place + 1] = [found]
+        return True
 
     @property
     def _special(self) -> list[SpecialPoint]:

@@ -50,6 +50,18 @@ def joint_state(stamp_ns, names, position, velocity=(), effort=(), frame=''):
     return serialise(JOINT_STATE, message)
 
 
+def numbers(content):
+    """Return the positions, velocities and efforts of joint states."""
+    held = STORE.deserialize_cdr(content, JOINT_STATE)
+    return [part.tolist() for part in (held.position, held.velocity, held.effort)]
+
+
+def with_numbers(content, stamp_ns, *parts):
+    """Return joint states with another stamp and other positions, velocities and efforts."""
+    held = STORE.deserialize_cdr(content, JOINT_STATE)
+    return joint_state(stamp_ns, held.name, *parts, frame=held.header.frame_id)
+
+
 def state_values(step):
     """Return positions and velocities of the four joints at a step, all of them irrational."""
     x, z = 10.1 * math.sin(0.3 * step), 9.7 * math.cos(0.21 * step)

@@ -11,7 +11,6 @@ from bag.recorded_rig import NOTES, RecordedRig, renamed
 from replay.test_replay import with_arrival_times
 from rigs import BENCH
 
-from impact_damper_ros.bag.messages import JointStateLayout
 from impact_damper_ros.cli.compare_run import main
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
@@ -235,7 +234,7 @@ def test_numbers_that_are_none_and_stamps_going_back(messages, tmp_path):
         topic, content, stamp = wrong[place]
         wrong[place] = (topic, content[:-8] + struct.pack('<d', float('nan')), stamp)
         # The last eight bytes are no number: an empty sequence ends the message.
-        at = content.index(struct.pack('<d', _first_number(content)))
+        at = content.index(struct.pack('<d', samples.numbers(content)[0][0]))
         broken = content[:at] + struct.pack('<d', float('nan')) + content[at + 8 :]
         wrong[place] = (topic, broken, stamp)
     code, result = run(samples.record(tmp_path / 'nan', wrong, custom=NOTES), tmp_path)
@@ -254,11 +253,6 @@ def test_numbers_that_are_none_and_stamps_going_back(messages, tmp_path):
     assert any('out of order' in fault for fault in result['faults'])
     assert any('own stamp is not that of the bag' in fault for fault in result['faults'])
     assert (logs(result), verdicts(result)[:2]) == (LOGS, ['agrees', 'agrees'])
-
-
-def _first_number(content):
-
-    return JointStateLayout(content).numbers(content)[0][0]
 
 
 def test_a_bag_without_its_rig(tmp_path, capsys):

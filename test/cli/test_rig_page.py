@@ -29,6 +29,6 @@ def test_a_port_in_use_is_the_last_word_and_nothing_has_started(capsys):
         assert main(['--start', 'bench_rig', '--port', str(port)]) == 1
     printed = capsys.readouterr()
     assert printed.out == ''
-    line = printed.err.splitlines()[-1]
+    (line,) = [line for line in printed.err.splitlines() if line.startswith('rig_page: ')]
     assert f'cannot listen on 127.0.0.1, port {port}' in line
     assert line.endswith(f'as in: make page ARGS="--port {port % 65535 + 1}"')

@@ -466,6 +466,32 @@ def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
     assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
 
 
+@pytest.mark.parametrize('clock', [True, False])
+def test_the_pace_changes_while_the_rig_runs(clock):
+    """So slow that the next sample would come after 10 s, and as fast as possible again."""
+    with Bench(factor=0.0, clock=clock) as bench:
+        bench.engine.start()
+        until(lambda: len(bench.samples()) > 3)
+        done(bench.engine.set_pace(1e-3))
+        held = bench.engine.status().time_ns
+        for _ in range(20):
+            done(bench.engine.change(None, event_bytes()))
+        assert bench.engine.status().time_ns - held < 10_000_000
+        done(bench.engine.set_pace(0.0))
+        count = len(bench.samples())
+        until(lambda: len(bench.samples()) > count + 50)
+    samples = bench.samples()
+    # The motion is the same as at any pace, and stamps never go back.
+    rig = Rig(LIVELY)
+    for k, sample in enumerate(samples):
+        rig.advance(k / 100.0)
+        assert sample.position[0] == rig.sample().x + LIVELY.static_deflection
+    stamps = [stamp_ns(m.header.stamp) for m in samples]
+    steps = {b - a for a, b in pairwise(stamps)}
+    assert min(steps) == 10_000_000
+    assert clock is False or steps == {10_000_000}
+
+
 def test_several_pauses_do_not_add_up_to_a_delay():
     """Each pause falls somewhere between two ticks; stamps are not late by that part of it."""
     with Bench(factor=1.0, rate=2.0, clock=False).started() as bench:

@@ -219,26 +219,6 @@ def test_motions_with_reversals_are_followed():
         assert nearest_at(point.orbit, rig.replace(gap=gap), (1, 1, 2)).stable == stable
 
 
-def test_impacts_that_lose_their_speed_are_no_special_points():
-    """A multiplier runs through infinity there, and changes the sign of every product."""
-    orbit = find_orbits(FRICTION, (1, 2)).orbits[-1]
-    assert not orbit.viable
-    branch = follow(orbit, 'force_frequencies', 1.0, 1.04)
-    speeds = [
-        min(
-            (b - a) * (1.0 if stop == 1 else -1.0)
-            for a, b, stop in zip(
-                o.primary_velocity_before, o.damper_velocity_before, o.stops, strict=True
-            )
-        )
-        for o in branch.orbits
-    ]
-    assert min(speeds) < 0.0 < max(speeds)
-    for special in branch.special:
-        if special.kind in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
-            assert max(abs(m) for m in special.orbit.multipliers) < 1e6
-
-
 @pytest.mark.parametrize(
     ('low', 'high', 'words'),
     [

@@ -110,17 +110,6 @@ def test_two_motions_meet_and_vanish_at_a_fold():
     assert min(abs(m - 1.0) for orbit in near for m in orbit.multipliers) < 1e-2
 
 
-def test_motions_that_repeat_within_the_period_are_left_out():
-    rig = RigParameters(gravity=0.0)
-    assert find_orbits(rig, (1, 2)).orbits[0].viable
-    single = find_orbits(rig, (1, 2)).orbits[0]
-    for orbit in find_orbits(rig, (1, 2, 1, 2), 2, starts=300).orbits:
-        assert max(abs(x) for x in orbit.x) > 0
-        assert not all(
-            abs(x - y) < 1e-6 for x, y in zip(orbit.x, single.x + single.x, strict=True)
-        )
-
-
 def test_motion_without_impacts_is_none():
     """M alone satisfies the equations of one impact, with no speed at it."""
     assert find_orbits(RigParameters(gravity=0.0), (1,)).orbits == ()

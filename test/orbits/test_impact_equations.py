@@ -1,7 +1,5 @@
 """The impact equations as starts, the sequences of stops, and what the theory excludes."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -66,7 +64,7 @@ def test_plausible_stops(impacts, expected):
     assert plausible_stops(level.replace(one_sided=True), impacts) == [(1,) * impacts]
 
 
-@pytest.mark.parametrize('stops', [[], (1, 3), itertools.repeat(3)])
+@pytest.mark.parametrize('stops', [(), (1, 3)])
 def test_stop_sequences(stops):
     with pytest.raises(OrbitError, match=r'stop sequence .*: give the stops hit in one period'):
         find_orbits(LEVEL, stops)

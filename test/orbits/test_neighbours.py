@@ -123,25 +123,6 @@ def test_a_motion_with_stops_that_move_forgets_a_kick_by_its_multiplier(rig, law
     assert state.multiplier < 0.85
 
 
-def test_the_middle_of_the_motion_of_m_is_nobodys_business():
-    """Level and frictionless, the timed law meets m wherever that is: a multiplier of one."""
-    law = control('timed', gap_control_rate=IN_STEP)
-    state, run = settled(TRIAL, law)
-    assert state.multiplier == pytest.approx(1.0, abs=1e-5)
-    assert abs(state.exponent.value) <= state.exponent.uncertainty < 1e-5
-    rig = NearbyRig.restore(run.snapshot(), compiled=None)
-    rig.go_between_samples()
-    here = rig.numbers()
-    moved = here.numbers.copy()
-    for place, by in (('clearance_1', -0.01), ('clearance_2', 0.01)):
-        moved[here.places.index(('origin', place))] += by
-    other = rig.at(here, moved)
-    until = rig.time + 40.0 * state.cycle
-    ends = [one.run(until, [until]).samples[0] for one in (rig, other)]
-    assert ends[1]['x'] == pytest.approx(ends[0]['x'], abs=1e-6)
-    assert ends[1]['z'] - ends[0]['z'] == pytest.approx(0.01, rel=1e-3)
-
-
 def test_where_neighbours_decide_differently_there_is_no_exponent(monkeypatch):
     """Neighbours that are far apart stand for ones whose decisions are always on the edge."""
     monkeypatch.setattr(neighbours, '_NEAR', 9e-3)

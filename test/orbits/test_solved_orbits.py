@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from rigs import FRICTION, HORIZONTAL, INCLINED, OFF_RESONANCE, VERTICAL
+from rigs import FRICTION, INCLINED, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import find_orbits, orbit_near, settle
+from impact_damper_ros.orbits.orbit import AT_IMPACTS
 from impact_damper_ros.orbits.search import carried_over, settled_orbits
 from impact_damper_ros.orbits.segments import Segments
 from impact_damper_ros.orbits.solved_orbits import guess_on
@@ -24,6 +25,7 @@ PLASTIC = RigParameters(
     force_amplitudes=(1.2,),
     force_frequencies=(3.0,),
 )
+REVERSAL, RELEASE = EventKind.REVERSAL, EventKind.RELEASE
 LOSSY = FRICTION.replace(friction=1.0, gap=10.0, restitution_1=0.3, restitution_2=0.3)
 
 
@@ -48,28 +50,18 @@ def test_agrees_with_the_impact_equations(rig, stops, cycles):
     for orbit in viable:
         off = 1e-4 / abs(orbit.multipliers[0])
         impact = Event(
-            0.0,
-            EventKind.IMPACT,
-            orbit.stops[0],
-            orbit.x[0] + off,
-            0.0,
-            0.0,
-            orbit.primary_velocity_after[0] - off,
-            0.0,
-            orbit.damper_velocity_after[0] + off,
-            0.0,
+            *(0.0, EventKind.IMPACT, orbit.stops[0], orbit.x[0] + off, 0.0, 0.0),
+            *(
+                orbit.primary_velocity_after[0] - off,
+                0.0,
+                orbit.damper_velocity_after[0] + off,
+                0.0,
+            ),
         )
         near = orbit_near(rig, impact, orbit.phases[0] + 0.1 * off, cycles)
-        assert near is not None
         again, _ = near.nearest_turn(orbit)
         assert again.phases == pytest.approx(orbit.phases, abs=1e-10)
-        for name in (
-            'x',
-            'primary_velocity_before',
-            'primary_velocity_after',
-            'damper_velocity_before',
-            'damper_velocity_after',
-        ):
+        for name in AT_IMPACTS:
             assert getattr(again, name) == pytest.approx(getattr(orbit, name), rel=1e-9, abs=1e-10)
         assert again.x_max == pytest.approx(orbit.x_max, rel=1e-10)
         # Of a pair with hardly any imaginary part only the product is well known
@@ -117,38 +109,19 @@ def test_motions_in_which_friction_reverses(rig, stops, reversals, stable):
 @pytest.mark.parametrize(
     ('rig', 'modes', 'zeros', 'kinds'),
     [
-        (HORIZONTAL, set(Mode), 0, set()),
         (FRICTION, set(Mode), 0, set()),
         (OFF_RESONANCE.replace(gap=8.0), set(Mode), 0, set()),
-        (FRICTION.replace(gap=16.0), set(Mode), 0, {EventKind.REVERSAL}),
-        (
-            PLASTIC,
-            {Mode.REST_1},
-            2,
-            {EventKind.REST, EventKind.RELEASE, EventKind.REVERSAL},
-        ),
-        (
-            LOSSY,
-            {Mode.STICK},
-            1,
-            {EventKind.STICK, EventKind.RELEASE, EventKind.REVERSAL},
-        ),
+        (FRICTION.replace(gap=16.0), set(Mode), 0, {REVERSAL}),
+        (PLASTIC, {Mode.REST_1}, 2, {EventKind.REST, RELEASE, REVERSAL}),
+        (LOSSY, {Mode.STICK}, 1, {EventKind.STICK, RELEASE, REVERSAL}),
         (
             LOSSY.replace(gap=5.0),
             {Mode.REST_1, Mode.REST_2},
             2,
-            {EventKind.REST, EventKind.RELEASE, EventKind.REVERSAL},
+            {EventKind.REST, RELEASE, REVERSAL},
         ),
     ],
-    ids=[
-        'level',
-        'friction',
-        'four impacts',
-        'reversal',
-        'plastic',
-        'sticking',
-        'chatter',
-    ],
+    ids=['friction', 'four impacts', 'reversal', 'plastic', 'sticking', 'chatter'],
 )
 def test_multipliers_are_those_of_the_simulators_map(rig, modes, zeros, kinds):
     orbit = settled_orbit(rig)
@@ -178,20 +151,17 @@ def test_multipliers_are_those_of_the_simulators_map(rig, modes, zeros, kinds):
                 initial_damper_offset=0.5 * rig.gap + beyond,
                 initial_damper_velocity=velocity + relative,
             ),
+            compiled=None,
         )
-        if free < 4:
-            assert run.mode is mode
+        assert free == 4 or run.mode is mode
         run.advance(orbit.period)
-        if free < 4:
-            assert run.mode is mode
+        assert free == 4 or run.mode is mode
         end = run.sample()
-        full = (
-            end.x,
-            end.primary_velocity,
+        beyond, relative = (
             end.z - end.x - 0.5 * rig.gap,
             end.damper_velocity - end.primary_velocity,
         )
-        return np.array(full[:free])
+        return np.array((end.x, end.primary_velocity, beyond, relative)[:free])
 
     assert after_a_period(begun) == pytest.approx(begun, rel=1e-10)
     columns = []

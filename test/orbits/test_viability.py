@@ -48,12 +48,6 @@ def reasons(changes, stops, cycles=1):
     return [orbit.reason for orbit in orbits if not orbit.viable]
 
 
-def test_reason_approach_from_beyond():
-    (text,) = reasons({}, (1, 2))
-    assert 'reach stop 1 from beyond it' in text
-    assert '-1.015 m/s' in text
-
-
 def test_reason_friction_reverses():
     texts = [t for t in reasons({'friction': 2.0, 'gap': 20.0}, (1, 2)) if 'sign' in t]
     (text,) = [t for t in texts if 'm turns back between the impacts on stop 2 and' in t]

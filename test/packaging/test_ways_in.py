@@ -1,4 +1,4 @@
-"""Container files, pixi.toml, CITATION.cff and the issue forms agree with the package."""
+"""Container files, pixi.toml and the issue forms agree with the package."""
 
 import ast
 import json
@@ -8,7 +8,6 @@ from pathlib import Path
 
 import yaml
 
-import impact_damper_ros
 from impact_damper_ros import entry_points
 
 ROOT = Path(__file__).parents[2]
@@ -23,11 +22,6 @@ def keyword(name):
 
 def names(requirements):
     return {re.split(r'[<>=]', requirement)[0].lower() for requirement in requirements}
-
-
-def test_versions_agree():
-    stated = yaml.safe_load((ROOT / 'CITATION.cff').read_text(encoding='utf-8'))['version']
-    assert stated == keyword('version') == impact_damper_ros.__version__
 
 
 def test_pixi_has_what_the_package_needs():

@@ -15,7 +15,7 @@ from bag import samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig, random_run
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.bag.messages import JointStateLayout, decode, header_ns
+from impact_damper_ros.bag.messages import decode, header_ns
 from impact_damper_ros.bag.snapshots import FORMAT
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.control import GapControlParameters, Rig
@@ -202,7 +202,7 @@ def messages():
 
 def test_one_flipped_bit_is_found(tmp_path, messages):
     place = places(messages, '/joint_states')[150]
-    positions = JointStateLayout(messages[place][1]).numbers(messages[place][1])[0]
+    positions = samples.numbers(messages[place][1])[0]
     messages[place] = flipped(messages[place], positions[1])
     findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
     assert findings.verdict is ReplayVerdict.DIFFERENT
@@ -219,10 +219,10 @@ def test_a_zero_of_the_other_sign_is_a_difference(tmp_path):
     rig = RecordedRig().start().run(10)
     place = places(rig.messages, '/joint_states')[0]
     topic, content, stamp = rig.messages[place]
-    shape = JointStateLayout(content)
-    positions, velocities, _ = shape.numbers(content)
+    positions, velocities, _ = samples.numbers(content)
     assert positions[0] == 0.0
-    rig.messages[place] = (topic, shape.filled(stamp, (-0.0, *positions[1:]), velocities), stamp)
+    altered = samples.with_numbers(content, stamp, [-0.0, *positions[1:]], velocities)
+    rig.messages[place] = (topic, altered, stamp)
     findings = replayed(rig.save(tmp_path / 'bag'))
     assert [d.quantity for d in findings.differences] == ['position of primary']
 
@@ -409,8 +409,8 @@ def test_a_wrong_stamp_does_not_run_the_rig_for_years(tmp_path, messages):
     arrived = with_arrival_times(messages)
     place = places(arrived, '/joint_states')[100]
     topic, content, stamp = arrived[place]
-    shape = JointStateLayout(content)
-    late = shape.filled(header_ns(content) + 2**25 * 10**9, *shape.numbers(content))
+    at = header_ns(content) + 2**25 * 10**9
+    late = samples.with_numbers(content, at, *samples.numbers(content))
     arrived[place] = (topic, late, stamp)
     findings = replayed(samples.record(tmp_path / 'bag', arrived))
     assert findings.verdict is ReplayVerdict.PARTIAL

@@ -7,7 +7,6 @@ from bag import samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig
 from replay.test_replay import places, replayed
 
-from impact_damper_ros.bag.messages import JointStateLayout
 from impact_damper_ros.replay import ReplayVerdict
 from impact_damper_ros.rig import InitialConditions
 
@@ -60,12 +59,11 @@ def test_one_altered_number_is_found(tmp_path, elsewhere):
     for topic, number in (('/joint_states', 450), ('/joint_states', 900), ('/impacts', 60)):
         place = places(messages, topic)[number]
         _, content, stamp = messages[place]
-        layout = JointStateLayout(content)
-        parts = [list(part) for part in layout.numbers(content)]
+        parts = samples.numbers(content)
         for part in parts:
             for i, value in enumerate(part):
                 part[i] = 1.001 * value
-                changed = (topic, layout.filled(stamp, *parts[:2], parts[2] or None), stamp)
+                changed = (topic, samples.with_numbers(content, stamp, *parts), stamp)
                 part[i] = value
                 altered = [*messages[:place], changed, *messages[place + 1 :]]
                 directory = tmp_path / f'{topic[1:]}_{number}_{id(part)}_{i}'

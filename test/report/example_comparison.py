@@ -9,7 +9,6 @@ from impact_damper_ros.compare.result import (
     Decay,
     EnergyBalance,
     Finding,
-    GapCurve,
     ImpactStates,
     MeasuredMotion,
     MotionCurve,
@@ -23,9 +22,10 @@ from impact_damper_ros.compare.result import (
     Verdict,
 )
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import find_orbits, follow
+from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.replay.rows import events_as_rows
 from impact_damper_ros.rig import EventKind
+from impact_damper_ros.theory import GapCurve
 
 
 def _motion(parameters, start, end):
@@ -88,23 +88,11 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
     line = np.exp(-((np.minimum(frequency % 0.1624, -frequency % 0.1624) / 0.004) ** 2))
     envelope_time = np.arange(0.0, end, 1.0)
     swing = orbit.x_max * (1.0 + 0.5 * np.exp(-envelope_time / 60.0))
-    branch = None
+    curve = None
     if gap_curve:
-        followed = follow(orbit, 'gap', 20.0, 60.0)
-        orbits, special = followed.orbits, followed.special
-        branch = GapCurve(
-            np.array([o.parameters.gap for o in orbits]),
-            np.array([o.amplitude_ratio for o in orbits]),
-            np.array([o.stable for o in orbits]),
-            np.array([o.viable for o in orbits]),
-            np.array([s.value for s in special]),
-            np.array([s.orbit.amplitude_ratio for s in special]),
-            tuple(s.kind.value for s in special),
-            FRICTION.gap,
-            ratio,
-            orbit.stops,
-            followed.ended,
-        )
+        followed = GapCurve(FRICTION)
+        followed.follow(orbit)
+        curve = followed.message(done=True)
     curves = StretchCurves(
         SwingEnvelope(envelope_time, -swing, swing),
         motion,
@@ -113,7 +101,7 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
         _predicted(orbit),
         Convergence(periods * cycle, distance, 1e-9, 10, 80, 0.9411, abs(orbit.multipliers[0])),
         Spectrum(frequency, orbit.x_max * line * np.exp(-3.0 * frequency), 0.1624, 0.0025, 'Hann'),
-        branch,
+        curve,
     )
     common = {
         'start': 0.0,

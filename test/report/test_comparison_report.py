@@ -17,6 +17,7 @@ from report.example_comparison import example
 from rigs import BENCH, VERTICAL
 
 from impact_damper_ros.compare import Verdict
+from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.report.formatting import instant, number, unit_for
 from impact_damper_ros.rig import InitialConditions
 
@@ -36,6 +37,7 @@ from impact_damper_ros.report.html_report import (
     MOST_LISTED,
     report_page,
     shown_stretches,
+    with_gap_curves,
     write_report,
 )
 
@@ -225,7 +227,7 @@ def emptied(curves):
     """Yield the curves with each of their arrays empty, and with nothing but NaN in it."""
     for name in (f.name for f in dataclasses.fields(curves)):
         part = getattr(curves, name)
-        if part is None:
+        if part is None or name == 'gap_curve':
             continue
         if isinstance(part, np.ndarray):
             for few, word in ((part[:0], 'empty'), (part[:1], 'of one')):
@@ -254,7 +256,6 @@ SHOWN_IN = {
     'predicted': ('history', 'portrait', 'spectrum'),
     'convergence': ('convergence',),
     'spectrum': ('spectrum',),
-    'gap_curve': ('gap',),
 }
 
 
@@ -472,22 +473,24 @@ def test_no_curve_is_cut(runs):
     assert seen > 50
 
 
+def branch_of(stretch, **columns):
+    """Return the stretch with other columns of the branch over its gap, and no special points."""
+    curve = stretch.curves.gap_curve
+    branch = {**curve['branches'][0], **columns}
+    curve = {**curve, 'branches': [branch], 'special': []}
+    return dataclasses.replace(
+        stretch, curves=dataclasses.replace(stretch.curves, gap_curve=curve)
+    )
+
+
 def gap_curve(run, factor):
     """Draw the curve over the gap with its part that is not viable made taller."""
     stretch = run.stretches[0]
-    curve = stretch.curves.gap_curve
-    viable = np.arange(len(curve.gap)) < len(curve.gap) // 2
+    count = len(stretch.curves.gap_curve['branches'][0]['gap'])
+    viable = np.arange(count) < count // 2
     ratio = np.where(viable, 0.2, 0.2 * factor)
-    # A bend up to there, and back
-    tall = dataclasses.replace(
-        curve, ratio=ratio, viable=viable, special_ratio=curve.special_ratio[:0] + 0.2
-    )
     with page_style():
-        return PICTURES['gap'](
-            dataclasses.replace(
-                stretch, curves=dataclasses.replace(stretch.curves, gap_curve=tall)
-            )
-        )
+        return PICTURES['gap'](branch_of(stretch, x_max_ratio=ratio, viable=viable))
 
 
 def test_what_is_not_viable_is_shown_or_said_to_be_left_out(run):
@@ -501,19 +504,62 @@ def test_what_is_not_viable_is_shown_or_said_to_be_left_out(run):
     assert max(np.nanmax(y) for _, _, (_, y) in lines_of(cut)) <= top
 
 
-def test_the_least_motion_at_the_end_of_the_gap_curve_is_no_minimum(run):
-    curves = run.stretches[0].curves
-    curve = curves.gap_curve
-    sound = np.flatnonzero(curve.stable & curve.viable)
-    best = sound[np.argmin(curve.ratio[sound])]
-    words = {}
-    for name, begin in (('whole', 0), ('cut', best)):
-        arrays = {key: getattr(curve, key)[begin:] for key in ('gap', 'ratio', 'stable', 'viable')}
-        cut = dataclasses.replace(curves, gap_curve=dataclasses.replace(curve, **arrays))
-        words[name] = text_of(parsed(report_page(alone(run, 1, curves=cut))))
-    least = f'{number(float(curve.ratio[best]), 3)} at a gap of {number(curve.gap[best], 3)} m.'
-    assert f'Least on this branch: {least}' in words['whole']
-    assert f'Least at the end of this branch: {least} It was not followed' in words['cut']
+def test_the_caption_of_the_gap_curve(run, page):
+    """A least motion where the branch was not followed further is no minimum."""
+    curve = run.stretches[0].curves.gap_curve
+    best = curve['optimum']
+    assert best['bound'] == ''
+    least = f'Least: {number(best["x_max_ratio"], 3)} at a gap of'
+    assert f'{least} {number(best["gap"], 3)} m. Special' in text_of(section(parsed(page), 1))
+    at_end = {**curve, 'optimum': {**best, 'bound': 'at least'}}
+    stretch = run.stretches[0]
+    stretch = dataclasses.replace(
+        stretch, curves=dataclasses.replace(stretch.curves, gap_curve=at_end)
+    )
+    with page_style():
+        caption = PICTURES['gap'](stretch).caption
+    assert f'{least} at least {number(best["gap"], 3)} m. It was not followed' in caption
+
+
+def test_lines_of_motions_mean_the_same_everywhere(run):
+    """Solid stable, dashed unstable, dotted not viable: over the gap and over the run."""
+    stretch = run.stretches[0]
+    count = len(stretch.curves.gap_curve['branches'][0]['gap'])
+    third = np.arange(count) * 3 // count
+    with page_style():
+        picture = PICTURES['gap'](branch_of(stretch, stable=third == 0, viable=third < 2))
+    drawn = {
+        line.get_label(): line.get_linestyle()
+        for line in picture.figure.axes[0].lines
+        if not line.get_label().startswith('_')
+    }
+    assert [drawn[name] for name in ('stable', 'unstable', 'not viable')] == ['-', '--', ':']
+    multipliers = (1.5 + 0j, *stretch.predicted.multipliers[1:])
+    orbit = dataclasses.replace(stretch.predicted, multipliers=multipliers)
+    for predicted, label, style in (
+        (stretch.predicted, 'predicted', '-'),
+        (orbit, 'predicted, but unstable', '--'),
+    ):
+        shown = dataclasses.replace(stretch, predicted=predicted)
+        with page_style():
+            (axes,) = draw_history(shown).figure.axes
+        (line,) = (line for line in axes.lines if line.get_label() == label)
+        assert line.get_linestyle() == style
+
+
+def test_a_gap_curve_serves_all_stretches_of_its_rig(run):
+    """One motion is followed; the others that are on its branch are not counted."""
+    bare = dataclasses.replace(run.stretches[0].curves, gap_curve=None)
+    first = dataclasses.replace(run.stretches[0], curves=bare)
+    wider = first.parameters.replace(gap=1.1 * first.parameters.gap)
+    second = dataclasses.replace(first, number=2, predicted=find_orbits(wider, (1, 2)).orbits[0])
+    softer = first.parameters.replace(stiffness=0.9 * first.parameters.stiffness)
+    third = dataclasses.replace(first, number=3, predicted=find_orbits(softer, (1, 2)).orbits[0])
+    several = dataclasses.replace(run, stretches=(first, second, third))
+    drawn = with_gap_curves(several, 1).stretches
+    one, other = (stretch.curves.gap_curve for stretch in drawn[:2])
+    assert one['branches'] == other['branches']
+    assert drawn[2].curves.gap_curve is None
 
 
 def test_numbers_over_the_whole_run(runs):
@@ -637,7 +683,7 @@ def test_colours_can_be_told_apart():
             ('open', 'open-back'),
         ):
             assert contrast(scheme[text], scheme[back]) >= 4.5, (text, back)
-        for line in ('primary', 'damper', 'theory', 'special'):
+        for line in ('primary', 'damper', 'theory', 'special', 'lower', 'upper'):
             assert contrast(scheme[line], scheme['page']) >= 3.0, line
 
 

@@ -215,17 +215,6 @@ def test_bifurcation_diagram_has_units_and_every_impact():
     assert 'K = 1 N/m' in figure.get_suptitle()
 
 
-def test_legend_of_a_map_has_units():
-    table = swept(settling=Settling(400, watch=21), gap=[30, 32], damping=[0.05, 0.06])
-    for measure, unit in (('x_rms', ' m'), ('x_max_ratio', '')):
-        best = find_optimum(table, measure, refine=False)
-        gap, damping = best.values
-        assert labels_of(surface_figure(table, measure, best))[0] == (
-            f'least of those that repeat: {best.value:.4g}{unit} at d = {gap:.5g} m, '
-            f'C = {damping:.5g} N s/m'
-        )
-
-
 @pytest.mark.parametrize('suffix', ['png', 'svg', 'pdf'])
 def test_maps_are_written_the_same_each_time(tmp_path, suffix):
     table = swept(settling=Settling(100, watch=21), gap=[12, 30, 200], damping=[0.01, 0.02, 2.5])

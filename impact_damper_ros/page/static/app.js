@@ -289,6 +289,9 @@ function takeValues(values) {
     byId('record').lastChild.textContent = values.record ? 'Recording' : 'Record';
   }
   const all = rigValues;
+  // With a margin between the two, so that a knob that is dragged does not turn it to and fro
+  const steep = document.body.classList.contains('steep') ? 0.6 : 0.8;
+  document.body.classList.toggle('steep', Math.abs(all.angle) > steep);
   const frequency = all.force_frequencies?.[0] / (2 * Math.PI);
   portrait.seconds = frequency > 0 ? Math.min(40, 8 / frequency) : 10;
   const force = Math.abs(all.force_amplitudes?.[0] ?? 0);
@@ -535,6 +538,8 @@ addEventListener('resize', () => {
   size = now;
 });
 
+/** Whether the tour has switched the gap control on. */
+let toured = false;
 startGlossary();
 startTour({
   preset: (part) => {
@@ -551,7 +556,15 @@ startTour({
     if (best > 0) turn({ gap: Number(best.toPrecision(4)) });
     else toast('No optimal gap is known for this rig.');
   },
-  set: turn,
+  control: (law) => {
+    toured = true;
+    turn({ gap_control: law });
+  },
+  // Without control the rig has a verdict.
+  end: () => {
+    if (rigValues.gap_control !== 'off' && toured) turn({ gap_control: 'off' });
+    toured = false;
+  },
 });
 
 // Drawing: once for each frame of the screen, and only what has changed.

@@ -80,13 +80,13 @@ export class PhasePortrait extends Axes {
       for (let band = 0; band < BANDS; band += 1) {
         context.globalAlpha = 0.12 + (0.78 * (band + 1)) / BANDS;
         const [from, to] = [band, band + 1].map((n) => Math.floor((n * line.length) / BANDS));
-        draw(line.slice(from, to + 1), colours.damper, 1.3);
+        draw(line.slice(from, to + 1), colours.damper, 2.6);
       }
       context.globalAlpha = 0.8;
       draw(ghostLine, colours.special, 1);
       context.globalAlpha = 1;
       context.setLineDash(dashes(this.theory.orbit ?? {}));
-      draw(orbit, colours.theory, 1.2);
+      draw(orbit, colours.theory, 0.9);
       context.setLineDash([]);
       if (!state || !line.length) return;
       const [place, velocity] = line.at(-1);

@@ -1,51 +1,51 @@
 // Six steps through the page, each with something to try.
 
-import { byId, reducedMotion } from './dom.js';
+import { byId } from './dom.js';
 
-/** `act` has what the steps do: preset(name part), set(values), and so on. */
+/** `act` has what the steps do: preset(name part), widen(factor), and so on. */
 export function startTour(act) {
   const steps = [
     {
-      at: 'rig',
+      at: '#rig',
       title: 'The rig',
       text: 'A force F shakes the mass M on its spring. The loose mass m rattles in the gap and hits the two stops. Each impact takes energy out of the vibration.',
       label: 'Load the bench rig',
       run: () => act.preset('bench'),
     },
     {
-      at: 'traces',
+      at: '#traces',
       title: 'The motion',
       text: 'X is M (blue), Z is m (orange); the grey lines are the stops, which ride on M. Dots are impacts. Look closer with a shorter window.',
       label: 'Show the last second',
       run: () => act.window(1),
     },
     {
-      at: 'knobs',
+      at: '#first-knobs [data-name=gap]',
       title: 'Turn a knob',
       text: 'Change the gap and watch the rhythm. In a gap that is too wide, two impacts per cycle are no longer kept up. A labelled line in the traces shows what you did.',
       label: 'Widen the gap by a half',
       run: () => act.widen(1.5),
     },
     {
-      at: 'map',
+      at: '#map',
       title: 'Regular or chaotic?',
       text: 'Every impact is a dot: force phase across, speed of m up. A few dots are a periodic motion, closed curves a quasi-periodic one, a cloud a chaotic one.',
       label: 'Narrow it again',
       run: () => act.widen(1 / 1.5),
     },
     {
-      at: 'curve',
+      at: '#curve',
       title: 'What theory says',
       text: 'Solid: stable periodic motions over the gap; dashed: unstable ones; dotted: ones that the rig cannot make. The dot is the rig. Click on the curve to set the gap. Multipliers within the unit circle mean stable.',
       label: 'Go to the optimal gap',
       run: () => act.optimum(),
     },
     {
-      at: 'knobs',
+      at: '#first-knobs [data-name=gap_control]',
       title: 'Let the stops move',
-      text: 'With gap control, the stops follow the vibration, at any force. Record a run, play it back, and compare it with the exact theory.',
+      text: 'With gap control, the stops follow the vibration, at any force; the end of the tour switches it off again. Record a run, play it back, and compare it with the exact theory.',
       label: 'Switch on timed control',
-      run: () => act.set({ gap_control: 'timed' }),
+      run: () => act.control('timed'),
     },
   ];
   const card = byId('tour');
@@ -57,23 +57,35 @@ export function startTour(act) {
   const show = () => {
     const step = steps[at];
     leave();
-    marked = byId(step.at);
+    marked = document.querySelector(step.at);
     marked.classList.add('toured');
-    marked.scrollIntoView({ block: 'nearest', behavior: reducedMotion() ? 'auto' : 'smooth' });
+    // At once: the card is placed beside it. Below it there is room for the card on a phone.
+    marked.scrollIntoView({ block: innerWidth < 640 ? 'start' : 'nearest' });
     byId('tour-count').textContent = `Step ${at + 1} of ${steps.length}`;
     byId('tour-title').textContent = step.title;
     byId('tour-text').textContent = step.text;
     byId('tour-try').textContent = step.label;
     byId('tour-back').disabled = at === 0;
     byId('tour-next').textContent = at === steps.length - 1 ? 'Done' : 'Next';
-    // The card is put where it does not hide what it speaks of.
+    place();
+  };
+
+  /** Put the card into the corner in which it hides least of what it speaks of. */
+  const place = () => {
     const box = marked.getBoundingClientRect();
-    card.dataset.side = box.left + box.width / 2 > innerWidth * 0.62 ? 'left' : 'right';
-    card.dataset.end = box.top + box.height / 2 > innerHeight * 0.55 ? 'top' : 'bottom';
+    const { offsetWidth: width, offsetHeight: height } = card;
+    const hidden = ([left, top]) => Math.max(0, Math.min(left + width, box.right) - Math.max(left, box.left))
+      * Math.max(0, Math.min(top + height, box.bottom) - Math.max(top, box.top));
+    const edge = 12;
+    const [right, bottom] = [innerWidth - width - edge, innerHeight - height - edge];
+    const corners = [[right, bottom], [edge, bottom], [right, 56], [edge, 56]];
+    const [left, top] = corners.reduce((best, one) => (hidden(one) < hidden(best) ? one : best));
+    Object.assign(card.style, { left: `${Math.max(0, left)}px`, top: `${Math.max(0, top)}px` });
   };
   const close = () => {
     card.hidden = true;
     leave();
+    act.end();
     before?.focus();
   };
   byId('tour-open').addEventListener('click', (event) => {

@@ -90,8 +90,8 @@ export class Traces {
           {},
           line(() => colours.stop, 1),
           line(() => colours.stop, 1),
-          line(() => colours.damper, 1.2),
-          line(() => colours.primary, 1.8),
+          line(() => colours.damper, 1.8),
+          line(() => colours.primary, 2.6),
         ],
         hooks: { drawClear: [(u) => this.under(u)], draw: [(u) => this.over(u)], setCursor: [() => this.readOut()] },
       },
@@ -270,8 +270,9 @@ export class Traces {
     const { orbit } = this.theory;
     const count = orbit.t.length;
     const begin = Math.max(from, this.history.lastChange);
+    // Thinner than what is measured, which is seen on both sides of it
     context.strokeStyle = colours.theory;
-    context.lineWidth = 1.2 * ratio;
+    context.lineWidth = 0.8 * ratio;
     context.setLineDash(dashes(orbit).map((length) => length * ratio));
     context.beginPath();
     const perPeriod = (orbit.period / (to - from)) * (u.bbox.width / ratio);

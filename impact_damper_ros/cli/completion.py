@@ -1,0 +1,62 @@
+"""Shell completion: options, presets, files, and parameters with their values, by argcomplete."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable
+from typing import Any
+
+from impact_damper_ros.rig import ALL_SPECS
+from impact_damper_ros.rig.parameters_file import presets
+
+
+def complete(parser: argparse.ArgumentParser) -> None:
+    """Answer a shell that asks how a command goes on, and end; return if none does."""
+    if '_ARGCOMPLETE' not in os.environ:
+        return
+    from argcomplete import autocomplete
+    from argcomplete.completers import FilesCompleter, SuppressCompleter
+
+    files = FilesCompleter()
+
+    def rigs(prefix: str, **_: Any) -> list[str]:
+        return [*presets(), *files(prefix)]
+
+    completers: dict[Any, Callable[..., Any]] = {
+        **dict.fromkeys(('BAG', 'DIR', 'FILE'), files),
+        'PARAMS': rigs,
+        **{f'NAME={value}': _settings('=') for value in ('VALUE', 'RANGE', 'LOW:HIGH')},
+        'NAME:=VALUE': _settings(':='),
+    }
+    for action in parser._actions:
+        if action.metavar in completers:
+            action.completer = completers[action.metavar]  # type: ignore[attr-defined]
+    autocomplete(parser, default_completer=SuppressCompleter())
+
+
+def _settings(sign: str) -> Callable[..., list[str]]:
+    """Return a completer of parameters, and after the sign of the values that one of them has."""
+
+    def completer(prefix: str, **_: Any) -> list[str]:
+        name = prefix.partition(sign)[0]
+        if name == prefix:
+            return [f'{name}{sign}' for name in ALL_SPECS]
+        spec = ALL_SPECS.get(name)
+        values = () if spec is None else spec.choices
+        if spec is not None and spec.kind == 'bool':
+            values = ('true', 'false')
+        return [f'{name}{sign}{value}' for value in values]
+
+    return completer
+
+
+def complete_node() -> None:
+    """Complete the arguments of `sim_node`, which ROS reads."""
+    parser = argparse.ArgumentParser('sim_node')
+    parser.add_argument('--version', action='store_true')
+    parser.add_argument('--ros-args', action='store_true')
+    parser.add_argument('-p', '--param', action='append', metavar='NAME:=VALUE')
+    parser.add_argument('-r', '--remap', action='append', metavar='FROM:=TO')
+    parser.add_argument('--params-file', metavar='FILE')
+    complete(parser)
