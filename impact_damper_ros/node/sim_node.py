@@ -203,8 +203,9 @@ class SimNode(Node):
         self._declare(parameters)
         if parameters.simulated_time and not parameters.publish_clock:
             self.get_logger().info(
-                f'real_time_factor is {parameters.real_time_factor:g}: stamps count from 0, and '
-                '/clock is published; give the other nodes use_sim_time'
+                f'real_time_factor is {parameters.real_time_factor:g}, lock_step '
+                f'{parameters.lock_step}: stamps count from 0, and /clock is published; give the '
+                'other nodes use_sim_time'
             )
         self._warned_s = -math.inf
         # Conflicts with other nodes that were warned of
