@@ -97,7 +97,7 @@ def put(path, value):
         (put('state.origin.velocity', 1e300), 'origin.velocity is 1e+300: give a number'),
         (put('state.gap_control.state.observer.last', [1.0]), 'observer.last has 1 entries'),
         (put('state.gap_control.state.roused', 'x'), "roused is 'x': it must be true or false"),
-        (put('state.format', [2]), 'is of format [2]; this version reads format 4'),
+        (put('state.format', [2]), 'is of format [2]; this version reads format 5'),
         (put('stamp_offset_ns', '5'), "stamp_offset_ns is '5'"),
         (put('rate', 0.0), 'rate is 0.0: give a number from 1e-12 to'),
     ],
