@@ -410,11 +410,6 @@ PARTS: dict[str, type[Any]] = {
 LAW_STATES = {'amplitude': 'timing', 'timed': 'timed'}
 
 
-def initial_state() -> dict[str, Any]:
-    """Return the state of a control at its start, as a snapshot holds it."""
-    return Control.of(GapControlParameters(), RigParameters()).as_dict()
-
-
 _AMPLITUDE, _TIMED = LAW_NUMBERS['amplitude'], LAW_NUMBERS['timed']
 _PREDICTIVE, _EXTERNAL = LAW_NUMBERS['predictive'], LAW_NUMBERS['external']
 
