@@ -115,7 +115,7 @@ def test_an_angle_changed_on_the_way(tmp_path):
             'the gap is under control (timed)',
         ),
         (
-            ('multisine_level=1.0', 'multisine_low=20', 'multisine_high=45'),
+            ('multisine_level=1.0', 'multisine_low=20', 'multisine_high=45', 'multisine_lines=9'),
             'not periodically driven',
             'the force is a multisine',
         ),
