@@ -190,14 +190,49 @@ def _names(code: types.CodeType) -> Iterator[str]:
 
 
 @cache
+def _part_compiler() -> Any:
+    """
+    Return the compiler of kernels that only kernels call.
+
+    numba would optimise each of them together with all that it calls, and make machine code of
+    it. As parts they are linked only, and what Python calls is optimised once, as a whole.
+    """
+    from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+    from numba.core.compiler import Compiler
+
+    class Part(JITCodeLibrary):  # type: ignore[misc]
+        def _optimize_final_module(self) -> None:
+            pass
+
+        def _finalize_final_module(self) -> None:
+            self._finalized = True
+
+        def get_pointer_to_function(self, _name: str) -> int:
+            return 0
+
+    class Parts(JITCPUCodegen):  # type: ignore[misc]
+        _library_class = Part
+
+        def set_env(self, env_name: str, env: Any) -> None:
+            pass
+
+    parts = Parts('parts')
+
+    class PartCompiler(Compiler):  # type: ignore[misc]
+        def __init__(self, typing: Any, target: Any, _library: Any, *rest: Any) -> None:
+            super().__init__(typing, target, parts.create_library('part'), *rest)
+
+    return PartCompiler
+
+
+@cache
 def compiled_namespace() -> dict[str, Any]:
     """Return all kernels, each compiled at its first call, and what they refer to."""
     import numba
 
     namespace = _namespace()
     for name, function in _KERNELS.items():
-        # No fast-math: the operations and their order stay those of the plain kernel. Kernels are
-        # called by compiled code alone; half of the time of compiling one would go into more.
+        # No fast-math: the operations and their order stay those of the plain kernel.
         twin = types.FunctionType(
             function.__code__, namespace, name, function.__defaults__, function.__closure__
         )
@@ -211,6 +246,7 @@ def compiled_namespace() -> dict[str, Any]:
                 no_cpython_wrapper=True,
                 no_cfunc_wrapper=True,
                 _nrt=False,
+                pipeline_class=_part_compiler(),
             )
         )
     return namespace
@@ -262,7 +298,7 @@ def compiled(name: str, form: str, arguments: Sequence[Any]) -> Any:
     import numba
 
     log = logging.getLogger(__package__)
-    text = 'compiling the simulator, once for each version (some 15 s, 30 s under gap control)'
+    text = 'compiling the simulator, once for each version (some 7 s, 15 s under gap control)'
     notice = threading.Timer(_PATIENCE, log.warning, (text,))
     notice.daemon = True
     notice.start()

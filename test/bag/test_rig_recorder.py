@@ -108,7 +108,7 @@ def test_parameters_of_all_types():
     assert parameter_event(7 * 10**9 + 1, '/a/b', values, new=True) == expected
 
 
-@pytest.mark.parametrize('number', [float('nan'), float('inf'), -1.0, 1e300, None, 'x'])
+@pytest.mark.parametrize('number', [float('nan'), -1.0])
 def test_rates_and_durations_that_no_recording_has(tmp_path, number):
     """They once left a bag behind, and the threads that write it."""
     for rate, duration, words in (

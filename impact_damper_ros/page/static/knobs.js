@@ -16,7 +16,7 @@ const FIRST = [
   ['gap_control', 'Gap control', 'gap-control'],
 ];
 /** Parameters of the node that do not change the rig. */
-const SETTINGS = new Set(['record', 'bag_directory', 'predict_motion', 'max_bag_size', 'max_bag_duration']);
+const SETTINGS = new Set(['real_time_factor', 'record', 'bag_directory', 'predict_motion', 'max_bag_size', 'max_bag_duration']);
 const GROUPS = [
   ['rig', 'Rig'],
   ['forcing', 'Force'],
@@ -375,6 +375,11 @@ export class Knobs {
     }
   }
 
+  /** Turn a knob, as a drag of it would: while a value is on its way, only the newest waits. */
+  turn(name, value) {
+    this.knobs.find((knob) => knob.descriptor.name === name).send(value);
+  }
+
   /** Present values by name. */
   values() {
     return Object.fromEntries(this.knobs.map((knob) => [knob.descriptor.name, knob.value]));
@@ -382,7 +387,7 @@ export class Knobs {
 
   /** What was done to the rig, for the lines in the traces: the same for live and recorded rigs. */
   done({ kind, values = {}, preset = '' }) {
-    const names = Object.keys(values).filter((name) => !SETTINGS.has(name) && !this.padded(name, values[name]));
+    const names = Object.keys(values).filter((name) => !SETTINGS.has(name) && !name.startsWith('initial_') && !this.padded(name, values[name]));
     const turned = names.length > 2
       ? preset || `${names.length} parameters`
       : names.map((name) => this.said(name, values[name])).join(', ');
