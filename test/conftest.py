@@ -23,7 +23,7 @@ LONGEST = (
     'bag/test_hostile_bags.py',
     'node/test_absurd_rigs.py',
     'report/test_comparison_report.py',
-    'compare/test_kind.py',
+    'compare/test_motion_kind.py',
     'theory/test_documents.py',
     'orbits/test_branches.py',
     'cli/test_verdicts.py',

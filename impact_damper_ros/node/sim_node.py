@@ -87,6 +87,15 @@ The digital rig of an impact damper as a ROS 2 node. For instance:
 Parameters, with unit and range: ros2 param describe /sim_node NAME"""
 
 
+#: Options of the other commands, and the parameter of the node in place of each.
+IN_PLACE_OF = {
+    '--bag': 'record:=true',
+    '--law': 'control_law:=my_laws:catch',
+    '--rate': 'state_rate:=200.0',
+    '--set': 'gap:=0.03',
+}
+
+
 def refuse(reason: object) -> int:
     """Print why the node does not start, and return the exit code."""
     print(printable(f'sim_node: cannot start: {reason}'), file=sys.stderr)
@@ -103,6 +112,14 @@ def answer_foreign(arguments: Sequence[str]) -> int | None:
     if arguments[0] == '--version':
         print(f'sim_node (impact_damper_ros) {__version__}')
         return 0
+    option = arguments[0].partition('=')[0]
+    if option in IN_PLACE_OF:
+        print(
+            f'sim_node: {option} is an option of other commands; the node has a parameter: '
+            f'sim_node --ros-args -p {IN_PLACE_OF[option]}',
+            file=sys.stderr,
+        )
+        return 2
     return refuse(
         f'unknown argument {shown(arguments[0])}; parameters and remappings follow --ros-args, as '
         'in: sim_node --ros-args -p gap:=30'

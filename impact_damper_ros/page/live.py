@@ -110,6 +110,8 @@ class LiveRig(Source):
         self._eras: list[Era] = []
         self._paused = False
         self._epoch = self._came = 0.0
+        # The joint states of a paused rig
+        self._held: Messages | None = None
         self._all_known = False
 
     async def close(self) -> None:
@@ -165,6 +167,7 @@ class LiveRig(Source):
             for era, table in self._tables('joint_states', messages['joint_states']):
                 self.motion.add_samples(era.samples(table))
                 self._came = time.monotonic()
+            self._show_held()
             for era, table in self._tables('impacts', messages['impacts']):
                 self.motion.add_impacts(era.impacts(table))
         for content in messages['parameter_events']:
@@ -174,6 +177,13 @@ class LiveRig(Source):
         for content in messages['theory']:
             self._take_theory(content)
         self._say_status()
+
+    def _show_held(self) -> None:
+        """Show what a change or a reset has made of a paused rig."""
+        held, self._held = self._held, None
+        if held is not None and self.motion.correct_end(self._eras[-1].samples(held)[0]):
+            for client in self.clients:
+                client.view.begin_again()
 
     def _take_snapshot(self, content: bytes) -> None:
         try:
@@ -241,10 +251,8 @@ class LiveRig(Source):
             self._paused = bool(rows['act'][-1] == PAUSED_ACT)
             stamp, now = rows['stamp_ns'][-1] / 1e9, time.time()
             self._epoch = stamp if abs(stamp - now) < _WALL_S else now
-            # A paused rig repeats its last sample, or what a change or reset has made of it.
-            if self._paused and self.motion.correct_end(self._eras[-1].samples(rows[-1:])[0]):
-                for client in self.clients:
-                    client.view.begin_again()
+            self._held = rows[-1:] if self._paused else None
+            # A paused rig repeats its last sample.
             rows = rows[rows['act'] != PAUSED_ACT]
         if len(self._eras) == 1:
             return [(self._eras[0], rows)]

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.compare.flights import STATE, Drive, Flights, rows_of_samples
+from impact_damper_ros.compare.drive import Drive
+from impact_damper_ros.compare.flights import STATE, Flights, rows_of_samples
 from impact_damper_ros.control import Outcome, Rig, RunResult
 from impact_damper_ros.control.rig import Events
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD

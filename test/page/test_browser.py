@@ -852,6 +852,10 @@ def test_a_run_recorded_and_played_to_its_end(opened, live):
     page.choose('#scrub', 'one.min')
     page.type('#knob-gap', '20')
     page.wait('impactDamper.history.ghost !== null')
+    # What both amount to stands beside each other.
+    page.wait(
+        "/^impacts\\d+\\d+[\\d.]+$/.test(document.querySelector('#totals').rows[3].textContent)"
+    )
     # The knob is that of the ghost, what is written over the picture that of the rig.
     assert page.value('#knob-gap') == '20'
     page.click('#play')

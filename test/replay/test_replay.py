@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag import samples
+from bag import ros2_bags, samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig, random_run
 
 from impact_damper_ros.bag import RecordingError
@@ -45,27 +45,6 @@ def flipped(message, value):
     at = content.index(old)
     new = bytes([old[0] ^ 1]) + old[1:]
     return topic, content[:at] + new + content[at + 8 :], stamp
-
-
-def with_arrival_times(messages, seed=1):
-    """Return what `ros2 bag record` makes of a run: times of arrival, topics overtaking."""
-    rng = random.Random(seed)
-    delays = {topic: 3_000_000 for topic, *_ in messages}
-    arrived = []
-    for topic, content, stamp in messages:
-        delays[topic] = max(delays[topic] - 1_000_000, 0) + rng.randrange(3_000_000)
-        if topic == '/parameter_events':
-            # rclpy publishes its own, with its own stamp.
-            own = struct.pack('<iI', (stamp - 5000) // 10**9 % 2**31, (stamp - 5000) % 10**9)
-            content = content[:4] + own + content[12:]
-            stamp -= 4_000_000
-        arrived.append((topic, content, stamp + 777 + delays[topic]))
-    last = {}
-    for number, (topic, content, stamp) in enumerate(arrived):
-        # Within a topic the order is kept.
-        last[topic] = max(stamp, last.get(topic, 0) + 1)
-        arrived[number] = (topic, content, last[topic])
-    return sorted(arrived, key=lambda m: m[2])
 
 
 @pytest.mark.parametrize('seed', range(12))
@@ -157,7 +136,7 @@ def test_positions_are_those_in_the_laboratory(tmp_path):
 def test_a_run_recorded_by_ros2_bag_is_replayed_too(tmp_path, seed):
     rate, ticks = [(200.0, 400), (20.0, 120)][seed % 2]
     rig = random_run(seed, ticks, rate=rate)
-    messages = with_arrival_times(rig.messages)
+    messages = ros2_bags.joined(rig.messages, 0)
     findings = replayed(samples.record(tmp_path / 'bag', messages))
     assert findings.differences == []
     assert findings.samples == len(places(messages, '/joint_states'))
@@ -315,7 +294,7 @@ def test_the_same_impact_twice_while_paused(tmp_path):
     assert len(hits) == 2
     assert hits[0] == hits[1]
     rig.run(100)
-    arrived = with_arrival_times(rig.messages)
+    arrived = ros2_bags.joined(rig.messages, 0)
     for name, messages, notes in (('bag', rig.messages, NOTES), ('ros2', arrived, {})):
         findings = replayed(samples.record(tmp_path / name, messages, custom=notes))
         assert findings.verdict is ReplayVerdict.IDENTICAL
@@ -405,7 +384,7 @@ def test_bags_without_a_rig_are_refused(tmp_path, messages):
 
 
 def test_a_wrong_stamp_does_not_run_the_rig_for_years(tmp_path, messages):
-    arrived = with_arrival_times(messages)
+    arrived = ros2_bags.joined(messages, 0)
     place = places(arrived, '/joint_states')[100]
     topic, content, stamp = arrived[place]
     at = header_ns(content) + 2**25 * 10**9

@@ -55,6 +55,7 @@ const player = new Player(connection);
 const knobs = new Knobs((values) => setValues(values));
 const curve = new GapCurve(byId('curve-canvas'), theory, (gap) => turn({ gap }));
 const drag = new Drag(rig, () => history.state, {
+  hold: (name) => knobs.hold(name),
   gap: (value) => knobs.turn('gap', value),
   release: (place) => letGo(place),
 });
@@ -352,7 +353,7 @@ connection.addEventListener('parameters', ({ detail }) => {
   knobs.take(values);
   takeValues(detail.values);
   if (!history.recorded) {
-    history.change(detail.time, line);
+    history.change(detail.time, line, knobs.dragOf(detail.values));
     const preset = presetList.find((one) => one.title === detail.preset)?.name;
     if (preset && preset !== shared.preset) {
       // Chosen in another tab, or by hand

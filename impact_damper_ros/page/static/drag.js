@@ -4,7 +4,7 @@
 const NEAR = 12;
 
 export class Drag {
-  /** `state` returns the rig as it is shown; `act` has gap(value) and release({ x, y }). */
+  /** `state` returns the rig as it is shown; `act` has hold(name), gap(value) and release({ x, y }). */
   constructor(drawing, state, act) {
     this.drawing = drawing;
     this.state = state;
@@ -41,6 +41,7 @@ export class Drag {
     const { canvas } = this.drawing;
     canvas.setPointerCapture(event.pointerId);
     this.drawing.hold(true);
+    this.act.hold(this.what.startsWith('stop') ? 'gap' : '');
     this.grip = this.drawing.at(event).u / this.drawing.plan.scale;
     this.from = this.state();
     canvas.style.cursor = 'grabbing';
@@ -74,6 +75,7 @@ export class Drag {
     if (!this.what) return;
     this.what = '';
     this.drawing.hold(false);
+    this.act.hold('');
     this.drawing.outline = null;
     this.drawing.canvas.style.cursor = '';
     if (done && this.left) this.act.release(this.left);

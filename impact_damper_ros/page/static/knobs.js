@@ -132,6 +132,7 @@ class Knob {
       type: 'range', min: 0, max: 1000, step: 1, 'aria-label': `${title}, slider`, tabindex: 0,
     });
     this.range.addEventListener('input', () => {
+      if (!this.dragging) this.knobs.hold(this.descriptor.name);
       this.dragging = true;
       const number = this.fromSlider(Number(this.range.value) / 1000);
       this.input.value = typed(number, 1e-4);
@@ -139,6 +140,7 @@ class Knob {
     });
     const done = () => {
       this.dragging = false;
+      this.knobs.hold('');
       this.show();
     };
     this.range.addEventListener('change', done);
@@ -312,6 +314,8 @@ export class Knobs {
     this.natural = 0;
     this.scale = { factor: 1, unit: 'm' };
     this.knobs = [];
+    // The parameter that is dragged, and the number of the drag
+    this.held = { name: '', number: 0 };
     byId('knob-search').addEventListener('input', () => this.filter());
   }
 
@@ -373,6 +377,16 @@ export class Knobs {
       const outside = knob.range && !knob.dragging && (knob.number < knob.span[0] || knob.number > knob.span[1]);
       if (anew || outside) knob.rescale();
     }
+  }
+
+  /** Begin to drag a parameter, or end with none. */
+  hold(name) {
+    this.held = { name, number: this.held.number + 1 };
+  }
+
+  /** Number of the drag that has led to values; 0 if none has. */
+  dragOf(values) {
+    return this.held.name in values ? this.held.number : 0;
   }
 
   /** Turn a knob, as a drag of it would: while a value is on its way, only the newest waits. */
