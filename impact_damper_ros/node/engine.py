@@ -526,13 +526,13 @@ class Engine:
 
     def _await_command(self, measurement: bytes) -> None:
         """Wait in lock-step for the command to a measurement."""
-        begun = time.monotonic()
-        end, again = begun + self.controller.settings.lock_step_timeout, begun + SEND_AGAIN_S
+        begun = since = time.monotonic()
+        again = begun + SEND_AGAIN_S
         self._obey()
         while self.controller.waits and not self._stopping.is_set():
             if self._paused or self._held:
                 self._hold()
-                end = time.monotonic() + self.controller.settings.lock_step_timeout
+                since = time.monotonic()
             self.controller.wait(LOCK_STEP_NAP_S)
             self._serve()
             self._obey()
@@ -540,11 +540,11 @@ class Engine:
             if now >= again:
                 self._out.publish(self._publishers['measurements'], measurement)
                 again = now + SEND_AGAIN_S
-            if now >= end and self.controller.waits:
+            waited = now - since
+            if self.controller.waits and waited >= self.controller.settings.lock_step_timeout:
                 self.controller.give_up()
                 self._callbacks.on_trouble(
-                    f'no command has come for {now - begun:.3f} s: the rig in lock-step goes on '
-                    'without'
+                    f'no command has come for {waited:.3f} s: the rig in lock-step goes on without'
                 )
         if time.monotonic() - begun > SEND_AGAIN_S:
             # Rig time does not make up for it.

@@ -76,6 +76,8 @@ class Part(NamedTuple):
         The same as changes and resets that were carried out, each with its rig time, ns.
     before : dict
         State of the rig at the end, before that.
+    orders : list of (float, Order)
+        What a controller outside the rig ordered within the piece, each with its rig time, s.
     """
 
     samples: Samples
@@ -83,6 +85,7 @@ class Part(NamedTuple):
     command: Command | None = None
     steps: list[tuple[int, Step]] = []  # noqa: RUF012 - never changed
     before: Mapping[str, Any] = {}
+    orders: list[tuple[float, Order]] = []  # noqa: RUF012 - never changed
 
 
 class _Stretch(NamedTuple):
@@ -232,9 +235,9 @@ class Replay:
         self._orders += orders_of(rows.acts, findings.offset_ns)
         if self._shadowing is not None:
             samples, events, numbers, differs = self._shadowing.follow(states, instants)
-            self._forget_orders(instants[-1])
             tried = _Stretch(samples, events, [], numbers, differs)
-            return self._note_rows(tried, states, times_ns, stamps_ns)
+            part = self._note_rows(tried, states, times_ns, stamps_ns)
+            return part._replace(orders=self._orders_until(instants[-1]))
         tried = self._tried(self.rig, states, times_ns)
         rig = self._rig_of_snapshot
         if rig is not None and tried.differs.any():
@@ -242,13 +245,16 @@ class Replay:
             if other.differs.sum() < tried.differs.sum():
                 self.rig, tried = rig, other
         self._rig_of_snapshot = None
-        self._forget_orders(instants[-1])
         self._expect(tried.events, tried.records)
-        return self._note_rows(tried, states, times_ns, stamps_ns)
+        part = self._note_rows(tried, states, times_ns, stamps_ns)
+        return part._replace(orders=self._orders_until(instants[-1]))
 
-    def _forget_orders(self, until: float) -> None:
+    def _orders_until(self, until: float) -> list[tuple[float, Order]]:
+        """Return the orders up to an instant, and forget them."""
+        found = []
         while self._orders and self._orders[0][0] <= until:
-            self._orders.popleft()
+            found.append(self._orders.popleft())
+        return found
 
     def _note_rows(
         self, tried: _Stretch, states: Messages, times_ns: Ints, stamps_ns: Ints
@@ -429,7 +435,8 @@ class Replay:
             return
         self._command = command
         findings.snapshots += 1
-        events, records = self._moved(self.rig, command.time, self._orders)
+        orders = self._orders_until(command.time)
+        events, records = self._moved(self.rig, command.time, deque(orders))
         self._time_ns = command.time_ns
         self._expect(events_as_rows(events), records)
         lost = command.number != last.number + 1
@@ -453,7 +460,7 @@ class Replay:
         if findings.end_ns is None and not self.recorded.stamped:
             events = []
         everything = np.concatenate([events_as_rows(events), *more])
-        yield Part(NO_SAMPLES, everything, command, steps, before)
+        yield Part(NO_SAMPLES, everything, command, steps, before, orders)
 
     def _carry_out(self, command: Command) -> tuple[list[tuple[int, Step]], list[Events]]:
         """Do what was done; return the changes and resets, and the events that they caused."""

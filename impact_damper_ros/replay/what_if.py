@@ -2,19 +2,22 @@
 What-if: another rig in place of the recorded one.
 
 The other rig starts as the recorded one did, with the same force and the same changes and resets,
-but some parameters are held at other values all the time.
+but some parameters are held at other values all the time. What a controller outside the rig
+ordered is ordered again, at the same instants.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from impact_damper_ros.bag.snapshots import motion_of
-from impact_damper_ros.control import OwnLaw, Rig
+from impact_damper_ros.control import Order, OwnLaw, Rig
 from impact_damper_ros.rig import InitialConditions, ParameterError, Sample
 from impact_damper_ros.rig.event_budget import EventBudget
 
@@ -125,15 +128,27 @@ class WhatIf:
         events, self._early = self._early, []
         samples: list[Sample] = []
         try:
+            orders = deque(part.orders)
             for time in part.samples['time'].tolist():
-                events += self._moved(time)
+                events += self._ordered(orders, time) + self._moved(time)
                 samples.append(self.rig.sample())
+            events += self._ordered(orders, math.inf)
             for time_ns, step in part.steps:
                 events += self._moved(time_ns / 1e9)
                 events.append(self.carry_out(step))
         finally:
             self.reached = samples_as_rows(samples), np.concatenate([NO_EVENTS, *events])
         return self.reached
+
+    def _ordered(self, orders: deque[tuple[float, Order]], until: float) -> list[Events]:
+        """Carry out the orders up to an instant, s, but for those that this rig cannot take."""
+        events = []
+        while orders and orders[0][0] <= until:
+            time, order = orders.popleft()
+            events += self._moved(time)
+            with suppress(ParameterError):
+                events.append(events_as_rows(self.rig.order(order)))
+        return events
 
     def _moved(self, time: float) -> list[Events]:
         """Go on to an instant, s, in one call as the node does."""

@@ -72,17 +72,16 @@ class Plant:
                     return status.message, {v.key: v.value for v in status.values}
         return '', {}
 
-    def obeyed(self, send, count=1):
-        """Send commands until so many more orders are carried out; return the last."""
+    def obeyed(self, send, *order):
+        """Send a command until an order of these numbers is carried out."""
         before = len(self.acts)
 
         def done():
             send()
             time.sleep(0.01)
-            return len(self.orders(before)) >= count
+            return any(same(found, order) for _, *found in self.orders(before))
 
-        until(done)
-        return self.orders(before)[-1]
+        until(done, lambda: self.orders(before))
 
     def refused(self, send, words):
         """Send a command and wait for the report that it was refused, with a reason."""
@@ -122,14 +121,12 @@ def same(a, b):
 
 def test_commands_are_carried_out_and_replayed_bit_for_bit(plant, capsys):
     assert plant.parameters.set(record=True) == ''
-    _, *order = plant.obeyed(lambda: plant.send_stops(0.008, -0.006))
-    assert same(order, (0.008, -0.006, math.nan, math.nan, math.nan))
+    nan = math.nan
+    plant.obeyed(lambda: plant.send_stops(0.008, -0.006), 0.008, -0.006, nan, nan, nan)
     # One stop alone, at a speed
     send = {'names': ['stop_2'], 'velocity': [-0.2]}
-    _, *order = plant.obeyed(lambda: plant.send_stops(-0.009, **send))
-    assert same(order, (math.nan, -0.009, math.nan, 0.2, math.nan))
-    _, *order = plant.obeyed(lambda: plant.send_force(2.5))
-    assert same(order, (*[math.nan] * 4, 2.5))
+    plant.obeyed(lambda: plant.send_stops(-0.009, **send), nan, -0.009, nan, 0.2, nan)
+    plant.obeyed(lambda: plant.send_force(2.5), nan, nan, nan, nan, 2.5)
     # Many of both
     for k in range(60):
         plant.send_stops(0.008 + 0.001 * math.sin(k), -0.008)
@@ -137,7 +134,7 @@ def test_commands_are_carried_out_and_replayed_bit_for_bit(plant, capsys):
         time.sleep(0.003)
     assert plant.parameters.set(gap_control='off') == ''
     assert plant.parameters.set(gap_control='external') == ''
-    plant.obeyed(lambda: plant.send_force(-1.0), 3)
+    plant.obeyed(lambda: plant.send_force(-1.0), nan, nan, nan, nan, -1.0)
     moved = {m.name[-1] for m in plant.acts}
     assert {'order', 'command', 'arrived'} <= moved
     assert plant.parameters.set(record=False) == ''
@@ -172,25 +169,26 @@ def test_what_cannot_be_carried_out_is_refused_with_its_reason(plant):
     until(lambda: other.get_subscription_count() == 1)
     plant.refused(lambda: plant.send_stops(0.01, -0.01), '2 publishers')
     plant.client.node.destroy_publisher(other)
-    plant.obeyed(lambda: plant.send_stops(0.01, -0.01))
+    plant.obeyed(lambda: plant.send_stops(0.01, -0.01), 0.01, -0.01, nan, nan, nan)
 
 
 def test_the_watchdog_parks_the_stops(plant):
+    nan, half = math.nan, 0.5 * float(LIVELY['gap'])
     assert plant.parameters.set_atomically(command_timeout=0.2, force_limit=3.0) == ''
-    _, *order = plant.obeyed(lambda: plant.send_force(-1e3))
-    assert order[-1] == -3.0
-    last_ns, *_ = plant.obeyed(lambda: plant.send_stops(0.02, -0.02))
-    until(lambda: plant.report()[1]['Stops parked'] == 'True')
-    assert 'the stops are parked' in plant.report()[0]
-    *_, parked = plant.orders()
-    half = 0.5 * float(LIVELY['gap'])
-    assert same(parked[1:], (half, -half, math.nan, math.nan, parked[-1]))
+    plant.obeyed(lambda: plant.send_force(-1e3), nan, nan, nan, nan, -3.0)
+    begun = len(plant.acts)
+    plant.obeyed(lambda: plant.send_stops(0.02, -0.02), 0.02, -0.02, nan, nan, nan)
+    until(lambda: 'the stops are parked' in plant.report()[0], plant.report)
+    moves = [order for order in plant.orders(begun) if order[1] == order[1]]
+    places = [order[1] for order in moves]
+    assert set(places) == {0.02, half}
+    at = places.index(half)
     # At the first tick after the time is over
-    assert 0.2e9 < parked[0] - last_ns <= 0.2e9 + 1e9 / 200
+    assert 0.2e9 < moves[at][0] - moves[at - 1][0] <= 0.2e9 + 1e9 / 200
     assert 0.0 in [order[-1] for order in plant.orders()]
     assert int(plant.report()[1]['Forces limited']) > 0
     assert plant.parameters.set_atomically(command_timeout=0.0, force_limit=0.0) == ''
-    plant.obeyed(lambda: plant.send_stops(0.02, -0.02))
+    plant.obeyed(lambda: plant.send_stops(0.02, -0.02), 0.02, -0.02, nan, nan, nan)
     until(lambda: plant.report()[1]['Stops parked'] == 'False')
 
 
@@ -235,7 +233,7 @@ def stepped(tmp_path_factory):
         gap_control_noise_position=1e-4,
         measurement_rate=50.0,
         lock_step='stop_commands',
-        lock_step_timeout=2.0,
+        lock_step_timeout=1000.0,
         real_time_factor=0.0,
         **ACTUATORS,
         **LIVELY,
@@ -275,6 +273,8 @@ def test_measurements_in_lock_step_are_those_of_the_sensors(stepped):
         out.publish(command)
         twin.order(Order(half, -half))
     # Without an answer it goes on, after a while.
+    parameters = RigParametersClient(client, '/stepped/sim_node')
+    assert parameters.set(lock_step_timeout=0.01) == ''
     until(lambda: len(seen) > 60 and 'goes on without' in process.output, lambda: process.output)
 
 

@@ -101,6 +101,22 @@ def test_orders_come_out_bit_for_bit(tmp_path, seed):
         assert findings.control == len(places(rig.messages, '/gap_control')) > 300
 
 
+def test_a_what_if_has_the_same_orders(tmp_path, capsys):
+    external = CONTROL.replace(gap_control='external')
+    rng = random.Random(3)
+    rig = RecordedRig(control=external).start()
+    rig.run(400, order=lambda: Order(rng.uniform(0.005, 0.02), -0.01, force=rng.gauss(0.0, 2.0)))
+    path = rig.save(tmp_path / 'bag')
+    ratios = []
+    # A seed that changes nothing, and a control that takes no orders
+    for value in ('gap_control_seed=5', 'gap_control=off'):
+        assert replay_run([str(path), '--set', value]) == 0
+        text = capsys.readouterr().out
+        ratios.append(float(text.partition('rms X [m]')[2].split()[2]))
+    assert ratios[0] == 1.0
+    assert ratios[1] != 1.0
+
+
 def test_an_altered_order_is_found(tmp_path):
     messages = ordered_run(1).messages
     at = next(
