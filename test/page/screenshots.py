@@ -78,6 +78,8 @@ def shoot(page, name, directory, sizes, shades=('light', 'dark')):
         for shade in shades:
             page.shade(dark=shade == 'dark')
             time.sleep(1.5)
+            # Beside other programs the rig lags at times; that is not what a picture is to show.
+            page.wait("document.querySelector('#status').dataset.state !== 'lagging'", LONG)
             whole = page.run('document.documentElement.scrollHeight')
             if size == 'phone':
                 page.resize(width, whole)
@@ -174,7 +176,9 @@ def filmed(page):
 def still(browser, work, arguments):
     """Write the pictures of all views."""
     server = PageProcess(work, '--node', '/sim_node')
-    node = SimProcess(work, parameters_file=BENCH, bag_directory=str(server.recordings))
+    # Few samples, which a busy machine has in time; between them the page draws cubics.
+    recordings = str(server.recordings)
+    node = SimProcess(work, parameters_file=BENCH, bag_directory=recordings, state_rate=50.0)
     try:
         for name, address, seconds, condition in VIEWS:
             page = browser.open(server.address + address)
