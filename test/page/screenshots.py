@@ -176,9 +176,7 @@ def filmed(page):
 def still(browser, work, arguments):
     """Write the pictures of all views."""
     server = PageProcess(work, '--node', '/sim_node')
-    # Few samples, which a busy machine has in time; between them the page draws cubics.
-    recordings = str(server.recordings)
-    node = SimProcess(work, parameters_file=BENCH, bag_directory=recordings, state_rate=50.0)
+    node = SimProcess(work, parameters_file=BENCH, bag_directory=str(server.recordings))
     try:
         for name, address, seconds, condition in VIEWS:
             page = browser.open(server.address + address)
