@@ -78,6 +78,8 @@ def shoot(page, name, directory, sizes, shades=('light', 'dark')):
         for shade in shades:
             page.shade(dark=shade == 'dark')
             time.sleep(1.5)
+            # Beside other programs the rig lags at times; that is not what a picture is to show.
+            page.wait("document.querySelector('#status').dataset.state !== 'lagging'", LONG)
             whole = page.run('document.documentElement.scrollHeight')
             if size == 'phone':
                 page.resize(width, whole)
