@@ -114,14 +114,12 @@ REFUSALS = {
         ('--vary gap=1,2 --set sweep_mode=up', 'has no steady state; give --set sweep_mode=off'),
         ('--vary gap=1,2 --cycles 0', 'cycles is 0: give a whole number'),
         ('--vary gap=1,2 --figure a.gif', 'a name that ends in .png, .svg or .pdf'),
-        ('--vary gap=1,2 --figure no/a.png', 'is not a directory: make it'),
         ('--vary gap=1,2 --figure a.parquet', 'two outputs have the same name'),
         (
             '--vary gap=1 --vary friction=0 --vary angle=0 --figure a.png',
             'a figure shows one axis or two, not 3',
         ),
         ('--ranges no.yaml', 'no.yaml: cannot be read'),
-        ('--vary gap=1,2 -o no/a.parquet', 'is not a directory: make it'),
         *(
             (f'--vary gap=1,2 -o {name}', 'a name that ends in .parquet')
             for name in ('a.txt', 'a', 'a.parquet.bak', '.csv')
@@ -169,6 +167,8 @@ def test_what_is_wrong_is_said_before_any_work(command, words, message, place, c
         ('replay_run', '--json'),
         ('replay_run', '--set gap=0.02 --figure'),
         ('solve_periodic', '--impacts 2 --stops 1 --json'),
+        ('sweep_rig', '--vary gap=1,2 --figure'),
+        ('sweep_rig', '--vary gap=1,2 --json'),
     ],
 )
 @pytest.mark.usefixtures('place')

@@ -78,7 +78,8 @@ def test_no_rig_and_several(node, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(set_rig, 'PATIENCE_S', 1.0)
     assert set_rig.main(['--node', '/nobody']) == 1
     assert '/nobody does not answer: does it run?' in capsys.readouterr().err
-    monkeypatch.setattr(set_rig, 'DISCOVERY_S', 15.0)
+    for name in ('DISCOVERY_S', 'PATIENCE_S'):
+        monkeypatch.setattr(set_rig, name, 100.0)
     other = SimProcess(tmp_path / 'other', ('__ns:=/other',), **LIVELY)
     try:
         assert set_rig.main(['gap=0.01']) == 2
@@ -87,7 +88,8 @@ def test_no_rig_and_several(node, tmp_path, monkeypatch, capsys):
     expected = 'several rigs run, /bench/sim_node, /other/sim_node: name one with --node'
     assert expected in capsys.readouterr().err
     node.kill()
-    monkeypatch.setattr(set_rig, 'DISCOVERY_S', 1.0)
+    for name in ('DISCOVERY_S', 'PATIENCE_S'):
+        monkeypatch.setattr(set_rig, name, 1.0)
     assert set_rig.main([]) == 1
     assert 'no rig runs on this ROS network' in capsys.readouterr().err
 

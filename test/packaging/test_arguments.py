@@ -17,7 +17,6 @@ BEYOND = (math.nan, math.inf, -math.inf, 10**400, -(10**400))
 #: What is called, the argument, and values out of its range.
 RANGES = [
     *((WRITER, name, (*BEYOND, -1.0)) for name in ('max_size', 'max_duration')),
-    *((WRITER, name, (*BEYOND, 0.0, -1.0)) for name in ('flush_period', 'sync_period')),
     (partial(RECORDER, duration=1.0), 'rate', (*BEYOND, 0.0, -1.0)),
     (partial(RECORDER, rate=9.0), 'duration', (*BEYOND, -1.0)),
 ]
