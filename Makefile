@@ -42,7 +42,7 @@ dist:  ## build source distribution and wheel into dist/, and check what PyPI wo
 	@$(PY) -m twine check --strict dist/*
 
 docs:  ## build the documentation into docs/_build/html, without network
-	@$(VENV) ros,plot,page,sweep,compiled,docs
+	@$(VENV) ros,plot,test,dev,docs
 	@$(PY) -m sphinx -q -W --keep-going -b html docs docs/_build/html
 	@echo "The documentation is in docs/_build/html/index.html"
 
@@ -74,7 +74,7 @@ bench:  ## measure speed, accuracy and jitter against general tools (some minute
 	@$(PY) benchmarks/node.py $(ARGS)
 
 env:  ## only make .venv, with all tools for development
-	@$(VENV) ros,plot,test,dev
+	@$(VENV) ros,plot,test,dev,docs
 
 clean:  ## remove .venv, builds, caches and the demo's run
 	rm -rf .venv build docs/_build install log demo_run *.egg-info .mypy_cache .pytest_cache .ruff_cache

@@ -9,7 +9,13 @@ NAME = 'impact_damper_ros'
 # colcon links this file into a directory of its own.
 README = Path(__file__).resolve().with_name('README.md')
 SHARE = f'share/{NAME}'
-EXAMPLES = ('examples', 'examples/paper', 'examples/gap_control', 'examples/gallery')
+EXAMPLES = (
+    'examples',
+    'examples/paper',
+    'examples/gap_control',
+    'examples/gallery',
+    'examples/controllers',
+)
 
 setup(
     name=NAME,
@@ -48,7 +54,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),
-        (f'{SHARE}/config', sorted(glob('config/*'))),
+        (f'{SHARE}/config', sorted(glob('config/*.*'))),
+        (f'{SHARE}/config/ros2_control', sorted(glob('config/ros2_control/*'))),
         *((f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in EXAMPLES),
         (f'{SHARE}/layouts', sorted(glob('layouts/*'))),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),

@@ -274,7 +274,10 @@ def theory_once() -> Iterator[None]:
     """Compare the stretches of one run with theory when they first occur only."""
     compare, known = comparison.compare_stretch, {}
 
-    def compared(stretch: Any, log: Any, findings: Any) -> Any:
+    def compared(stretch: Any, log: Any = None, findings: Any = ()) -> Any:
+        if log is None:
+            # Without a snapshot, so that there is theory alone
+            return compare(stretch)
         if stretch.number not in known:
             known[stretch.number] = compare(stretch, log, findings)
         return replace(known[stretch.number], log=log, log_findings=tuple(findings))

@@ -7,7 +7,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
+# rosdoc2 executes this file from one of its own, which names it.
+_wrapped = re.search(r'^exec\(open\("(.+?)"\)', Path(__file__).read_text(), re.MULTILINE)
+ROOT = Path(_wrapped[1] if _wrapped else __file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 # argparse breaks lines by the width of the terminal.
 os.environ['COLUMNS'] = '96'

@@ -13,30 +13,30 @@ import pytest
 DOMAINS = 101
 
 # Files whose tests take longest. They come first, so that of several processes none is left with
-# one of them at the end, when the others have nothing more to do. The first one compiles the run
-# loop, for which others wait that need it.
+# one of them at the end, when the others have nothing more to do.
 LONGEST = (
-    'cli/test_readme.py',
     'page/test_browser.py',
-    'node/test_absurd_rigs.py',
+    'cli/test_readme.py',
     'examples/test_paper.py',
     'docs/test_tutorials.py',
-    'report/test_comparison_report.py',
-    'compare/test_kind.py',
-    'examples/test_demo.py',
-    'node/test_viewers.py',
+    'replay/test_shadowing.py',
     'bag/test_hostile_bags.py',
-    'node/test_recorded_runs.py',
-    'cli/test_verdicts.py',
-    'oracle/test_oracle.py',
-    'page/test_live_page.py',
-    'page/test_player.py',
+    'node/test_absurd_rigs.py',
+    'report/test_comparison_report.py',
+    'compare/test_motion_kind.py',
+    'theory/test_documents.py',
     'orbits/test_branches.py',
+    'cli/test_verdicts.py',
+    'node/test_interfaces.py',
     'orbits/test_enumeration.py',
-    'sweep/test_sweep_dask.py',
+    'oracle/test_settled_motions.py',
+    'cli/test_compare_run.py',
+    'node/test_recorded_runs.py',
+    'theory/test_theory_process.py',
+    'orbits/test_solved_orbits.py',
+    'oracle/test_oracle.py',
     'cli/test_sweep_rig.py',
-    'replay/test_replay.py',
-    'node/test_shutdown.py',
+    'page/test_live_page.py',
 )
 
 # Kept open while the tests run; if they are killed, the kernel gives the name back.

@@ -20,7 +20,7 @@ from output import blank_figure, finish_panel, options, print_style, save
 @cache
 def series_of_figure(quick: bool = False) -> dict[str, Series]:
     """Return the series at and above the resonance, along the air force over that of friction."""
-    marks = np.linspace(0.0, 6.0, 7 if quick else 25)
+    marks = np.linspace(0.0, 6.0, 5 if quick else 25)
     return computed(
         {
             f'r = {ratio}': partial(

@@ -25,7 +25,7 @@ from mcap.writer import LIBRARY_IDENTIFIER, Writer
 from impact_damper_ros import __version__
 
 from .errors import RecordingError
-from .metadata import FILE_NAME, PART, BagMetadata, FileInformation, sync_directory
+from .metadata import FILE_NAME, BagMetadata, FileInformation, sync_directory
 from .topics import Channel
 
 PROFILE = 'ros2'
@@ -246,8 +246,7 @@ class BagFile:
 
     def _note_metadata(self, writer: Writer, file: FileInformation, counts: Sequence[int]) -> None:
         """Write the metadata of a file into it, as if it were a bag of its own."""
-        part = {PART: str(len(self._files))} if self._files else {}
-        metadata = BagMetadata((file,), self.channels, tuple(counts), {**self.custom, **part})
+        metadata = BagMetadata((file,), self.channels, tuple(counts), self.custom)
         writer.add_metadata('rosbag2', {'serialized_metadata': metadata.serialized()})
 
     def add(self, channel: int, content: bytes, stamp_ns: int) -> None:

@@ -106,10 +106,7 @@ class Unpacked:
                 closing(sqlite3.connect(address, _DB_TIMEOUT_S, uri=True)) as connection,
                 copy.open('wb') as output,
             ):
-                # The database may neither change nor compute anything, nor hold larger values.
                 connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST)
-                connection.execute('PRAGMA trusted_schema = OFF')
-                connection.execute('PRAGMA query_only = ON')
                 writer = Writer(output, compression=CompressionType.NONE)
                 writer.start('ros2', 'rosbag2 sqlite3')
                 channels = dict(_database_channels(connection, writer))
@@ -135,13 +132,6 @@ def _database_channels(
     connection: sqlite3.Connection, writer: Writer
 ) -> Iterator[tuple[Any, int]]:
     """Register the topics; yield the number of each in the database and in the MCAP file."""
-    master = "SELECT name, sql FROM sqlite_master WHERE type = 'table'"
-    tables = {name: str(sql) for name, sql in connection.execute(master)}
-    for name in ('topics', 'messages'):
-        # Neither a view nor a virtual or computed table
-        words = tables.get(name, '').upper()
-        if not words.startswith('CREATE TABLE') or 'GENERATED' in words or ' AS ' in words:
-            raise sqlite3.DatabaseError(f'it has no table {name} as rosbag2 writes it')
     schemas: dict[str, int] = {}
     rows = connection.execute('SELECT * FROM topics')
     names = [column[0] for column in rows.description]

@@ -19,8 +19,6 @@ from .mcap_file import open_file
 from .topics import LONGEST_YAML, Channel, dump_yaml, load_yaml
 
 FILE_NAME = 'metadata.yaml'
-#: Note in a file of this package that is not the first of its bag: its number there.
-PART = 'part'
 VERSION = 9
 
 #: Starting time of a bag without messages, as rosbag2 has it: the largest int64.

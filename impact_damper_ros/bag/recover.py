@@ -107,7 +107,7 @@ def recover_run(source: Path | str, output: Path | str | None = None) -> Recover
 def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recovery:
     channels = _channels(reader)
     places = {channel.topic: place for place, channel in enumerate(channels)}
-    bag = BagFile(draft, channels, reader.custom | reader.missing_before, name=output.name)
+    bag = BagFile(draft, channels, reader.custom, name=output.name)
     unusable, waiting = reader.unusable, 0
     try:
         for file in reader.files:

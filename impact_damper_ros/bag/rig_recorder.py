@@ -105,7 +105,7 @@ class RigRecorder(Observer):
         self._names = names = {
             key: topic.name if topic.name.startswith('/') else f'{space}/{topic.name}'
             for key, topic in RIG_TOPICS.items()
-            if key != 'diagnostics'
+            if key not in ('diagnostics', 'measurements')
         }
         self._writer = RunWriter(
             directory,

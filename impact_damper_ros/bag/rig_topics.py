@@ -27,6 +27,7 @@ RIG_TOPICS: dict[str, Topic] = {
     'joint_states': Topic('joint_states', JOINT_STATE, QosProfile(depth=100)),
     'impacts': Topic('impacts', JOINT_STATE, QosProfile(depth=1000)),
     'gap_control': Topic('gap_control', JOINT_STATE, QosProfile(depth=1000)),
+    'measurements': Topic('measurements', JOINT_STATE, QosProfile(depth=100)),
     'snapshot': Topic('snapshot', STRING, LATCHED),
     'parameter_events': Topic('/parameter_events', PARAMETER_EVENT, QosProfile(depth=1000)),
     'diagnostics': Topic('/diagnostics', DIAGNOSTIC_ARRAY, QosProfile(depth=10)),
@@ -41,7 +42,7 @@ def recorded_topics(names: Mapping[str, str]) -> list[Topic]:
 
 def recording_notes(node: str, names: Mapping[str, str]) -> dict[str, str]:
     """Return the notes that name the topics, which may be remapped, for a reader."""
-    own = [key for key, topic in RIG_TOPICS.items() if not topic.name.startswith('/')]
+    own = [key for key, topic in RIG_TOPICS.items() if key in names and topic.name[0] != '/']
     return {'node': node, **{key: names[key] for key in own}}
 
 
@@ -90,6 +91,7 @@ class RigMessages:
     def __init__(self) -> None:
         self._states = JointStateLayout.of('', JOINTS, 5, 5, 0)
         self._paused = JointStateLayout.of('', (*JOINTS, PAUSED_ACT), 6, 6, 0)
+        self._measurement = JointStateLayout.of('', AXIS_JOINTS, 4, 4, 0)
         self._impacts = {
             stop: JointStateLayout.of(f'stop_{stop}', IMPACT_JOINTS, 2, 2, 2) for stop in (1, 2)
         }
@@ -108,6 +110,12 @@ class RigMessages:
         """Return the joint states that a paused rig repeats."""
         positions, velocities = state_numbers(sample, deflection, angle)
         return self._paused.filled(stamp_ns, (*positions, 0.0), (*velocities, 0.0))
+
+    def measurement(
+        self, stamp_ns: int, positions: Sequence[float], velocities: Sequence[float]
+    ) -> bytes:
+        """Return what the sensors see of `AXIS_JOINTS`: X, and the others in M."""
+        return self._measurement.filled(stamp_ns, positions, velocities)
 
     def impact(self, stamp_ns: int, event: Event, deflection: float) -> bytes:
         """Return the message of an impact; see `impact_numbers`."""

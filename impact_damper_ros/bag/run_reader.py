@@ -19,7 +19,6 @@ from .foreign import Unpacked
 from .mcap_file import ZSTD, McapFile, open_file, plain_content
 from .messages import DECODABLE, CdrError, Message, decode
 from .metadata import (
-    PART,
     listed_files,
     listing_faults,
     listing_remarks,
@@ -162,21 +161,21 @@ class RunReader:
                 earlier = self.topics.get(channel.topic)
                 count = file.counts.get(number, 0) + (earlier.message_count if earlier else 0)
                 self.topics[channel.topic] = RecordedTopic(channel.topic, interface, count)
-        #: The number of each file in the bag of which this package has written it; 0 of others.
-        self._parts: list[int] = []
+        #: Of each file, its name when it was written
+        self._names: dict[Path, str] = {}
         self.custom = self._custom()
 
     def _custom(self) -> dict[str, str]:
-        """Return the notes of all files; of each, note which part of the bag it is."""
+        """Return the notes of all files."""
         notes = notes_of(self._listing)
         for file in self.files:
             held = [record.metadata for record in file.metadata if record.name == 'rosbag2']
             # The first one is there even in a recording that was cut short.
             for metadata in (held[:1] + held[-1:])[-2:]:
-                with suppress(yaml.YAMLError, KeyError):
-                    notes |= notes_of(load_yaml(metadata['serialized_metadata']))
-            part = notes.pop(PART, '') if file.own else ''
-            self._parts.append(int(part) if part.isdecimal() and len(part) < 20 else 0)
+                with suppress(yaml.YAMLError, IndexError, KeyError, TypeError):
+                    listing = load_yaml(metadata['serialized_metadata'])
+                    notes |= notes_of(listing)
+                    self._names[file.source] = str(listing['relative_file_paths'][0])
         return notes
 
     @property
@@ -190,19 +189,15 @@ class RunReader:
         return f'metadata.yaml lists {shown(names[0])}{others}, not there' if names else ''
 
     def _missing_parts(self) -> Iterator[str]:
-        """Yield where files are missing, by the numbers in files of this package."""
+        """Yield where files of the node's own bag are missing, by the numbers in their names."""
         # A later file of a bag may be read alone.
-        expected = 0 if self.path.is_dir() else self._parts[0]
-        for file, part in zip(self.files, self._parts, strict=True):
-            if part > expected:
-                lost = counted(part - expected, 'file')
+        before = -1
+        for file in self.files if self.own and self.path.is_dir() else ():
+            number, _ = _file_number(Path(self._names.get(file.source, '')))
+            if number > before + 1:
+                lost = counted(number - before - 1, 'file')
                 yield f'{lost} of it missing before {file.source.name}'
-            expected = part + 1
-
-    @property
-    def missing_before(self) -> dict[str, str]:
-        """A note for a copy of the bag that files are missing before its first one."""
-        return {PART: str(self._parts[0])} if self.path.is_dir() and self._parts[0] else {}
+            before = number
 
     @property
     def own(self) -> bool:

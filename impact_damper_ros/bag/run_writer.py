@@ -11,8 +11,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from impact_damper_ros.rig.parameter_spec import number_between
-
 from .bag_file import BagFile, BagSummary
 from .errors import RecordingError
 from .topics import Topic
@@ -73,8 +71,6 @@ SMALLEST_FILE = 100_000
 SHORTEST_FILE = 1.0
 LARGEST_FILE, LONGEST_FILE = 10**15, 1e9
 _SHORTEST_NS = round(SHORTEST_FILE * 1e9)
-#: Periods of threads, s.
-_PERIODS = 1e-4, 1e6
 #: Times per flush period that the writer thread looks at an empty queue.
 _POLLS = 10
 #: Messages that are not left waiting for the next flush.
@@ -128,8 +124,8 @@ class RunWriter:
         never raised, see `error`.
     ValueError
         If a limit is less than `SMALLEST_FILE` or `SHORTEST_FILE` and not 0, or more than
-        `LARGEST_FILE` or `LONGEST_FILE`; if a period is not from 1e-4 to 1e6 s; if two topics have
-        the same name, or no definition of a topic's type is shipped.
+        `LARGEST_FILE` or `LONGEST_FILE`; if two topics have the same name, or no definition of a
+        topic's type is shipped.
     """
 
     def __init__(
@@ -155,8 +151,6 @@ class RunWriter:
                 )
         if len({topic.name for topic in topics}) < len(topics):
             raise ValueError('two topics have the same name; each may be given once')
-        flush_period = number_between('flush_period', flush_period, *_PERIODS)
-        sync_period = number_between('sync_period', sync_period, *_PERIODS)
         channels = [topic.channel() for topic in topics]
         self._file = BagFile(Path(directory), channels, custom or {})
         self._channels = {topic.name: index for index, topic in enumerate(topics)}

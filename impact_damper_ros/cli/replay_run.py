@@ -51,6 +51,7 @@ the what-if has more than --most-events events (--states and --impacts then end 
 bag or an argument is invalid; 3 if all that can be compared is reproduced, but the bag is cut,
 damaged, lacks messages, or holds some twice or out of order; 130 on Ctrl-C, 143 on SIGTERM.
 Example: replay_run runs/run_20250131_120000 --set gap=0.03 --figure what_if.png
+As CSV:  replay_run runs/run_20250131_120000 --states samples.csv --impacts impacts.csv
 """
 
 
@@ -69,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     add_recorded_law_option(parser)
     add_json_option(parser)
     add_path_option(parser, '--figure', 'draw the recorded run and the what-if')
-    states = 'write the replayed states (with --set, those of the what-if) as CSV (- : stdout)'
+    states = 'write the samples (of the what-if with --set) as CSV, in SI units (- : stdout)'
     add_path_option(parser, '--states', states)
     add_path_option(parser, '--impacts', 'write the impacts of the same run as CSV (- : stdout)')
     add_most_events_option(parser, ' of the what-if')

@@ -241,15 +241,6 @@ def _check_outputs(arguments: argparse.Namespace, grid: Grid) -> None:
         raise CommandError(str(error)) from error
     outputs = [arguments.output, *figures, *([arguments.json] if arguments.json else [])]
     for path in outputs:
-        if str(path) == '-' and path is not arguments.output:
-            continue
-        if path.is_dir():
-            raise ValueError(f'{path} is a directory: give the name of a file')
-        if not path.absolute().parent.is_dir():
-            raise ValueError(
-                f'{path.absolute().parent} is not a directory: make it, or give another place for '
-                f'{path.name}'
-            )
         check_file(path)
     if len({path.absolute() for path in outputs}) < len(outputs):
         raise ValueError('two outputs have the same name: give each its own')

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 from impact_damper_ros.orbits.recurrence import MotionKind
 
-from .force_clock import ForceClock
 from .result import (
     Beginning,
     Decay,
@@ -29,7 +28,6 @@ from .result import (
 
 if TYPE_CHECKING:
     from .comparison import compare_bag
-    from .predicted import predicted_curve
     from .stretches import LoggedRig
 
 __all__ = [
@@ -37,7 +35,6 @@ __all__ = [
     'Decay',
     'EnergyBalance',
     'Finding',
-    'ForceClock',
     'ImpactStates',
     'LogCheck',
     'LogVerdict',
@@ -49,7 +46,6 @@ __all__ = [
     'StretchComparison',
     'Verdict',
     'compare_bag',
-    'predicted_curve',
 ]
 
 #: Imported on first use.
@@ -57,7 +53,6 @@ __getattr__ = lazy_names(
     __name__,
     {
         'comparison': ('compare_bag',),
-        'predicted': ('predicted_curve',),
         'stretches': ('LoggedRig',),
     },
 )

@@ -175,7 +175,7 @@ def compare_bag(
             found = Stretches(pieces)
             for stretch in found:
                 reached(stretch.end)
-                if stretch.clock is not None:
+                if stretch.drive is not None:
                     remarks.append(
                         f'the phase of the force in stretch {stretch.number} is not in the bag; '
                         'it was found from the motion'

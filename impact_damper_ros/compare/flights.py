@@ -24,16 +24,18 @@ from impact_damper_ros.replay.rows import Events, Samples
 from impact_damper_ros.rig import EVENT_TYPE, EventKind, RigParameters
 from impact_damper_ros.rig.state import STICK
 
+from .drive import Drive
 from .result import Array
 
 Mask = NDArray[np.bool_]
 
 #: Kinds of rows beside those of events: the state at some instant, and a recorded sample.
 STATE, SAMPLE = 0, -1
-# Gauss points on [0, 1], and the longest piece, as an angle of the fastest oscillation
-_NODES, _GAUSS = np.polynomial.legendre.leggauss(8)
+# Gauss points on [0, 1], and the longest piece, as an angle of the fastest oscillation: the error
+# of the integral of a square is round-off
+_NODES, _GAUSS = np.polynomial.legendre.leggauss(12)
 _PLACES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _GAUSS
-_PIECE = math.pi / 2.0
+_PIECE = math.pi
 #: A turning point is sought from points of this share of the largest |X|, in so many steps.
 _NEARLY, _STEPS = 0.98, 5
 
@@ -78,14 +80,6 @@ def _together(rows: Events) -> Mask:
     latest = _last_known(decided, kind.astype(np.int64))
     chatter: Mask = found | (coming & (latest == EventKind.IMPACT))
     return chatter
-
-
-class Drive(NamedTuple):
-    """The force at an instant."""
-
-    time: float  # rig time, s
-    angles: tuple[float, ...]  # turned by the harmonics, without their phases, rad
-    frequencies: tuple[float, ...]  # of the harmonics, rad/s
 
 
 class Integrals(NamedTuple):
@@ -359,9 +353,10 @@ class Flights:
         """Return the largest |X| at turning points, sought from points of the flights."""
         size = np.abs(x)
         largest = max(largest, float(size.max(initial=0.0)))
-        # The best point of each piece
-        best = size.reshape(-1, len(_PLACES)).argmax(axis=1)
-        best += np.arange(len(best)) * len(_PLACES)
+        # The best point of each half of a piece, in which there is one turning point at most
+        half = len(_PLACES) // 2
+        best = size.reshape(-1, half).argmax(axis=1)
+        best += np.arange(len(best)) * half
         best = best[size[best] >= _NEARLY * largest]
         index, tau = index[best], tau[best]
         for _ in range(_STEPS):

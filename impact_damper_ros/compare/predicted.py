@@ -27,13 +27,11 @@ from impact_damper_ros.orbits.recurrence import Period, Section
 from impact_damper_ros.replay.rows import Events
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.event import events_of_table
-from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.theory import counted_from_zero, orbit_curve
 
-from .force_clock import ForceClock
-from .kind import NEGLIGIBLE_IMPULSE, SETTLED, section_of
+from .drive import Drive
+from .motion_kind import NEGLIGIBLE_IMPULSE, SETTLED, section_of
 from .result import (
     Array,
     Convergence,
@@ -108,12 +106,12 @@ def _nearest_turn(
 
 
 def _solutions(
-    rig: RigParameters, clock: ForceClock, period: Events, cycles: int
+    rig: RigParameters, drive: Drive, period: Events, cycles: int
 ) -> Iterator[tuple[PeriodicOrbit | None, str]]:
     """Yield motions near a measured period, and what found them."""
     strongest = np.argsort(-period['impulse'], kind='stable')[:_STARTS]
     for impact in events_of_table(period[strongest]):
-        phase = (impact.time - clock.zero) / clock.cycle
+        phase = (impact.time - drive.zero) / drive.cycle
         yield orbit_near(rig, impact, phase, cycles), 'boundary-value problem of its events'
     stops = tuple(period['stop'].tolist())
     if len(stops) <= _MOST_SEARCHED_IMPACTS:
@@ -124,15 +122,18 @@ def _solutions(
 
 
 def _match_orbit(
-    clock: ForceClock, period: Events, measured: Array, cycles: int, table: Section
+    rig: RigParameters,
+    drive: Drive,
+    period: Events,
+    measured: Array,
+    cycles: int,
+    table: Section,
 ) -> MatchedOrbit:
-    """Solve the periodic problem of the logged rig from a measured period."""
+    """Solve the periodic problem of a rig, counted from the zero of its force, from a period."""
     best: tuple[float, PeriodicOrbit] | None = None
     how, stops = '', tuple(period['stop'].tolist())
     try:
-        for orbit, solver in _solutions(
-            counted_from_zero(clock.parameters, clock.angles), clock, period, cycles
-        ):
+        for orbit, solver in _solutions(rig, drive, period, cycles):
             turn = orbit and _nearest_turn(orbit, measured, stops, table)
             if turn and (
                 best is None or (not turn[1].viable, turn[0]) < (not best[1].viable, best[0])
@@ -151,9 +152,9 @@ def _match_orbit(
 # The recorded periods
 
 
-def _impact_states(clock: ForceClock, impacts: Events, cycles: int) -> ImpactStates:
+def _impact_states(drive: Drive, impacts: Events, cycles: int) -> ImpactStates:
     """Return the impacts of one period."""
-    phases = clock.phase(impacts['time'])
+    phases = drive.phase(impacts['time'])
     named = {name: tuple(impacts[name].tolist()) for name in ('x', *AT_IMPACTS[1:], 'impulse')}
     inside = tuple(((phases - math.floor(phases[0])) % cycles).tolist())
     return ImpactStates(stops=tuple(impacts['stop'].tolist()), phases=inside, **named)
@@ -319,21 +320,21 @@ def last_period(stops: Array, count: int) -> int:
 
 
 def periodic_motion(
-    clock: ForceClock, impacts: Events, recurrence: Period, *, predict: bool
+    drive: Drive, impacts: Events, recurrence: Period, rig: RigParameters | None = None
 ) -> PeriodicMotion:
-    """Measure a motion that repeats, and find the predicted one nearest to it if asked to."""
+    """Measure a motion that repeats, and find the predicted one nearest to it, given the rig."""
     n = recurrence.rows
-    table = section_of(impacts, clock.zero, clock.cycle)
+    table = section_of(impacts, drive.zero, drive.cycle)
     end = last_period(table.stop, n) + n
     rows = _period_states(table, recurrence, end)
-    period = _impact_states(clock, impacts[end - n : end], recurrence.cycles)
+    period = _impact_states(drive, impacts[end - n : end], recurrence.cycles)
     measured = rows[-1].copy()
     whole = np.floor(measured[0])
     measured[:n] -= whole
     match = MatchedOrbit(None, np.inf, '')
-    if predict:
-        rows_of_period = impacts[end - n : end]
-        match = _match_orbit(clock, rows_of_period, measured, recurrence.cycles, table)
+    if rig is not None:
+        rig, last = counted_from_zero(rig, drive.angles), impacts[end - n : end]
+        match = _match_orbit(rig, drive, last, measured, recurrence.cycles, table)
     reference = rows[-1]
     if match.orbit is not None:
         reference = _state_row(match.orbit, table)
@@ -369,38 +370,19 @@ def periodic_motion(
 
 
 def predicted_curve(
-    clock: ForceClock, orbit: PeriodicOrbit, period: ImpactStates | None, time: float
+    drive: Drive, orbit: PeriodicOrbit, period: ImpactStates | None, time: float
 ) -> PredictedCurve | None:
     """
     Return one period of a predicted motion; None if the rig cannot move so.
 
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig.
-    orbit : PeriodicOrbit
-        The motion.
-    period : ImpactStates or None
-        The measured period beside which it is placed, if there is one.
-    time : float
-        Instant of the first impact of that period, or any other, rig time, s.
+    It is placed beside the measured period, if there is one, whose first impact is at `time`.
     """
-    time = number_between('time', time, -LATEST, LATEST)
     rows = orbit_curve(orbit)
     if rows is None:
         return None
     # The zero of the force before the measured period, from which both count their phases
-    first = period.phases[0] if period is not None else float(clock.phase(np.array(time)) % 1.0)
+    first = period.phases[0] if period is not None else float(drive.phase(np.array(time)) % 1.0)
     late = round(float(rows[0, 0]) - first) if period is not None else 0
-    zero = time - (first + late) * clock.cycle
-    phase, x, velocity, y, relative_velocity = rows.T
-    return PredictedCurve(
-        phase=phase,
-        x=x,
-        velocity=velocity,
-        y=y,
-        relative_velocity=relative_velocity,
-        force_zero=zero,
-        cycle=clock.cycle,
-        cycles=orbit.cycles,
-    )
+    zero = time - (first + late) * drive.cycle
+    phase, x, velocity, y, relative = rows.T
+    return PredictedCurve(phase, x, velocity, y, relative, zero, drive.cycle, orbit.cycles)

@@ -37,8 +37,8 @@ from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
 from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.rig.state import STICK
 
-from .flights import SAMPLE, STATE, Drive, Flights, Integrals, rows_of_samples
-from .force_clock import ForceClock, fitted_clock
+from .drive import Drive, fitted_drive
+from .flights import SAMPLE, STATE, Flights, Integrals, rows_of_samples
 from .result import Array, Beginning, LoggedStretch, Overall, SwingEnvelope
 
 # The rig
@@ -152,7 +152,6 @@ class Envelope:
 class RecordedStretch(LoggedStretch):
     """A stretch of a run, with its motion."""
 
-    clock: ForceClock | None  # the force; None if its phase is not known, or it is swept
     flights: Flights  # the last ones
     samples: Samples  # the last ones
     counts: tuple[int, int, int]  # samples, missing samples, impacts
@@ -166,6 +165,11 @@ class RecordedStretch(LoggedStretch):
     def duration(self) -> float:
         """Length, s."""
         return self.end - self.start
+
+    @property
+    def drive(self) -> Drive | None:
+        """The force; None if its phase is not known, or it is swept."""
+        return self.flights.drive if self.parameters.sweep_mode == 'off' else None
 
     @property
     def controlled(self) -> bool:
@@ -201,7 +205,6 @@ class StretchBuilder:
         self._envelope = Envelope()
         self._totals = Integrals(*[0.0] * len(Integrals._fields))
         self._largest, self._longest = math.nan, 0.0
-        self._clock: ForceClock | None = None
         self._drive: Drive | None = None
         self._step = 0
         self._row = NO_EVENTS
@@ -210,8 +213,6 @@ class StretchBuilder:
             self._step = snapshot.sweep.step
             self._row = _state_row(rig.state)
             self._drive = _drive_of(snapshot, float(self._row['time'][0]))
-            if rig.parameters.sweep_mode == 'off':
-                self._clock = ForceClock(rig.parameters, self._drive.time, self._drive.angles)
 
     def take(self, samples: Samples, events: Events) -> None:
         """Take the next part."""
@@ -229,10 +230,8 @@ class StretchBuilder:
             late = samples[-1:][samples['time'][-1:] > since]
             self._follow(np.concatenate([events, rows_of_samples(late, STATE)]))
         else:
-            if not self._parts and (clock := fitted_clock(self._rig.parameters, samples)):
-                self._clock = clock
-                rates = self._rig.parameters.harmonics[1]
-                self._drive = Drive(clock.time, clock.angles, rates)
+            if not self._parts:
+                self._drive = fitted_drive(self._rig.parameters, samples)
             rows = np.concatenate([hits, rows_of_samples(samples)])
             # A sample shows the motion after an impact at the same instant.
             self._follow(rows[np.lexsort((rows['kind'] == SAMPLE, rows['time']))])
@@ -299,7 +298,6 @@ class StretchBuilder:
             cause=self._cause,
             parameters=self._rig.parameters,
             control=dict(self._rig.control),
-            clock=self._clock,
             flights=Flights.joined(parts),
             samples=np.concatenate([NO_SAMPLES, *self._samples]),
             counts=(self._count, self._missing, sum(self._hits)),

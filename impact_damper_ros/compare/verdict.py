@@ -16,9 +16,9 @@ from impact_damper_ros.replay.rows import Samples
 from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.theory import counted_from_zero
 
-from .force_clock import ForceClock
-from .kind import SETTLED, StretchKind, kind_by_impacts, kind_of, run_on, settled_after
+from .drive import Drive
 from .measures import energy_balance, measured_motion, motion_curve, spectrum
+from .motion_kind import SETTLED, StretchKind, kind_by_impacts, kind_of, run_on, settled_after
 from .predicted import PeriodicMotion, impulses_of, periodic_motion, predicted_curve
 from .result import (
     EnergyBalance,
@@ -90,10 +90,10 @@ def _judged_period(kind: StretchKind, motion: PeriodicMotion) -> _Judgement:
 
 
 def _judged_irregular(
-    clock: ForceClock, kind: StretchKind
+    stretch: RecordedStretch, drive: Drive, kind: StretchKind
 ) -> tuple[_Judgement, PeriodicOrbit | None]:
     """Judge a motion that does not repeat, beside the simplest periodic motion of the rig."""
-    rig = counted_from_zero(clock.parameters, clock.angles)
+    rig = counted_from_zero(stretch.parameters, drive.angles)
     stops = (1,) if rig.one_sided else (1, 2)
     orbits: tuple[PeriodicOrbit, ...] = ()
     try:
@@ -211,7 +211,7 @@ def _why_no_theory(stretch: RecordedStretch) -> str:
         return 'the frequency of the force is swept'
     if rig.force_amplitudes[0] == 0.0 or rig.force_frequencies[0] == 0.0:
         return 'the first harmonic of the force is zero: there are no cycles to count'
-    if stretch.clock is None:
+    if stretch.drive is None:
         return 'the phase of the force is not in the bag (no snapshot)'
     for cycles in range(1, LONGEST_PERIOD + 1):
         try:
@@ -285,34 +285,32 @@ class _Comparison:
         return self._result(kind, judgement)
 
     def _with_impacts(self) -> StretchComparison:
-        stretch, clock = self.stretch, self.stretch.clock
-        if clock is None or self.reason:
+        stretch, drive = self.stretch, self.stretch.drive
+        if drive is None or self.reason:
             kind = kind_by_impacts(stretch, self.cycle)
-            driven = clock is None and stretch.parameters.sweep_mode == 'off'
+            driven = drive is None and stretch.parameters.sweep_mode == 'off'
             if self.reason and not driven and kind.recurrence is None:
                 kind = StretchKind(MotionKind.NOT_PERIODICALLY_DRIVEN, self.reason)
             self.solver = self.reason
-            if kind.recurrence is not None and clock is not None:
-                self.motion = periodic_motion(clock, kind.impacts, kind.recurrence, predict=False)
+            if kind.recurrence is not None and drive is not None:
+                self.motion = periodic_motion(drive, kind.impacts, kind.recurrence)
             return self._result(kind, _Judgement(Verdict.NO_PREDICTION, self.reason))
         kind = kind_of(stretch, self.cycle)
         if kind.recurrence is not None:
-            return self._repeating(clock, kind, kind.recurrence)
+            return self._repeating(drive, kind, kind.recurrence)
         later = kind.later
         if later is not None and (orbit := later.orbit) is not None:
             self.orbit, self.solver = orbit, 'boundary-value problem of its events'
             text = f'run on, it comes to {_motion_name(orbit)} ({_stability(orbit)}) after '
             text += counted(settled_after(later), 'cycle')
             return self._result(kind, _Judgement(Verdict.NOT_SETTLED, text))
-        judgement, self.orbit = _judged_irregular(clock, kind)
+        judgement, self.orbit = _judged_irregular(stretch, drive, kind)
         self.solver = 'impact equations, one cycle of the force'
         return self._result(kind, judgement)
 
-    def _repeating(
-        self, clock: ForceClock, kind: StretchKind, recurrence: Period
-    ) -> StretchComparison:
+    def _repeating(self, drive: Drive, kind: StretchKind, recurrence: Period) -> StretchComparison:
         """Compare a motion whose recorded impacts repeat, or will."""
-        motion = periodic_motion(clock, kind.impacts, recurrence, predict=True)
+        motion = periodic_motion(drive, kind.impacts, recurrence, self.stretch.parameters)
         self.motion, self.orbit, self.solver = motion, motion.match.orbit, motion.match.solver
         if motion.match.orbit is None and kind.kind is MotionKind.TRANSIENT:
             later = run_on(self.stretch, self.cycle)
@@ -379,12 +377,12 @@ class _Comparison:
         return energy_balance(stretch, start, stretch.end, cycles) if cycles else None
 
     def _curves(self, motion: PeriodicMotion | None, steady: float) -> StretchCurves:
-        stretch, clock, orbit = self.stretch, self.stretch.clock, self.orbit
+        stretch, drive, orbit = self.stretch, self.stretch.drive, self.orbit
         predicted = None
-        if clock is not None and orbit is not None:
+        if drive is not None and orbit is not None:
             time = motion.time if motion is not None else stretch.end
             period = motion.period if motion is not None else None
-            predicted = predicted_curve(clock, orbit, period, time)
+            predicted = predicted_curve(drive, orbit, period, time)
         rig = stretch.parameters
         forced = rig.force_amplitudes[0] != 0.0
         cycles = max(1, motion.recurrence.cycles if motion is not None else 1)
@@ -395,7 +393,7 @@ class _Comparison:
             envelope=stretch.envelope if len(stretch.envelope.time) else None,
             motion=motion_curve(stretch, max(stretch.start, shown), self.cycle),
             impacts=impacts if len(impacts) else None,
-            phases=clock.phase(impacts['time']) % 1.0 if clock is not None and forced else None,
+            phases=drive.phase(impacts['time']) % 1.0 if drive is not None and forced else None,
             predicted=predicted,
             convergence=motion.as_curve() if motion is not None else None,
             spectrum=spectrum(settled, rig.force_frequencies[0] / math.tau if forced else 0.0),

@@ -167,9 +167,11 @@ def start_command(control: Control, place_1: float, place_2: float) -> tuple[flo
     actuators: Actuators = control.actuators
     p = control.settings
     row = control.commands[actuators.first]
-    stop_1 = row.stop_1
-    stop_2 = nan if p.one_sided else row.stop_2
-    speed = min(row.speed, p.speed) if row.speed == row.speed else p.speed
+    stop_1 = nan if p.blocked_1 else row.stop_1
+    stop_2 = nan if p.one_sided or p.blocked_2 else row.stop_2
+    speed = p.speed * p.pace
+    if row.speed == row.speed:
+        speed = min(row.speed, speed)
     share = speed / p.speed if p.speed < inf else 1.0
     energy = p.start_energy * share * share
     actuators.first = (actuators.first + 1) % len(control.commands)

@@ -22,14 +22,19 @@ from .law import Search, clear_search, damper_of, search_anew, search_missed, se
 from .own_law import MEMORY, OwnLaw, Refusal, compiled_law, own_law_acts
 from .predictive_law import predictive_law_crosses
 from .sensors import (
+    DROPOUT,
+    FROZEN,
+    SENSOR_FAULTS,
     Measurement,
     Observer,
     clear_observer,
+    fault_shift,
     forget_hits,
     is_too_soon,
     mixed_seed,
     note_crossing,
     observe_sample,
+    rounded,
     sensor_noise,
 )
 from .state import Kinds, as_stored, read_stored
@@ -53,14 +58,20 @@ class ControlSettings(NamedTuple):
         Whether each stop has a place of its own.
     gain, park, lead, timing_gain, horizon, smoothing, threshold, gap_min, gap_max : float
         Parameters of the laws.
-    rate, noise_position, noise_velocity : float
+    rate, noise_position, noise_velocity, resolution_position, resolution_velocity : float
         Of the sensors.
+    sensor_fault, fault_size : int, float
+        Their fault, of `SENSOR_FAULTS`, and by how much it changes a position, m.
     seed : int
         Of their noise, mixed.
     delay, speed : float
         Of the actuators; the speed is infinite for stops that move at once.
     start_energy : float
         What an actuator spends on a start of its stop, J.
+    pace : float
+        Share of the speed that an actuator has; below 1 with a fault.
+    blocked_1, blocked_2 : bool
+        Whether a fault keeps the actuator of a stop from starting a movement.
     half_gap : float
         Half of the gap to which the stops return, m.
     one_sided : bool
@@ -83,10 +94,17 @@ class ControlSettings(NamedTuple):
     rate: float
     noise_position: float
     noise_velocity: float
+    resolution_position: float
+    resolution_velocity: float
+    sensor_fault: int
+    fault_size: float
     seed: int
     delay: float
     speed: float
     start_energy: float
+    pace: float
+    blocked_1: bool
+    blocked_2: bool
     half_gap: float
     one_sided: bool
     mass_ratio: float
@@ -102,7 +120,15 @@ class ControlSettings(NamedTuple):
         law = _OWN if own and p.active else LAW_NUMBERS[p.gap_control]
         speed, seed = p.actuator_speed or inf, mixed_seed(p.gap_control_seed)
         return cls(
-            law=law, independent=p.independent, speed=speed, seed=seed, **settings_fields(p, rig)
+            law=law,
+            independent=p.independent,
+            speed=speed,
+            seed=seed,
+            sensor_fault=SENSOR_FAULTS[p.sensor_fault],
+            pace=0.1 if p.actuator_fault == 'slow' else 1.0,
+            blocked_1=p.actuator_fault in ('stuck', 'stop_2_only'),
+            blocked_2=p.actuator_fault in ('stuck', 'stop_1_only'),
+            **settings_fields(p, rig),
         )
 
 
@@ -122,6 +148,9 @@ def settings_fields(p: Any, rig: Any) -> dict[str, Any]:
         'rate': p.gap_control_rate,
         'noise_position': p.gap_control_noise_position,
         'noise_velocity': p.gap_control_noise_velocity,
+        'resolution_position': p.gap_control_resolution_position,
+        'resolution_velocity': p.gap_control_resolution_velocity,
+        'fault_size': p.sensor_fault_size,
         'delay': p.actuator_delay,
         'start_energy': 0.5 * p.actuator_mass * p.actuator_speed**2,
         'half_gap': 0.5 * rig.gap,
@@ -381,11 +410,6 @@ PARTS: dict[str, type[Any]] = {
 LAW_STATES = {'amplitude': 'timing', 'timed': 'timed'}
 
 
-def initial_state() -> dict[str, Any]:
-    """Return the state of a control at its start, as a snapshot holds it."""
-    return Control.of(GapControlParameters(), RigParameters()).as_dict()
-
-
 _AMPLITUDE, _TIMED = LAW_NUMBERS['amplitude'], LAW_NUMBERS['timed']
 _PREDICTIVE, _EXTERNAL = LAW_NUMBERS['predictive'], LAW_NUMBERS['external']
 
@@ -394,6 +418,12 @@ _PREDICTIVE, _EXTERNAL = LAW_NUMBERS['predictive'], LAW_NUMBERS['external']
 def has_law(control: Control) -> bool:
     """Return whether a law acts on samples and passages of X."""
     return control.settings.law not in (0, _EXTERNAL)
+
+
+@kernel(inline=True)
+def is_blind(control: Control) -> bool:
+    """Return whether the sensors give nothing."""
+    return control.settings.sensor_fault == DROPOUT
 
 
 @kernel(inline=True)
@@ -459,7 +489,7 @@ def measured(
     stop_1: float,
     stop_2: float,
 ) -> Measurement:
-    """Return the sample of an index with the noise of the sensors; places of m and stops are Y."""
+    """Return the sample of an index with what sensors add; places of m and stops are Y."""
     position = control.settings.noise_position
     velocity = control.settings.noise_velocity
     if position > 0.0 or velocity > 0.0:
@@ -471,6 +501,17 @@ def measured(
         y += noise_y
         x_rate += noise_x_rate
         y_rate += noise_y_rate
+    if control.settings.sensor_fault != 0:
+        observer: Observer = control.observer
+        if control.settings.sensor_fault == FROZEN and observer.time == observer.time:
+            x, x_rate, y, y_rate = observer.x, observer.x_rate, observer.y, observer.y_rate
+        shift = fault_shift(control.settings.sensor_fault, control.settings.seed, index)
+        x += control.settings.fault_size * shift
+        y += control.settings.fault_size * shift
+    x = rounded(x, control.settings.resolution_position)
+    y = rounded(y, control.settings.resolution_position)
+    x_rate = rounded(x_rate, control.settings.resolution_velocity)
+    y_rate = rounded(y_rate, control.settings.resolution_velocity)
     return Measurement(time, x, x_rate, y, y_rate, stop_1, stop_2)
 
 
@@ -509,8 +550,8 @@ def end_sample(control: Control) -> None:
 
 @kernel
 def holds_off(control: Control, time: float) -> bool:
-    """Return whether a trigger comes too soon after the last one to count."""
-    return is_too_soon(control.observer, time)
+    """Return whether a trigger does not count: too soon after the last one, or not seen."""
+    return is_blind(control) or is_too_soon(control.observer, time)
 
 
 @kernel

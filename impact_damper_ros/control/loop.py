@@ -56,6 +56,7 @@ from .controller import (
     end_sample,
     has_law,
     holds_off,
+    is_blind,
     measured,
     next_sample,
     note_return,
@@ -208,7 +209,7 @@ def perform_sample(
     rig: RigConstants, lines: Lines, run: Run, waves: Waves, control: Control
 ) -> None:
     """Take the sample that is due, and act on it."""
-    if has_law(control):
+    if has_law(control) and not is_blind(control):
         index = control.controller.sample_index
         take_sample(control, measure(rig, lines, run, waves, control, index))
     if control.controller.returning:

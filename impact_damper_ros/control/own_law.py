@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
 from importlib import import_module
 from math import inf, nan
 from pathlib import Path
@@ -94,6 +95,15 @@ def _in_words(error: BaseException) -> str:
     return f'{type(error).__name__}: {named(error, 400)}'
 
 
+def _digest(law: Callable[..., Any]) -> str:
+    """Return a digest of the source of a law's module, or of its code if there is no source."""
+    try:
+        source = inspect.getsource(sys.modules[law.__module__]).encode()
+    except (AttributeError, KeyError, OSError, TypeError):
+        source = getattr(getattr(law, '__code__', None), 'co_code', b'')
+    return sha256(source).hexdigest()[:16]
+
+
 class OwnLaw:
     """
     A law of the user's own, with its name.
@@ -115,6 +125,8 @@ class OwnLaw:
         self.function = law
         self._plain: Law = getattr(law, 'py_func', law)
         plain = self._plain
+        #: Of what is loaded now
+        self.digest = _digest(plain)
         own = getattr(plain, '__qualname__', type(plain).__name__)
         self.name = name or f'{getattr(plain, "__module__", "?")}:{own}'
         try:

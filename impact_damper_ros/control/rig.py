@@ -67,11 +67,12 @@ from impact_damper_ros.rig.state import (
 from impact_damper_ros.rig.transition import begin_from, move_stops, place_stops_at_gap
 
 from .actuator import MOST_ORDERS, settle_stops
-from .controller import Control, ControlSettings, forget_all, next_sample, relearn_laws
+from .controller import Control, ControlSettings, forget_all, measured, next_sample, relearn_laws
 from .loop import run_compiled, run_through, write_act
 from .order import Order
 from .own_law import Law, LawError, OwnLaw
 from .record import Action, ActRow, ControlRecord
+from .sensors import Measurement
 
 #: Steps of a search between two calls of `interrupted`; few flights take more.
 _STEPS_AT_A_STRETCH = 4
@@ -884,6 +885,16 @@ class Rig:
         )
         return events_of(rows, self._run.written)
 
+    def measure(self, index: int) -> tuple[Measurement, tuple[float, float]]:
+        """
+        Return what the sensors see now, and the velocities of the stops in M, m/s.
+
+        The index of the sample chooses the noise.
+        """
+        view = self._view()
+        seen = measured(self._control, index, self.time, *view[:4], view.stop_1, view.stop_2)
+        return seen, (view.stop_rate_1, view.stop_rate_2)
+
     def order(self, order: Order) -> list[Event]:
         """
         Carry out what a controller outside the rig commands, from the present time on.
@@ -1006,7 +1017,11 @@ class Rig:
         }
         if self._law is not None:
             memory = [float(v) if abs(v) < inf else str(float(v)) for v in control.memory]
-            held['law'] = {'name': self._law.name, 'memory': memory}
+            held['law'] = {
+                'name': self._law.name,
+                'digest': self._law.digest,
+                'memory': memory,
+            }
         return {**self.state().as_dict(), 'gap_control': held}
 
     @classmethod

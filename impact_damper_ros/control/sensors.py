@@ -1,20 +1,21 @@
 """
-Sensors of the gap control: samples with noise, and the observer of amplitude, rhythm and impacts.
+Sensors of the gap control: samples with noise and faults, and the observer.
 
 Samples are taken at the rate of the control, and one more at each passage of X through zero, where
 the crossing detector triggers the same converters. The noise is a function of its seed and the
 index of the sample, so that a run can be cut, continued and replayed.
 
-The observer has no model of the structure. Of the damper it knows how m rebounds, to distinguish
-an impact from noise.
+The observer estimates amplitude, rhythm and impacts. It has no model of the structure. Of the
+damper it knows how m rebounds, to distinguish an impact from noise.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, cos, log, nan, pi, sin, sqrt
+from math import atan2, cos, floor, log, nan, pi, sin, sqrt
 from typing import ClassVar, NamedTuple
 
+from impact_damper_ros.rig import GAP_CONTROL_SPECS
 from impact_damper_ros.rig.compiled import kernel
 from impact_damper_ros.rig.forcing import mixed
 
@@ -116,6 +117,31 @@ def sensor_noise(
         noise_x_rate = velocity * first
         noise_y_rate = velocity * second
     return noise_x, noise_y, noise_x_rate, noise_y_rate
+
+
+#: Number of each fault of the sensors.
+SENSOR_FAULTS = {str(n): k for k, n in enumerate(GAP_CONTROL_SPECS['sensor_fault'].choices)}
+FROZEN, DROPOUT = SENSOR_FAULTS['frozen'], SENSOR_FAULTS['dropout']
+_BIAS, _SPIKE = SENSOR_FAULTS['bias'], SENSOR_FAULTS['spike']
+
+
+@kernel
+def fault_shift(fault: int, seed: int, index: int) -> float:
+    """Return by how many sizes of the fault the positions of a sample are off."""
+    if fault == _BIAS:
+        return 1.0
+    if fault != _SPIKE:
+        return 0.0
+    chance = uniform_of(mixed_bits(mixed_bits(seed ^ index) + 4))
+    if chance > 0.1:
+        return 0.0
+    return 1.0 if chance > 0.05 else -1.0
+
+
+@kernel(inline=True)
+def rounded(value: float, step: float) -> float:
+    """Return a value in whole steps, or as it is if there are none."""
+    return step * floor(value / step + 0.5) if step > 0.0 else value
 
 
 #: Least jump in Z' taken for an impact, over the jump that an impact makes.

@@ -27,8 +27,9 @@ class CommandError(ValueError):
 
 
 class Command(NamedTuple):
-    """A command: topic, stamp or 0 for none, and what is ordered."""
+    """A command: key and name of its topic, stamp or 0 for none, and what is ordered."""
 
+    key: str
     topic: str
     stamp_ns: int
     order: Order
@@ -43,8 +44,9 @@ CommandReader = Callable[[bytes], tuple[int, Order]]
 
 
 class CommandTopic(NamedTuple):
-    """Where commands come from."""
+    """Where commands come from: ``'stop_commands'`` or ``'force_command'``, and its name."""
 
+    key: str
     topic: str
     take: Take
     publishers: Callable[[], int]  # how many there are
@@ -56,9 +58,10 @@ def read_stop_command(content: bytes) -> tuple[int, Order]:
     message = decode(JOINT_STATE, content)
     assert isinstance(message, JointState)
     strange = [name for name in message.name if name not in ('stop_1', 'stop_2')]
-    if strange or not message.name:
-        held = shown(strange[0]) if strange else 'none'
-        raise CommandError(f'its joint is {held}: give stop_1, stop_2 or both')
+    if strange:
+        raise CommandError(
+            f'there is no joint {shown(strange[0])}: give stop_1, stop_2, both or none'
+        )
     count = len(message.name)
     if len(set(message.name)) < count:
         raise CommandError(f'it names {shown(message.name[0])} twice')
@@ -119,13 +122,19 @@ class CommandInbox:
     ----------
     topics : sequence of CommandTopic
         Where they come from.
+    wait : callable
+        Waits until a message comes, or for some seconds.
     clock : callable
         Monotonic clock in seconds, for tests.
     """
 
     def __init__(
-        self, topics: Sequence[CommandTopic] = (), clock: Callable[[], float] = time.monotonic
+        self,
+        topics: Sequence[CommandTopic] = (),
+        wait: Callable[[float], object] = time.sleep,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self.wait = wait
         self._topics = [(topic, _Flow(clock)) for topic in topics]
         self.refused = 0
         self.reason = ''
@@ -152,7 +161,7 @@ class CommandInbox:
             raise CommandError(f'more than {FLOOD:g} commands per second: publish them less often')
         if (count := topic.publishers()) > 1:
             raise CommandError(f'there are {count} publishers: stop all but one')
-        return Command(topic.topic, *topic.read(content))
+        return Command(topic.key, topic.topic, *topic.read(content))
 
     def refuse(self, topic: str, reason: object) -> None:
         """Note that a command was not carried out."""

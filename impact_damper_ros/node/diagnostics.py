@@ -207,6 +207,8 @@ class Diagnostics:
         level, message = OK, 'no commands' if now.age_ns is None else 'commands are carried out'
         if refused:
             level, message = WARN, f'{counted(refused, "command")} refused: {now.reason}'
+        elif now.missed > (self._last.controller.missed if self._last else 0):
+            level, message = WARN, 'no command has come in lock-step: the rig goes on without'
         elif now.parked:
             level, message = WARN, f'no command for {age} s: the stops are parked'
         return self._status(
@@ -220,6 +222,7 @@ class Diagnostics:
                 'Last refusal': now.reason,
                 'Stops parked': now.parked,
                 'Forces limited': now.limited,
+                'Measurements without a command in lock-step': now.missed,
             },
         )
 

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
 from impact_damper_ros.bag.snapshots import Snapshots
-from impact_damper_ros.control import ControlRecord, GapControlParameters, Rig
+from impact_damper_ros.control import ControlRecord, GapControlParameters, OwnLaw, Rig
 from impact_damper_ros.rig import (
     InitialConditions,
     NodeSettings,
@@ -90,6 +90,7 @@ class EngineSettings(NamedTuple):
     publish_clock: bool
     real_time_priority: int = 0  # of the thread, if it is permitted; 0: ordinary scheduling
     node: str = ''  # full name of the node, for its snapshots
+    controller: NodeSettings = NodeSettings()  # what a controller outside sees, and its limits
 
 
 class EngineCallbacks(NamedTuple):
@@ -125,6 +126,8 @@ PAUSED_NAP_S = 0.02
 PAUSED_PERIOD_NS = 100_000_000
 #: Longest stride in wall time: impacts are sent, and requests served, at least so often.
 STRIDE_NS = 20_000_000
+#: Wall time in lock-step after which a measurement is sent again, and between looks at requests.
+SEND_AGAIN_S, LOCK_STEP_NAP_S = 0.2, 0.02
 #: Messages by which a recording may be behind before a free-running rig waits for it.
 LOG_BACKLOG = 20_000
 
@@ -147,6 +150,8 @@ class Engine:
         The control of the gap; off, if not given.
     inbox : CommandInbox, optional
         Where the commands of an external control come from.
+    law : OwnLaw, optional
+        A law of the user's own, in place of that of the control.
 
     Attributes
     ----------
@@ -168,10 +173,11 @@ class Engine:
         callbacks: EngineCallbacks,
         control: GapControlParameters | None = None,
         inbox: CommandInbox | None = None,
+        law: OwnLaw | None = None,
     ) -> None:
         self.failure: Exception | None = None
-        self._rig = Rig(parameters, initial, control=control)
-        self.controller = ExternalControl(self._rig, inbox or CommandInbox(), NodeSettings())
+        self._rig = Rig(parameters, initial, control=control or GapControlParameters(), law=law)
+        self.controller = ExternalControl(self._rig, inbox or CommandInbox(), settings.controller)
         self._publishers = publishers
         self._callbacks = callbacks
         self._grid = TickGrid(settings.state_rate)
@@ -347,7 +353,7 @@ class Engine:
         self._stamps.begin()
         self._pacer.anchor(0)
         self._serve()
-        self._obey()
+        self._attend()
         self._publish_states()
         while not self._stopping.is_set():
             if self._paused or self._held:
@@ -364,7 +370,7 @@ class Engine:
             if self._slipped:
                 self._catch_up()
             self._serve()
-            self._obey()
+            self._attend()
             self._publish_states()
             if self._step_done is not None and self._step_done():
                 self._end_step()
@@ -380,6 +386,8 @@ class Engine:
         target_ns = due_ns
         if not self._free_running:
             target_ns = min(due_ns, self._time_ns + self._stride_ns)
+        if (next_ns := self.controller.next_ns()) is not None:
+            target_ns = min(target_ns, max(next_ns, self._time_ns + 1))
         offset_ns = self._stamps.offset_ns
         try:
             moved = self._motion.move_to(self._time_ns, target_ns, self._tick + 1, offset_ns)
@@ -394,7 +402,7 @@ class Engine:
         self._pacer.pause_until(moved.time_ns)
         self._time_ns = moved.time_ns
         self._serve()
-        self._obey()
+        self._attend()
         return False
 
     def _interrupted(self) -> bool:
@@ -508,6 +516,40 @@ class Engine:
             self._announce(self._news)
             self._news = ''
 
+    def _attend(self) -> None:
+        """Show a controller what is due, and carry out its commands that have come."""
+        for sent in self.controller.measurements(self._time_ns, self._stamps.offset_ns):
+            self._out.emit(self._publishers['measurements'], sent.content, self.stamp_ns())
+            if self.controller.waits:
+                self._await_command(sent.content)
+        self._obey()
+
+    def _await_command(self, measurement: bytes) -> None:
+        """Wait in lock-step for the command to a measurement."""
+        begun = time.monotonic()
+        end, again = begun + self.controller.settings.lock_step_timeout, begun + SEND_AGAIN_S
+        self._obey()
+        while self.controller.waits and not self._stopping.is_set():
+            if self._paused or self._held:
+                self._hold()
+                end = time.monotonic() + self.controller.settings.lock_step_timeout
+            self.controller.wait(LOCK_STEP_NAP_S)
+            self._serve()
+            self._obey()
+            now = time.monotonic()
+            if now >= again:
+                self._out.publish(self._publishers['measurements'], measurement)
+                again = now + SEND_AGAIN_S
+            if now >= end and self.controller.waits:
+                self.controller.give_up()
+                self._callbacks.on_trouble(
+                    f'no command has come for {now - begun:.3f} s: the rig in lock-step goes on '
+                    'without'
+                )
+        if time.monotonic() - begun > SEND_AGAIN_S:
+            # Rig time does not make up for it.
+            self._pacer.anchor(self._time_ns)
+
     def _obey(self) -> None:
         """Carry out the commands of a controller that have come."""
         for events, records in self.controller.obey(self._time_ns, self.stamp_ns()):
@@ -585,7 +627,9 @@ class Engine:
         self._pacer.set_pace(period_ns, real_time_factor)
         self._free_running = not real_time_factor
         self._stride_ns = max(1, round(STRIDE_NS * real_time_factor))
-        self._motion.most = ticks_ahead(period_ns, real_time_factor)
+        # A rig that is measured stops at the instants of that, too.
+        measured = self.controller.settings.measurement_rate > 0.0
+        self._motion.most = 1 if measured else ticks_ahead(period_ns, real_time_factor)
 
     def _step(self, to_impact: bool) -> Request:
         """Run on as after a pause, so that nothing of the motion depends on the steps."""

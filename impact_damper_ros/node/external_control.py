@@ -20,7 +20,8 @@ from typing import NamedTuple
 from impact_damper_ros.control import ControlRecord, Order, Rig
 from impact_damper_ros.rig import Event, NodeSettings, ParameterError
 
-from .commands import CommandError, CommandInbox
+from .commands import Command, CommandError, CommandInbox
+from .measurements import Measurements, Sent
 
 #: How much later or earlier than now a command may be stamped, if there is no `command_timeout`.
 _MOST_LATE_S = 10.0
@@ -36,6 +37,7 @@ class ControllerStatus(NamedTuple):
     age_ns: int | None = None  # rig time since the last one accepted; None before the first
     parked: bool = False  # whether the watchdog has parked the stops and ended the force
     limited: int = 0  # forces beyond `force_limit`
+    missed: int = 0  # measurements after which the rig in lock-step went on without a command
 
 
 class ExternalControl:
@@ -62,13 +64,60 @@ class ExternalControl:
         self._pushed_ns: int | None = None
         self._last_ns: int | None = None
         self._parked = False
+        self._measurements = Measurements(settings.measurement_rate)
+        # In lock-step: the topics from which a command is awaited
+        self._topics = {
+            'off': set(),
+            'both': {'stop_commands', 'force_command'},
+        }.get(settings.lock_step, {settings.lock_step})
+        # The stamp of the measurement for which it is, and the commands that have come for it
+        self._awaited_ns: int | None = None
+        self._answers: dict[str, Command] = {}
+        self._answered_ns = -1
+        self._given_up = False
+        self._missed = 0
+
+    @property
+    def waits(self) -> bool:
+        """Whether a command is awaited at this instant."""
+        return self._awaited_ns is not None
+
+    def next_ns(self) -> int | None:
+        """Return the rig time at which the rig has to stop for its controller, ns."""
+        return self._measurements.next_ns()
+
+    def measurements(self, time_ns: int, offset_ns: int) -> Iterator[Sent]:
+        """Yield what is to be published now; after each the rig may have to wait."""
+        for sent in self._measurements.take(self._rig, self.settings, time_ns, offset_ns):
+            if self._topics and not self._given_up and self._external:
+                self._awaited_ns, self._answers = sent.stamp_ns, {}
+            yield sent
+
+    def wait(self, seconds: float) -> None:
+        """Wait for a command."""
+        self._inbox.wait(seconds)
+
+    def give_up(self) -> None:
+        """Await no command before the next one has come."""
+        self._awaited_ns, self._given_up = None, True
+        self._missed += 1
+
+    @property
+    def _external(self) -> bool:
+        return self._rig.control.gap_control == 'external'
 
     def status(self, time_ns: int) -> ControllerStatus:
         """Return what came so far, for other threads."""
         last_ns, inbox = self._last_ns, self._inbox
         age_ns = None if last_ns is None else time_ns - last_ns
         return ControllerStatus(
-            self._accepted, inbox.refused, inbox.reason, age_ns, self._parked, self._limited
+            self._accepted,
+            inbox.refused,
+            inbox.reason,
+            age_ns,
+            self._parked,
+            self._limited,
+            self._missed,
         )
 
     def refuse_all(self, reason: str) -> None:
@@ -80,11 +129,12 @@ class ExternalControl:
         self, time_ns: int, stamp_ns: int
     ) -> Iterator[tuple[list[Event], list[ControlRecord]]]:
         """Carry out the commands that have come; yield events and acts of each."""
-        for command in self._inbox.take():
+        if not self._external:
+            self._awaited_ns = None
+        for command in self._commands(stamp_ns):
             try:
-                self._check_stamp(command.stamp_ns, stamp_ns)
                 done = self._carry_out(self._limited_order(command.order))
-            except (CommandError, ParameterError) as error:
+            except ParameterError as error:
                 self._inbox.refuse(command.topic, error)
                 continue
             self._note(command.order, time_ns)
@@ -93,7 +143,34 @@ class ExternalControl:
             self._parked = True
             yield self._carry_out(order)
 
+    def _commands(self, now_ns: int) -> list[Command]:
+        """Return the commands that are due now."""
+        found = []
+        for command in self._inbox.take():
+            try:
+                if self._awaited_ns is None:
+                    self._check_stamp(command.stamp_ns, now_ns)
+                    found.append(command)
+                elif command.stamp_ns == self._awaited_ns:
+                    self._answers[command.key] = command
+                # A measurement that was sent again may be answered again.
+                elif command.stamp_ns != self._answered_ns:
+                    raise CommandError(
+                        f'its stamp is {command.stamp_ns * 1e-9:.9f} s, and lock-step waits for '
+                        f'that of the last measurement, {self._awaited_ns * 1e-9:.9f} s'
+                    )
+            except CommandError as error:
+                self._inbox.refuse(command.topic, error)
+        if self._awaited_ns is not None and self._topics <= self._answers.keys():
+            # In one order, however they came
+            found = [self._answers[key] for key in sorted(self._answers)]
+            self._answered_ns, self._awaited_ns = self._awaited_ns, None
+        return found
+
     def _carry_out(self, order: Order) -> tuple[list[Event], list[ControlRecord]]:
+        # A controller may answer that nothing is to be done.
+        if not (order.stops or order.force == order.force):
+            return [], []
         events = self._rig.order(order)
         return events, self._rig.records
 
@@ -119,7 +196,7 @@ class ExternalControl:
     def _note(self, order: Order, time_ns: int) -> None:
         self._accepted += 1
         self._last_ns = time_ns
-        self._parked = False
+        self._parked = self._given_up = False
         if order.stops:
             self._ordered_ns = time_ns
         if order.force == order.force:
@@ -128,7 +205,7 @@ class ExternalControl:
     def _overdue(self, time_ns: int) -> Order | None:
         """Return what parks the stops and ends the force if no command comes any more."""
         rig = self._rig
-        if rig.control.gap_control != 'external':
+        if not self._external:
             self._ordered_ns = self._pushed_ns = None
             self._parked = False
             return None

@@ -292,7 +292,8 @@ class MotionAhead:
             content = self._encoder.control(stamp_ns, record)
             out.append(OutgoingMessage(self._publishers['gap_control'], content, stamp_ns))
             self.commands += record.action is Action.COMMAND
-            self.last_act = record
+            if record.action is not Action.ORDER:
+                self.last_act = record
         return out
 
     def take_states(self, time_ns: int, offset_ns: int) -> bytes:

@@ -73,7 +73,7 @@ class NodeParameters(NodeSettings):
     @property
     def simulated_time(self) -> bool:
         """Whether stamps count from 0 and /clock is published: rig time is no wall time."""
-        return self.publish_clock or self.real_time_factor != 1.0
+        return self.publish_clock or self.real_time_factor != 1.0 or self.lock_step != 'off'
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> NodeParameters:

@@ -28,6 +28,7 @@ from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -51,6 +52,7 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.messages import Parameter as RecordedParameter
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.topics import LATCHED, QosProfile
+from impact_damper_ros.control import OwnLaw
 from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
 from impact_damper_ros.rig.quoting import printable, shown
@@ -85,6 +87,15 @@ The digital rig of an impact damper as a ROS 2 node. For instance:
 Parameters, with unit and range: ros2 param describe /sim_node NAME"""
 
 
+#: Options of the other commands, and the parameter of the node in place of each.
+IN_PLACE_OF = {
+    '--bag': 'record:=true',
+    '--law': 'control_law:=my_laws:catch',
+    '--rate': 'state_rate:=200.0',
+    '--set': 'gap:=0.03',
+}
+
+
 def refuse(reason: object) -> int:
     """Print why the node does not start, and return the exit code."""
     print(printable(f'sim_node: cannot start: {reason}'), file=sys.stderr)
@@ -101,6 +112,14 @@ def answer_foreign(arguments: Sequence[str]) -> int | None:
     if arguments[0] == '--version':
         print(f'sim_node (impact_damper_ros) {__version__}')
         return 0
+    option = arguments[0].partition('=')[0]
+    if option in IN_PLACE_OF:
+        print(
+            f'sim_node: {option} is an option of other commands; the node has a parameter: '
+            f'sim_node --ros-args -p {IN_PLACE_OF[option]}',
+            file=sys.stderr,
+        )
+        return 2
     return refuse(
         f'unknown argument {shown(arguments[0])}; parameters and remappings follow --ros-args, as '
         'in: sim_node --ros-args -p gap:=30'
@@ -119,7 +138,9 @@ def start_message(
     parameters: NodeParameters, publishers: RigPublishers, node: str, recording: str
 ) -> str:
     """Return a summary of the node in a few lines."""
-    control = parameters.control.gap_control if parameters.control.active else 'off'
+    control = parameters.control.gap_control
+    if parameters.control_law != 'none':
+        control += f' (its law is {parameters.control_law})'
     listed = ('joint_states', 'impacts', 'gap_control', 'snapshot', 'diagnostics', 'clock')
     topics = [publishers[key].topic for key in listed if key in publishers]
     topics[0] += f' at {parameters.state_rate:g} Hz'
@@ -199,8 +220,9 @@ class SimNode(Node):
         self._declare(parameters)
         if parameters.simulated_time and not parameters.publish_clock:
             self.get_logger().info(
-                f'real_time_factor is {parameters.real_time_factor:g}: stamps count from 0, and '
-                '/clock is published; give the other nodes use_sim_time'
+                f'real_time_factor is {parameters.real_time_factor:g}, lock_step '
+                f'{parameters.lock_step}: stamps count from 0, and /clock is published; give the '
+                'other nodes use_sim_time'
             )
         self._warned_s = -math.inf
         # Conflicts with other nodes that were warned of
@@ -227,6 +249,7 @@ class SimNode(Node):
                 parameters.simulated_time,
                 priority,
                 node,
+                parameters,
             ),
             EngineCallbacks(
                 self.context.ok,
@@ -236,9 +259,9 @@ class SimNode(Node):
                 self.create_guard_condition(self._record_anew).trigger,
             ),
             parameters.control,
-            CommandInbox(self._command_topics()),
+            self._command_inbox(),
+            None if parameters.control_law == 'none' else OwnLaw.from_text(parameters.control_law),
         )
-        self.engine.controller.settings = parameters
         self._monitor = MotionMonitor(self.engine.trace, self._theory, parameters.state_rate)
         broken = self.create_guard_condition(self._end_broken_recording)
         self._recorder = Recorder(self.engine, self._topic_publishers, node, broken.trigger)
@@ -346,24 +369,46 @@ class SimNode(Node):
         )
         return TopicPublisher(publisher.topic_name, publisher.publish)
 
-    def _command_topics(self) -> list[CommandTopic]:
-        """Return the topics of commands, which the engine's thread takes by itself."""
-        return [
-            self._command_topic(JointState, 'stop_commands', read_stop_command),
-            self._command_topic(WrenchStamped, 'force_command', read_force_command),
-        ]
+    def _command_inbox(self) -> CommandInbox:
+        """Return the commands of a controller, which the engine's thread takes by itself."""
+        kinds = {
+            'stop_commands': (JointState, read_stop_command),
+            'force_command': (WrenchStamped, read_force_command),
+        }
+        subscriptions = {
+            key: self.create_subscription(
+                kind, key, lambda _: None, DEPTH, callback_group=_NoCallbacks(), raw=True
+            )
+            for key, (kind, _) in kinds.items()
+        }
+        # As `rclpy.wait_for_message` waits
+        waiting = _rclpy.WaitSet(len(subscriptions), 0, 0, 0, 0, 0, self.context.handle)
 
-    def _command_topic(self, kind: Any, topic: str, read: CommandReader) -> CommandTopic:
-        subscription = self.create_subscription(
-            kind, topic, lambda _: None, DEPTH, callback_group=_NoCallbacks(), raw=True
-        )
+        def wait(seconds: float) -> None:
+            waiting.clear_entities()
+            for subscription in subscriptions.values():
+                waiting.add_subscription(subscription.handle)
+            waiting.wait(round(seconds * 1e9))
+
+        topics = [
+            self._command_topic(key, subscriptions[key], kind, read)
+            for key, (kind, read) in kinds.items()
+        ]
+        return CommandInbox(topics, wait)
+
+    @staticmethod
+    def _command_topic(
+        key: str, subscription: Any, kind: Any, read: CommandReader
+    ) -> CommandTopic:
         handle = subscription.handle
 
         def take() -> tuple[bytes, int | None] | None:
             taken = handle.take_message(kind, True)
             return taken and (taken[0], taken[1].get('publication_sequence_number'))
 
-        return CommandTopic(subscription.topic_name, take, subscription.get_publisher_count, read)
+        return CommandTopic(
+            key, subscription.topic_name, take, subscription.get_publisher_count, read
+        )
 
     def _qos_overrides(self, topic: str) -> QoSOverridingOptions | None:
         """Return the options of a topic whose quality of service the user has set."""

@@ -52,6 +52,8 @@ _LEVELS = ('ok', 'warn', 'error')
 _WALL_S = 3600.0
 #: Reasons of snapshots after which stamps count from another instant.
 _MOVING = ('slip', 'resume')
+#: Speed of the rig below which the time between two samples is seen.
+_SLOW = 0.5
 _TRIGGERS = ('reset', 'step', 'step_to_impact')
 
 
@@ -107,7 +109,9 @@ class LiveRig(Source):
         # Those whose messages may still come
         self._eras: list[Era] = []
         self._paused = False
-        self._epoch = 0.0
+        self._epoch = self._came = 0.0
+        # The joint states of a paused rig
+        self._held: Messages | None = None
         self._all_known = False
 
     async def close(self) -> None:
@@ -133,10 +137,18 @@ class LiveRig(Source):
 
     def frame(self, view: View) -> bytes | None:
         """Return a frame with what is new; None if nothing is."""
-        end = self.motion.end
+        end = self._shown()
         if math.isnan(end):
             return None
         return view.frame(self.motion, end, self._epoch, PAUSED if self._paused else 0)
+
+    def _shown(self) -> float:
+        """Return the instant to show: of a slow rig one between its last two samples, s."""
+        factor = self.values.get('real_time_factor', 1.0)
+        times = self.motion.samples[-2:, 0]
+        if not 0.0 < factor < _SLOW or self._paused or len(times) < 2:
+            return self.motion.end
+        return float(min(times[0] + factor * (time.monotonic() - self._came), times[1]))
 
     def _numbers(self) -> list[dict[str, Any]]:
         return [numbers_of(e.rig, self.motion, self.motion.end) for e in self._eras[-1:]]
@@ -154,6 +166,8 @@ class LiveRig(Source):
         if self._eras:
             for era, table in self._tables('joint_states', messages['joint_states']):
                 self.motion.add_samples(era.samples(table))
+                self._came = time.monotonic()
+            self._show_held()
             for era, table in self._tables('impacts', messages['impacts']):
                 self.motion.add_impacts(era.impacts(table))
         for content in messages['parameter_events']:
@@ -163,6 +177,13 @@ class LiveRig(Source):
         for content in messages['theory']:
             self._take_theory(content)
         self._say_status()
+
+    def _show_held(self) -> None:
+        """Show what a change or a reset has made of a paused rig."""
+        held, self._held = self._held, None
+        if held is not None and self.motion.correct_end(self._eras[-1].samples(held)[0]):
+            for client in self.clients:
+                client.view.begin_again()
 
     def _take_snapshot(self, content: bytes) -> None:
         try:
@@ -230,6 +251,7 @@ class LiveRig(Source):
             self._paused = bool(rows['act'][-1] == PAUSED_ACT)
             stamp, now = rows['stamp_ns'][-1] / 1e9, time.time()
             self._epoch = stamp if abs(stamp - now) < _WALL_S else now
+            self._held = rows[-1:] if self._paused else None
             # A paused rig repeats its last sample.
             rows = rows[rows['act'] != PAUSED_ACT]
         if len(self._eras) == 1:

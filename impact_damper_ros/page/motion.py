@@ -167,6 +167,14 @@ class Motion:
         before = np.fmax.accumulate(np.append(self.end, rows[:, 0]))[:-1]
         self._samples.add(rows[~(rows[:, 0] <= before)])
 
+    def correct_end(self, row: Rows) -> bool:
+        """Replace the newest sample by one of the same instant; return whether it is another."""
+        last = self._samples.rows[-1:, 1:7]
+        if not len(last) or np.array_equal(last[0], row[1:7]):
+            return False
+        last[0] = row[1:7]
+        return True
+
     def add_impacts(self, rows: Rows) -> None:
         """Append the impacts that are not earlier than the last one, in their order."""
         rows = rows[np.isfinite(rows[:, :9]).all(axis=1)]

@@ -12,6 +12,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,11 @@ from impact_damper_ros.theory.child_process import environment
 
 _SUFFIXES = ('.mcap', '.mcap.zstd', '.db3', '.db3.zstd')
 _MOST_LISTED = 500
+_LONGEST_NAME, _LONGEST_NOTE = 120, 2000
+#: What is deleted goes there, and away when the server ends; and the file of a note.
+_BIN, _NOTE = '.deleted', 'note.txt'
+#: A bag without a listing that was written to within this time is being recorded, s.
+_AT_WORK_S = 10.0
 #: Longest comparison, s.
 _PATIENCE_S = 1800.0
 
@@ -130,7 +136,11 @@ class Recordings:
             'duration': None,
             'size': 0,
             'whole': False,
+            'note': '',
         }
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            text = (path / _NOTE).read_text(encoding='utf-8').strip()
+            found['note'] = printable(text[:_LONGEST_NOTE])
         with contextlib.suppress(OSError, RecordingError):
             found['size'] = sum(file.stat().st_size for file in bag_files(path))
         with contextlib.suppress(
@@ -142,6 +152,77 @@ class Recordings:
                 found['duration'] = int(listing['duration']['nanoseconds']) / 1e9
                 found['whole'] = True
         return found
+
+    # Changes
+
+    def _own(self, name: str) -> Path:
+        """Return the path of a bag that may be changed."""
+        path = self.path(name)
+        if self.single:
+            raise LookupError('a bag that was given by its path is only played')
+        if name in self._comparing:
+            raise LookupError(f'{printable(name)} is being compared: wait for it, or cancel it')
+        known = next(one for one in self.list() if one['name'] == name)
+        latest = max((file.stat().st_mtime for file in _bag_files(path)), default=0.0)
+        if path.is_dir() and not known['whole'] and time.time() - latest < _AT_WORK_S:
+            raise LookupError(f'{printable(name)} is being recorded')
+        return path
+
+    def rename(self, name: str, new: str) -> None:
+        """
+        Give a bag another name.
+
+        Raises
+        ------
+        LookupError
+            If there is none, or the name cannot be that of a bag or is taken.
+        """
+        path, new = self._own(name), new.strip()
+        if path.is_file() and not new.endswith(_SUFFIXES):
+            new += ''.join(path.suffixes)
+        bad = new.startswith('.') or printable(new) != new or any(sign in new for sign in '/\\\n')
+        if not new or bad or len(new.encode()) > _LONGEST_NAME:
+            raise LookupError(
+                f'{printable(new[:80])!r} cannot be a name: give up to {_LONGEST_NAME} letters, '
+                'digits and signs, but no slash'
+            )
+        if (self._place / new).exists():
+            raise LookupError(f'there is a recording {new} already')
+        path.rename(self._place / new)
+
+    def delete(self, name: str) -> None:
+        """Delete a bag; until the server ends it can be restored."""
+        path, deleted = self._own(name), self._place / _BIN / name
+        deleted.parent.mkdir(exist_ok=True)
+        if deleted.exists():
+            _remove(deleted)
+        path.rename(deleted)
+
+    def restore(self, name: str) -> None:
+        """
+        Bring a deleted bag back.
+
+        Raises
+        ------
+        LookupError
+            If none of that name was deleted, or another one has it by now.
+        """
+        deleted = self._place / _BIN / name
+        if '/' in name or name in ('', '.', '..') or not deleted.exists():
+            raise LookupError(f'no recording {printable(name[:200])} has been deleted')
+        if (self._place / name).exists():
+            raise LookupError(f'there is another recording {printable(name)} by now')
+        deleted.rename(self._place / name)
+
+    def note(self, name: str, text: str) -> None:
+        """Keep a note with a bag, which is a directory."""
+        path = self._own(name)
+        if not path.is_dir():
+            raise LookupError(f'{printable(name)} is a file, which has no room for a note')
+        if text.strip():
+            (path / _NOTE).write_text(text.strip()[:_LONGEST_NOTE] + '\n', encoding='utf-8')
+        else:
+            (path / _NOTE).unlink(missing_ok=True)
 
     # Comparison
 
@@ -212,9 +293,17 @@ class Recordings:
         return (directory / 'report.html').is_file(), text
 
     def close(self) -> None:
-        """Remove the reports."""
+        """Remove the reports, and what was deleted."""
+        _remove(self._place / _BIN)
         if self._reports is not None:
             shutil.rmtree(self._reports, ignore_errors=True)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _is_bag(path: Path) -> bool:

@@ -25,6 +25,7 @@ from impact_damper_ros.rig.quoting import counted
 from .client import LONGEST_MESSAGE, Client
 from .gate import Gate
 from .live import LiveRig
+from .motion import IMPACT_COLUMNS, SAMPLE_COLUMNS
 from .presets import load_presets
 from .recorded import Player, Recording, load_recording
 from .recordings import Recordings
@@ -55,8 +56,12 @@ _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
     "form-action 'none'; frame-ancestors 'self'; sandbox allow-popups"
 )
+#: What a page may do with a recording, and how many texts it takes.
+_CARE = {'rename': 1, 'note': 1, 'delete': 0, 'restore': 0}
 _SEND_BUFFER = 256 * 1024
 _PIECE = 256 * 1024
+#: Rows of a table that are written at once.
+_ROWS = 5_000
 
 
 class PageServer:
@@ -228,7 +233,14 @@ class PageServer:
             {'name': p.name, 'title': p.title, 'description': p.description, 'values': p.values}
             for p in load_presets().values()
         ]
-        return {'rigs': self._rigs, 'recordings': self._list, 'presets': presets}
+        # With a link goes the right to watch, not that to steer.
+        token = self.gate.tokens.get('watch', '')
+        return {
+            'rigs': self._rigs,
+            'recordings': self._list,
+            'presets': presets,
+            'token': token,
+        }
 
     def _rig(self, name: str) -> Source:
         assert self._network is not None
@@ -270,14 +282,14 @@ class PageServer:
         """Return a source that plays a recording."""
         try:
             # In a thread: the frames of the other pages go on.
-            path, recorded = await asyncio.to_thread(self._read, bag)
+            path, recorded = await asyncio.to_thread(self.recorded, bag)
         except (LookupError, RecordingError, ValueError) as error:
             raise RequestError(str(error)) from error
         player = Player(bag, path, recorded, self._common)
         self.sources[player] = player
         return player
 
-    def _read(self, bag: str) -> tuple[Path, Recording]:
+    def recorded(self, bag: str) -> tuple[Path, Recording]:
         """Read a recording; pages that play the same one share it."""
         path = self.recordings.path(bag)
         files = bag_files(path)
@@ -298,7 +310,11 @@ class PageServer:
 
     async def _handle(self, message: dict[str, Any], client: Client) -> dict[str, Any] | None:
         """Process a request of a page, or let its source do so."""
-        if message['type'] != 'compare':
+        kind = message['type']
+        if kind in _CARE:
+            await self._care(kind, message)
+            return {'ok': True, 'reason': ''}
+        if kind != 'compare':
             return await client.source.handle(message, client)
         name = message['recording']
         if not message['on']:
@@ -316,6 +332,18 @@ class PageServer:
 
         self._spawn(work(), self._tasks)
         return {'ok': True, 'reason': ''}
+
+    async def _care(self, kind: str, message: dict[str, Any]) -> None:
+        """Rename, delete or restore a recording, or keep a note with it."""
+        work = getattr(self.recordings, kind)
+        given = [str(message['recording']), *(str(message['text']) for _ in range(_CARE[kind]))]
+        try:
+            await asyncio.to_thread(work, *given)
+        except LookupError as error:
+            raise RequestError(str(error)) from error
+        except OSError as error:
+            raise RequestError(f'{kind} has failed: {error.strerror or error}') from error
+        await self._list_recordings()
 
 
 class _Guarded(RequestHandler):
@@ -411,12 +439,40 @@ class _File(_Guarded):
 class _Download(_File):
     def find(self, *names: str) -> Path:
         path = self.server.recordings.file(*names)
-        plain = ''.join(sign if sign.isalnum() or sign in '._-' else '_' for sign in path.name)
-        plain = plain.encode('ascii', 'replace').decode().replace('?', '_')
         self.set_header('Content-Type', 'application/octet-stream')
-        self.set_header('Content-Disposition', f'attachment; filename="{plain}"')
+        self.set_header('Content-Disposition', f'attachment; filename="{_plain(path.name)}"')
         self.set_header('Content-Length', path.stat().st_size)
         return path
+
+
+class _Table(_Guarded):
+    """Samples or impacts of a recording as CSV."""
+
+    async def get(self, name: str, kind: str) -> None:
+        try:
+            _, recorded = await asyncio.to_thread(self.server.recorded, unquote(name))
+        except (LookupError, RecordingError, ValueError) as error:
+            raise HTTPError(404, reason=' '.join(str(error)[:200].split())) from None
+        motion = recorded.motion
+        rows, columns = (
+            (motion.samples, SAMPLE_COLUMNS)
+            if kind == 'samples'
+            else (motion.impacts, IMPACT_COLUMNS)
+        )
+        self.set_header('Content-Type', 'text/csv; charset=utf-8')
+        file = _plain(f'{unquote(name)}_{kind}.csv')
+        self.set_header('Content-Disposition', f'attachment; filename="{file}"')
+        self.write(','.join(columns) + '\n')
+        for first in range(0, len(rows), _ROWS):
+            lines = (','.join(map(repr, row)) for row in rows[first : first + _ROWS].tolist())
+            self.write('\n'.join(lines) + '\n')
+            await self.flush()
+
+
+def _plain(name: str) -> str:
+    """Return a name of a file that every system takes."""
+    plain = ''.join(sign if sign.isalnum() or sign in '._-' else '_' for sign in name)
+    return plain.encode('ascii', 'replace').decode().replace('?', '_')
 
 
 class _Report(_File):
@@ -471,6 +527,7 @@ def _application(server: PageServer) -> Application:
             (r'/', _Index, own),
             (r'/static/(.*)', _Static, {'path': str(_STATIC), **own}),
             (r'/recordings/([^/]+)/download', _Download, own),
+            (r'/recordings/([^/]+)/(samples|impacts)\.csv', _Table, own),
             (r'/reports/([^/]+)/([^/]+)', _Report, own),
             (r'/ws', _Socket, own),
         ],

@@ -32,7 +32,7 @@ class Source:
     Parameters
     ----------
     common : callable
-        Returns what is part of every first message: the rigs, recordings and presets.
+        Returns what is part of every first message: the rigs, recordings, presets and token.
 
     Attributes
     ----------

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.replay import RecordedRun, Replay, Setting, WhatIf
+from impact_damper_ros.replay import RecordedRun, Replay, Setting
+from impact_damper_ros.report.what_if_report import WhatIfReport
 from impact_damper_ros.rig import INITIAL_SPECS, RunawayError
 from impact_damper_ros.theory.child_process import ChildProcess, decoded, send
 
@@ -48,6 +49,8 @@ class WhatIfMotion:
         self._values = dict(values)
         self._tell = tell
         self._done = False
+        # What both rigs amount to, once that is known
+        self._totals: dict[str, Any] = {}
         self._child = ChildProcess('-m', __name__)
         self._child.send((path, self._values))
         self._say('computing')
@@ -55,8 +58,17 @@ class WhatIfMotion:
     def _say(self, text: str, *, on: bool = True, done: bool = False) -> None:
         samples = self.motion.samples
         until = float(samples[-1, 0]) if len(samples) else None
-        message = {'on': on, 'until': until, 'done': done, 'text': text, 'values': self._values}
-        self._tell({'type': 'what_if', **message})
+        self._tell(
+            {
+                'type': 'what_if',
+                'on': on,
+                'until': until,
+                'done': done,
+                'text': text,
+                'values': self._values,
+                'totals': self._totals,
+            }
+        )
 
     def tick(self) -> None:
         """Take in what has been computed."""
@@ -64,7 +76,7 @@ class WhatIfMotion:
         for kind, content in self._child.poll():
             if kind == 'end':
                 self._done = True
-                ok, text = content
+                ok, text, self._totals = content
                 self._say(text, on=ok, done=True)
             elif kind == 'impacts':
                 self.motion.add_impacts(content)
@@ -80,8 +92,8 @@ class WhatIfMotion:
         self._child.close()
 
 
-def _run(path: Path, values: dict[str, Any]) -> str:
-    """Run the rig; return a text on how it started."""
+def _run(path: Path, values: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Run the rig; return a text on how it started, and what both rigs amount to."""
     replay = Replay(RecordedRun(path))
     known = Setting.of(replay.start.state).as_dict()
     strange = [name for name in values if name not in known and name not in INITIAL_SPECS]
@@ -89,20 +101,21 @@ def _run(path: Path, values: dict[str, Any]) -> str:
         raise ValueError(f'{strange[0][:80]} is not a parameter of the rig or of its control')
     held = {name: value for name, value in values.items() if name in known}
     held_initial = {name: value for name, value in values.items() if name in INITIAL_SPECS}
-    other = WhatIf(replay.start, held, held_initial)
+    report = WhatIfReport(replay, held, held_initial, drawn=False)
     found = 0
     for part in replay:
         # The rows of a part are of the rig before the command at its end.
-        era = Era(0, 0, other.rig.parameters, None)
-        samples, events = other.follow(part)
+        era = Era(0, 0, report.other.rig.parameters, None)
+        samples, events = report.look(part)
         # The impacts before a sample must arrive before it.
         send(_ANSWERS, ('impacts', era.impact_rows(events)))
         send(_ANSWERS, ('samples', era.sample_rows(samples)))
         found += len(samples)
     if not found:
-        return 'the recording holds no motion'
-    start = 'its initial conditions' if other.from_initial else 'the recorded state'
-    return f'computed from {start}'
+        return 'the recording holds no motion', {}
+    start = 'its initial conditions' if report.other.from_initial else 'the recorded state'
+    totals = report.as_json()
+    return f'computed from {start}', {name: totals[name] for name in ('recorded', 'what_if')}
 
 
 def main() -> None:
@@ -112,9 +125,9 @@ def main() -> None:
     lines = (line.strip() for line in sys.stdin.buffer)
     path, values = next(filter(None, map(decoded, lines)))
     try:
-        end = True, _run(path, values)
+        end = True, *_run(path, values)
     except (RecordingError, RunawayError, ArithmeticError, ValueError, TypeError) as error:
-        end = False, str(error)
+        end = False, str(error), {}
     send(_ANSWERS, ('end', end))
 
 

@@ -123,7 +123,7 @@ def _prediction(stretch: StretchComparison) -> dict[str, Any]:
     words = 'stable' if orbit is None else orbit.stability
     label = 'predicted' if words == 'stable' else f'predicted, but {words}'
     # Over the recorded motion, which is wider, each is in the ink of the theory.
-    look = {'color': COLORS['theory'], 'linewidth': 0.8, 'zorder': 3.5}
+    look = {'color': COLORS['theory'], 'linewidth': 1.0, 'zorder': 3.5}
     return {**MOTION_LINES[words], **look, 'label': label}
 
 
@@ -320,7 +320,7 @@ def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | 
     axes.plot(
         motion.time, motion.x, color=COLORS['primary'], linewidth=3.6, label='X, primary mass'
     )
-    axes.plot(motion.time, z, color=COLORS['damper'], linewidth=3.0, label='Z, loose mass')
+    axes.plot(motion.time, z, color=COLORS['damper'], linewidth=2.8, label='Z, loose mass')
     width = motion.stop_1 - motion.stop_2
     depth = 0.1 * float(np.max(width[np.isfinite(width)], initial=0.0))
     label = 'stops'
@@ -355,7 +355,9 @@ def _portrait(
     axes = _panel('', '')
     unit_axis(axes.xaxis, labels[0], 'm', places[0])
     unit_axis(axes.yaxis, labels[1], 'm/s', rates[0])
-    axes.plot(places[0], rates[0], color=COLORS[color], linewidth=3.4, label='as recorded')
+    # Of a motion that repeats, one curve lies below that of the theory.
+    width = 1.4 if stretch.settled_at is None else 2.6
+    axes.plot(places[0], rates[0], color=COLORS[color], linewidth=width, label='as recorded')
     if theory is not None and len(theory.x):
         places.append(getattr(theory, names[0]))
         rates.append(getattr(theory, names[1]))

@@ -55,7 +55,7 @@ MOTION_LINES: dict[str, dict[str, Any]] = {
 }
 
 #: Patterns of such lines.
-_PATTERNS = {'lines.dashed_pattern': (3.2, 2.2), 'lines.dotted_pattern': (1, 1.8)}
+_PATTERNS = {'lines.dashed_pattern': (4.2, 2.4), 'lines.dotted_pattern': (1, 1.8)}
 
 _PRINT = {
     **_PATTERNS,

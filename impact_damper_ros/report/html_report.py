@@ -27,9 +27,7 @@ from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.theory import GapCurve
 
 from .charts import PICTURES, Picture, draw_history, draw_run
-from .drawing import inline_svg, page_style
-from .formatting import instant, number, quantity
-from .tables import (
+from .comparison_tables import (
     cause_of,
     comparison_table,
     energy_table,
@@ -39,6 +37,8 @@ from .tables import (
     overview_table,
     parameter_table,
 )
+from .drawing import inline_svg, page_style
+from .formatting import instant, number, quantity
 
 #: Stretches that are shown in detail, and those that are listed: more would make the page useless.
 MOST_DETAILED, MOST_LISTED = 12, 300

@@ -365,6 +365,21 @@ class GapControlParameters(ParameterTable):
         0.0, 0.0, 1e9, 'm/s', 'Standard deviation of the noise on their sampled velocities.'
     )
     gap_control_seed: int = number(0, 0, 2**31 - 1, '', 'Seed of that noise.')
+    gap_control_resolution_position: float = number(
+        0.0, 0.0, 1e9, 'm', 'Step to which the sampled X and Y are rounded; 0 for none.'
+    )
+    gap_control_resolution_velocity: float = number(
+        0.0, 0.0, 1e9, 'm/s', 'Step to which their sampled velocities are rounded; 0 for none.'
+    )
+    sensor_fault: str = text(
+        'none',
+        ('none', 'frozen', 'dropout', 'bias', 'spike'),
+        'Fault of the sensors of X and Y: they repeat the last sample, give none, are off by '
+        'sensor_fault_size, or about one sample in ten is.',
+    )
+    sensor_fault_size: float = number(
+        0.0, -1e9, 1e9, 'm', 'By how much X and Y are off under a bias or in a spike.'
+    )
     actuator_delay: float = number(
         0.0, 0.0, 1e6, 's', 'Time from a command to the start of the stop.'
     )
@@ -381,9 +396,21 @@ class GapControlParameters(ParameterTable):
         0.01, 0.0, 1e9, 'kg', 'Moving mass of one stop, for the account of the energy spent on it.'
     )
 
+    actuator_fault: str = text(
+        'none',
+        ('none', 'stuck', 'slow', 'stop_1_only', 'stop_2_only'),
+        'Fault of the actuators: they start no movement, have a tenth of actuator_speed, or only '
+        'one of them moves its stop.',
+    )
+
     def __post_init__(self) -> None:
         """Check every value, then what holds between them."""
         ParameterTable.__post_init__(self)
+        if self.actuator_fault == 'slow' and not self.actuator_speed:
+            raise ParameterError(
+                'actuator_fault',
+                'actuator_fault is slow but the stops move at once: give an actuator_speed',
+            )
         if not self.gap_min < self.gap_max:
             raise ParameterError(
                 'gap_min',
@@ -439,6 +466,46 @@ class NodeSettings(ParameterTable):
         'Real-time priority of the thread that moves the rig, where the system permits it; '
         'that of the others is one less. 0 for ordinary scheduling.',
         effect='start',
+    )
+    measurement_rate: float = number(
+        0.0,
+        0.0,
+        10000.0,
+        'Hz',
+        'Messages of the topic measurements per second of rig time; 0 for none.',
+        least=1e-3,
+        zero='none',
+        effect='start',
+    )
+    measurement_latency: float = number(
+        0.0, 0.0, 1e3, 's', 'Rig time from a measurement to its publication.'
+    )
+    measurement_jitter: float = number(
+        0.0, 0.0, 1e3, 's', 'Largest additional latency, uniform at random.'
+    )
+    measurement_loss: float = number(
+        0.0, 0.0, 1.0, '', 'Share of the measurements that get lost, at random.'
+    )
+    control_law: str = text(
+        'none',
+        (),
+        "A law of one's own in place of that which gap_control names, unless that is off: "
+        'MODULE:FUNCTION, of the directory in which the node starts; or none.',
+        effect='start',
+    )
+    lock_step: str = text(
+        'off',
+        ('off', 'stop_commands', 'force_command', 'both'),
+        'Whether an external controlled rig waits at each measurement for the command with its '
+        'stamp, and of which topics; stamps count from 0 then, and /clock is published.',
+        effect='start',
+    )
+    lock_step_timeout: float = number(
+        10.0,
+        1e-3,
+        1e6,
+        's',
+        'Wall time after which the rig in lock-step goes on without a command, until one comes.',
     )
     command_timeout: float = number(
         1.0,

@@ -43,7 +43,6 @@ from .table import (
     check_format,
     failed_row,
     read_table,
-    row_of,
     table_of,
     write_table,
 )
@@ -91,7 +90,7 @@ def rig_row(
             start = initial if transient is None else transient.state
             rig = Rig(parameters, start, control=control, law=law, compiled=None)
         known = None if transient is None else transient[:2]
-        row = row_of(steady_state(rig, settling, known), rig.parameters)
+        row = steady_state(rig, settling, known)
     except (ParameterError, RunawayError, LawError, OverflowError) as error:
         return failed_row(str(error)), None
     last = rig.snapshot()

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.compare.flights import STATE, Drive, Flights, rows_of_samples
+from impact_damper_ros.compare.drive import Drive
+from impact_damper_ros.compare.flights import STATE, Flights, rows_of_samples
 from impact_damper_ros.control import Outcome, Rig, RunResult
 from impact_damper_ros.control.rig import Events
-from impact_damper_ros.orbits.lyapunov import Exponent
-from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind
+from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD
 from impact_damper_ros.orbits.settled_motion import (
     SettledMotion,
     cycle_of,
@@ -24,7 +24,11 @@ from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.parameter_spec import number_between, whole_number
 from impact_damper_ros.rig.snapshot import LATEST
 
+from .journal import Row
+
 Array = NDArray[np.float64]
+#: Columns of X, X', Y and Y' at the ends of cycles.
+SECTION = ('section_x', 'section_velocity', 'section_offset', 'section_relative_velocity')
 
 
 @dataclass(frozen=True)
@@ -94,50 +98,8 @@ BETWEEN = 50
 ROUND_OFF = 1e-12
 
 
-@dataclass(frozen=True)
-class TimeShares:
-    """Shares of the time, 0 to 1, in chatter, sticking and at rest."""
-
-    stick: float  # it is held by friction inside the gap
-    rest: float  # it rests on a stop
-    chatter: float  # it is in a chatter that ends in rest, from its first impact on
-
-
-@dataclass(frozen=True)
-class SteadyState:
-    """A motion, measured over a whole number of force cycles."""
-
-    #: Kind of motion, as `orbits.settle` finds it.
-    kind: MotionKind
-    #: Cycles before the measurement, and cycles measured.
-    settling_cycles: int
-    measured_cycles: int
-    cycle: float  # cycle of the force, or of the spring if there is none, s
-    period: int  # period in cycles of the force; 0 if it does not repeat
-    #: Stops hit in a period; a chatter that ends in rest is one entry, such as '1~'.
-    stops: tuple[str, ...]
-    #: Impacts in a period, those of a chatter up to its cut-off; 0 if it does not repeat.
-    impacts: int
-    #: Largest |X|, mean and root mean square of X, m.
-    x_max: float
-    x_mean: float
-    x_rms: float
-    impacts_per_cycle: float
-    #: Largest Lyapunov exponent; NaN if the controls of two nearby rigs decide differently.
-    exponent: Exponent
-    #: Modulus of the largest multiplier of a period; NaN if it does not repeat, or as above.
-    multiplier: float
-    shares: TimeShares
-    #: X, X', Y and Y' at the ends of cycles: of one period, or of the last cycles, shape (n, 4).
-    section: Array
-    #: Impacts in these cycles, shape (m, 3): stop, phase in cycles of the force, speed of
-    #: approach, m/s.
-    hits: Array
-    events: int  # events of the whole run
-
-
-def _sequence(events: Events) -> tuple[str, ...]:
-    """Return the stops hit, as the least rotation; a chatter to rest is one entry."""
+def _sequence(events: Events) -> str:
+    """Return the stops hit, as the least rotation; a chatter to rest is one entry, 1~."""
     words: list[str] = []
     for kind, stop in zip(events['kind'].tolist(), events['stop'].tolist(), strict=True):
         if kind == EventKind.IMPACT:
@@ -149,16 +111,7 @@ def _sequence(events: Events) -> tuple[str, ...]:
     # The period may end during a chatter
     while len(words) > 1 and words[-1] + '~' in words and words[-1] == words[0][0]:
         words.pop()
-    return min((tuple(words[i:] + words[:i]) for i in range(len(words))), default=())
-
-
-def _shares(result: RunResult, around: Events, start: float, end: float) -> TimeShares:
-    spent = result.time_in_mode / (end - start)
-    return TimeShares(
-        stick=float(spent[Mode.STICK]),
-        rest=float(spent[Mode.REST_1] + spent[Mode.REST_2]),
-        chatter=_chatter_time(around, start, end) / (end - start),
-    )
+    return ','.join(min((words[i:] + words[:i] for i in range(len(words))), default=[]))
 
 
 def _run(
@@ -172,8 +125,12 @@ def _run(
     return result
 
 
-def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> SteadyState:
-    """Measure a motion over its period, or over the cycles to watch."""
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
+    """Measure a motion over its period, or the cycles to watch; return its row of the table."""
     period = 0 if found.period is None else found.period.cycles
     cycle, cycles = found.cycle, period or settling.watch
     most = settling.events - found.event_count
@@ -195,27 +152,37 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> SteadyState
     if not period:
         hits = hits[-2 * settling.section :]
     approach = hits['damper_velocity_before'] - hits['primary_velocity_before']
-    return SteadyState(
-        kind=found.kind,
-        settling_cycles=found.cycles,
-        measured_cycles=cycles,
-        cycle=cycle,
-        period=period,
-        stops=_sequence(result.events) if period else (),
-        impacts=len(hits) if period else 0,
-        x_max=largest,
-        x_mean=integrals.total / integrals.covered,
-        x_rms=math.sqrt(integrals.squares / integrals.covered),
-        impacts_per_cycle=len(impacts) / cycles,
-        exponent=found.exponent,
-        multiplier=found.multiplier,
-        shares=_shares(result, around, found.end, end),
-        section=relative_states(result.samples[-kept:]),
-        hits=np.stack(
-            [hits['stop'], (hits['time'] - found.start) / cycle % 1.0, np.abs(approach)], axis=-1
-        ),
-        events=found.event_count + result.event_count,
-    )
+    amplitude = rig.parameters.response_amplitude if rig.parameters.periodic_force else math.inf
+    spent = result.time_in_mode / (end - found.end)
+    section = relative_states(result.samples[-kept:]).T.tolist()
+    return {
+        'ok': True,
+        'reason': None,
+        'motion': found.kind.value,
+        'settled': period > 0,
+        'settling_cycles': found.cycles,
+        'measured_cycles': cycles,
+        'cycle': cycle,
+        'period': period or None,
+        'impacts': len(hits) if period else None,
+        'stops': _sequence(result.events) if period else None,
+        'x_max': largest,
+        'x_max_ratio': None if math.isinf(amplitude) else largest / amplitude,
+        'x_rms': math.sqrt(integrals.squares / integrals.covered),
+        'x_mean': integrals.total / integrals.covered,
+        'impacts_per_cycle': len(impacts) / cycles,
+        'lyapunov_exponent': _known(found.exponent.value),
+        'lyapunov_uncertainty': _known(found.exponent.uncertainty),
+        'largest_multiplier': _known(found.multiplier),
+        'stick_share': float(spent[Mode.STICK]),
+        'rest_share': float(spent[Mode.REST_1] + spent[Mode.REST_2]),
+        'chatter_share': _chatter_time(around, found.end, end) / (end - found.end),
+        'events': found.event_count + result.event_count,
+        **dict(zip(SECTION, section, strict=True)),
+        'impact_stop': hits['stop'].tolist(),
+        'impact_phase': ((hits['time'] - found.start) / cycle % 1.0).tolist(),
+        'impact_speed': np.abs(approach).tolist(),
+    }
 
 
 def comes_back(states: Array, omega: Array, settling: Settling) -> NDArray[np.bool_]:
@@ -248,11 +215,9 @@ def _pass_transient(rig: Rig, settling: Settling) -> tuple[int, int]:
     return cycles, events
 
 
-def steady_state(
-    rig: Rig, settling: Settling, transient: tuple[int, int] | None = None
-) -> SteadyState:
+def steady_state(rig: Rig, settling: Settling, transient: tuple[int, int] | None = None) -> Row:
     """
-    Run a rig until its motion repeats or the time is up, and measure the motion.
+    Run a rig until its motion repeats or the time is up, and return its row of the table.
 
     The rig is at the beginning of a cycle of its force; if its transient is over already, cycles
     and events of this are given. How it is recognised that the motion repeats: `settle`. Raises
@@ -281,5 +246,7 @@ def steady_state(
     )
     if found.reason:
         raise EndlessEventsError(found.reason)
-    measured = _measured(rig, found, settling)
-    return replace(measured, settling_cycles=after + found.cycles, events=events + measured.events)
+    row = _measured(rig, found, settling)
+    row['settling_cycles'] += after
+    row['events'] += events
+    return row

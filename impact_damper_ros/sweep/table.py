@@ -22,12 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.outputs import whole
-from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.quoting import shown
 
 from .grid import Grid
 from .journal import Row
-from .steady_state import SteadyState
+from .steady_state import SECTION
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,7 +119,6 @@ def _columns() -> dict[str, Column]:
 _BY_NAME = _columns()
 _LISTS = {name for name, column in _BY_NAME.items() if column.kind not in _DTYPES}
 _PLACE = ('point', 'direction')
-_SECTION = ('section_x', 'section_velocity', 'section_offset', 'section_relative_velocity')
 _MEASURES = """
     period impacts x_max x_max_ratio x_rms x_mean impacts_per_cycle
     lyapunov_exponent lyapunov_uncertainty largest_multiplier stick_share rest_share chatter_share
@@ -153,44 +151,6 @@ def columns_of(grid: Grid) -> list[Column]:
     return [*place, *varied, *found]
 
 
-def row_of(state: SteadyState, parameters: RigParameters) -> Row:
-    """Return the columns that describe the motion of a rig."""
-
-    def known(value: float) -> float | None:
-        return None if math.isnan(value) else value
-
-    amplitude = parameters.response_amplitude if parameters.periodic_force else math.inf
-    ratio = state.x_max / amplitude if math.isfinite(amplitude) else math.nan
-    return {
-        'ok': True,
-        'reason': None,
-        'motion': state.kind.value,
-        'settled': state.period > 0,
-        'settling_cycles': state.settling_cycles,
-        'measured_cycles': state.measured_cycles,
-        'cycle': state.cycle,
-        'period': state.period or None,
-        'impacts': state.impacts if state.period else None,
-        'stops': ','.join(state.stops) if state.period else None,
-        'x_max': state.x_max,
-        'x_max_ratio': known(ratio),
-        'x_rms': state.x_rms,
-        'x_mean': state.x_mean,
-        'impacts_per_cycle': state.impacts_per_cycle,
-        'lyapunov_exponent': known(state.exponent.value),
-        'lyapunov_uncertainty': known(state.exponent.uncertainty),
-        'largest_multiplier': known(state.multiplier),
-        'stick_share': state.shares.stick,
-        'rest_share': state.shares.rest,
-        'chatter_share': state.shares.chatter,
-        'events': state.events,
-        **dict(zip(_SECTION, state.section.T.tolist(), strict=True)),
-        'impact_stop': [int(stop) for stop in state.hits[:, 0]],
-        'impact_phase': state.hits[:, 1].tolist(),
-        'impact_speed': state.hits[:, 2].tolist(),
-    }
-
-
 def failed_row(reason: str) -> Row:
     """Return the columns of a rig that could not be simulated."""
     return {'ok': False, 'reason': reason}
@@ -198,7 +158,7 @@ def failed_row(reason: str) -> Row:
 
 def _relative_section(row: Any) -> Array:
     """Return the section of a motion that repeats, relative to its size; shape (4, k)."""
-    section = np.array([getattr(row, name) for name in _SECTION], dtype=float)
+    section = np.array([getattr(row, name) for name in SECTION], dtype=float)
     size = row.x_max + float(np.ptp(section[2])) or 1.0
     section /= size * np.array([[1.0], [math.tau / row.cycle]] * 2)
     if row.impacts == 0:

@@ -58,7 +58,7 @@ def joined(messages, from_stamp, *, seed=1, topics=None):
             # rclpy publishes its own, with its own stamp.
             own = max(0, stamp - 5000)
             content = content[:4] + struct.pack('<iI', *divmod(own, 10**9)) + content[12:]
-        last[topic] = max(stamp + 150_000 + rng.randrange(2_000_000), last.get(topic, 0) + 1)
+        last[topic] = max(stamp + 150_000 + rng.randrange(6_000_000), last.get(topic, 0) + 1)
         arrived.append((topic, content, last[topic]))
     return sorted(arrived, key=lambda message: message[2])
 

@@ -111,26 +111,15 @@ def test_a_chunk_removed(bag, tmp_path, number, listing, capsys):
     assert 'its statistics count 601 messages on /joint_states' in text
 
 
-DATA, SUMMARY = 'the checksum of its data does not match', 'the checksum of its summary does not'
-
-
 @pytest.mark.parametrize(
     ('change', 'words'),
     [
         (edited(Opcode.STATISTICS, 0, '<Q', 5), 'its statistics count 5 messages in all'),
         (edited(Opcode.STATISTICS, 48, '<Q', 4444), 'its statistics count 4,444 messages on '),
-        (edited(Opcode.STATISTICS, 26, '<Q', 5), SUMMARY),
-        (edited(Opcode.CHUNK_INDEX, 16, '<Q', 5, 2), SUMMARY),
-        (edited(Opcode.METADATA_INDEX, 0, '<Q', 5), SUMMARY),
         (edited(Opcode.FOOTER, 0, '<Q', 99), 'its footer places the summary at byte 99'),
-        (edited(Opcode.FOOTER, 16, '<I', 99), SUMMARY),
-        (edited(Opcode.MESSAGE_INDEX, 6, '<Q', 5, 4), DATA),
-        (edited(Opcode.CHUNK, 0, '<Q', 5, 2), DATA),
-        (edited(Opcode.HEADER, 12, '<B', 0x4A), DATA),
-        (edited(Opcode.METADATA, 60, '<B', 0x4A), DATA),
-        (edited(Opcode.DATA_END, 0, '<I', 99), DATA),
+        (edited(Opcode.FOOTER, 16, '<I', 99), 'the checksum of its summary does not'),
+        (edited(Opcode.HEADER, 12, '<B', 0x4A), 'the checksum of its data does not match'),
     ],
-    ids=range(12),
 )
 def test_what_the_file_says_is_checked(bag, tmp_path, change, words):
     run = RunReader(altered(bag, tmp_path / 'bag', change))
@@ -182,21 +171,6 @@ def test_what_metadata_yaml_says_is_checked(bag, tmp_path, field, value, words):
     assert len(findings.faults) == 1
 
 
-def test_samples_taken_out_with_consistent_statistics(messages, tmp_path):
-    """In the middle, at the beginning, at the end: whatever is counted agrees."""
-    for name, begin, end in (('middle', 0.75, 2.0), ('head', -1, 1.25), ('tail', 1.75, 4)):
-        kept = [
-            m
-            for m in messages
-            if m[0] != '/joint_states' or not begin < (m[2] - samples.START) / 1e9 < end
-        ]
-        findings = replayed(write(tmp_path / name, kept))
-        assert findings.verdict is ReplayVerdict.PARTIAL
-        (fault,) = findings.faults
-        lost = len(messages) - len(kept)
-        assert abs(lost - int(fault.split()[5].replace(',', ''))) <= 20, fault
-
-
 # No false alarms
 
 
@@ -220,9 +194,7 @@ def test_a_cut_bag_has_no_fault_but_that(bag, tmp_path, share):
 
 
 @pytest.mark.parametrize('compression', list(CompressionType))
-@pytest.mark.parametrize(
-    'index', [IndexType.ALL, IndexType.NONE, IndexType.CHUNK, IndexType.MESSAGE]
-)
+@pytest.mark.parametrize('index', [IndexType.ALL, IndexType.NONE])
 @pytest.mark.parametrize('crcs', [True, False])
 def test_files_of_mcap(messages, tmp_path, compression, index, crcs):
     path = tmp_path / 'other.mcap'

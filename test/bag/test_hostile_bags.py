@@ -2,13 +2,14 @@
 
 import json
 import os
+import random
 import shutil
 import struct
 
 import lz4.frame
 import pytest
 import zstandard
-from bag import fuzz_bags, ros2_bags, samples
+from bag import bounded_commands, ros2_bags, samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig, renamed
 from bag.test_bag_check import altered, records, write
 from mcap.opcode import Opcode
@@ -16,9 +17,6 @@ from mcap.opcode import Opcode
 from impact_damper_ros.bag import RecordingError, RunReader
 from impact_damper_ros.replay.run import RecordedRun
 from impact_damper_ros.rig.quoting import as_line, shown
-
-#: Of the commands, beyond what they need at their start.
-MEMORY = 768 * 1024**2
 
 
 @pytest.fixture(scope='module')
@@ -40,8 +38,8 @@ def bag(messages, tmp_path_factory):
 def said(bag, words, *, commands=('compare_run', 'replay_run', 'recover_run')):
     """Run the commands, and check that each of them ends well and says so."""
     for command in commands:
-        assert fuzz_bags.run(command, bag, MEMORY) == ''
-        text = fuzz_bags.output_of(command, bag).read_text()
+        assert bounded_commands.run(command, bag) == ''
+        text = bounded_commands.output_of(command, bag).read_text()
         if command != 'recover_run':
             assert words in text, text
             assert sum(words in line for line in text.splitlines()) == 1
@@ -74,34 +72,25 @@ def put(path, value):
 @pytest.mark.parametrize(
     ('change', 'words'),
     [
-        (lambda _: '[' * 100_000, 'it is nested more than 12 deep'),
-        (lambda _: '[' * 20 + ']' * 20, 'it is nested more than 12 deep'),
-        (lambda t: t.replace('"x": 0.0', '"x": Infinity'), 'Infinity is no number of JSON'),
+        (lambda _: '[' * 100_000, 'it is nested too deep'),
         (lambda t: t.replace('"x": 0.0', '"x": NaN'), 'NaN is no number of JSON'),
-        (lambda t: t.replace('"x": 0.0', '"x": 1e999'), "'1e999' is beyond the range of a double"),
-        (lambda t: t.replace('ns": 0,', f'ns": {"9" * 4000},'), 'a whole number has 4000 digits'),
         (put('state.origin.x', None), 'origin.x is None: give a number from'),
         (put('state.origin.velocity', '1.0'), "origin.velocity is '1.0': give a number"),
         (
             put('state.origin.mode', 99),
             'origin.mode is 99: give a whole number from 0 to',
         ),
-        (put('state.origin.mode', 'SLIDE'), "origin.mode is 'SLIDE': give a whole number"),
         (put('state.origin.angles', []), 'origin.angles has 0 entries, the force has 1'),
-        (put('state.origin.angles', ['x']), "origin.angles is 'x': give a number"),
         (put('state.time', 1e9), 'its state is of rig time 1000000000.0 s, the message of 0.0 s'),
-        (put('state.sweep.step', 1.5), 'sweep.step is 1.5: give a whole number'),
         (put('state.parameters.gap', 'x' * 10**5), 'gap is '),
         (put('state.parameters.gap', -1.0), 'gap is -1.0'),
         (put('state.sweep.step', -(2**62)), 'sweep.step is -4611686018427387904: give a whole'),
         (put('state.origin.velocity', 1e300), 'origin.velocity is 1e+300: give a number'),
-        (put('state.gap_control.state.observer.last', [1.0]), 'observer.last has 1 entries'),
-        (put('state.gap_control.state.roused', 'x'), "roused is 'x': it must be true or false"),
-        (put('state.format', [2]), 'is of format [2]; this version reads format 4'),
+        (put('state.format', [2]), 'is of format [2]; this version reads format'),
         (put('stamp_offset_ns', '5'), "stamp_offset_ns is '5'"),
         (put('rate', 0.0), 'rate is 0.0: give a number from 1e-12 to'),
     ],
-    ids=range(23),
+    ids=range(14),
 )
 def test_snapshots(tmp_path, messages, change, words):
     path = with_snapshots(tmp_path / 'bag', messages, change)
@@ -125,18 +114,14 @@ def test_flights_that_end_before_or_take_hours_to_search(tmp_path, messages, qui
     ('text', 'words'),
     [
         ('[' * 50_000, 'it is nested more than 20 deep'),
-        ('- ' * 5000, 'it is nested more than 20 deep'),
         ('rosbag2_bagfile_information: !!timestamp x', 'is not the metadata of a bag'),
         ('rosbag2_bagfile_information: {relative_file_paths: ["\x1b[31m"]}', 'not the metadata'),
         ('rosbag2_bagfile_information: {relative_file_paths: [5]}', 'are not all texts'),
         ('rosbag2_bagfile_information: {relative_file_paths: 5}', 'is not the metadata'),
-        ('a: &a [*a]', 'it has an alias (*name), which no bag has'),
-        ('a: ' + '9' * 5000, 'Exceeds the limit'),
         ('#' * 2**24, 'it is 8388609 characters long; at most 8388608 are read'),
-        ('[' + '1,' * 400_000 + ']', 'it has more than 300000 parts'),
         ('\ud800', 'is not the metadata of a bag'),
     ],
-    ids=range(11),
+    ids=range(7),
 )
 def test_metadata_yaml(tmp_path, bag, text, words):
     path = tmp_path / 'bag'
@@ -188,7 +173,7 @@ def test_chunks_that_expand_to_gigabytes(tmp_path, bag, name, count, declared, w
     path = altered(bag, tmp_path / 'bag', change)
     assert path.stat().st_size < 10**7
     said(path, words)
-    text = fuzz_bags.output_of('recover_run', path).read_text()
+    text = bounded_commands.output_of('recover_run', path).read_text()
     assert 'is complete' not in text
     assert 'fault: the bag is not whole' in text
 
@@ -210,9 +195,9 @@ def test_lengths_of_gigabytes(tmp_path, bag, place, words):
         position += 9 + len(held)
     struct.pack_into('<Q', content, position + place, 4_000_000_000)
     file.write_bytes(content)
-    for command in fuzz_bags.COMMANDS:
-        assert fuzz_bags.run(command, path, MEMORY) == ''
-    text = fuzz_bags.output_of('replay_run', path).read_text()
+    for command in bounded_commands.COMMANDS:
+        assert bounded_commands.run(command, path) == ''
+    text = bounded_commands.output_of('replay_run', path).read_text()
     assert words in text
     assert 'the bag is not complete' in text
 
@@ -230,9 +215,9 @@ def test_other_things_that_expand_to_gigabytes(tmp_path, messages, what):
         changed[at] = ('/joint_states', zeros(3_900_000_000), messages[at][2])
         ros2_bags.write_bag(path, ros2_bags.joined(changed, 0))
         words = 'it expands to more than 134217728 bytes'
-    for command in fuzz_bags.COMMANDS:
-        assert fuzz_bags.run(command, path, MEMORY) == ''
-    assert words in fuzz_bags.output_of('replay_run', path).read_text()
+    for command in bounded_commands.COMMANDS:
+        assert bounded_commands.run(command, path) == ''
+    assert words in bounded_commands.output_of('replay_run', path).read_text()
 
 
 def test_chunks_that_overlap_in_time_are_not_all_held(tmp_path, monkeypatch):
@@ -247,16 +232,6 @@ def test_chunks_that_overlap_in_time_are_not_all_held(tmp_path, monkeypatch):
         list(run)
 
 
-@pytest.mark.parametrize('text', [*fuzz_bags.TEXTS, '- {depth: [1]}', '{a: 1}'])
-def test_odd_quality_of_service(tmp_path, messages, text, monkeypatch):
-    monkeypatch.setattr(ros2_bags, 'QOS', text.replace('{', '{{').replace('}', '}}'))
-    path = ros2_bags.write_bag(tmp_path / 'bag', ros2_bags.joined(messages, samples.START))
-    for command in ('replay_run', 'recover_run'):
-        assert fuzz_bags.run(command, path, MEMORY) == ''
-    assert 'verdict     identical' in fuzz_bags.output_of('replay_run', path).read_text()
-    assert RunReader(tmp_path / 'bag_recovered').message_count == len(messages)
-
-
 def test_no_escape_sequence_reaches_the_terminal(tmp_path, messages):
     """Not by the name of a topic or node, of a file, or a text within."""
     names = {
@@ -266,9 +241,9 @@ def test_no_escape_sequence_reaches_the_terminal(tmp_path, messages):
     topics = [samples.Topic(names.get(t.name, t.name), t.type, t.qos) for t in samples.CONTROLLED]
     changed = renamed([*messages, messages[-1]], names, notes['node'])
     path = samples.record(tmp_path / 'bag\x1b[31m', changed, topics, custom=notes)
-    for command in fuzz_bags.COMMANDS:
-        assert fuzz_bags.run(command, path, MEMORY) == ''
-    text = fuzz_bags.output_of('replay_run', path).read_text()
+    for command in bounded_commands.COMMANDS:
+        assert bounded_commands.run(command, path) == ''
+    text = bounded_commands.output_of('replay_run', path).read_text()
     assert r'node /n\x1b]0;x\x07' in text
     assert r'messages of /joint_states\x1b[31m\n\u202e twice: 1' in text
 
@@ -281,6 +256,32 @@ def test_printable_texts():
     assert as_line('x' * 5000) == 'x' * 2000 + '...'
 
 
-def test_fuzz(tmp_path):
-    """Some seconds' worth; `fuzz_bags.py` by itself goes on for as long as one likes."""
-    assert fuzz_bags.fuzz(tmp_path, 1, range(18)) == []
+@pytest.mark.parametrize('form', ['file', 'listing', 'snapshot', 'sqlite'])
+def test_altered_bytes_end_in_one_clear_line(tmp_path, messages, bag, form):
+    """Wherever they are: no traceback, no hang, and only the documented exit codes."""
+    if form == 'sqlite':
+        ros2_bags.write_database(tmp_path / 'whole', ros2_bags.joined(messages, 0))
+        bag = tmp_path / 'whole'
+    kind = {'listing': '*.yaml', 'sqlite': '*.db3'}.get(form, '*.mcap')
+    dice = random.Random(form)
+    for number in range(4):
+        path = tmp_path / f'bag_{number}'
+        if form == 'snapshot':
+            hurt = [(t, flipped(c, dice) if t == '/snapshot' else c, s) for t, c, s in messages]
+            write(path, hurt)
+        else:
+            shutil.copytree(bag, path)
+            (file,) = path.glob(kind)
+            file.write_bytes(flipped(file.read_bytes(), dice))
+        for command in bounded_commands.COMMANDS:
+            assert bounded_commands.run(command, path) == '', (command, path)
+
+
+def flipped(content, dice):
+    """Return bytes of which some are altered, missing or there twice."""
+    held = bytearray(content)
+    for _ in range(dice.choice((1, 4))):
+        at = dice.randrange(len(held))
+        part = dice.choice((bytes([dice.randrange(256)]), b'', bytes(held[at : at + 60])))
+        held[at : at + 1] = part
+    return bytes(held)

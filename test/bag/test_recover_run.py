@@ -1,10 +1,10 @@
 """Salvage: whatever the cut, all that is whole is saved, and only that."""
 
 import random
-import struct
 
 import pytest
 from bag import samples
+from bag.test_bag_check import records
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader
@@ -39,13 +39,12 @@ def finished(tmp_path_factory, messages):
     return bag.path
 
 
-def records(content):
-    """Yield opcode, start and end of the records, by the format's definition alone."""
+def placed(content):
+    """Yield opcode, start and end of the records."""
     position = MAGIC
-    while position < len(content) - MAGIC:
-        opcode, length = struct.unpack_from('<BQ', content, position)
-        yield opcode, position, position + 9 + length
-        position += 9 + length
+    for opcode, held in records(content):
+        yield opcode, position, position + 9 + len(held)
+        position += 9 + len(held)
 
 
 def cut_file(tmp_path, content, name='cut.mcap'):
@@ -56,7 +55,7 @@ def cut_file(tmp_path, content, name='cut.mcap'):
 
 def check(content, size, tmp_path, messages):
     """Recover a file cut at `size` and compare with what the chunks before it held."""
-    ends = [end for opcode, _, end in records(content) if opcode == Opcode.CHUNK]
+    ends = [end for opcode, _, end in placed(content) if opcode == Opcode.CHUNK]
     expected = messages[: min(40 * sum(end <= size for end in ends), len(messages))]
     path = cut_file(tmp_path, content[:size], f'cut_{size}.mcap')
     output = tmp_path / f'cut_{size}_recovered'
@@ -75,7 +74,7 @@ def check(content, size, tmp_path, messages):
         run = RunReader(output)
         assert run.complete
         assert run.custom['note'] == 'kept'
-        whole = max(end for _, _, end in records(content) if end <= size)
+        whole = max(end for _, _, end in placed(content) if end <= size)
         unusable = 0 if size == len(content) else size - whole
         assert recovery.unusable == unusable
         for file in output.iterdir():
@@ -90,10 +89,10 @@ def test_cuts_at_every_border(finished, tmp_path, messages):
     """At the end of each record, one byte before and after, and in its head."""
     content = finished.read_bytes()
     sizes = {0, 1, MAGIC - 1, MAGIC, MAGIC + 1, len(content) - 1, len(content)}
-    for _, start, end in records(content):
+    for _, start, end in placed(content):
         sizes |= {start + 1, start + 8, start + 9, start + 10, end - 1, end, end + 1}
     # The summary has many small records that all mean the same here.
-    tail = max(end for opcode, _, end in records(content) if opcode == Opcode.CHUNK)
+    tail = max(end for opcode, _, end in placed(content) if opcode == Opcode.CHUNK)
     sizes = {size for size in sizes if size <= tail} | set(
         random.Random(2).sample(sorted(size for size in sizes if size > tail), 10)
     )
@@ -131,7 +130,7 @@ def test_cut_in_a_large_chunk(tmp_path, compression, chunked):
 def test_a_hole_in_the_middle(finished, tmp_path, messages):
     """After a power cut a page may be zero: that chunk is lost, those after it are not."""
     content = bytearray(finished.read_bytes())
-    chunks = [(s, e) for opcode, s, e in records(bytes(content)) if opcode == Opcode.CHUNK]
+    chunks = [(s, e) for opcode, s, e in placed(bytes(content)) if opcode == Opcode.CHUNK]
     start, end = chunks[3]
     content[start + 200 : end] = bytes(end - start - 200)
     path = cut_file(tmp_path, bytes(content[: chunks[-1][0]]))
@@ -211,7 +210,7 @@ def test_nothing_half_made_is_left(finished, tmp_path, monkeypatch):
 
 def test_command_reports_what_was_saved(finished, tmp_path, capsys):
     content = finished.read_bytes()
-    chunks = [end for opcode, _, end in records(content) if opcode == Opcode.CHUNK]
+    chunks = [end for opcode, _, end in placed(content) if opcode == Opcode.CHUNK]
     path = cut_file(tmp_path, content[: chunks[4] + 100])
     assert command.main([str(path)]) == 0
     text = capsys.readouterr().out

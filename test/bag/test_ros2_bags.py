@@ -60,7 +60,7 @@ def counts(messages, *topics):
     return [len(places(messages, topic)) for topic in topics]
 
 
-@pytest.mark.parametrize('late', [0, 1, 2, 3, 9, 10, 16, 17, 40, 63, 65, 200, 1000])
+@pytest.mark.parametrize('late', [0, 1, 17, 200, 1000])
 def test_joined_so_many_impacts_late(tmp_path, messages, late):
     stamp = messages[places(messages, '/impacts')[late]][2] if late else 0
     arrived = ros2_bags.joined(messages, stamp)

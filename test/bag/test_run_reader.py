@@ -74,18 +74,6 @@ def test_topics_and_times(bag):
     ]
 
 
-def test_a_bag_of_several_files(tmp_path):
-    for number in (0, 1, 2, 10):
-        part = samples.record(tmp_path / f'part_{number}', samples.run(20))
-        (tmp_path / 'bag').mkdir(exist_ok=True)
-        next(part.glob('*.mcap')).rename(tmp_path / 'bag' / f'bag_{number}.mcap')
-    run = RunReader(tmp_path / 'bag')
-    assert [file.path.name for file in run.files] == [f'bag_{k}.mcap' for k in (0, 1, 2, 10)]
-    assert run.message_count == 4 * len(samples.run(20))
-    assert len(list(run)) == run.message_count
-    assert not run.complete
-
-
 def test_memory_does_not_grow_with_the_run(tmp_path):
     """Reading 20 times as much takes no more memory than 2 times as much, or nearly so."""
     peaks = []

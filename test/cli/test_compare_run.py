@@ -6,9 +6,8 @@ import re
 import struct
 
 import pytest
-from bag import samples
+from bag import ros2_bags, samples
 from bag.recorded_rig import NOTES, RecordedRig, renamed
-from replay.test_replay import with_arrival_times
 from rigs import BENCH
 
 from impact_damper_ros.cli.compare_run import main
@@ -115,7 +114,7 @@ def test_an_angle_changed_on_the_way(tmp_path):
             'the gap is under control (timed)',
         ),
         (
-            ('multisine_level=1.0', 'multisine_low=20', 'multisine_high=45'),
+            ('multisine_level=1.0', 'multisine_low=20', 'multisine_high=45', 'multisine_lines=9'),
             'not periodically driven',
             'the force is a multisine',
         ),
@@ -144,7 +143,7 @@ def test_what_has_no_theory_is_measured(tmp_path, capsys, settings, kind, reason
 
 def test_a_recording_of_ros2_bag(messages, tmp_path):
     """Times of arrival, other metadata, and topics that overtake each other."""
-    arrived = with_arrival_times(messages)
+    arrived = ros2_bags.joined(messages, 0)
     code, result = run(samples.record(tmp_path / 'bag', arrived), tmp_path)
     assert (code, result['stamps'], result['faults']) == (0, 'times of arrival', [])
     assert verdicts(result)[:2] == ['agrees', 'agrees']

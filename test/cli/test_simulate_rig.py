@@ -44,47 +44,20 @@ def test_first_impacts_from_rest(tmp_path):
     assert [row['time'] for row in rows] == pytest.approx(expected, rel=1e-14)
 
 
-@pytest.mark.parametrize(
-    ('settings', 'golden', 'largest'),
-    [
-        (
-            ('gravity=0',),
-            {1: (0.733784, 9.9294, -1.9340, -18.0987), 2: (0.233784, -9.9294, 1.9340, 18.0987)},
-            None,
-        ),
-        (
-            (*INCLINED, 'friction=0'),
-            {
-                1: (0.7513744, 4.2199719, -1.3654370, -15.4743588),
-                2: (0.2632173, -4.0551342, 1.8294568, 13.9932174),
-            },
-            '0.2032358',
-        ),
-        (
-            (*INCLINED, 'friction=0.5'),
-            {
-                1: (0.7579950, 4.1321400, -1.9067334, -15.9650212),
-                2: (0.2697923, -3.9291024, 2.3620421, 14.4522209),
-            },
-            '0.2113439',
-        ),
-    ],
-    ids=['horizontal', 'inclined', 'inclined with friction'],
-)
-def test_golden_steady_states(tmp_path, capsys, settings, golden, largest):
-    code, rows = run(tmp_path, '--duration', '12000', settings=settings)
+def test_a_golden_steady_state(tmp_path, capsys):
+    code, rows = run(tmp_path, '--duration', '12000', settings=(*INCLINED, 'friction=0.5'))
     assert code == 0
-    frequency = 1.0 if 'gravity=0' in settings else 1.02
-    digits = 0.5e-6 if 'gravity=0' in settings else 0.5e-7
+    golden = {
+        1: (0.7579950, 4.1321400, -1.9067334, -15.9650212),
+        2: (0.2697923, -3.9291024, 2.3620421, 14.4522209),
+    }
     for row in rows[-2:]:
         phase, x, primary, damper = golden[row['stop']]
-        assert row['time'] * frequency / math.tau % 1.0 == pytest.approx(phase, abs=digits * 1.01)
-        tolerance = 0.51e-4 if 'gravity=0' in settings else 0.51e-7
-        assert row['x'] == pytest.approx(x, abs=tolerance)
-        assert row['primary_velocity_after'] == pytest.approx(primary, abs=tolerance)
-        assert row['damper_velocity_after'] == pytest.approx(damper, abs=tolerance)
-    if largest is not None:
-        assert f', {largest} of the ' in capsys.readouterr().err
+        assert row['time'] * 1.02 / math.tau % 1.0 == pytest.approx(phase, abs=0.51e-7)
+        assert row['x'] == pytest.approx(x, abs=0.51e-7)
+        assert row['primary_velocity_after'] == pytest.approx(primary, abs=0.51e-7)
+        assert row['damper_velocity_after'] == pytest.approx(damper, abs=0.51e-7)
+    assert ', 0.2113439 of the ' in capsys.readouterr().err
 
 
 def test_sticking_and_release_are_events(tmp_path):
@@ -218,15 +191,6 @@ def test_gap_control_from_the_parameters_file(tmp_path, capsys):
     params.write_text(head + '    gap_control: off\n')
     assert run(tmp_path, '--duration', '50', params=params)[0] == 0
     assert 'gap control' not in capsys.readouterr().err
-    params.write_text(head + '    gap_min: 2.0\n    gap_max: 1.0\n')
-    assert run(tmp_path, '--duration', '50', params=params)[0] == 2
-    assert 'give a gap_min below gap_max' in capsys.readouterr().err
-    code, _ = run(tmp_path, '--duration', '50', settings=['gap_control=always'])
-    assert code == 2
-    assert 'give one of off, amplitude, timed' in capsys.readouterr().err
-    params.write_text(head + '    gap_contol: timed\n')
-    assert run(tmp_path, '--duration', '50', params=params)[0] == 2
-    assert 'did you mean gap_control?' in capsys.readouterr().err
 
 
 def test_a_rig_with_events_without_end_is_said_in_a_line(tmp_path, capsys):

@@ -30,7 +30,7 @@ from compare.recorded import built
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from impact_damper_ros.compare.kind import StretchKind, kind_of
+from impact_damper_ros.compare.motion_kind import StretchKind, kind_of
 from impact_damper_ros.compare.stretches import LoggedRig
 from impact_damper_ros.control import Outcome, Rig
 from impact_damper_ros.orbits.flights import machine_of

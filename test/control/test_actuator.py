@@ -7,7 +7,7 @@ import pytest
 from rig.energy import Account
 
 from control.controlled_rigs import TRIAL, control, random_controlled_rig
-from impact_damper_ros.control import Action, Rig
+from impact_damper_ros.control import Action, GapControlParameters, Order, Rig
 from impact_damper_ros.control.actuator import (
     commands_full,
     next_command,
@@ -16,7 +16,7 @@ from impact_damper_ros.control.actuator import (
     start_command,
 )
 from impact_damper_ros.control.controller import Control
-from impact_damper_ros.rig import EventKind
+from impact_damper_ros.rig import EventKind, RigParameters
 
 SEEDS = range(10)
 
@@ -143,3 +143,23 @@ def test_no_command_is_lost_however_many_wait():
         assert [(command.time, command.stop_1) for command in there.waiting] == expected
         largest = max(largest, len(expected))
     assert largest > 30
+
+
+@pytest.mark.parametrize(
+    ('fault', 'stops'),
+    [
+        ('none', (12.0, -12.0)),
+        ('stuck', (10.0, -10.0)),
+        ('slow', (10.2, -10.2)),
+        ('stop_1_only', (12.0, -10.0)),
+        ('stop_2_only', (10.0, -12.0)),
+    ],
+)
+def test_faults_of_the_actuators(fault, stops):
+    control = GapControlParameters(
+        gap_control='external', actuator_speed=2.0, actuator_fault=fault
+    )
+    rig = Rig(RigParameters(gap=20.0), control=control)
+    rig.order(Order(15.0, -15.0))
+    rig.advance(1.0)
+    assert rig.stops == pytest.approx(stops, rel=1e-15)

@@ -168,3 +168,63 @@ def test_impacts_are_found_between_the_samples(rate):
     for hit, impact in zip(found, impacts, strict=True):
         assert hit[0] == pytest.approx(impact[0], abs=1e-9)
         assert hit[2] == pytest.approx(impact[2], abs=4.0 / rate)
+
+
+def faulty(fault, count=400, **values):
+    """Return what faulty sensors see of a rig, and where it is."""
+    control = GapControlParameters(
+        sensor_fault=fault, sensor_fault_size=0.5, gap_control_seed=4, **values
+    )
+    rig = Rig(RigParameters(gravity=0.0), control=control)
+    seen, there = [], []
+    for index in range(count):
+        rig.advance(index * 0.25)
+        seen.append(rig.measure(index)[0])
+        sample = rig.sample()
+        there.append((sample.x, sample.z - sample.x, sample.primary_velocity))
+    return seen, there
+
+
+def test_faults_of_the_sensors():
+    seen, there = faulty('bias')
+    assert all(
+        (s.x, s.y) == (x + 0.5, pytest.approx(y + 0.5))
+        for s, (x, y, _) in zip(seen, there, strict=True)
+    )
+    seen, there = faulty('spike')
+    off = [round(s.x - x, 12) for s, (x, *_) in zip(seen, there, strict=True)]
+    assert set(off) == {-0.5, 0.0, 0.5}
+    # 40 of 400 within three standard deviations
+    assert abs(sum(map(bool, off)) - 40) < 18
+    assert faulty('spike')[0] == seen
+
+
+def test_samples_are_rounded_to_whole_steps():
+    steps = {
+        'gap_control_resolution_position': 0.125,
+        'gap_control_resolution_velocity': 0.25,
+    }
+    seen, there = faulty('none', **steps)
+    for one, (x, _, velocity) in zip(seen, there, strict=True):
+        assert one.x % 0.125 == one.x_rate % 0.25 == 0.0
+        assert abs(one.x - x) <= 0.0625
+        assert abs(one.x_rate - velocity) <= 0.125
+
+
+@pytest.mark.parametrize(('fault', 'moves'), [('none', True), ('dropout', False)])
+def test_a_law_without_samples_does_nothing(fault, moves):
+    control = GapControlParameters(gap_control='timed', sensor_fault=fault)
+    rig = Rig(RigParameters(gravity=0.0), control=control)
+    rig.advance(60.0)
+    assert (rig.amplitude > 0.0) is moves
+
+
+def test_a_frozen_sensor_repeats_its_last_sample():
+    control = GapControlParameters(gap_control='amplitude', gap_control_rate=10.0)
+    rig = Rig(RigParameters(gravity=0.0), control=control)
+    rig.advance(10.0)
+    last, _ = rig.measure(101)
+    rig.change(rig.parameters, control.replace(sensor_fault='frozen'))
+    rig.advance(11.0)
+    assert rig.measure(111)[0][1:5] == last[1:5]
+    assert rig.sample().x != last.x

@@ -1,15 +1,27 @@
 """A controller outside the node: commands over DDS, refusals, watchdog; recorded and replayed."""
 
+import importlib
+import json
 import math
+import sys
 import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.control import GapControlParameters, Order, Rig
+from impact_damper_ros.node.commands import (
+    DEPTH,
+    CommandInbox,
+    CommandTopic,
+    read_stop_command,
+)
+from impact_damper_ros.rig import RigParameters
 from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, stamp_ns, until
 
 SPACE = '/plant'
@@ -180,3 +192,129 @@ def test_the_watchdog_parks_the_stops(plant):
     assert plant.parameters.set_atomically(command_timeout=0.0, force_limit=0.0) == ''
     plant.obeyed(lambda: plant.send_stops(0.02, -0.02))
     until(lambda: plant.report()[1]['Stops parked'] == 'False')
+
+
+def test_a_flood_is_refused_while_it_lasts():
+    """At 10 kHz, by a rig of 200 Hz: it takes a few at each tick, the others are replaced."""
+    now, sent, rate = [0.0], [0], [0.0]
+    content = serialize_message(JointState(name=['stop_1'], position=[0.01]))
+
+    def take():
+        # As the numbers of its publisher say, most have been replaced by others.
+        sent[0] += rate[0] / 200.0 / DEPTH
+        return content, int(sent[0])
+
+    inbox = CommandInbox(
+        [CommandTopic('stop_commands', '/stop_commands', take, lambda: 1, read_stop_command)],
+        clock=lambda: now[0],
+    )
+    accepted = []
+    for rate[0] in (800.0, 10_000.0, 800.0):
+        count = 0
+        for _ in range(200):
+            now[0] += 1.0 / 200.0
+            count += len(inbox.take())
+        accepted.append(count)
+    assert accepted[0] == 200 * DEPTH
+    # Within a sixteenth of a second the flood is detected, and after a quarter its end.
+    assert accepted[1] < 0.07 * 200 * DEPTH
+    assert 0.7 * 200 * DEPTH < accepted[2] < 200 * DEPTH
+    assert inbox.refused == 3 * 200 * DEPTH - sum(accepted)
+    assert 'more than 2500 commands per second' in inbox.reason
+
+
+@pytest.fixture(scope='module')
+def stepped(tmp_path_factory):
+    """Start a rig in lock-step, whose controller is the test."""
+    directory = tmp_path_factory.mktemp('stepped')
+    process = SimProcess(
+        directory,
+        ('__ns:=/stepped',),
+        predict_motion=False,
+        gap_control='external',
+        gap_control_noise_position=1e-4,
+        measurement_rate=50.0,
+        lock_step='stop_commands',
+        lock_step_timeout=2.0,
+        real_time_factor=0.0,
+        **ACTUATORS,
+        **LIVELY,
+    )
+    try:
+        with RigClient() as client:
+            yield client, process
+        assert process.stop() == 0, process.output
+    finally:
+        process.kill()
+
+
+def test_measurements_in_lock_step_are_those_of_the_sensors(stepped):
+    client, process = stepped
+    seen = client.listen(JointState, '/stepped/measurements')
+    out = client.node.create_publisher(JointState, '/stepped/stop_commands', 10)
+    twin = Rig(
+        RigParameters(**{name: json.loads(str(value)) for name, value in LIVELY.items()}),
+        control=GapControlParameters(
+            gap_control='external', gap_control_noise_position=1e-4, **ACTUATORS
+        ),
+    )
+    for k in range(40):
+        until(lambda k=k: seen and stamp_ns(seen[-1].header.stamp) == 20_000_000 * k)
+        twin.advance(20_000_000 * k / 1e9)
+        sample, rates = twin.measure(k)
+        message = seen[-1]
+        assert list(message.name) == ['primary', 'damper', 'stop_1', 'stop_2']
+        assert list(message.position) == [sample.x, sample.y, sample.stop_1, sample.stop_2]
+        assert list(message.velocity) == [sample.x_rate, sample.y_rate, *rates]
+        half = 0.006 + 0.0001 * k
+        command = JointState(name=['stop_1', 'stop_2'], position=[half, -half])
+        # Another stamp is refused, and nothing is waited for any longer by it.
+        command.header.stamp.sec = 1000
+        out.publish(command)
+        command.header.stamp = message.header.stamp
+        out.publish(command)
+        twin.order(Order(half, -half))
+    # Without an answer it goes on, after a while.
+    until(lambda: len(seen) > 60 and 'goes on without' in process.output, lambda: process.output)
+
+
+LAW = """
+def gap_of_the_amplitude(seen, memory):
+    memory[0] += 1.0
+    half = min(max({factor} * seen.amplitude, seen.gap_min), 0.5 * seen.gap_max)
+    return half, -half
+"""
+
+
+def test_a_law_of_ones_own_is_replayed_with_it(tmp_path, monkeypatch, capsys):
+    directory = tmp_path / 'node'
+    directory.mkdir()
+    (directory / 'plant_law.py').write_text(LAW.format(factor=4.0))
+    process = SimProcess(
+        directory,
+        ('__ns:=/lawful',),
+        predict_motion=False,
+        gap_control='timed',
+        control_law='plant_law:gap_of_the_amplitude',
+        record=True,
+        **ACTUATORS,
+        **LIVELY,
+    )
+    with RigClient() as client:
+        acts = client.listen(JointState, '/lawful/gap_control')
+        until(lambda: len(acts) > 100 or not process.running(), lambda: process.output)
+        set_law = RigParametersClient(client, '/lawful/sim_node').set
+        assert 'fixed while the node runs' in set_law(control_law='other:law')
+    assert process.stop() == 0, process.output
+    (bag,) = (directory / 'runs').iterdir()
+    assert replay_run([str(bag)]) != 0
+    assert 'plant_law:gap_of_the_amplitude' in capsys.readouterr().err
+    monkeypatch.chdir(directory)
+    law = ['--law', 'plant_law:gap_of_the_amplitude']
+    assert replay_run([str(bag), *law]) == 0, capsys.readouterr()
+    # Another law of the same name
+    (directory / 'plant_law.py').write_text(LAW.format(factor=3.0) + '\n')
+    sys.modules.pop('plant_law')
+    importlib.invalidate_caches()
+    assert replay_run([str(bag), *law]) == 1
+    assert 'law.digest' in capsys.readouterr().out

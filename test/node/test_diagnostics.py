@@ -8,6 +8,7 @@ from impact_damper_ros.bag.messages import encode
 from impact_damper_ros.control import Action, ControlRecord, GapControlParameters
 from impact_damper_ros.node.diagnostics import Diagnostics
 from impact_damper_ros.node.engine import ControlStatus, EngineStatus, Load
+from impact_damper_ros.node.external_control import ControllerStatus
 from impact_damper_ros.node.motion_report import MotionReport
 from impact_damper_ros.node.pacing import PacingCounts
 from impact_damper_ros.node.publishing import RecordingStatus
@@ -40,7 +41,7 @@ def report(engine, recording=None, factor=1.0):
     array = received(diagnostics.report(1_500_000_000, engine, recording or RecordingStatus()))
     assert (array.header.stamp.sec, array.header.stamp.nanosec) == (1, 500_000_000)
     assert [s.name for s in array.status] == [
-        f'lab/rig: {t}' for t in ('pacing', 'rig', 'recording', 'gap control')
+        f'lab/rig: {t}' for t in ('pacing', 'rig', 'recording', 'gap control', 'controller')
     ]
     return array.status
 
@@ -132,7 +133,7 @@ def test_the_motion_goes_with_the_rest_or_alone():
     whole = received(diagnostics.report(0, second(), RecordingStatus(), motion))
     alone = received(diagnostics.motion_report(2_000_000_001, motion))
     assert (alone.header.stamp.sec, alone.header.stamp.nanosec) == (2, 1)
-    assert whole.status[4:] == alone.status
+    assert whole.status[5:] == alone.status
     assert [s.name for s in alone.status] == [
         'lab/rig: measured motion',
         'lab/rig: predicted motion',
@@ -158,3 +159,21 @@ def test_recording(recording, level, words):
     assert values['File'] == recording.path
     assert values['Messages'] == str(recording.messages)
     assert values['Bytes'] == str(recording.size)
+
+
+@pytest.mark.parametrize(
+    ('controller', 'level', 'words'),
+    [
+        (ControllerStatus(), OK, 'no commands'),
+        (ControllerStatus(accepted=9, age_ns=5_000_000), OK, 'carried out'),
+        (ControllerStatus(refused=2, reason='it is late'), WARN, '2 commands refused: it is late'),
+        (ControllerStatus(age_ns=2_500_000_000, parked=True), WARN, 'no command for 2.5'),
+        (ControllerStatus(missed=1), WARN, 'the rig goes on without'),
+    ],
+)
+def test_controller(controller, level, words):
+    status = report(second()._replace(controller=controller))[4]
+    assert (status.level, words in status.message) == (level, True)
+    values = {v.key: v.value for v in status.values}
+    assert values['Commands refused'] == str(controller.refused)
+    assert values['Stops parked'] == str(controller.parked)

@@ -170,7 +170,8 @@ def test_diagnostics(rig):
         return next(float(v.value) for v in status.values if v.key == key)
 
     statuses = until(whole)
-    tasks = ('pacing', 'rig', 'recording', 'gap control', 'measured motion', 'predicted motion')
+    tasks = ('pacing', 'rig', 'recording', 'gap control', 'controller')
+    tasks += ('measured motion', 'predicted motion')
     assert list(statuses) == [f'sim_node: {task}' for task in tasks]
     assert {status.hardware_id for status in statuses.values()} == {'sim_node'}
     pacing = {v.key: v.value for v in statuses['sim_node: pacing'].values}

@@ -224,6 +224,7 @@ def test_descriptors_say_it_all(name):
     assert made.description.startswith(spec.description)
     assert (f'Unit: {spec.unit}.' in made.description) == bool(spec.unit)
     fixed = ('state_rate', 'publish_clock', 'real_time_priority')
+    fixed += ('measurement_rate', 'control_law', 'lock_step')
     assert made.read_only == (name in fixed)
     if spec.choices:
         assert made.additional_constraints.startswith(f'One of {", ".join(spec.choices)}.')

@@ -90,17 +90,6 @@ def test_the_derivative_is_that_of_the_residual(pattern):
 
 
 @pytest.mark.parametrize('pattern', PATTERNS)
-def test_many_guesses_at_once_are_the_single_ones(pattern):
-    segments = Segments(RIG, PATTERNS[pattern], 2)
-    unknowns = anywhere(segments, count=3)
-    value, jacobian = segments.residual(unknowns)
-    for k in range(3):
-        one, slope = segments.residual(unknowns[k])
-        assert value[k] == pytest.approx(one, rel=1e-13, abs=1e-13)
-        assert jacobian[k] == pytest.approx(slope, rel=1e-12, abs=1e-12)
-
-
-@pytest.mark.parametrize('pattern', PATTERNS)
 def test_the_derivative_by_the_gap(pattern):
     sides = []
     segments = Segments(RIG, PATTERNS[pattern], 2)

@@ -6,13 +6,10 @@ from functools import partial
 import pytest
 
 from impact_damper_ros.bag import RigRecorder, RunWriter, Topic
-from impact_damper_ros.compare import ForceClock, predicted_curve
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.rig import RigParameters
 
 LEVEL = RigParameters(gravity=0.0)
-CLOCK = ForceClock(LEVEL, 0.0, (0.0,))
 WRITER = partial(RunWriter, 'bag', [Topic('/text', 'std_msgs/msg/String')])
 RECORDER = partial(RigRecorder, 'bag', Rig(LEVEL), {})
 BEYOND = (math.nan, math.inf, -math.inf, 10**400, -(10**400))
@@ -23,9 +20,6 @@ RANGES = [
     *((WRITER, name, (*BEYOND, 0.0, -1.0)) for name in ('flush_period', 'sync_period')),
     (partial(RECORDER, duration=1.0), 'rate', (*BEYOND, 0.0, -1.0)),
     (partial(RECORDER, rate=9.0), 'duration', (*BEYOND, -1.0)),
-    (partial(ForceClock, LEVEL, angles=(0.0,)), 'time', BEYOND),
-    (partial(ForceClock, LEVEL, 0.0), 'angles', ((), (math.nan,), (0.0, math.inf))),
-    (partial(predicted_curve, CLOCK, find_orbits(LEVEL, (1, 2)).orbits[0], None), 'time', BEYOND),
 ]
 
 

@@ -26,7 +26,8 @@ COMMANDS = [
     'solve_periodic',
     'sweep_rig',
 ]
-NOT_SOURCES = ('.git', '.venv', '.*_cache', '__pycache__', 'build', 'install', 'log', 'demo_run')
+NOT_SOURCES = ('.git', '.venv', '.*_cache', '__pycache__', 'build', 'dist', 'install', 'log')
+NOT_SOURCES += ('_build', 'made', 'demo_run')
 
 COLCON = 'from colcon_core.command import main; raise SystemExit(main())'
 

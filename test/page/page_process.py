@@ -28,6 +28,22 @@ class PageProcess:
             )
         self.address = until(self._said, lambda: self._output.read_text())
 
+    @property
+    def said(self):
+        """What it has printed."""
+        return self._output.read_text()
+
+    def children(self):
+        """Return the numbers of its nodes."""
+        listed = subprocess.run(
+            ['ps', '--ppid', str(self._process.pid), '-o', 'pid=,args='],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        lines = listed.stdout.splitlines()
+        return [int(line.split()[0]) for line in lines if 'sim_node' in line]
+
     def _said(self):
         assert self._process.poll() is None, self._output.read_text()
         found = re.search(r'http://[\d.]+:\d+/', self._output.read_text())

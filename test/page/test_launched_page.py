@@ -14,6 +14,27 @@ from launched import Launched
 from node.rig_client import DEADLINE_S, RigClient, RigParametersClient, until
 
 from page.browser import Browser
+from page.page_process import PageProcess
+
+
+def test_a_node_that_dies_is_reported_and_started_again(tmp_path):
+    server = PageProcess(tmp_path, '--start', 'bench_rig')
+    browser = Browser(chromium.needed())
+    try:
+        page = browser.open(server.address)
+        page.wait('impactDamper.history.impacts.length > 0', DEADLINE_S)
+        (node,) = server.children()
+        os.kill(node, signal.SIGKILL)
+        page.wait("document.querySelector('#toast').textContent.includes('by signal 9')")
+        assert 'rig_page: the node has ended by signal 9: it is started again' in server.said
+        until(lambda: server.children() and server.children() != [node])
+        frames = page.run('impactDamper.counted.frames')
+        page.wait(f'impactDamper.counted.frames > {frames} + 20', DEADLINE_S)
+    finally:
+        browser.close()
+        server.close()
+    assert server.children() == []
+
 
 NODE = f"""#!/bin/sh
 exec {sys.executable} -m impact_damper_ros.node.sim_node "$@"

@@ -1,6 +1,7 @@
 """Recordings: played to their end, cut ones too, with jumps and another rig beside."""
 
 import asyncio
+import json
 import shutil
 import threading
 import time
@@ -11,14 +12,18 @@ import pytest
 from bag.recorded_rig import RecordedRig
 
 from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.control import Rig
+from impact_damper_ros.page.motion import IMPACT_COLUMNS, SAMPLE_COLUMNS
 from impact_damper_ros.page.recorded import load_recording
 from impact_damper_ros.page.recordings import Recordings
 from impact_damper_ros.page.what_if import WhatIfMotion
+from impact_damper_ros.replay import RecordedRun
 from impact_damper_ros.rig import EventKind, load_parameters
 from impact_damper_ros.rig.parameters_file import presets
 
+from .fake_rig import FakeLink, FakeNetwork
 from .served import get, in_loop, opened, serving
 
 SECONDS = 12.0
@@ -158,7 +163,8 @@ async def test_scrub_and_jumps(runs, recorded):
 
 
 @in_loop
-async def test_what_if_shows_another_rig(runs):
+async def test_what_if_shows_another_rig(runs, tmp_path):
+    report = tmp_path / 'report.json'
     async with serving(runs / 'run') as server, opened(server) as page:
         await page.next('hello', mode='player')
         await page.send(type='play', speed=0)
@@ -167,6 +173,11 @@ async def test_what_if_shows_another_rig(runs):
         assert end['on']
         assert end['until'] == pytest.approx(SECONDS)
         assert end['text'] == 'computed from its initial conditions'
+        # The numbers are those that the command prints.
+        assert replay_run([str(runs / 'run'), '--set', 'gap=0.02', '--json', str(report)]) == 0
+        printed = json.loads(report.read_text())['what_if']
+        assert end['totals'] == {name: printed[name] for name in ('recorded', 'what_if')}
+        assert end['totals']['what_if']['impacts'] > 10
         await page.send(type='seek', time=3.0)
         frame = (
             await page.until(
@@ -274,6 +285,67 @@ async def test_recordings_are_listed_and_handed_out(runs, tmp_path):
     assert (only.single, only.names()) == ('run', ['run'])
     with pytest.raises(LookupError):
         only.path('link')
+
+
+@in_loop
+async def test_tables_of_samples_and_impacts(runs, recorded):
+    async with serving(runs) as server:
+        for kind, rows, columns in (
+            ('samples', recorded.motion.samples, SAMPLE_COLUMNS),
+            ('impacts', recorded.motion.impacts, IMPACT_COLUMNS),
+        ):
+            answer = await get(server, f'/recordings/run/{kind}.csv')
+            assert answer.headers['Content-Disposition'].endswith(f'"run_{kind}.csv"')
+            head, *lines = answer.body.decode().splitlines()
+            assert head == ','.join(columns)
+            # To the last bit
+            assert np.array_equal(np.loadtxt(lines, delimiter=','), rows, equal_nan=True)
+        assert (await get(server, '/recordings/none/samples.csv')).code == 404
+        assert (await get(server, '/recordings/run/other.csv')).code == 404
+
+
+@in_loop
+async def test_a_recording_is_renamed_noted_deleted_and_restored(runs, tmp_path):
+    place = tmp_path / 'place'
+    for name in ('one', 'two'):
+        shutil.copytree(runs / 'run', place / name)
+    async with serving(place, FakeNetwork(FakeLink())) as server, opened(server) as page:
+        await page.next('hello')
+
+        async def ask(kind, name, text=''):
+            return await page.ask(type=kind, recording=name, text=text)
+
+        def listed():
+            return {one['name']: one['note'] for one in page.of('recordings')[-1]['list']}
+
+        assert await ask('rename', 'one', ' first run ') == (True, '')
+        assert await ask('note', 'two', 'Stop 1 is loose.') == (True, '')
+        await page.until(lambda: listed() == {'first run': '', 'two': 'Stop 1 is loose.'})
+        assert await ask('delete', 'two') == (True, '')
+        await page.until(lambda: listed() == {'first run': ''})
+        assert await ask('restore', 'two') == (True, '')
+        await page.until(lambda: listed() == {'first run': '', 'two': 'Stop 1 is loose.'})
+        assert RecordedRun(place / 'first run').reader.complete
+        for kind, name, text, reason in (
+            ('rename', 'two', 'first run', 'there is a recording first run already'),
+            ('rename', 'two', '../out', 'cannot be a name'),
+            ('rename', 'two', '.hidden', 'cannot be a name'),
+            ('rename', 'two', ' ', 'cannot be a name'),
+            ('rename', 'nobody', 'x', 'there is no recording nobody'),
+            ('delete', '../place', '', 'there is no recording'),
+            ('restore', '../two', '', 'has been deleted'),
+            ('restore', 'two', '', 'no recording two has been deleted'),
+        ):
+            done, why = await ask(kind, name, text)
+            assert not done
+            assert reason in why
+        # What is written to has no listing yet.
+        (place / 'two' / 'metadata.yaml').unlink()
+        (place / 'two' / 'two.mcap').write_bytes(b'')
+        assert (await ask('delete', 'two'))[1] == 'two is being recorded'
+        assert await ask('delete', 'first run') == (True, '')
+    # The end of the server is the end of what was deleted.
+    assert [path.name for path in place.iterdir()] == ['two']
 
 
 @in_loop

@@ -89,7 +89,9 @@ async def test_open_address_asks_for_its_token(tmp_path):
             assert (await get(server, '/', headers=held)).code == 200
             async with opened(server, headers=held) as page:
                 steers = role == 'steer'
-                assert (await page.next('hello'))['steers'] is steers
+                hello = await page.next('hello')
+                # A link is for watching, whoever gives it.
+                assert (hello['steers'], hello['token']) == (steers, gate.tokens['watch'])
                 # Who watches changes nothing.
                 await page.until(lambda page=page: any(m['parameters'] for m in page.of('hello')))
                 for request in (
@@ -187,6 +189,20 @@ async def test_requests_reach_the_node_and_its_words_come_back(tmp_path):
         assert link.rig.parameters.gap == 30.0
         refused = await page.ask(type='set', values={'gap': -1.0})
         assert refused == (False, 'gap is -1.0 m: give a number from 1e-09 to 1e+09 m')
+        # As it was typed, in the unit in which it is shown
+        for text, unit, gap in (('24.5 mm', 'm', 0.0245), ('2,5', 'cm', 0.025)):
+            typed = {'gap': {'text': text, 'unit': unit}}
+            assert await page.ask(type='set', values=typed) == (True, '')
+            assert page.of('answer')[-1]['values'] == {'gap': gap}
+            assert link.rig.parameters.gap == gap
+        for values, reason in (
+            ({'gap': {'text': 'abc', 'unit': 'mm'}}, "gap is 'abc': give a number from 1e-06 to"),
+            ({'gab': {'text': '1', 'unit': 'mm'}}, 'gab is not a parameter'),
+            ({'gap': {'text': '1'}}, 'cannot be read'),
+        ):
+            ok, why = await page.ask(type='set', values=values)
+            assert not ok
+            assert reason in why
         assert await page.ask(type='service', name='pause') == (True, 'paused')
         for service in ('reset', 'step', 'step_to_impact'):
             assert await page.ask(type='service', name=service) == (True, service)

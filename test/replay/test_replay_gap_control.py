@@ -4,9 +4,9 @@ import math
 import random
 
 import pytest
-from bag import samples
+from bag import ros2_bags, samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig
-from replay.test_replay import places, replayed, with_arrival_times
+from replay.test_replay import places, replayed
 
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.control import GapControlParameters, Order, Rig
@@ -94,7 +94,7 @@ def ordered_run(seed):
 @pytest.mark.parametrize('seed', range(4))
 def test_orders_come_out_bit_for_bit(tmp_path, seed):
     rig = ordered_run(seed)
-    for name, messages in (('own', rig.messages), ('ros2', with_arrival_times(rig.messages))):
+    for name, messages in (('own', rig.messages), ('ros2', ros2_bags.joined(rig.messages, 0))):
         findings = replayed(save(tmp_path / name, messages, NOTES if name == 'own' else {}))
         assert (findings.differences, findings.faults) == ([], [])
         assert findings.verdict is ReplayVerdict.IDENTICAL
@@ -113,7 +113,7 @@ def test_an_altered_order_is_found(tmp_path):
 
 
 def test_what_ros2_bag_record_makes_of_it(tmp_path, messages):
-    findings = replayed(save(tmp_path / 'bag', with_arrival_times(messages), {}))
+    findings = replayed(save(tmp_path / 'bag', ros2_bags.joined(messages, 0), {}))
     assert findings.difference_count == 0
     assert findings.control == len(places(messages, '/gap_control'))
 

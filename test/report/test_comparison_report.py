@@ -17,6 +17,7 @@ from report.example_comparison import example
 from rigs import BENCH, VERTICAL
 
 from impact_damper_ros.compare import Verdict
+from impact_damper_ros.compare.result import StretchCurves
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.report.formatting import instant, number, unit_for
 from impact_damper_ros.rig import InitialConditions
@@ -96,11 +97,16 @@ def rows_of(element, caption):
     raise AssertionError(f'no table {caption}')
 
 
+def without_pictures(run):
+    """Return a run of which only the tables are to be seen, which takes no time to draw."""
+    bare = (dataclasses.replace(stretch, curves=StretchCurves()) for stretch in run.stretches)
+    return dataclasses.replace(run, stretches=tuple(bare))
+
+
 def alone(run, n, **values):
-    """Return a run of one stretch, with some of its values changed."""
-    return dataclasses.replace(
-        run, stretches=(dataclasses.replace(run.stretches[n - 1], **values),)
-    )
+    """Return a run of one stretch, with some of its values changed; without pictures."""
+    stretch = without_pictures(run).stretches[n - 1]
+    return dataclasses.replace(run, stretches=(dataclasses.replace(stretch, **values),))
 
 
 def changed(run, n, **values):
@@ -172,6 +178,7 @@ def test_energy_adds_up_on_the_page(run, page):
 
 def test_changes_and_findings_are_shown(run):
     stiffer = run.stretches[1].parameters.replace(stiffness=1.25)
+    run = without_pictures(run)
     first = dataclasses.replace(run, stretches=run.stretches[:2])
     root = parsed(report_page(changed(first, 2, parameters=stiffer)))
     second = section(root, 2)
@@ -186,7 +193,7 @@ def test_changes_and_findings_are_shown(run):
 
 
 def test_the_page_is_the_same_each_time(run, page):
-    first = alone(run, 1)
+    first = alone(run, 1, curves=run.stretches[0].curves)
     assert report_page(first) == report_page(first)
     assert 'compare_run runs/run_20260101_120000 --report report' in page
 
@@ -206,6 +213,7 @@ HOSTILE = '<script>alert(1)</script>"\'&amp;]]>\x00\x1b[31m\u202e\ud800 $title $
 
 
 def test_hostile_text_is_only_text(run):
+    run = without_pictures(run)
     named = dataclasses.replace(
         changed(run, 1, cause=HOSTILE, sentence=HOSTILE, evidence=HOSTILE, solver=HOSTILE),
         bag=f'runs/{HOSTILE}',
@@ -288,7 +296,7 @@ def test_nothing_known_but_the_stretch(run):
         'settled_at': None,
         'solver': '',
         'impacts': 0,
-        'curves': type(run.stretches[0].curves)(),
+        'curves': StretchCurves(),
         'verdict': Verdict.TOO_SHORT,
     }
     part = section(parsed(report_page(alone(run, 1, **nothing))), 1)
@@ -563,7 +571,8 @@ def test_a_gap_curve_serves_all_stretches_of_its_rig(run):
 
 
 def test_numbers_over_the_whole_run(runs):
-    rows = rows_of(parsed(report_page(runs[1])), 'Swing, impacts and energy')
+    page = report_page(without_pictures(runs[1]))
+    rows = rows_of(parsed(page), 'Swing, impacts and energy')
     assert [row[0] for row in rows[1:]] == ['1', '2', '3', '4', 'all']
     overall, units = runs[1].overall, rows[0]
     unit = unit_for('m', overall.x_max)
@@ -690,6 +699,7 @@ def test_colours_can_be_told_apart():
 def test_files(run, tmp_path):
     place = tmp_path / 'new' / 'report'
     seen = []
+    run = without_pictures(run)
     path = write_report(run, place, drawn=lambda done, total: seen.append((done, total)))
     assert path == place / 'report.html'
     assert seen == [(k, 6) for k in range(1, 7)]
@@ -728,7 +738,7 @@ def test_a_full_disk(run, tmp_path):
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
     try:
         with pytest.raises(OSError) as caught:
-            write_report(alone(run, 1), tmp_path)
+            write_report(alone(run, 1, curves=run.stretches[0].curves), tmp_path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert caught.value.errno == errno.EFBIG

@@ -2,6 +2,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,6 @@ from control import laws
 from control.controlled_rigs import IDEAL, TRIAL, control
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import MotionKind
 from impact_damper_ros.rig import InitialConditions
 from impact_damper_ros.sweep import (
     Grid,
@@ -34,6 +34,10 @@ BRIEF = Settling(cycles=200, watch=25, section=10)
 
 def grid_of(rig=TRIAL, control=TIMED, settling=BRIEF, **options):
     return Grid(rig, START, control, settling=settling, **options)
+
+
+def measured(rig, settling):
+    return SimpleNamespace(**steady_state(rig, settling))
 
 
 def setup_of(grid, row):
@@ -62,15 +66,15 @@ def sampled_rms(law, cycles, watched):
 
 
 def test_a_timed_law_in_step_repeats():
-    state = steady_state(Rig(TRIAL, START, control=TIMED, compiled=None), BRIEF)
-    assert state.kind is MotionKind.PERIODIC
-    assert (state.period, state.impacts, state.stops) == (1, 2, ('1', '2'))
+    state = measured(Rig(TRIAL, START, control=TIMED, compiled=None), BRIEF)
+    assert state.motion == 'periodic'
+    assert (state.period, state.impacts, state.stops) == (1, 2, '1,2')
     assert state.impacts_per_cycle == 2.0
     assert state.x_max / TRIAL.response_amplitude == pytest.approx(IDEAL, rel=0.03)
     assert state.x_rms == pytest.approx(sampled_rms(TIMED, 250, 4), rel=1e-5)
-    assert sorted(state.hits[:, 0]) == [1, 2]
+    assert sorted(state.impact_stop) == [1, 2]
     # Half a cycle apart
-    assert abs(np.ptp(state.hits[:, 1]) - 0.5) < 1e-3
+    assert abs(np.ptp(state.impact_phase) - 0.5) < 1e-3
 
 
 def test_samples_out_of_step_or_noisy_are_measured_all_the_same():
@@ -78,9 +82,9 @@ def test_samples_out_of_step_or_noisy_are_measured_all_the_same():
         control('amplitude', gap_control_rate=5.0),
         control('timed', gap_control_rate=IN_STEP, gap_control_noise_position=0.02),
     ):
-        state = steady_state(Rig(TRIAL, START, control=law, compiled=None), BRIEF)
-        assert state.kind is MotionKind.NOT_PERIODICALLY_DRIVEN
-        assert (state.period, state.settling_cycles, state.measured_cycles) == (0, 225, 25)
+        state = measured(Rig(TRIAL, START, control=law, compiled=None), BRIEF)
+        assert state.motion == 'not periodically driven'
+        assert (state.period, state.settling_cycles, state.measured_cycles) == (None, 225, 25)
         assert state.impacts_per_cycle == pytest.approx(2.0, abs=0.05)
         assert state.x_rms == pytest.approx(sampled_rms(law, 250, 25), rel=1e-5)
 
@@ -89,9 +93,9 @@ def test_stops_on_their_way_are_not_a_settled_motion():
     """The damper at rest and far off, the stops creep towards it for a hundred cycles."""
     rig = TRIAL.replace(damping=1.0, gap=900.0)
     law = control('amplitude', gap_control_rate=IN_STEP, actuator_speed=0.5)
-    state = steady_state(Rig(rig, control=law, compiled=None), BRIEF)
-    fixed = steady_state(Rig(rig, compiled=None), BRIEF)
-    assert fixed.kind is MotionKind.NO_IMPACTS
+    state = measured(Rig(rig, control=law, compiled=None), BRIEF)
+    fixed = measured(Rig(rig, compiled=None), BRIEF)
+    assert fixed.motion == 'without impacts'
     assert fixed.settling_cycles == 100
     assert state.settling_cycles > fixed.settling_cycles + 50
 

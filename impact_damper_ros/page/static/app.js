@@ -4,12 +4,14 @@ import { isOwnAddress, readAddress, writeAddress } from './address.js';
 import { readColours } from './chart.js';
 import { Connection } from './connection.js';
 import { byId, element, mark, toast, write } from './dom.js';
+import { Drag } from './drag.js';
 import { clock, digits, withUnit } from './format.js';
 import { GapCurve } from './gap_curve.js';
 import { startGlossary } from './glossary.js';
 import { History } from './history.js';
 import { Knobs } from './knobs.js';
 import { Player } from './player.js';
+import { makePresets, markPreset } from './presets.js';
 import { ImpactMap, Multipliers, PhasePortrait } from './portraits.js';
 import { Recordings } from './recordings.js';
 import { RigDrawing } from './rig_drawing.js';
@@ -52,6 +54,11 @@ const verdict = new Verdict();
 const player = new Player(connection);
 const knobs = new Knobs((values) => setValues(values));
 const curve = new GapCurve(byId('curve-canvas'), theory, (gap) => turn({ gap }));
+const drag = new Drag(rig, () => history.state, {
+  hold: (name) => knobs.hold(name),
+  gap: (value) => knobs.turn('gap', value),
+  release: (place) => letGo(place),
+});
 const recordings = new Recordings(connection, (name) => join({ bag: name }));
 
 /** What the address holds, and what of it still has to be sent to the rig. */
@@ -71,7 +78,7 @@ let presetList = [];
 
 // Measurements: times between frames and of drawing, how much has come in, and of when its newest is.
 const counted = { frames: 0, bytes: 0, drawn: 0, work: [], latest: 0, epoch: 0 };
-globalThis.impactDamper = { counted, history, theory };
+globalThis.impactDamper = { counted, history, theory, rig, curve };
 
 function setStatus(state, text = '') {
   if (status === 'paused' && state !== 'paused') reportLateImpact();
@@ -169,6 +176,34 @@ async function service(name) {
   if (!ok) toast(reason, 'bad');
 }
 
+/** Let M and m go at places of their own; the next reset is from where it was before. */
+async function letGo({ x, y }) {
+  const at = { initial_primary_position: x, initial_primary_velocity: 0, initial_damper_offset: y, initial_damper_velocity: 0 };
+  const now = knobs.values();
+  const before = Object.fromEntries(Object.keys(at).map((name) => [name, now[name]]));
+  const { ok, reason } = await connection.ask({ type: 'set', values: at });
+  if (!ok) {
+    toast(reason, 'bad');
+    return;
+  }
+  await service('reset');
+  await connection.ask({ type: 'set', values: before });
+}
+
+/** Speeds of the rig that are offered. */
+const SPEEDS = [[0.05, '1/20'], [0.2, '1/5'], [1, '1×'], [5, '5×']];
+for (const [value, text] of SPEEDS) byId('rig-speed').append(element('option', { value: String(value), text }));
+
+/** Show the speed of the rig, which may be one of somebody else's choice. */
+function showSpeed(factor) {
+  const choice = byId('rig-speed');
+  choice.querySelector('[data-own]')?.remove();
+  if (SPEEDS.every(([value]) => value !== factor)) {
+    choice.append(element('option', { value: String(factor), 'data-own': '', text: factor ? `${digits(factor, 2)}×` : 'free' }));
+  }
+  choice.value = String(factor);
+}
+
 let stepping = false;
 /** How many impacts were known when the next one was asked for, until the rig is seen moving. */
 let known = -1;
@@ -195,9 +230,7 @@ function reportLateImpact() {
 /** Show which preset the rig has. */
 function showPreset() {
   write(byId('preset-name'), presetList.find((one) => one.name === shared.preset)?.title ?? '');
-  for (const button of document.querySelectorAll('#presets button')) {
-    mark(button, 'aria-current', String(button.dataset.name === shared.preset));
-  }
+  markPreset(shared.preset);
 }
 
 /** Offer rigs to choose from; the one that is shown stays among them though it is gone. */
@@ -227,7 +260,8 @@ connection.addEventListener('hello', ({ detail }) => {
   presetList = detail.presets;
   player.begin(detail);
   const live = detail.mode !== 'player';
-  for (const id of ['pause', 'reset', ...STEPS]) byId(id).hidden = !live;
+  for (const id of ['pause', 'reset', 'rig-speed', ...STEPS]) byId(id).hidden = !live;
+  drag.on = live && detail.steers !== false;
   byId('record').hidden = !live;
   for (const id of ['presets-open', 'tour-open']) byId(id).hidden = !live;
   if (!live) verdict.recorded();
@@ -236,15 +270,7 @@ connection.addEventListener('hello', ({ detail }) => {
   curve.settable = live;
   shared.bag = detail.bag;
   offer(live ? detail.rigs : [detail.bag], live ? detail.rig : detail.bag);
-  byId('presets').querySelector('ul').replaceChildren(...presetList.map((one) => element('li', {}, element(
-    'button',
-    { type: 'button', 'data-name': one.name, onclick: () => {
-      byId('presets').hidePopover();
-      loadPreset(one.name);
-    } },
-    element('strong', { text: one.title }),
-    element('span', { class: 'quiet', text: one.description }),
-  ))));
+  makePresets(presetList, loadPreset);
   knobs.make(detail.parameters);
   history.recorded = !live;
   for (const one of detail.changes ?? []) if (one.kind !== 'stretch') history.change(one.time, knobs.done(one));
@@ -253,6 +279,7 @@ connection.addEventListener('hello', ({ detail }) => {
   counted.latest = performance.now();
   setStatus(detail.rig || !live ? 'running' : 'gone');
   sendView();
+  if (detail.steers === false) wanted = null;
   if (live && detail.rig && detail.parameters.length) applyWanted();
   if (!live && asked.time && asked.bag === shared.bag) {
     player.seek(asked.time);
@@ -284,6 +311,7 @@ function takeValues(values) {
     // Some eight cycles of the force, or more
     if (!shared.view.window) chooseWindow((16 * Math.PI) / values.force_frequencies[0]);
   }
+  if ('real_time_factor' in values) showSpeed(values.real_time_factor);
   if ('record' in values) {
     mark(byId('record'), 'aria-pressed', String(values.record));
     byId('record').lastChild.textContent = values.record ? 'Recording' : 'Record';
@@ -325,7 +353,7 @@ connection.addEventListener('parameters', ({ detail }) => {
   knobs.take(values);
   takeValues(detail.values);
   if (!history.recorded) {
-    history.change(detail.time, line);
+    history.change(detail.time, line, knobs.dragOf(detail.values));
     const preset = presetList.find((one) => one.title === detail.preset)?.name;
     if (preset && preset !== shared.preset) {
       // Chosen in another tab, or by hand
@@ -390,6 +418,7 @@ connection.addEventListener('recordings', ({ detail }) => recordings.show(detail
 connection.addEventListener('compare_done', ({ detail }) => recordings.done(detail));
 connection.addEventListener('what_if', ({ detail }) => {
   byId('clear-ghost').hidden = !detail.on;
+  verdict.whatIf(detail);
   if (!detail.on && detail.text) toast(detail.text, 'bad');
 });
 connection.addEventListener('notice', ({ detail }) => toast(detail.text, 'bad'));
@@ -399,6 +428,7 @@ connection.addEventListener('seek_done', () => keepAddress());
 
 byId('pause').addEventListener('click', () => service('pause'));
 byId('reset').addEventListener('click', () => service('reset'));
+byId('rig-speed').addEventListener('change', () => turn({ real_time_factor: Number(byId('rig-speed').value) }));
 byId('step').addEventListener('click', () => step('step'));
 byId('step-to-impact').addEventListener('click', () => step('step_to_impact'));
 byId('record').addEventListener('click', async () => {
@@ -439,8 +469,8 @@ byId('link').addEventListener('click', async () => {
   keepAddress();
   await new Promise((resolve) => { setTimeout(resolve, 200); });
   try {
-    await navigator.clipboard.writeText(location.href);
-    toast('The address of this rig has been copied.');
+    await navigator.clipboard.writeText(hello.token ? `${location.origin}/?token=${hello.token}${location.hash}` : location.href);
+    toast(hello.token ? 'A link to watch this rig has been copied; the one that steers it is in the terminal.' : 'The address of this rig has been copied.');
   } catch {
     toast('The address in the browser now holds the whole rig: copy it from there.');
   }

@@ -35,11 +35,13 @@ let vanish = 0;
 /** Show a message for a while, above everything. */
 export function toast(text, kind = 'note') {
   const place = byId('toast');
-  place.hidden = false;
+  // Above an open dialog, too
+  place.hidePopover();
+  place.showPopover();
   place.dataset.kind = kind;
   place.textContent = text;
   clearTimeout(vanish);
   vanish = setTimeout(() => {
-    place.hidden = true;
+    place.hidePopover();
   }, 3000 + 50 * text.length);
 }

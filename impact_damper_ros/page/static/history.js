@@ -157,7 +157,7 @@ export class History {
   }
 
   /** Keep what was done to the rig as a line in the traces. */
-  change(time, text) {
+  change(time, text, drag = 0) {
     if (!Number.isFinite(time) || !text) return;
     const last = this.changes.at(-1);
     const soon = last && Math.abs(time - last.time) < AT_ONCE;
@@ -165,8 +165,9 @@ export class History {
     if (text === 'reset' && soon) return;
     // A knob that is dragged is turned once: to where it is left.
     const knob = /^([^=,]+) = [^=]+$/.exec(text)?.[1];
-    if (knob && soon && last.text.startsWith(`${knob} = `)) this.changes.pop();
-    this.changes.push({ time, text });
+    const same = soon || (drag && drag === last?.drag);
+    if (knob && same && last.text.startsWith(`${knob} = `)) this.changes.pop();
+    this.changes.push({ time, text, drag });
     if (last && last.time > time) this.changes.sort((a, b) => a.time - b.time);
     if (!this.recorded && this.changes.length > 60) this.changes.shift();
     this.version += 1;

@@ -16,7 +16,7 @@ const FIRST = [
   ['gap_control', 'Gap control', 'gap-control'],
 ];
 /** Parameters of the node that do not change the rig. */
-const SETTINGS = new Set(['record', 'bag_directory', 'predict_motion', 'max_bag_size', 'max_bag_duration']);
+const SETTINGS = new Set(['real_time_factor', 'record', 'bag_directory', 'predict_motion', 'max_bag_size', 'max_bag_duration']);
 const GROUPS = [
   ['rig', 'Rig'],
   ['forcing', 'Force'],
@@ -132,6 +132,7 @@ class Knob {
       type: 'range', min: 0, max: 1000, step: 1, 'aria-label': `${title}, slider`, tabindex: 0,
     });
     this.range.addEventListener('input', () => {
+      if (!this.dragging) this.knobs.hold(this.descriptor.name);
       this.dragging = true;
       const number = this.fromSlider(Number(this.range.value) / 1000);
       this.input.value = typed(number, 1e-4);
@@ -139,6 +140,7 @@ class Knob {
     });
     const done = () => {
       this.dragging = false;
+      this.knobs.hold('');
       this.show();
     };
     this.range.addEventListener('change', done);
@@ -312,6 +314,8 @@ export class Knobs {
     this.natural = 0;
     this.scale = { factor: 1, unit: 'm' };
     this.knobs = [];
+    // The parameter that is dragged, and the number of the drag
+    this.held = { name: '', number: 0 };
     byId('knob-search').addEventListener('input', () => this.filter());
   }
 
@@ -375,6 +379,21 @@ export class Knobs {
     }
   }
 
+  /** Begin to drag a parameter, or end with none. */
+  hold(name) {
+    this.held = { name, number: this.held.number + 1 };
+  }
+
+  /** Number of the drag that has led to values; 0 if none has. */
+  dragOf(values) {
+    return this.held.name in values ? this.held.number : 0;
+  }
+
+  /** Turn a knob, as a drag of it would: while a value is on its way, only the newest waits. */
+  turn(name, value) {
+    this.knobs.find((knob) => knob.descriptor.name === name).send(value);
+  }
+
   /** Present values by name. */
   values() {
     return Object.fromEntries(this.knobs.map((knob) => [knob.descriptor.name, knob.value]));
@@ -382,7 +401,7 @@ export class Knobs {
 
   /** What was done to the rig, for the lines in the traces: the same for live and recorded rigs. */
   done({ kind, values = {}, preset = '' }) {
-    const names = Object.keys(values).filter((name) => !SETTINGS.has(name) && !this.padded(name, values[name]));
+    const names = Object.keys(values).filter((name) => !SETTINGS.has(name) && !name.startsWith('initial_') && !this.padded(name, values[name]));
     const turned = names.length > 2
       ? preset || `${names.length} parameters`
       : names.map((name) => this.said(name, values[name])).join(', ');

@@ -17,6 +17,7 @@ const FAR = 100;
 export class RigDrawing extends Canvas {
   constructor(canvas) {
     super(canvas);
+    this.plan = this.held = this.outline = null;
     this.clear();
   }
 
@@ -106,7 +107,8 @@ export class RigDrawing extends Canvas {
   /** Draw a state; `ghost` is a second one, outlined. */
   draw(state, { extent, ghost = null, driven = true, oneSided = false, now }) {
     if (!this.begin() || !state) return;
-    const g = this.layout(extent, state, now);
+    const g = this.held ?? this.layout(extent, state, now);
+    this.plan = g;
     const { context } = this;
     const middle = (g.left + g.right) / 2;
     context.save();
@@ -115,11 +117,26 @@ export class RigDrawing extends Canvas {
     context.translate(-middle, (g.up - g.down) / 2);
     this.ground(g);
     this.attachments(g, state);
-    if (ghost) this.carriage(g, ghost, { oneSided, ghostly: true });
+    for (const other of [ghost, this.outline]) if (other) this.carriage(g, other, { oneSided, ghostly: true });
     this.carriage(g, state, { oneSided, now });
     if (driven) this.force(g, state);
     context.restore();
     if (Math.abs(g.angle) > 0.003) this.inclination(g);
+  }
+
+  /** Where an event is along the axis and across it, from the middle of M at rest. */
+  at({ clientX, clientY }) {
+    const g = this.plan;
+    if (!g) return null;
+    const box = this.canvas.getBoundingClientRect();
+    const [a, b] = [clientX - box.left - this.width / 2, clientY - box.top - this.height / 2];
+    const [cos, sin] = [Math.cos(g.angle), Math.sin(g.angle)];
+    return { u: a * cos + b * sin + (g.left + g.right) / 2, v: b * cos - a * sin - (g.up - g.down) / 2, plan: g };
+  }
+
+  /** Keep the scale while something is dragged. */
+  hold(on) {
+    this.held = on ? this.plan : null;
   }
 
   /** The incline with its ruler, which counts from the static equilibrium of M. */
@@ -379,7 +396,7 @@ export class RigDrawing extends Canvas {
     const { context } = this;
     const em = colours.size;
     const degrees = (g.angle * 180) / Math.PI;
-    const radius = 3.2 * em;
+    const radius = Math.min(3.2 * em, 0.16 * this.width);
     const side = g.angle > 0 ? 1 : -1;
     const [left, low] = [1.2 * em, this.height - 1.1 * em - (side > 0 ? radius * Math.sin(Math.min(1.2, Math.abs(g.angle))) : 0)];
     context.strokeStyle = colours.quiet;
@@ -396,6 +413,9 @@ export class RigDrawing extends Canvas {
     context.font = font(0.85);
     context.textAlign = 'left';
     context.textBaseline = 'middle';
-    context.fillText(`θ = ${digits(degrees, 3)}°`, left + radius + 10, low + (side * radius * Math.sin(Math.abs(g.angle))) / 2);
+    // Beside the arc, or above it where there is no room
+    const narrow = this.width < 26 * em;
+    const [beside, height] = narrow ? [left, low - side * 0.9 * em] : [left + radius + 10, low + (side * radius * Math.sin(Math.abs(g.angle))) / 2];
+    context.fillText(`θ = ${digits(degrees, 3)}°`, beside, height);
   }
 }

@@ -88,8 +88,8 @@ export class Traces {
         ],
         series: [
           {},
-          line(() => colours.stop, 1),
-          line(() => colours.stop, 1),
+          line(() => stopColour(1), 0.8),
+          line(() => stopColour(2), 0.8),
           line(() => colours.damper, 1.8),
           line(() => colours.primary, 2.6),
         ],

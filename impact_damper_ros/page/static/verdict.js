@@ -22,6 +22,12 @@ const PRELIMINARY = {
 };
 /** Mark a number as preliminary. */
 const about = (text, basis) => (basis in PRELIMINARY && text !== '–' ? `${PRELIMINARY[basis][0]}\u202f${text}` : text);
+/** Numbers of a what-if, as `replay_run --set` prints them. */
+const TOTALS = [
+  ['largest |X|', 'largest_x', (value) => withUnit(value, 'm', 4)],
+  ['rms X', 'rms_x', (value) => withUnit(value, 'm', 4)],
+  ['impacts', 'impacts', String],
+];
 const LEVELS = { ok: 'ok', warn: 'warn', error: 'error' };
 const AGREEMENT = {
   agrees: 'Agrees with theory',
@@ -53,6 +59,7 @@ export class Verdict {
     write(byId('verdict-text'), 'waiting for the rig');
     byId('verdict-text').dataset.level = 'none';
     for (const id of ['motion-text', 'theory-text']) write(byId(id), '');
+    byId('totals').hidden = true;
     this.numbers({}, { best: {} });
   }
 
@@ -60,6 +67,27 @@ export class Verdict {
   recorded() {
     write(byId('verdict-text'), 'Recording');
     this.line('motion-text', 'To check it against theory: Recordings, then Compare.');
+  }
+
+  /** What the recorded run and the what-if amount to, once the latter is computed. */
+  whatIf({ totals, done, on, text }) {
+    const table = byId('totals');
+    const known = on && done && totals?.what_if;
+    table.hidden = !known;
+    this.line('theory-text', known ? `What if: ${text}` : on ? 'What if: computing' : '');
+    if (!known) return;
+    const { recorded, what_if: other } = totals;
+    const row = ([name, key, said]) => element(
+      'tr',
+      {},
+      element('th', { scope: 'row', text: name }),
+      ...[recorded, other].map((one) => element('td', { text: said(one[key]) })),
+      element('td', { text: recorded[key] ? digits(other[key] / recorded[key], 3) : '–' }),
+    );
+    table.replaceChildren(
+      element('tr', {}, ...['', 'recorded', 'what if', 'ratio'].map((text_) => element('th', { scope: 'col', text: text_ }))),
+      ...TOTALS.map(row),
+    );
   }
 
   ratio(key, value) {

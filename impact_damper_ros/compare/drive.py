@@ -1,74 +1,38 @@
-"""The phase of the force: as a clock, and found from a recorded motion that lacks it."""
+"""The force at an instant, and found from a recorded motion that lacks it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from sys import float_info
+from typing import NamedTuple
 
 import numpy as np
 
 from impact_damper_ros.replay.rows import Samples
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.parameter_spec import number_between
-from impact_damper_ros.rig.snapshot import LATEST
 
 from .result import Array
 
 
-@dataclass(frozen=True)
-class ForceClock:
-    """
-    The harmonics of a force whose frequencies do not change.
+class Drive(NamedTuple):
+    """The force at an instant."""
 
-    Attributes
-    ----------
-    parameters : RigParameters
-        The rig.
-    time : float
-        An instant, rig time, s.
-    angles : tuple of float
-        Angles that the harmonics have turned by then, without their phases, rad.
-    """
-
-    parameters: RigParameters
-    time: float
-    angles: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        number_between('time', self.time, -LATEST, LATEST)
-        if not self.angles:
-            raise ValueError('angles is empty: give one for each harmonic')
-        for angle in self.angles:
-            number_between('an entry of angles', angle, -float_info.max, float_info.max)
-
-    @property
-    def frequency(self) -> float:
-        """Circular frequency of the first harmonic, rad/s."""
-        return self.parameters.force_frequencies[0]
+    time: float  # rig time, s
+    angles: tuple[float, ...]  # turned by the harmonics, without their phases, rad
+    frequencies: tuple[float, ...]  # of the harmonics, rad/s
 
     @property
     def cycle(self) -> float:
         """Duration of a cycle of the first harmonic, s."""
-        return math.tau / self.frequency
+        return math.tau / self.frequencies[0]
 
     @property
     def zero(self) -> float:
         """The last instant not after `time` at which the first harmonic's angle was zero, s."""
-        return self.time - (self.angles[0] % math.tau) / self.frequency
+        return self.time - (self.angles[0] % math.tau) / self.frequencies[0]
 
     def phase(self, time: Array) -> Array:
         """Return the cycles of the first harmonic since `zero`."""
         return (time - self.zero) / self.cycle
-
-    def angles_at(self, time: Array) -> Array:
-        """Return the angles of the harmonics, with their phases, rad, shape (harmonics, times)."""
-        _, frequencies, phases = (np.array(part) for part in self.parameters.harmonics)
-        # Whole turns first, so that a long run loses no digits.
-        turned = np.remainder(frequencies[:, None] * (time - self.time), math.tau)
-        starts = np.array(self.angles) + phases
-        angles: Array = turned + starts[:, None]
-        return angles
 
 
 _MOST_SAMPLES = 4000
@@ -76,7 +40,7 @@ _MOST_SAMPLES = 4000
 _LEFT, _MODULUS = 1e-2, 0.5
 
 
-def fitted_clock(rig: RigParameters, samples: Samples) -> ForceClock | None:
+def fitted_drive(rig: RigParameters, samples: Samples) -> Drive | None:
     """
     Find the phase of a force of one harmonic from samples; None if it does not explain them.
 
@@ -106,4 +70,4 @@ def fitted_clock(rig: RigParameters, samples: Samples) -> ForceClock | None:
     explained = float(np.linalg.norm(left)) < _LEFT * float(np.linalg.norm(impulse))
     if not explained or abs(math.hypot(sine, cosine) - 1.0) > _MODULUS:
         return None
-    return ForceClock(rig, start, (math.atan2(sine, cosine),))
+    return Drive(start, (math.atan2(sine, cosine),), rig.harmonics[1])

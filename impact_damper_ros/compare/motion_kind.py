@@ -82,7 +82,7 @@ def section_of(impacts: Events, zero: float, cycle: float) -> Section:
 
 def period_of(stretch: RecordedStretch, impacts: Events, cycle: float) -> Period | None:
     """Find the period of impacts, as far as their digits show it."""
-    zero = 0.0 if stretch.clock is None else stretch.clock.zero
+    zero = 0.0 if stretch.drive is None else stretch.drive.zero
     # The replay has the digits that stamps lack.
     digits = 2.0 * math.ulp(abs(stretch.end)) if stretch.at_end else _STAMP_S
     floor = digits / cycle + _ROUND_OFF
@@ -95,10 +95,10 @@ def rig_at_end(stretch: RecordedStretch) -> Rig | None:
         # A law of the user's own, which is not in the state, does nothing where no control acts.
         control = {n: v for n, v in stretch.at_end['gap_control'].items() if n != 'law'}
         return Rig.restore({**stretch.at_end, 'gap_control': control})
-    clock, flights = stretch.clock, stretch.flights
-    if clock is None or not len(flights.rows):
+    drive, flights = stretch.drive, stretch.flights
+    if drive is None or not len(flights.rows):
         return None
-    parameters, row = counted_from_zero(clock.parameters, clock.angles), flights.rows[-1]
+    parameters, row = counted_from_zero(stretch.parameters, drive.angles), flights.rows[-1]
     half, speed = 0.5 * parameters.gap, float(row['primary_velocity_after'])
     beyond = float(row['y']) - half
     resting = 0
@@ -107,7 +107,7 @@ def rig_at_end(stretch: RecordedStretch) -> Rig | None:
         resting = (REST_1 if row['y'] > 0.0 else REST_2) if on_stop else STICK
     flight = flight_at(
         machine_of(parameters),
-        float(row['time']) - clock.zero,
+        float(row['time']) - drive.zero,
         float(row['x']),
         speed,
         beyond,

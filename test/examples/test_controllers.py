@@ -1,0 +1,141 @@
+"""The controllers of the examples, live: in lock-step the same bits, also on a busy machine."""
+
+import cmath
+import math
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+CONTROLLERS = Path(__file__).parents[2] / 'examples' / 'controllers'
+sys.path.append(str(CONTROLLERS))
+
+import lock_step  # noqa: E402
+import test_specification as specification  # noqa: E402
+
+from impact_damper_ros.bag import RunReader  # noqa: E402
+from impact_damper_ros.control import GapControlParameters, Rig  # noqa: E402
+from impact_damper_ros.replay import RecordedRun, Replay  # noqa: E402
+from impact_damper_ros.rig import RigParameters  # noqa: E402
+
+RIG = specification.RIG
+
+
+@contextmanager
+def busy_processors(count=2):
+    """Keep processors busy meanwhile."""
+    processes = [
+        subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(count)
+    ]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def recorded(bag, seconds):
+    """Return the messages of each topic of the rig up to a rig time, as bytes."""
+    reader = RunReader(bag)
+    return {
+        name.rpartition('/')[2]: [
+            (r.stamp_ns, r.content) for r in reader.records([name]) if r.stamp_ns < seconds * 1e9
+        ]
+        for name in reader.topics
+        if name.endswith(('/joint_states', '/impacts', '/gap_control', '/measurements'))
+    }
+
+
+def replayed(bag, seconds):
+    """Return the samples of a run up to a rig time, which must be as recorded."""
+    replay = Replay(RecordedRun(bag))
+    samples = np.concatenate([part.samples for part in replay])
+    assert replay.findings.verdict.name == 'IDENTICAL'
+    return samples[samples['time'] <= seconds]
+
+
+def rms(values):
+    return math.sqrt(float(np.mean(values**2)))
+
+
+def test_two_runs_in_lock_step_are_the_same_bits(tmp_path):
+    """With noise, latency, jitter and losses, on an idle and on a busy machine."""
+    rig = {
+        **RIG,
+        'gap_control_noise_position': 1e-4,
+        'gap_control_noise_velocity': 1e-3,
+        'gap_control_resolution_position': 1e-5,
+        'gap_control_seed': 3,
+        'measurement_latency': 0.002,
+        'measurement_jitter': 0.004,
+        'measurement_loss': 0.1,
+    }
+    seconds = 3.0
+    # Switched by the noise as well
+    gaps = {'narrow': 0.1, 'wide': 0.2, 'threshold': 0.03, 'hysteresis': 0.001, 'memory': 0.05}
+    runs = []
+    for name in ('idle', 'busy'):
+        with busy_processors(0 if name == 'idle' else 2):
+            bag = lock_step.run_in_lock_step(
+                CONTROLLERS / 'on_off_gap.py', seconds, tmp_path / name, rig, gaps
+            )
+        runs.append(recorded(bag, seconds))
+        replayed(bag, seconds)
+    assert runs[0].keys() == {'joint_states', 'impacts', 'gap_control', 'measurements'}
+    for topic, messages in runs[0].items():
+        assert messages == runs[1][topic], topic
+    # A tenth is lost.
+    assert 500 < len(runs[0]['measurements']) < 580
+    assert len(runs[0]['gap_control']) >= len(runs[0]['measurements'])
+
+
+def test_the_timed_law_as_a_node_is_as_good_as_that_of_the_rig(tmp_path):
+    seconds, rig = 20.0, {k: v for k, v in RIG.items() if k != 'actuator_speed'}
+    known = {'primary_mass': 1.0, 'restitution': 0.75, 'gap': 0.01, 'gap_max': 0.5}
+    known |= {'gap_min': 0.001, 'speed': 0.0, 'delay': 0.0}
+    bag = lock_step.run_in_lock_step(
+        CONTROLLERS / 'timed_gap.py', seconds, tmp_path / 'runs', {**rig, 'gap': 0.01}, known
+    )
+    samples = replayed(bag, seconds)
+    law = GapControlParameters(gap_control='timed', gap_control_rate=200.0, gap_max=0.5)
+    parameters = RigParameters(
+        primary_mass=1.0,
+        stiffness=1000.0,
+        damping=0.6,
+        damper_mass=0.1,
+        gap=0.01,
+        force_amplitudes=(10.0,),
+        force_frequencies=(31.6,),
+    )
+    twin = Rig(parameters, control=law).run(seconds, samples['time']).samples
+    late = samples['time'] > seconds / 2
+    assert rms(samples['x'][late]) == pytest.approx(rms(twin['x'][late]), rel=0.05)
+
+
+def test_skyhook_damping(tmp_path):
+    """Without impacts: the frequency response with a dashpot that is held, half a hold late."""
+    seconds, rate, dashpot = 12.0, 200.0, 10.0
+    bag = lock_step.run_in_lock_step(
+        CONTROLLERS / 'skyhook.py',
+        seconds,
+        tmp_path / 'runs',
+        {**RIG, 'gap': 10.0, 'lock_step': 'force_command', 'gap_max': 100.0},
+        {'damping': dashpot},
+    )
+    samples = replayed(bag, seconds)
+    frequency = RIG['force_frequencies'].strip('[]')
+    turn = float(frequency)
+    half = 0.5 * turn / rate
+    held = dashpot * math.sin(half) / half * cmath.exp(-1j * half)
+    stiffness = RIG['stiffness'] - RIG['primary_mass'] * turn**2
+    response = 10.0 / abs(stiffness + 1j * turn * (RIG['damping'] + held))
+    late = samples['time'] > seconds - 10 * math.tau / turn
+    assert math.sqrt(2.0) * rms(samples['x'][late]) == pytest.approx(response, rel=5e-3)
+
+
+def test_the_specification(tmp_path):
+    specification.test_the_gap_follows_the_amplitude(tmp_path)
