@@ -25,24 +25,6 @@ from oracle.flight_cases import (
     round_off,
     taylor_series,
 )
-from oracle.flight_generators import near_grazing_flights, random_flights
-
-__all__ = [
-    'FALSE',
-    'MISSED',
-    'NONE',
-    'OK',
-    'REVERSAL',
-    'STOP_1',
-    'STOP_2',
-    'Check',
-    'FlightCases',
-    'Verdict',
-    'check',
-    'dense_first_event',
-    'near_grazing_flights',
-    'random_flights',
-]
 
 NONE, STOP_1, STOP_2, REVERSAL = 0, 1, 2, 3
 OK, MISSED, FALSE = 0, 1, 2

@@ -14,8 +14,6 @@ from oracle.first_root import Watched, first_event
 from oracle.hybrid_oracle import HybridMotion
 from oracle.precise_motion import Motion, Relative, mp
 
-__all__ = ['first_meeting']
-
 
 def first_meeting(
     params: Mapping[str, Any],
