@@ -110,21 +110,27 @@ class Flights:
     rows: Events  # shape (n + 1,)
     drive: Drive | None
     #: After each row: whether M and m move as one, the stop hit last, 0 for none, and frequency,
-    #: rad/s, and angle of the first harmonic. Shape (n + 1,).
+    #: rad/s, and angle of the first harmonic, active force on M, N. Shape (n + 1,).
     together: Mask
     stop: NDArray[np.int64]
     frequency: Array
     angle: Array
+    active: Array
 
     @classmethod
     def between(
-        cls, rig: RigParameters, rows: Events, drive: Drive | None, steps: Array | None = None
+        cls,
+        rig: RigParameters,
+        rows: Events,
+        drive: Drive | None,
+        steps: Array | None = None,
+        active: float = 0.0,
     ) -> Flights:
         """
         Return the flights between rows.
 
-        The first of them has the mode and the stop hit last; `drive` is the force there. `steps`
-        are the frequencies after each step of a swept force.
+        The first of them has the mode and the stop hit last; `drive` is the force there, and
+        `active` the active one, N. `steps` are the frequencies after each step of a swept force.
         """
         stops = np.where(rows['kind'] == EventKind.IMPACT, rows['stop'], 0)
         stops[0] = rows['stop'][0]
@@ -139,7 +145,10 @@ class Flights:
                 angle = drive.angles[0] + np.append(0.0, turned)
             else:
                 angle = drive.angles[0] + frequency * (rows['time'] - drive.time)
-        return cls(rig, rows, drive, _together(rows), stop, frequency, angle)
+        pushed = rows['kind'] == EventKind.FORCE_STEP
+        latest = _last_known(pushed, np.arange(len(rows)))
+        force = np.where(np.cumsum(pushed) > 0, rows['impulse'][latest], active)
+        return cls(rig, rows, drive, _together(rows), stop, frequency, angle, force)
 
     @classmethod
     def joined(cls, parts: Sequence[Flights]) -> Flights:
@@ -147,7 +156,7 @@ class Flights:
         first = parts[0]
         if len(parts) == 1:
             return first
-        names = ('rows', 'together', 'stop', 'frequency', 'angle')
+        names = ('rows', 'together', 'stop', 'frequency', 'angle', 'active')
         columns = {
             name: np.concatenate(
                 [getattr(first, name), *(getattr(part, name)[1:] for part in parts[1:])]
@@ -220,6 +229,7 @@ class Flights:
         share = np.where(joint, 1.0 / (1.0 + mu), 1.0) / rig.primary_mass
         apart = mu * (self._direction[index] * constants.grip - self._air(index))
         push = np.where(joint, constants.share * constants.slope, apart)
+        push = push + share * self.active[index]
         rest = push * inverse
         less, impulse, slope = free_response(decay, frequency, tau)
         x_0, v_0 = begin['x'] - rest, begin['primary_velocity_after']
@@ -242,7 +252,7 @@ class Flights:
             force += np.imag(amplitude * turned * np.exp(1j * driven * tau))
         rate = push + share * force
         acceleration = rate - 2.0 * decay * velocity - omega_squared * x
-        return x, velocity, acceleration, force
+        return x, velocity, acceleration, force + self.active[index]
 
     def _air(self, index: NDArray[np.intp] | slice) -> Array:
         """Return the acceleration of m by the air, away from the stop hit last."""
@@ -289,7 +299,7 @@ class Flights:
             rows['kind'][row], rows['stop'][row] = STATE, 0
         angle = inside.angle.copy()
         angle[0] += inside.frequency[0] * (rows['time'][0] - inside.starts[0])
-        columns = (inside.together, inside.stop, inside.frequency, angle)
+        columns = (inside.together, inside.stop, inside.frequency, angle, inside.active)
         return Flights(self.rig, rows, self.drive, *columns)
 
     def _pieces(self, most: float = math.inf) -> tuple[NDArray[np.intp], Array, Array]:

@@ -206,11 +206,12 @@ class StretchBuilder:
         self._totals = Integrals(*[0.0] * len(Integrals._fields))
         self._largest, self._longest = math.nan, 0.0
         self._drive: Drive | None = None
+        self._active = 0.0
         self._step = 0
         self._row = NO_EVENTS
         if rig.state is not None:
             snapshot = Snapshot.from_dict(dict(rig.state))
-            self._step = snapshot.sweep.step
+            self._step, self._active = snapshot.sweep.step, snapshot.run.force
             self._row = _state_row(rig.state)
             self._drive = _drive_of(snapshot, float(self._row['time'][0]))
 
@@ -247,7 +248,8 @@ class StretchBuilder:
         parameters = self._rig.parameters
         more = range(self._step + 1, frequency_steps(parameters) + 1)
         steps = np.array([frequency_at(parameters, step) for step in more])
-        flights = Flights.between(parameters, rows, self._drive, steps)
+        flights = Flights.between(parameters, rows, self._drive, steps, self._active)
+        self._active = float(flights.active[-1])
         if self._replayed and rows['time'][0] < self._start:
             # A recorder that joined later got an earlier snapshot.
             flights = flights.cut(self._start, math.inf)
@@ -289,7 +291,9 @@ class StretchBuilder:
         elif self._replayed and end is not None and end > self._row['time'][0]:
             self._go_on(end)
         end = self._end if end is None else end
-        parts = self._parts or [Flights.between(self._rig.parameters, self._row, self._drive)]
+        rig = self._rig.parameters
+        still = Flights.between(rig, self._row, self._drive, active=self._active)
+        parts = self._parts or [still]
         return RecordedStretch(
             number=self._number,
             start=self._start,
@@ -310,7 +314,8 @@ class StretchBuilder:
         """Go on with the last flight to an instant, s."""
         rows = np.concatenate([self._row, self._row])
         rows['time'][1] = end
-        flights = Flights.between(self._rig.parameters, rows, self._drive)
+        rig = self._rig.parameters
+        flights = Flights.between(rig, rows, self._drive, active=self._active)
         first = np.zeros(1, np.intp)
         x, velocity, _, _ = flights.motion(first, flights.spans)
         y, relative = flights.damper(first, flights.spans, x, velocity)

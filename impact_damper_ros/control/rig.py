@@ -57,12 +57,14 @@ from impact_damper_ros.rig.run import (
 )
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot, check_whole
 from impact_damper_ros.rig.state import (
+    STICK,
     Mode,
     RigConstants,
     Run,
     Wave,
     constants_of,
     starting_fields,
+    stop_under,
 )
 from impact_damper_ros.rig.transition import begin_from, move_stops, place_stops_at_gap
 
@@ -608,11 +610,15 @@ class Rig:
         self._sweep = SteppedSine(self._sweep.start, self._sweep.step + 1)
         self._tune()
         begin_flight(self._rig, self._lines, run, self._waves)
+        return self._force_event(EventKind.FREQUENCY_STEP)
+
+    def _force_event(self, kind: EventKind, force: float = 0.0) -> Event:
+        """Return a change of the force at the origin of the flight, where nothing jumps."""
+        run = self._run
         velocity = run.velocity
         damper = velocity + run.relative_velocity
         y = self.sample().z - run.x
-        kind = EventKind.FREQUENCY_STEP
-        return Event(run.time, kind, 0, run.x, y, velocity, velocity, damper, damper, 0.0)
+        return Event(run.time, kind, 0, run.x, y, velocity, velocity, damper, damper, force)
 
     def run(
         self,
@@ -941,7 +947,13 @@ class Rig:
         if side:
             set_side(self._rig, self._lines, run, self._waves, side)
         run.force = force
-        return self._begin()
+        before = run.mode
+        caused = self._begin()
+        events = [self._force_event(EventKind.FORCE_STEP, force)]
+        if before >= STICK > run.mode:
+            release = self._force_event(EventKind.RELEASE)
+            events.append(release._replace(stop=stop_under(before)))
+        return events + caused
 
     def reset(self, initial: InitialConditions | None = None) -> None:
         """

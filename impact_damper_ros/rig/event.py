@@ -38,6 +38,8 @@ class EventKind(IntEnum):
     FREQUENCY_STEP = 9
     #: A stop that m held up moves on by itself.
     STOP_STARTED = 10
+    #: The active force on M changed.
+    FORCE_STEP = 11
 
 
 IMPACT = int(EventKind.IMPACT)
@@ -70,7 +72,8 @@ class Event(NamedTuple):
     damper_velocity_before, damper_velocity_after : float
         Absolute velocity of m, m/s.
     impulse : float
-        Modulus of the impulse between m and the stop, N s; 0 unless an impact.
+        Modulus of the impulse between m and the stop, N s; 0 unless an impact. Of a `FORCE_STEP`
+        the active force on M from then on, N.
     """
 
     time: float

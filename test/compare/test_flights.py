@@ -2,6 +2,7 @@
 
 import json
 import math
+import random
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from impact_damper_ros.compare.flights import STATE, rows_of_samples
 from impact_damper_ros.compare.measures import energy_balance, measured_motion
 from impact_damper_ros.compare.result import Overall
 from impact_damper_ros.compare.stretches import LoggedRig
-from impact_damper_ros.control import GapControlParameters, Rig
+from impact_damper_ros.control import GapControlParameters, Order, Rig
 from impact_damper_ros.rig import InitialConditions
 
 AT_REST = InitialConditions()
@@ -227,6 +228,31 @@ def test_a_sample_as_a_row():
     rows = rows_of_samples(samples, STATE)
     assert (rows['x'] + rows['y']).tolist() == pytest.approx(samples['z'].tolist())
     assert rows['primary_velocity_before'].tolist() == rows['primary_velocity_after'].tolist()
+
+
+@pytest.mark.parametrize('friction', [0.0, 0.2])
+def test_a_force_that_a_controller_commands(tmp_path, friction):
+    """It pushes in flight, at rest and while m sticks; its work is in the balance."""
+    rng = random.Random(5)
+    external = GapControlParameters(gap_control='external', gap_min=0.001, gap_max=0.1)
+    parameters = LIVELY.replace(friction=friction)
+    orders = [Order(force=rng.choice([math.nan, rng.gauss(0.0, 3.0)])) for _ in range(600)]
+    rig = RecordedRig(parameters, control=external, offset=0).start()
+    rig.run(600, order=iter(orders).__next__)
+    path = tmp_path / 'result.json'
+    bag = rig.save(tmp_path / 'bag')
+    assert compare_run([str(bag), '--json', str(path)]) == 0
+    (stretch,) = json.loads(path.read_text(encoding='utf-8'))['stretches']
+    balance, overall = stretch['energy'], stretch['overall']
+    assert abs(balance['residual']) < balance['tolerance'] < 1e-7 * abs(balance['force'])
+    # Against the same run, sampled densely
+    twin, x = Rig(parameters, control=external), []
+    for count, order in enumerate(orders, 1):
+        instants = np.linspace(twin.time, count / 200.0, 51)[1:]
+        x += twin.run(count / 200.0, instants).samples['x'].tolist()
+        twin.order(order)
+    assert overall['x_max'] == pytest.approx(np.abs(x).max(), rel=1e-6)
+    assert overall['x_rms'] == pytest.approx(math.sqrt(np.mean(np.square(x))), rel=1e-3)
 
 
 def test_a_bag_with_changes(tmp_path, capsys):

@@ -26,7 +26,8 @@ def displacement(rig, time, force):
 def test_a_force_on_m_shifts_its_equilibrium():
     rig = Rig(FREE, control=EXTERNAL)
     rig.advance(1.0)
-    assert rig.order(Order(force=3.0)) == []
+    (step,) = rig.order(Order(force=3.0))
+    assert (step.time, step.kind, step.impulse) == (1.0, EventKind.FORCE_STEP, 3.0)
     rig.advance(8.5)
     assert rig.sample().x == pytest.approx(displacement(FREE, 7.5, 3.0), rel=1e-13)
     # A hold after a hold is the sum of two steps
@@ -48,9 +49,10 @@ def test_a_force_moves_m_that_friction_held():
     rig.advance(1.0)
     # It takes both masses along while a < friction g, here a = F/(M + m).
     limit = 0.5 * (parameters.primary_mass + parameters.damper_mass)
-    assert rig.order(Order(force=0.99 * limit)) == []
+    assert [event.kind for event in rig.order(Order(force=0.99 * limit))] == [EventKind.FORCE_STEP]
     rig.order(Order(force=0.0))
-    rig.order(Order(force=1.01 * limit))
+    kinds = [event.kind for event in rig.order(Order(force=1.01 * limit))]
+    assert kinds == [EventKind.FORCE_STEP, EventKind.RELEASE]
     rig.advance(1.0 + 1e-3)
     sample = rig.sample()
     # m lags behind at the acceleration that friction gives it, M has the rest of the force.
