@@ -138,8 +138,8 @@ def ros_node(name: str) -> Iterator[Any]:
 
 
 def listed(values: Mapping[str, Any]) -> str:
-    """Return name, value, unit, range and usual range of parameters, one in a line."""
-    rows = []
+    """Return name, value, unit, range and usual range of parameters, one in a line, with a head."""
+    rows = [('parameter', 'value', 'unit', 'range', 'usual range')]
     for name, value in values.items():
         text = setting(tuple(value)) if hasattr(value, 'tolist') else setting(value)
         spec = ALL_SPECS[name]

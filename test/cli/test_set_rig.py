@@ -19,8 +19,10 @@ def node(tmp_path_factory):
 
 
 def rows_of(said):
-    """Return the columns of each line by the first one."""
-    return {line.split()[0]: re.split(r'  +', line)[1:] for line in said.splitlines()}
+    """Return the columns of each line below the head by the first one."""
+    head, *lines = said.splitlines()
+    assert re.split(r'  +', head) == ['parameter', 'value', 'unit', 'range', 'usual range']
+    return {line.split()[0]: re.split(r'  +', line)[1:] for line in lines}
 
 
 @pytest.mark.usefixtures('node')
