@@ -652,6 +652,13 @@ def test_the_rig_is_moved_by_hand(opened, parameters):
     page.wait("document.querySelector('#status').dataset.state === 'paused'")
 
     def place(u, v='0'):
+        # The picture goes smoothly to another scale.
+        until(
+            lambda: page.run("""(async ({ rig }) => {
+            const before = rig.plan.scale;
+            for (let n = 0; n < 10; n += 1) await new Promise(requestAnimationFrame);
+            return rig.plan.scale === before; })(impactDamper)""")
+        )
         return page.run(f"""(({{ rig, history: {{ state }} }}) => {{
             const {{ scale, slug, left, right, up, down }} = rig.plan;
             const box = rig.canvas.getBoundingClientRect();
@@ -1017,7 +1024,8 @@ def test_the_report_of_a_comparison_opens_in_the_page(recorded):
     assert not page.run("document.querySelector('#recordings').open")
     place = page.run("document.querySelector('#report-frame').src")
     assert place.endswith(f'/reports/{name}/report.html')
-    until(lambda: page.tab.frame(url=place) is not None)
+    # A script lets the browser tell of its frames.
+    until(lambda: page.run('true') and page.tab.frame(url=place) is not None)
     report = page.tab.frame(url=place)
     until(lambda: report.evaluate("document.querySelectorAll('figure svg').length") > 3)
     assert 'replayed bit for bit' in report.evaluate('document.body.textContent')

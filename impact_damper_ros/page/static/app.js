@@ -590,9 +590,9 @@ startTour({
     toured = true;
     turn({ gap_control: law });
   },
-  // Without control the rig has a verdict.
+  // Without control the rig has a verdict. Whether it is on yet, the page may not know.
   end: () => {
-    if (rigValues.gap_control !== 'off' && toured) turn({ gap_control: 'off' });
+    if (toured) turn({ gap_control: 'off' });
     toured = false;
   },
 });
