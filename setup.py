@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Installation with colcon (`ros.ament_python`) and with pip."""
 
 from glob import glob

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The live rig for half a minute: its gap and angle change, it is recorded and held against theory.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every example shares: its options, its table on the terminal and as CSV, its picture."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A digital rig of an inclined impact damper with friction, for ROS 2."""
 
 TYPE_CHECKING = False

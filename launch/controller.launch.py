@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Start the rig with one of the controllers of examples/controllers.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Start the rig, with the frames of its parts and, when asked, a picture in RViz or a page.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the controllers share: each measurement is answered by a command with its stamp."""
 
 import sys

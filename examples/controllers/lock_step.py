@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A controller in a test: a run in lock-step, recorded, that is the same on any machine.
 

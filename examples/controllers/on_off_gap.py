@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 On-off control of the gap by the amplitude of M.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Skyhook damping: a force on M against its velocity in the laboratory."""
 
 from controller import Controller, run

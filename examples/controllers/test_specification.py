@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A controller held to its specification, in lock-step: the same result on any machine, and in CI.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The timed law of the package as a controller of its own.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Broadband excitation: laws against the fixed gap that is best for the same seed.
 

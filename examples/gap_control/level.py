@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Amplitude at resonance over a sixteenfold range of the force: laws, a fixed gap, and the ideal.
 

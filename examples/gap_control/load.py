@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A load that changes: the force at resonance goes from 1 N to 4 N, and then to 0.25 N.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Real sensors and actuators: delay, finite speed, noise and slow sampling.
 

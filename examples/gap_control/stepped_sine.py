@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Stepped sine through the resonance, up and down: the largest |X| late in each step.
 

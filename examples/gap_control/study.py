@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The rigs of the study, the laws, the ideal of first order, and what is measured of a run.
 

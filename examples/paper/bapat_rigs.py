@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rigs of Bapat (1995), section 3."""
 
 from __future__ import annotations

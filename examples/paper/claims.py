@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The claims of Bapat (1995), each with the numbers it rests on and whether they hold.
 

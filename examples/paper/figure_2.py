@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Figure 2: two, three and four impacts per cycle against the gap, in three operations.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Figure 3: restitution, angle, input frequency and friction; two impacts per cycle.
 

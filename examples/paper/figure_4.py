@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Figure 4: the largest displacement against the natural frequency; M, zeta, r and F/K are kept.
 

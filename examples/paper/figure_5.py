@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Figure 5: the gap with the least displacement, and that displacement, against the angle.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Figure 6: compressed air that pushes m away from the stop hit last; horizontal, friction 0.5.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A series of a figure: branches of periodic motions along one parameter, and settled runs.
 

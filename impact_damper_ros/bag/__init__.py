@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Runs recorded as rosbag2 does, read back, and saved after a crash; without ROS.
 

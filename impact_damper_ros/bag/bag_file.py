@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 One bag: a directory with MCAP files as rosbag2 writes them, and their ``metadata.yaml``.
 

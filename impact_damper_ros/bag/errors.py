@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The error of recording and reading, with cause and remedy."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Files of a bag that are not plain MCAP: compressed by zstd as a whole, or SQLite databases.
 

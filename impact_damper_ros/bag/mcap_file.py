@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 One MCAP file of a bag, finished, cut short or damaged, as the `mcap` library reads it.
 

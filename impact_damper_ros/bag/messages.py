@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The recorded messages as typed Python objects, and their encoding in CDR.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recovery of the whole messages of a recording that was cut short or damaged."""
 
 from __future__ import annotations

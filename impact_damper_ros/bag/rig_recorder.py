@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Recording a rig that runs without ROS: the bag that the node would have written.
 

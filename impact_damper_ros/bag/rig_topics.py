@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The topics of a rig: their names, types and quality of service, and the content of their messages.
 

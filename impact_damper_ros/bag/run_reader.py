@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recorded run, finished or cut short, of one file or several, read without ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recording of a run in progress, without delaying it."""
 
 from __future__ import annotations

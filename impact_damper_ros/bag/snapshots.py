@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Snapshots of a rig, as its node publishes them: what it is, and what was done to it.
 

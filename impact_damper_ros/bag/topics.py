@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The topics that are recorded: message definitions and quality of service.
 

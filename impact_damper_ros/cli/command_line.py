@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all commands share: parser, common options, progress, messages and exit codes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`compare_run`: compare a recorded run with the periodic theory."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shell completion: options, presets, files, and parameters with their values, by argcomplete."""
 
 from __future__ import annotations

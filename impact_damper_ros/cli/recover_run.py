@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`recover_run`: make a complete bag of a recording that was cut short."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`replay_run`: reproduce a recorded run from its log, alone or with other parameters."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rig that a command is given: a parameters file, ``--set`` and ``--change``."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Show a live rig, or a recording, in a browser.
 

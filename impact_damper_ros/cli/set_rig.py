@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`set_rig`: set parameters of a running rig, or list them, without the `ros2` command."""
 
 from __future__ import annotations
@@ -138,7 +139,7 @@ def ros_node(name: str) -> Iterator[Any]:
 
 
 def listed(values: Mapping[str, Any]) -> str:
-    """Return name, value, unit, range and usual range of parameters, one in a line, with a head."""
+    """Return a table of parameters with values, units, ranges and usual ranges."""
     rows = [('parameter', 'value', 'unit', 'range', 'usual range')]
     for name, value in values.items():
         text = setting(tuple(value)) if hasattr(value, 'tolist') else setting(value)

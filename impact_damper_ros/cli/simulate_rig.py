@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`simulate_rig`: run a rig without ROS; impacts, events and states as CSV, or all as a bag."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`solve_periodic`: the periodic motions of a rig, with stability and viability, by theory."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`sweep_rig`: the steady states of a rig over its parameters, as a table and figures."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A whole recorded run, replayed and compared with theory in one pass."""
 
 from __future__ import annotations

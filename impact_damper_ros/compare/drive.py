@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The force at an instant, and found from a recorded motion that lacks it."""
 
 from __future__ import annotations

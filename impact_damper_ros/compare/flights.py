@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Flights of a rig as arrays: the motion between events in closed form, many flights at once.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measurements of a stretch: its steady part, energy, and the arrays for plots."""
 
 from __future__ import annotations

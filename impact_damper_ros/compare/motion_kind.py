@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The kind of motion of a stretch: periodic, on its way there, quasi-periodic or chaotic.
 

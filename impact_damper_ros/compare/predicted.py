@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A motion that repeats: its last period, the predicted motion, and the approach to it.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The result of comparing a recorded run with theory.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A run as stretches with constant parameters.
 

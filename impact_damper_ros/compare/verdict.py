@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The comparison of one stretch of a run with theory, and its verdict."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Active control of the gap: laws, sensors, actuators, and the rig under control.
 

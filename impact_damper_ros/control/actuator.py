@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The actuators of the stops: a delay, a speed, and what they spend.
 

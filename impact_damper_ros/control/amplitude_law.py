@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The amplitude law: at each passage of X through zero, places for both stops.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The controller: from samples and crossing instants to commands for the stops."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many rigs at once: constants by numpy, one compiled loop over all of them."""
 
 from __future__ import annotations

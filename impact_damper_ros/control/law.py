@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all laws share: the damper as they know it, the search for m, and how stops are moved."""
 
 from __future__ import annotations

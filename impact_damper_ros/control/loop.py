@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The run loop: the next event or the next act of the control, whichever is earlier.
 

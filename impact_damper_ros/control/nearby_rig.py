@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Rigs near a controlled one: its state as numbers, compared with that of another and displaced.
 

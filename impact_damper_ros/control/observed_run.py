@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run of a rig with timed changes of its parameters, which observers follow."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A law of the user's own: a Python function, or one compiled by numba, in place of a built-in law.
 

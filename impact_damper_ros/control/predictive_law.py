@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The predictive law: places that the model of the rig itself finds to be the best.
 

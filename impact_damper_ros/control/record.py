@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the control reports: each of its acts, as the topic `gap_control` has it."""
 
 from __future__ import annotations

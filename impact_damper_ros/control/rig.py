@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rig: its motion from event to event, exactly, with or without gap control."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Sensors of the gap control: samples with noise and faults, and the observer.
 

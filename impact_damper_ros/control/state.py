@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 States of the control: what their numbers are, and how a snapshot holds them.
 

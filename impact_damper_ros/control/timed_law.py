@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The timed law: an impact where X passes through zero, that is where |X'| is largest.
 

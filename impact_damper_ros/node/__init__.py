@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The rig as a ROS 2 node; the only part of the package that needs rclpy.
 

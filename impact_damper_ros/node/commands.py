@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Commands of a controller outside the node: the topics `stop_commands` and `force_command`.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The node's report on /diagnostics: pacing, rig, recording, gap control and motion.
 

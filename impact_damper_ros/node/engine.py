@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The engine: the thread that moves the rig from tick to tick and publishes its messages.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A controller outside the node: what it is shown and commands, and how long the rig waits for it.
 

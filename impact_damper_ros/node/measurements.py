@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a controller outside the node is shown: samples of the sensors, on their way to it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The motion of a rig from tick to tick, and its joint states some ticks ahead.
 

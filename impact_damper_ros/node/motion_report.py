@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Measured and predicted motion for the diagnostics, and whether they agree.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Pacing: the instants of ticks, the priority of their thread, and the request to end.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 ROS parameters and the rig: descriptors, tolerant reading, validation of whole requests.
 

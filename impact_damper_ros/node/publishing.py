@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Publish the messages of the rig, and record them."""
 
 from __future__ import annotations

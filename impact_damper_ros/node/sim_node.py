@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The node `sim_node`: the rig on a ROS 2 network.
 

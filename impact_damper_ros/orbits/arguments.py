@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What can be asked of the periodic solvers: forces, stop sequences, and the error otherwise."""
 
 from __future__ import annotations

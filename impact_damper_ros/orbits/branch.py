@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A branch of periodic motions: its points, its motions at any value, and its best one."""
 
 from __future__ import annotations

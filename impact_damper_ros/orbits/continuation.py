@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Continuation of periodic motions in a parameter, by pseudo-arclength.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exact extremes of displacements: the turning points of flights, by the certified search."""
 
 from __future__ import annotations

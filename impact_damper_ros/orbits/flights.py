@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Single flights of a rig in plain Python, for solvers that go from flight to flight."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Motions that do not repeat: quasi-periodic, chaotic, or not settled.
 

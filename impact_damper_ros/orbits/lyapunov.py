@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The largest Lyapunov exponent of a run, and the multipliers of a motion under control.
 

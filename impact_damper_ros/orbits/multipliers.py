@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Propagation of deviations of (X, X', Z, Z') through flights and through events.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A periodic motion of the rig, with its stability and viability."""
 
 from __future__ import annotations

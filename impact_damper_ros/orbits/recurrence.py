@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Recognition of motion that repeats, on a Poincaré section.
 

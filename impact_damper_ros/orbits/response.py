@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Free and forced response of M, in closed form and for many spans at once.
 

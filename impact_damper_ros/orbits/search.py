@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The search for periodic motions: which solver applies, and what its roots are."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Periodic motions as one boundary-value problem.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs of a rig until its motion repeats, or a limit is reached; and the kind of that motion."""
 
 from __future__ import annotations

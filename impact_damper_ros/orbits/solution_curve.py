@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The solutions of the boundary-value problem as a curve, along a parameter or any path of rigs.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 From guesses to periodic motions: the nodes are read from a run of the simulator, then solved.
 

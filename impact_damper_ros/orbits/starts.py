@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Starts of the boundary-value problem, from the equations of N impacts in k cycles of the force.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Viability: whether the rig can perform a solution of the boundary-value problem.
 

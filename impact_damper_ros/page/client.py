@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 One page: what waits for it, its requests, and what it has of the motion.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Display frames: what is new of a motion since the last frame of a page.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Access control of the server: Host, Origin and token.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parameters of a rig as the page shows them: the table of the package, with values."""
 
 from __future__ import annotations

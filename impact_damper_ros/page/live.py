@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One rig of the ROS network, as its messages describe it; without ROS imports."""
 
 from __future__ import annotations

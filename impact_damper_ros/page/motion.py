@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The motion of a rig as arrays: samples, impacts, and the phase of the force."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The key numbers of a rig, and of its motion in the last cycles of the force."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The presets, example rigs by name: `presets.yaml`."""
 
 from __future__ import annotations

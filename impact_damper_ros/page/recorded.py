@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recording as the source of one page: its motion and changes, its position and speed."""
 
 from __future__ import annotations

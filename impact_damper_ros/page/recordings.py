@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The recordings that the page lists, plays, downloads and compares.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The rigs of the ROS network, as a client without an executor.
 

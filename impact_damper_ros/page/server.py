@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The server: addresses, pages and their sources, and the tick that sends frames."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What pages are shown: a rig in the network, a recording, or, as here, nothing yet."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The what-if beside a recording: another rig with the same history, from a child process.
 

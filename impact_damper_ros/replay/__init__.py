@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Recorded runs: walked once in order, computed again bit for bit, and run with other parameters.
 

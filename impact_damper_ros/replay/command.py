@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Commands: what was done to a recorded rig, and its state after that, as its snapshots say.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The findings of a replay: counts, differences, and how they grow."""
 
 from __future__ import annotations

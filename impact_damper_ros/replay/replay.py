@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The replay of a run from its log: the same rig, computed again.
 

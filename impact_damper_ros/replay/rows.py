@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Rows: messages of a topic, and samples and events of a rig, as structured arrays.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A recorded run: the commands that a rig was given, and the rows of messages between them.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A replay where the last bits cannot agree: on another C library, processor or version.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 What-if: another rig in place of the recorded one.
 

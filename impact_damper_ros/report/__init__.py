@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The report of a comparison or a replay: text, JSON, tables, figures and the HTML page.
 

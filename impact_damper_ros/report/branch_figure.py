@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The figure of a branch of periodic motions, with its special points."""
 
 from __future__ import annotations

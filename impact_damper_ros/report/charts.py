@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Charts of the report: the whole run, and a stretch in time, phase plane, section and spectrum.
 

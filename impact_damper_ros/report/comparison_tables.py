@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tables of a comparison: one line per stretch, and the numbers of a stretch."""
 
 from __future__ import annotations

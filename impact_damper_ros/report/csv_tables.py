@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CSV tables of impacts and states, the same from every command; 17 digits."""
 
 from __future__ import annotations

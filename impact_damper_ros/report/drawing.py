@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The style of all figures: colours, the style of print and that of the page, files."""
 
 from __future__ import annotations

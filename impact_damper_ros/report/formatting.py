@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers and units as readers see them: in a handy unit, with the digits they carry."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The report of `compare_run`: one page that holds all it shows, and the numbers as JSON.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The findings of a replay, as text and as JSON."""
 
 from __future__ import annotations

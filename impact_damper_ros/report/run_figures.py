@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of a run: its stages close up, and a recorded run beside its what-if."""
 
 from __future__ import annotations

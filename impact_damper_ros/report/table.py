@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables: columns and rows in groups, as text, Markdown and, by the report's template, HTML."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The text of a comparison: a table for each stretch."""
 
 from __future__ import annotations

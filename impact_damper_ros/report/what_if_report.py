@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recorded run beside its what-if: what both amount to, as a table, as JSON and as a figure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The rig: exact event-driven motion of an inclined impact damper with friction.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Kernels: functions of numbers and records that run as plain Python or compiled by numba.
 

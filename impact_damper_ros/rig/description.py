@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Descriptions of the rig: a line of text for people, and the robot description (URDF) for viewers.
 

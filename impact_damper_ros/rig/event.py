@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Events and samples: what a run of the rig consists of, and the rows that kernels write."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The certified first event of a flight, and the next passage of X through zero.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Flights: the motion between two events in closed form.
 

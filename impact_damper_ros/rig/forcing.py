@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The force: phases of its harmonics, random-phase multisine, and stepped sine.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The primary mass as a driven damped oscillator: its constants, its response, its grid of steps.
 

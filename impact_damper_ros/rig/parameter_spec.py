@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 What a parameter is: its meaning, unit, range and default, and the check of a value.
 

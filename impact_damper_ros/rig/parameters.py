@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 All parameters: of the rig, where it starts, its gap control, and the node that runs it.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Parameters files: the ROS 2 YAML that ``--params-file`` takes, read without ROS and within limits.
 

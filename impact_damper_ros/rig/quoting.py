@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Values, counts and texts as messages quote them: short, without control characters."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 From event to event, as far as a run is to go.
 

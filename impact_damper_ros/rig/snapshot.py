@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Snapshots: all that the future of a rig depends on, as numbers, texts, lists and mappings."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The rig and its run as records: the constants of a rig, its harmonics, and its state.
 

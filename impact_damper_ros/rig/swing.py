@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Displacement of the primary mass: its turning points between samples, and largest |X|."""
 
 from __future__ import annotations

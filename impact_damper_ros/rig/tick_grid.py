@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The instants at which a rig is sampled."""
 
 _NS_PER_S = 1_000_000_000

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Transitions: impacts and all other events, from the state before to the state after.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The units in which people type quantities, and the reading of a number with one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Parameter studies: a rig run for many values of its parameters, each until its motion has settled.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The best rig of a sweep: the best row, refined between the values of the grid.
 

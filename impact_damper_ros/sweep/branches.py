@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The branches of periodic motions that a sweep along one parameter has met, by theory."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Transients of many rigs at once, by the engine's loop over an array of rigs.
 

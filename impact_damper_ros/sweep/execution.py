@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The execution of a sweep: tasks of rigs on any executor, their rows in a journal, then the table.
 

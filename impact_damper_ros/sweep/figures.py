@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The figures of a sweep: bifurcation diagram, response surface, basins of attraction."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The grid of a sweep: the parameters that are varied, their values, and the order of the rigs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The journal of a sweep: the rows that are done, in SQLite, so that a sweep can be resumed."""
 
 from __future__ import annotations

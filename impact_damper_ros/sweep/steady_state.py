@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The steady state of a rig: run until the motion repeats, or to a limit, and measured."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The summary of a sweep: counts, attractors and the optimum, as JSON and in words."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The table of a sweep: its columns, its rows, and its file in Parquet or CSV.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 What theory says of a rig: the motion to expect, and the curve of Xmax/A over the gap.
 

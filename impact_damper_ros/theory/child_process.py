@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A module of this package in a process of its own, which takes and gives Python objects.
 

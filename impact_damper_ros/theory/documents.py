@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The document that describes the theory of a rig, for viewers.
 

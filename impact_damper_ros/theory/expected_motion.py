@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The periodic motion into which a rig will settle from its present state.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The curve of Xmax/A over the gap: the branches of the motions that a rig can have."""
 
 from __future__ import annotations

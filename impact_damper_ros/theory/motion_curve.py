@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One period of a periodic motion as a curve."""
 
 from __future__ import annotations

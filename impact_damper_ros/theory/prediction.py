@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What theory predicts for a rig: the periodic motions that it can have, and the expected one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Theory from a process of low priority: requests to it, its answers, and a new one if it ends."""
 
 from __future__ import annotations

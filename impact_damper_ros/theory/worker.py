@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The process that computes theory: requests on its standard input, answers on its standard output.
 

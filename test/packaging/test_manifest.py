@@ -150,3 +150,12 @@ def test_extra_of_the_peers_is_what_their_benchmark_imports():
     # Its figure is asked for with --docs, and needs the extra [plot]
     for module in needed - set(sys.stdlib_module_names) - local - {'matplotlib'}:
         assert f"'{module}" in extra + always, module
+
+
+def test_every_file_of_the_package_names_its_licence(manifest):
+    (licence,) = manifest.licenses
+    files = [*PACKAGE.rglob('*.py'), *(PACKAGE / 'page' / 'static').glob('*.js')]
+    assert len(files) > 100
+    for path in [*files, *(ROOT / 'launch').glob('*.py')]:
+        first = path.read_text(encoding='utf-8').partition('\n')[0]
+        assert first[2:].strip() == f'SPDX-License-Identifier: {licence}', path

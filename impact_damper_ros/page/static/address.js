@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The whole state in the address: a link reproduces rig, settings and view.
 
 const VIEW = ['window', 'theory', 'slow', 'theme'];

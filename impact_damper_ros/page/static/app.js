@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The page: what comes in, what is drawn, what is asked for.
 
 import { isOwnAddress, readAddress, writeAddress } from './address.js';

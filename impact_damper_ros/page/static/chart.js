@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A small canvas for a scientific picture: size, colours of the theme, axes with units.
 
 import { minus, ticks } from './format.js';

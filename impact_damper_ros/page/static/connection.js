@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The WebSocket: joins a rig or a recording, reads frames, comes back by itself.
 
 import { IMPACT, SAMPLE } from './history.js';

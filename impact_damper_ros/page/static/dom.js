@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Elements built by hand: text is set as text, so that nothing received becomes markup.
 
 export const byId = (id) => document.getElementById(id);

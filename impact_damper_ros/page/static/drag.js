@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Drag in the picture of the rig: a stop sets the gap; M or m is let go where it is left.
 
 /** How far from a stop it is still hit, px. */

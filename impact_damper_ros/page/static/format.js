@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Numbers for people: units, prefixes, a true minus sign.
 
 const SPACE = '\u202f';

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Xmax/A over the gap by theory, with the rig's own dot on it; a click sets the gap.
 
 import { Axes, colours, dashes, font } from './chart.js';

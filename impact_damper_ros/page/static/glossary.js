@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A sentence behind every technical word.
 
 import { byId, element } from './dom.js';

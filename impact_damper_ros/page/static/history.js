@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The last stretch of the motion, as it comes: samples, impacts, turned knobs.
 
 const ROOM = 2 ** 17;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Knobs made from the descriptors of the parameters: degrees and hertz for people, SI for the rig.
 
 import { byId, element, mark, reducedMotion, write } from './dom.js';

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Playing a recording: scrub, speed, jumps, and what would have been with other parameters.
 
 import { byId, element, write } from './dom.js';

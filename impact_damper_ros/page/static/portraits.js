@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Phase portrait of m in the gap, impact map, multipliers on the unit circle.
 
 import { Axes, Canvas, colours, dashes, font, SteadyRange, stopColour } from './chart.js';

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The menu of the presets: a small picture of each rig, its title and what it shows.
 
 import { byId, element, mark } from './dom.js';

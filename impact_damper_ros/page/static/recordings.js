@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The recordings: play, download, compare with theory.
 
 import { byId, element, mark, toast, write } from './dom.js';

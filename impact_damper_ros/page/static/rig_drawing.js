@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The rig in side view, tilted as it is: wall, spring, dashpot, M with its stops, m, force, ruler.
 //
 // Lengths along the axis are to scale. M and m have a size of their own in the picture: m is drawn

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The last impacts at 1/20 of their speed, while the rig runs on.
 
 import { byId } from './dom.js';

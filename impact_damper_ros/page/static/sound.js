@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A click at each impact, as loud as its impulse; stop 1 is heard on the right, stop 2 on the left.
 
 export class Clicks {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Before the first paint, so that the page does not flash: light, dark, or as the system.
 (() => {
   'use strict';

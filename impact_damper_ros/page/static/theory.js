@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What theory says of the present rig: the predicted motion, and the curve over the gap.
 
 export class Theory {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Six steps through the page, each with something to try.
 
 import { byId } from './dom.js';

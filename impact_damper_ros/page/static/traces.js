@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Scrolling traces of X, Z and both stops by uPlot, with impacts, turned knobs and theory.
 
 /* global uPlot */

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the rig does in words and numbers: verdict, measured and predicted Xmax/A, first numbers.
 
 import { byId, element, mark, write } from './dom.js';
