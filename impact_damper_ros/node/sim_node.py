@@ -142,9 +142,15 @@ def start_message(
     control = parameters.control.gap_control
     if parameters.control_law != 'none':
         control += f' (its law is {parameters.control_law})'
-    listed = ('joint_states', 'impacts', 'gap_control', 'snapshot', 'diagnostics', 'clock')
-    topics = [publishers[key].topic for key in listed if key in publishers]
-    topics[0] += f' at {parameters.state_rate:g} Hz'
+    elif control == 'external':
+        control += ': by the topics stop_commands and force_command'
+    rates = {'joint_states': parameters.state_rate, 'measurements': parameters.measurement_rate}
+    listed = ('joint_states', 'measurements', 'impacts', 'gap_control', 'snapshot')
+    topics = [
+        publishers[key].topic + (f' at {rates[key]:g} Hz' if key in rates else '')
+        for key in (*listed, 'diagnostics', 'clock')
+        if key in publishers and rates.get(key, 1.0)
+    ]
     runs = Path(os.path.abspath(parameters.bag_directory))  # noqa: PTH100 - need not exist
     # Without an installed ROS there is no command ros2.
     turn_on = f'ros2 param set {node} record true' if which('ros2') else 'set_rig record=true'

@@ -24,11 +24,14 @@ def test_start_message_names_what_runs(launch, namespace):
 
 def test_start_message_of_a_recording_and_of_a_frequency_in_hertz(launch, namespace, tmp_path):
     values = {**LIVELY, 'force_frequencies': '[5.0]', 'record': True, 'real_time_factor': 0.5}
+    values |= {'gap_control': 'external', 'measurement_rate': 50.0}
     process = launch(f'__ns:={namespace}', **values)
     until(lambda: 'note  ' in process.output, lambda: process.output)
     (bag,) = (tmp_path / 'process_0' / 'runs').iterdir()
     assert f'recording  to runs/{bag.name}\n' in process.output
     assert 'runs at 0.5 times real time' in process.output
+    assert 'control    external: by the topics stop_commands and force_command\n' in process.output
+    assert f'{namespace}/measurements at 50 Hz, {namespace}/impacts' in process.output
     assert 'force 10 N at 0.796 Hz (5 rad/s) = 0.158 of it' in process.output
     assert 'if Hz were meant, give 31.4159' in process.output
     assert process.stop() == 0
