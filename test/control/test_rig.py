@@ -57,7 +57,7 @@ def lively(kind, seed):
 
 
 def act(kind, rng, rigs):
-    """Let the same happen to all the rigs; return what each of them reports."""
+    """Let the same happen to all the rigs; return the events and the records of each."""
     rig = rigs[0]
     other = 'command' if kind in ('stops', 'swept') else 'control'
     if rig.control.gap_control == 'external' and rng.random() < 0.8:
@@ -67,7 +67,7 @@ def act(kind, rng, rigs):
             stop_2 = math.nan
         speeds = rng.choice([(math.nan, 2.0), (0.5, 0.5), (math.nan, math.nan)])
         order = Order(stop_1, -stop_2, *speeds, rng.choice([math.nan, 0.0, rng.gauss(0.0, 1.0)]))
-        return [(rig.order(order), [str(r) for r in rig.records]) for rig in rigs]
+        return [(rig.order(order), [str(record) for record in rig.records]) for rig in rigs]
     chosen = rng.choice(['nothing', 'change', other])
     if chosen == 'change':
         changed = random_change(rng, rig.parameters)
@@ -77,13 +77,13 @@ def act(kind, rng, rigs):
         return [(rig.change(changed), rig.records) for rig in rigs]
     if chosen == 'command':
         command = random_command(rng, rig)
-        return [rig.move_stops(*command) for rig in rigs]
+        return [(rig.move_stops(*command), rig.records) for rig in rigs]
     if chosen == 'control' and rig.control.active and rng.random() < 0.5:
         other = random_control(rng, gap_control=rng.choice(['off', rig.control.gap_control]))
         if kind == 'own':
             other = other.replace(gap_min=1e-3, gap_max=1e3)
         return [(rig.change(rig.parameters, other), rig.records) for rig in rigs]
-    return [[] for _ in rigs]
+    return [([], []) for _ in rigs]
 
 
 def note(way, rig, events):
@@ -131,6 +131,7 @@ def test_however_it_is_cut(kind, seed):
         assert pieces.sample() == whole.sample()
         assert pieces.snapshot() == whole.snapshot()
         one, other = act(kind, rng, (whole, pieces))
+        note('cut', whole, one[0])
         assert one == other
 
 
@@ -163,6 +164,7 @@ def test_as_a_whole_run(kind, seed, compiled):
         if rng.random() < 0.3:
             runs = through_json(runs)
         one, other = act(kind, rng, (rig, runs))
+        note(f'compiled {compiled}', rig, one[0])
         assert one == other
 
 
