@@ -10,7 +10,7 @@ VENV := PYTHON='$(PYTHON)' .ci/venv
 # A sourced ROS 2 or another active environment must not reach into .venv.
 unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME PYTHONPATH VIRTUAL_ENV
 unexport PIP_REQUIRE_VIRTUALENV PIP_TARGET PIP_USER _ROS_WHEELS_BOOTSTRAP_COMPLETE
-unexport RMW_IMPLEMENTATION ROS_DISCOVERY_SERVER ROS_DOMAIN_ID ROS_LOCALHOST_ONLY ROS_NAMESPACE
+unexport RMW_IMPLEMENTATION ROS_DISCOVERY_SERVER ROS_LOCALHOST_ONLY ROS_NAMESPACE
 # The tests start hundreds of processes, and each would compile the whole package to byte code.
 unexport PYTHONDONTWRITEBYTECODE
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
@@ -27,7 +27,7 @@ demo:  ## run the live rig for half a minute, record it, hold it against theory:
 	@$(PY) -u examples/demo.py $(ARGS)
 
 page:  ## the live rig in a browser: starts node and page, prints and opens the address
-	@$(VENV) ros,plot,page
+	@$(VENV) ros,plot,page,sweep
 	@$(PY) -m impact_damper_ros.cli.rig_page --start bench_rig --open $(ARGS)
 
 test:  ## run all tests
