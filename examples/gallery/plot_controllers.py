@@ -45,7 +45,7 @@ for factor, label in ((1.0, 'gap of 24 mm'), (1.06, 'looking for the best')):
     above.plot(time, 1e3 * rms, label=label)
     below.step(time, 1e3 * gap)
 for i, level in enumerate(levels):
-    above.text((i + 0.5) * lasts, 0.6, f'{level} N', ha='center', fontsize=7)
+    below.text((i + 0.5) * lasts, 4.0, f'{level} N', ha='center', fontsize=7)
 above.set(ylabel='rms of X, mm', ylim=(0.0, None))
 above.legend(loc='upper left')
 below.set(xlabel='time, s', ylabel='gap, mm', xlim=(0.0, lasts * len(levels)), ylim=(0.0, None))
