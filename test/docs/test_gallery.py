@@ -24,8 +24,11 @@ def test_figure(script, monkeypatch):
         panels = plt.gcf().axes
         assert panels
         for axes in panels:
-            # A quantity and its unit
-            assert re.search(r', \S+$|ratio r$', axes.get_xlabel())
+            # A quantity and its unit; panels above one another share the label of the lowest
+            shared = axes.get_shared_x_axes().get_siblings(axes)
+            labels = [one.get_xlabel() for one in shared if one.get_xlabel()]
+            assert labels
+            assert all(re.search(r', \S+$|ratio r$', label) for label in labels)
             assert axes.lines or axes.collections
     finally:
         plt.close('all')
