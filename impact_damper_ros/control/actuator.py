@@ -17,11 +17,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, nan
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from impact_damper_ros.rig.compiled import kernel
-
-from .state import LENGTH, SPEED, TIME, Kinds, Lists
+from impact_damper_ros.rig.state import Length, Speed, Time
 
 if TYPE_CHECKING:
     from .controller import Control
@@ -38,10 +37,10 @@ class Command:
     The speed is a limit below that of the actuators, m/s; NaN for none.
     """
 
-    time: float = nan
-    stop_1: float = nan
-    stop_2: float = nan
-    speed: float = nan
+    time: Time = nan
+    stop_1: Length = nan
+    stop_2: Length = nan
+    speed: Speed = nan
 
 
 @dataclass(slots=True)
@@ -63,27 +62,14 @@ class Actuators:
         Energy spent by each so far, J.
     """
 
-    KINDS: ClassVar[Kinds] = {
-        'waiting': (TIME, LENGTH, LENGTH, SPEED),
-        'targets': LENGTH,
-        'commanded': LENGTH,
-        'velocities': SPEED,
-    }
-    LISTS: ClassVar[Lists] = {
-        'targets': ('target_1', 'target_2'),
-        'commanded': ('commanded_1', 'commanded_2'),
-        'velocities': ('velocity_1', 'velocity_2'),
-        'energies': ('energy_1', 'energy_2'),
-    }
-
     first: int = 0
     waiting: int = 0
-    target_1: float = 0.0
-    target_2: float = 0.0
-    commanded_1: float = 0.0
-    commanded_2: float = 0.0
-    velocity_1: float = 0.0
-    velocity_2: float = 0.0
+    target_1: Length = 0.0
+    target_2: Length = 0.0
+    commanded_1: Length = 0.0
+    commanded_2: Length = 0.0
+    velocity_1: Speed = 0.0
+    velocity_2: Speed = 0.0
     energy_1: float = 0.0
     energy_2: float = 0.0
 

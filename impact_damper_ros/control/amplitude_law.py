@@ -15,13 +15,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import nan
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from impact_damper_ros.rig.compiled import kernel
+from impact_damper_ros.rig.state import Length
 
 from .law import Search, place_stops, reach_limit, symmetric_place
 from .sensors import Measurement, Observer
-from .state import LENGTH, Kinds, Lists
 
 if TYPE_CHECKING:
     from .controller import Control
@@ -43,12 +43,9 @@ class AmplitudeLaw:
         Amplitude at the last passage, m.
     """
 
-    KINDS: ClassVar[Kinds] = {'places': LENGTH, 'amplitude': LENGTH}
-    LISTS: ClassVar[Lists] = {'places': ('place_1', 'place_2')}
-
-    place_1: float = nan
-    place_2: float = nan
-    amplitude: float = 0.0
+    place_1: Length = nan
+    place_2: Length = nan
+    amplitude: Length = 0.0
 
 
 @kernel

@@ -3,17 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from math import inf, nan, ulp
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters, RigParameters
 from impact_damper_ros.rig.compiled import kernel, packed_rows, unpack
-from impact_damper_ros.rig.event import EventRow
+from impact_damper_ros.rig.event import Log
 from impact_damper_ros.rig.flight import Lines, Waves
 from impact_damper_ros.rig.state import RigConstants, Run, Wave
 
@@ -38,7 +37,7 @@ from .sensors import (
     rounded,
     sensor_noise,
 )
-from .state import Kinds, as_stored, read_stored
+from .state import as_stored, read_stored
 from .timed_law import TimedLaw, clear_timed_law, timed_law_crosses, timed_law_sees
 
 #: Number of each law.
@@ -181,8 +180,6 @@ class Controller:
     recorded, room : int
         Rows of the table of acts that are written, and all of them; 0 for no table.
     """
-
-    KINDS: ClassVar[Kinds] = {}
 
     sample_index: int = 0
     trigger_index: int = 0
@@ -332,27 +329,18 @@ class Control(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the state as numbers, lists and dictionaries; JSON keeps it exactly."""
-        own = as_stored(self.controller)
-        stored = {'sample_index': own['sample_index'], 'trigger_index': own['trigger_index']}
+        stored: dict[str, Any] = {n: getattr(self.controller, n) for n in _OWN_FIELDS}
         stored |= {name: as_stored(getattr(self, name)) for name in PARTS}
-        waiting = [
-            [None if v != v else v for v in (row.time, row.stop_1, row.stop_2, row.speed)]
-            for row in self.waiting
-        ]
         del stored['actuators']['first']
-        stored['actuators']['waiting'] = waiting
-        return {**stored, 'roused': own['roused'], 'returning': own['returning']}
+        stored['actuators']['waiting'] = list(map(as_stored, self.waiting))
+        return stored
 
     def restored(self, stored: dict[str, Any]) -> Control:
-        """Return a control in the state of an `as_dict`; a law that it lacks is at its start."""
-        held = {**{entry: {} for entry in LAW_STATES.values()}, **stored}
-        parts = {name: dict(held[name]) for name in PARTS}
-        waiting = parts['actuators'].pop('waiting')
-        rows = [Command(*(nan if v is None else v for v in row)) for row in waiting]
-        states: dict[str, Any] = {n: read_stored(PARTS[n], parts[n]) for n in PARTS}
+        """Return a control in the state of an `as_dict`."""
         own = {name: stored[name] for name in _OWN_FIELDS}
-        control = self._replace(controller=Controller(**own), **states)
-        return control._with_waiting(rows)
+        parts: dict[str, Any] = {n: read_stored(PARTS[n], stored[n]) for n in PARTS}
+        rows = [read_stored(Command, row) for row in stored['actuators']['waiting']]
+        return self._replace(controller=Controller(**own), **parts)._with_waiting(rows)
 
     @property
     def active(self) -> bool:
@@ -407,9 +395,6 @@ PARTS: dict[str, type[Any]] = {
     'timed': TimedLaw,
     'actuators': Actuators,
 }
-#: Parts that are the state of a law, by the name that `gap_control` gives it.
-LAW_STATES = {'amplitude': 'timing', 'timed': 'timed'}
-
 
 _AMPLITUDE, _TIMED = LAW_NUMBERS['amplitude'], LAW_NUMBERS['timed']
 _PREDICTIVE, _EXTERNAL = LAW_NUMBERS['predictive'], LAW_NUMBERS['external']
@@ -446,7 +431,7 @@ def law_crosses(
     lines: Lines,
     run: Run,
     waves: Waves,
-    log: Sequence[EventRow],
+    log: Log,
 ) -> None:
     """Let the law act on a passage of X through zero, with the sample taken there."""
     if control.settings.law == _AMPLITUDE:
@@ -564,7 +549,7 @@ def take_crossing(
     lines: Lines,
     run: Run,
     waves: Waves,
-    log: Sequence[EventRow],
+    log: Log,
 ) -> None:
     """
     Take a trigger of the crossing detector, with its sample, and act on it.

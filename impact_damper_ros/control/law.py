@@ -5,14 +5,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, nan, pi
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.compiled import kernel
+from impact_damper_ros.rig.state import Length
 
 from .actuator import order_stops
 from .sensors import Measurement, Observer
-from .state import LENGTH, Kinds, Lists
 
 if TYPE_CHECKING:
     from .controller import Control
@@ -93,13 +93,10 @@ class Search:
         How far outwards m was sampled on each side since it could last have hit there, m.
     """
 
-    KINDS: ClassVar[Kinds] = {'reach': LENGTH}
-    LISTS: ClassVar[Lists] = {'missed': ('missed_1', 'missed_2'), 'reach': ('reach_1', 'reach_2')}
-
     missed_1: int = 0
     missed_2: int = 0
-    reach_1: float = 0.0
-    reach_2: float = 0.0
+    reach_1: Length = 0.0
+    reach_2: Length = 0.0
 
 
 @kernel

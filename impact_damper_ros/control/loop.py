@@ -20,7 +20,7 @@ from impact_damper_ros.rig.event import (
     STOP_ARRIVED,
     STOP_STARTED,
     STOP_TOUCHED,
-    EventRow,
+    Log,
     View,
     sample_at,
     view_at,
@@ -69,11 +69,8 @@ from .own_law import law_failed
 from .record import Action, ActRow
 from .sensors import Measurement
 
-_COMMAND_ACTION = int(Action.COMMAND)
-_ARRIVED_ACTION = int(Action.ARRIVED)
-_TOUCHED_ACTION = int(Action.TOUCHED)
-_CROSSING_ACTION = int(Action.CROSSING)
-_STARTED_ACTION = int(Action.STARTED)
+#: Each `Action` as a number, for the kernels.
+_COMMAND, _ARRIVED, _TOUCHED, _CROSSING, _STARTED, _ = map(int, Action)
 
 
 @kernel
@@ -146,22 +143,20 @@ def write_act(control: Control, acts: Sequence[ActRow], action: int, time: float
 
 
 @kernel
-def note_stops(
-    run: Run, log: Sequence[EventRow], control: Control, acts: Sequence[ActRow], first: int
-) -> None:
+def note_stops(run: Run, log: Log, control: Control, acts: Sequence[ActRow], first: int) -> None:
     """Note the stops that arrived, met m or went on, by the events from a row on."""
     for k in range(first, run.written):
         row = log[k]
         if row.kind == STOP_ARRIVED:
             note_velocity(control, row.stop, 0.0)
-            write_act(control, acts, _ARRIVED_ACTION, row.time)
+            write_act(control, acts, _ARRIVED, row.time)
         elif row.kind == STOP_TOUCHED:
             note_velocity(control, row.stop, 0.0)
-            write_act(control, acts, _TOUCHED_ACTION, row.time)
+            write_act(control, acts, _TOUCHED, row.time)
         elif row.kind == STOP_STARTED:
             velocity = run.stop_velocity_1 if row.stop == 1 else run.stop_velocity_2
             note_velocity(control, row.stop, velocity)
-            write_act(control, acts, _STARTED_ACTION, row.time)
+            write_act(control, acts, _STARTED, row.time)
 
 
 @kernel
@@ -170,7 +165,7 @@ def perform_passage(
     lines: Lines,
     run: Run,
     waves: Waves,
-    log: Sequence[EventRow],
+    log: Log,
     control: Control,
     acts: Sequence[ActRow],
 ) -> None:
@@ -180,7 +175,7 @@ def perform_passage(
     rising = log[run.written - 1].primary_velocity_after > 0.0
     seen = measure(rig, lines, run, waves, control, trigger_number(control))
     take_crossing(control, seen, rising, rig, lines, run, waves, log)
-    write_act(control, acts, _CROSSING_ACTION, run.now)
+    write_act(control, acts, _CROSSING, run.now)
 
 
 @kernel
@@ -189,7 +184,7 @@ def perform_command(
     lines: Lines,
     run: Run,
     waves: Waves,
-    log: Sequence[EventRow],
+    log: Log,
     in_mode: MutableSequence[float],
     control: Control,
     acts: Sequence[ActRow],
@@ -197,7 +192,7 @@ def perform_command(
     """Carry out the command that is due."""
     place_1, place_2 = stops_now(rig, lines, run, waves)
     target_1, target_2, speed = start_command(control, place_1, place_2)
-    write_act(control, acts, _COMMAND_ACTION, run.now)
+    write_act(control, acts, _COMMAND, run.now)
     first = run.written
     count_modes(run, in_mode)
     move_stops(rig, lines, run, waves, log, target_1, target_2, speed)
@@ -256,7 +251,7 @@ def run_to(
     lines: Lines,
     run: Run,
     waves: Waves,
-    log: Sequence[EventRow],
+    log: Log,
     in_mode: MutableSequence[float],
     control: Any,
     acts: Any,
@@ -333,7 +328,7 @@ def run_through(
     lines: Lines,
     run: Run,
     waves: Waves,
-    log: Sequence[EventRow],
+    log: Log,
     in_mode: MutableSequence[float],
     control: Any,
     acts: Any,
@@ -364,7 +359,7 @@ def run_each(
     lines: Sequence[Lines],
     runs: Sequence[Run],
     waves: Sequence[Waves],
-    log: Sequence[EventRow],
+    log: Log,
     in_mode: Any,
     controls: Any,
     acts: Any,

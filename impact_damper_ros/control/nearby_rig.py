@@ -10,44 +10,25 @@ seen at all) is the same or not, and two rigs are neighbours only if it is.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple, Self
+from copy import copy
+from dataclasses import fields
+from functools import cache
+from math import inf, isfinite
+from typing import Any, NamedTuple, Self, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
 
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, EndlessEventsError
 from impact_damper_ros.rig.flight import move_to
-from impact_damper_ros.rig.state import Wave
+from impact_damper_ros.rig.state import STORED, Run, Wave
 
-from .controller import PARTS
+from .controller import PARTS, Control
 from .rig import Outcome, Rig
-from .state import LENGTH, SPEED, TIME, Kinds
 
 Array = npt.NDArray[np.float64]
-#: Where a leaf of the state is: keys and indices.
-_Path = tuple[str | int, ...]
-
-#: What each number of the state is.
-_KINDS: Kinds = {
-    'x': LENGTH,
-    'velocity': SPEED,
-    'relative_velocity': SPEED,
-    'clearance_1': LENGTH,
-    'clearance_2': LENGTH,
-    'stop_1': LENGTH,
-    'stop_2': LENGTH,
-    'target_1': LENGTH,
-    'target_2': LENGTH,
-    'stop_velocity_1': SPEED,
-    'stop_velocity_2': SPEED,
-    'chatter_left': TIME,
-    **{name: kind for part in PARTS.values() for name, kind in part.KINDS.items()},
-}
-#: What is the same for all rigs of an instant, or nothing depends on.
-_LEFT_OUT = (
-    *('time', 'time_low', 'angles', 'side', 'force', 'energies'),
-    *('searched', 'crossing_side', 'watched', 'crossing'),
-)
+#: Whole numbers that say nothing of the future, or the same as other numbers of the state.
+_LEFT_OUT = ('side', 'crossing_side', 'first', 'waiting', 'recorded', 'room')
 
 
 class Scales(NamedTuple):
@@ -67,16 +48,8 @@ class Scales(NamedTuple):
 
     def of(self, state: RigState) -> Array:
         """Return the scale of each number of a state."""
-        return np.array([self._of(place) for place in state.places])
-
-    def _of(self, path: _Path) -> float:
-        kind: str | tuple[str, ...] = ''
-        for key in path:
-            kind = kind[key] if isinstance(key, int) and isinstance(kind, tuple) else kind
-            kind = _KINDS.get(key, kind) if isinstance(key, str) else kind
-        if kind == LENGTH:
-            return self.length
-        return self.length * self.rate if kind == SPEED else 1.0 / self.rate
+        sizes = {'length': self.length, 'speed': self.length * self.rate, 'time': 1.0 / self.rate}
+        return np.array([sizes[kind] for kind in state.kinds])
 
 
 class RigState(NamedTuple):
@@ -87,50 +60,53 @@ class RigState(NamedTuple):
     ----------
     numbers : ndarray, shape (n,)
         Its numbers, m, m/s and s.
-    places : tuple
-        Where in the state each of them is.
+    kinds : tuple of str
+        What each of them is: length, speed or time.
+    places : tuple of (int, str)
+        Where in the state each of them is: the part, 0 for the motion, and the name there.
     rest : tuple
         All the rest of it.
-    parts : dict
-        The whole of it: origin of the motion, and state of the control, as in a snapshot.
+    run, control : Run, Control
+        The whole of it.
+    angles : tuple of float
+        Angle that each harmonic has turned, rad.
     """
 
     numbers: Array
-    places: tuple[_Path, ...]
-    rest: tuple[tuple[_Path, Any], ...]
-    parts: dict[str, Any]
-
-    @property
-    def mode(self) -> int:
-        """The mode of the motion."""
-        return int(dict(self.rest)['origin', 'mode'])
+    kinds: tuple[str, ...]
+    places: tuple[tuple[int, str], ...]
+    rest: tuple[Any, ...]
+    run: Run
+    control: Control
+    angles: tuple[float, ...]
 
     def alike(self, other: RigState) -> bool:
         """Return whether another state differs in its numbers alone."""
         return self.places == other.places and self.rest == other.rest
 
 
-def _leaves(node: Any, path: _Path = ()) -> Iterator[tuple[_Path, Any]]:
-    """Yield every leaf of a state with where it is."""
-    if isinstance(node, dict):
-        for key, value in node.items():
-            if key not in _LEFT_OUT:
-                yield from _leaves(value, (*path, key))
-    elif isinstance(node, list | tuple):
-        for index, value in enumerate(node):
-            yield from _leaves(value, (*path, index))
-    else:
-        yield path, node
+def _parts(run: Run, control: Control) -> list[Any]:
+    """Return the parts of a state, the motion first."""
+    states = [getattr(control, name) for name in PARTS]
+    return [run, *states, *control.waiting, control.controller]
 
 
-def _changed(node: Any, path: _Path, value: float) -> Any:
-    """Return a state with another number at a place."""
-    key, *rest = path
-    if isinstance(node, dict):
-        return {**node, key: _changed(node[key], tuple(rest), value) if rest else value}
-    assert isinstance(key, int)
-    entry = _changed(node[key], tuple(rest), value) if rest else value
-    return [*node[:key], entry, *node[key + 1 :]]
+@cache
+def _kinds(cls: Any) -> list[tuple[str, str]]:
+    """Return name and kind of what counts in a part; what is no number has none."""
+    hints = get_type_hints(cls, include_extras=True)
+    names = STORED if cls is Run else [field.name for field in fields(cls)]
+    kinds = [(name, *getattr(hints[name], '__metadata__', ('',))) for name in names]
+    return [(n, k) for n, k in kinds if k or (hints[n] is not float and n not in _LEFT_OUT)]
+
+
+def _values(parts: list[Any]) -> Iterator[tuple[tuple[int, str], str, Any]]:
+    """Yield place, kind and value of all that counts in a state."""
+    for index, part in enumerate(parts):
+        for name, kind in _kinds(part.__class__):
+            # Left from the last stop that was closed
+            if name != 'until' or part.closed:
+                yield (index, name), kind, getattr(part, name)
 
 
 class NearbyRig(Rig):
@@ -159,38 +135,31 @@ class NearbyRig(Rig):
 
     def numbers(self) -> RigState:
         """Return the state at the present time."""
-        control, here = self._control, self.state()
+        control, run = self._control.copied(), self.state().run
         waves = [Wave(wave.angle, wave.sine_0, wave.cosine_0) for wave in self._waves]
-        move_to(self._rig, self._lines, here.run, waves, self.time)
-        origin = here._replace(angles=tuple(wave.angle for wave in waves)).as_dict()['origin']
-        # What is known of the flight from there on begins anew.
-        origin |= {'searched': 0.0, 'crossing_side': 0, 'watched': 0.0, 'crossing': None}
-        parts = {'origin': origin, 'state': control.as_dict()}
-        seen = parts
-        if not control.timed.closed:
-            # Left from the last stop that was closed
-            timed = {k: v for k, v in parts['state']['timed'].items() if k != 'until'}
-            seen = {**parts, 'state': {**parts['state'], 'timed': timed}}
-        leaves = list(_leaves(seen))
-        numbers = [(path, value) for path, value in leaves if isinstance(value, float)]
-        return RigState(
-            np.array([value for _, value in numbers]),
-            tuple(path for path, _ in numbers),
-            tuple((path, value) for path, value in leaves if not isinstance(value, float)),
-            parts,
-        )
+        move_to(self._rig, self._lines, run, waves, self.time)
+        values = list(_values(_parts(run, control)))
+        numbers = [entry for entry in values if entry[1] and isfinite(entry[2])]
+        places, kinds, found = zip(*numbers, strict=True)
+        known = set(places)
+        rest = [(at, None if kind else v) for at, kind, v in values if at not in known]
+        angles = tuple(wave.angle for wave in waves)
+        return RigState(np.array(found), kinds, places, tuple(rest), run, control, angles)
 
     def at(self, state: RigState, numbers: Array) -> Self | None:
         """Return a rig with other numbers; None if m would pass a stop or slide backwards."""
-        parts = state.parts
-        for path, value in zip(state.places, numbers.tolist(), strict=True):
-            parts = _changed(parts, path, value)
-        origin, here = parts['origin'], dict(zip(state.places, state.numbers, strict=True))
-        room = [origin['clearance_1'], origin['clearance_2'], origin['chatter_left']]
-        turned = origin['relative_velocity'] * here['origin', 'relative_velocity'] < 0.0
-        if min(r for r in room if r is not None) < 0.0 or (turned and self.parameters.friction):
+        run, control = copy(state.run), state.control.copied()
+        parts = _parts(run, control)
+        for (index, name), value in zip(state.places, numbers.tolist(), strict=True):
+            setattr(parts[index], name, value)
+        turned = run.relative_velocity * state.run.relative_velocity < 0.0
+        if min(run.clearance_1, run.clearance_2, run.chatter_left) < 0.0 or (
+            turned and self.parameters.friction
+        ):
             return None
-        snapshot = self.snapshot()
-        control = {**snapshot['gap_control'], 'state': parts['state']}
-        changed = {**snapshot, 'origin': parts['origin'], 'gap_control': control}
-        return self.restore(changed, compiled=self.compiled)
+        # What is known of the flight from here on begins anew.
+        run.searched, run.crossing_side, run.watched, run.crossing = 0.0, 0, 0.0, inf
+        there = self.state()._replace(run=run, angles=state.angles)
+        rig = self.resume(there, self.snapshot()['gap_control'], compiled=self.compiled)
+        rig._control = control
+        return rig

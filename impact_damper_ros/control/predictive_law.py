@@ -14,12 +14,11 @@ out commands that still wait, and the steps of a stepped sine.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.rig.compiled import kernel
-from impact_damper_ros.rig.event import EventRow
-from impact_damper_ros.rig.flight import Lines, Waves, begin_flight, move_to
+from impact_damper_ros.rig.event import Log
+from impact_damper_ros.rig.flight import Lines, Waves, begin_next_flight, move_to
 from impact_damper_ros.rig.run import go_ahead
 from impact_damper_ros.rig.state import RigConstants, Run, copy_state
 from impact_damper_ros.rig.transition import move_stops
@@ -41,12 +40,7 @@ _WORTH_A_MOVE = 0.005
 
 @kernel
 def energy_ahead(
-    control: Control,
-    rig: RigConstants,
-    lines: Lines,
-    log: Sequence[EventRow],
-    stop_1: float,
-    stop_2: float,
+    control: Control, rig: RigConstants, lines: Lines, log: Log, stop_1: float, stop_2: float
 ) -> float:
     """Return the energy of M at the end of the horizon, over M/2, with the stops sent off."""
     p = control.settings
@@ -56,7 +50,7 @@ def energy_ahead(
     end = run.time + p.horizon * control.observer.half_cycle
     run.room = 0
     run.now = run.time
-    begin_flight(rig, lines, run, waves)
+    begin_next_flight(rig, lines, run, waves)
     move_stops(rig, lines, run, waves, log, stop_1, run.stop_2 if p.one_sided else stop_2, p.speed)
     go_ahead(rig, lines, run, waves, log, end)
     return run.velocity * run.velocity + rig.free.omega_squared * run.x * run.x
@@ -67,7 +61,7 @@ def improved(
     control: Control,
     rig: RigConstants,
     lines: Lines,
-    log: Sequence[EventRow],
+    log: Log,
     best: tuple[float, float, float],
     stop: int,
     centre: float,
@@ -99,16 +93,16 @@ def predictive_law_crosses(
     lines: Lines,
     run: Run,
     waves: Waves,
-    log: Sequence[EventRow],
+    log: Log,
 ) -> None:
     """Send both stops to the best places, at a passage of X through zero."""
     p = control.settings
     actuators: Actuators = control.actuators
     start = control.start
     copy_state(run, waves, start, control.start_waves)
-    begin_flight(rig, lines, start, control.start_waves)
+    begin_next_flight(rig, lines, start, control.start_waves)
     move_to(rig, lines, start, control.start_waves, seen.time)
-    begin_flight(rig, lines, start, control.start_waves)
+    begin_next_flight(rig, lines, start, control.start_waves)
     start.now = seen.time
     go_ahead(rig, lines, start, control.start_waves, log, seen.time + p.delay)
     unit = 0.5 * best_gap(control)

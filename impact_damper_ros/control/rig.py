@@ -40,7 +40,7 @@ from impact_damper_ros.rig.flight import (
 )
 from impact_damper_ros.rig.forcing import SWEEP_FIELDS, SteppedSine, frequency_at
 from impact_damper_ros.rig.oscillator import Line
-from impact_damper_ros.rig.parameter_spec import ParameterError, as_float
+from impact_damper_ros.rig.parameter_spec import ParameterError, as_float, whole_number
 from impact_damper_ros.rig.quoting import shown
 from impact_damper_ros.rig.run import (
     ALL_STEPS,
@@ -56,7 +56,7 @@ from impact_damper_ros.rig.run import (
     count_modes,
     find_event,
 )
-from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot, check_whole
+from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot
 from impact_damper_ros.rig.state import (
     STICK,
     Mode,
@@ -87,7 +87,6 @@ _LARGE = 2**22 // EVENT_TYPE.itemsize + 1
 _MOST_AHEAD = 1_000_000
 #: More events than any run has.
 _MOST = 2**62
-_COMMAND = int(Action.COMMAND)
 _FARTHEST = 1e9
 _SLOWEST = 1e-9
 
@@ -803,7 +802,7 @@ class Rig:
             if old.active:
                 rows = [ActRow()]
                 here.controller.recorded, here.controller.room = 0, 1
-                write_act(here, rows, _COMMAND, self.time)
+                write_act(here, rows, Action.COMMAND, self.time)
                 self._records = ControlRecord.of(rows)
             else:
                 forget_all(here)
@@ -1097,7 +1096,7 @@ def _restored(held: dict[str, Any] | None, rig: Rig) -> tuple[GapControlParamete
                 )
             control.memory[:] = map(float, kept['memory'])
         index = control.controller.sample_index
-        check_whole('sample_index', index)
+        whole_number('sample_index', index, 0, 2**63 - 1)
         if next_sample(control) < rig.time - SAME_TIME:
             raise ValueError(
                 f'sample_index is {index}, a sample at {index / parameters.gap_control_rate!r} '

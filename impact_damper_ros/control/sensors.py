@@ -14,13 +14,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import atan2, cos, floor, log, nan, pi, sin, sqrt
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 from impact_damper_ros.rig import GAP_CONTROL_SPECS
 from impact_damper_ros.rig.compiled import kernel
 from impact_damper_ros.rig.forcing import mixed
-
-from .state import LENGTH, SPEED, TIME, Kinds, Lists
+from impact_damper_ros.rig.state import Length, Speed, Time
 
 
 class Measurement(NamedTuple):
@@ -197,36 +196,21 @@ class Observer:
         Its approach speed, m/s.
     """
 
-    KINDS: ClassVar[Kinds] = {
-        'amplitude': LENGTH,
-        'half_cycle': TIME,
-        'crossed': TIME,
-        'peak': LENGTH,
-        'last': (TIME, LENGTH, SPEED, LENGTH, SPEED, LENGTH, LENGTH),
-        'hit_1': (TIME, SPEED),
-        'hit_2': (TIME, SPEED),
-    }
-    LISTS: ClassVar[Lists] = {
-        'last': Measurement._fields,
-        'hit_1': ('hit_time_1', 'hit_speed_1'),
-        'hit_2': ('hit_time_2', 'hit_speed_2'),
-    }
-
-    amplitude: float = 0.0
-    half_cycle: float = 0.0
-    crossed: float = nan
-    peak: float = 0.0
-    time: float = nan
-    x: float = nan
-    x_rate: float = nan
-    y: float = nan
-    y_rate: float = nan
-    stop_1: float = nan
-    stop_2: float = nan
-    hit_time_1: float = nan
-    hit_speed_1: float = nan
-    hit_time_2: float = nan
-    hit_speed_2: float = nan
+    amplitude: Length = 0.0
+    half_cycle: Time = 0.0
+    crossed: Time = nan
+    peak: Length = 0.0
+    time: Time = nan
+    x: Length = nan
+    x_rate: Speed = nan
+    y: Length = nan
+    y_rate: Speed = nan
+    stop_1: Length = nan
+    stop_2: Length = nan
+    hit_time_1: Time = nan
+    hit_speed_1: Speed = nan
+    hit_time_2: Time = nan
+    hit_speed_2: Speed = nan
 
 
 @kernel

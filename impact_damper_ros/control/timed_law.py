@@ -17,14 +17,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, nan
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from impact_damper_ros.rig.compiled import kernel
+from impact_damper_ros.rig.state import Length, Time
 
 from .actuator import order_stops
 from .law import best_gap, place_stops, symmetric_place
 from .sensors import Measurement, Observer, Passage, next_passage
-from .state import LENGTH, TIME, Kinds
 
 if TYPE_CHECKING:
     from .controller import Control, ControlSettings
@@ -90,12 +90,10 @@ class TimedLaw:
         When it is to meet m, s.
     """
 
-    KINDS: ClassVar[Kinds] = {'parked': LENGTH, 'until': TIME}
-
-    parked: float = 0.0
+    parked: Length = 0.0
     aimed: bool = False
     closed: int = 0
-    until: float = 0.0
+    until: Time = 0.0
 
 
 @kernel

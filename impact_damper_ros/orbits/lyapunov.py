@@ -248,13 +248,11 @@ def _near(rig: NearbyRig, scales: Scales) -> float:
 def _first_deviation(state: RigState) -> Array:
     """Return a deviation of the motion, in all the ways in which it can deviate."""
     ways = {'x': 0.6, 'velocity': 0.3}
-    if state.mode <= Mode.STICK:
+    if state.run.mode <= Mode.STICK:
         ways |= {'clearance_1': -0.5, 'clearance_2': 0.5}
-    if state.mode < Mode.STICK:
+    if state.run.mode < Mode.STICK:
         ways |= {'relative_velocity': 0.55}
-    deviation = np.array(
-        [ways.get(str(p[-1]), 0.0) if p[0] == 'origin' else 0.0 for p in state.places]
-    )
+    deviation = np.array([0.0 if part else ways.get(name, 0.0) for part, name in state.places])
     return deviation / float(np.linalg.norm(deviation))
 
 

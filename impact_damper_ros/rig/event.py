@@ -43,15 +43,9 @@ class EventKind(IntEnum):
     FORCE_STEP = 11
 
 
-IMPACT = int(EventKind.IMPACT)
-REST_EVENT = int(EventKind.REST)
-STICK_EVENT = int(EventKind.STICK)
-RELEASE_EVENT = int(EventKind.RELEASE)
-REVERSAL_EVENT = int(EventKind.REVERSAL)
-STOP_ARRIVED = int(EventKind.STOP_ARRIVED)
-CROSSING = int(EventKind.CROSSING)
-STOP_TOUCHED = int(EventKind.STOP_TOUCHED)
-STOP_STARTED = int(EventKind.STOP_STARTED)
+#: The same as numbers, for the kernels.
+IMPACT, REST_EVENT, STICK_EVENT, RELEASE_EVENT, REVERSAL_EVENT, *_others = map(int, EventKind)
+STOP_ARRIVED, CROSSING, STOP_TOUCHED, _, STOP_STARTED, _ = _others
 
 
 class Event(NamedTuple):
@@ -126,6 +120,8 @@ class EventRow:
     mode: int = 0
 
 
+#: The table that kernels write.
+Log = Sequence[EventRow]
 #: One event, as `EventRow`.
 EVENT_TYPE = np.dtype(dtype_of(EventRow).descr)
 #: One sample, as `Sample`.
@@ -150,7 +146,7 @@ def events_of_table(table: Any) -> list[Event]:
 @kernel(inline=True)
 def write_event(
     run: Run,
-    log: Sequence[EventRow],
+    log: Log,
     kind: int,
     stop: int,
     before: float,
@@ -178,7 +174,7 @@ def write_event(
 
 
 @kernel
-def write_quiet(run: Run, log: Sequence[EventRow], kind: int, stop: int) -> None:
+def write_quiet(run: Run, log: Log, kind: int, stop: int) -> None:
     """Write an event at the origin that leaves all velocities as they are."""
     velocity = run.velocity
     damper = velocity + run.relative_velocity
@@ -211,9 +207,7 @@ def view_at(rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float
 
 
 @kernel
-def write_passage(
-    rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Sequence[EventRow]
-) -> None:
+def write_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log) -> None:
     """Write that X passes through zero at the present time."""
     if run.room == 0:
         return

@@ -131,13 +131,19 @@ def pushed(rig: RigConstants, run: Run, constant: float, share: float) -> float:
 
 
 @kernel(inline=True)
-def set_waves(rig: RigConstants, lines: Lines, waves: Waves) -> None:
-    """Set the sines and cosines of the harmonics at the origin."""
-    for j in range(rig.harmonics):
-        wave = waves[j]
-        angle = wave.angle + lines[j].phase
-        wave.sine_0 = sin(angle)
-        wave.cosine_0 = cos(angle)
+def set_wave(wave: Wave, line: Line, angle: float) -> None:
+    """Set the angle that a harmonic has turned at the origin."""
+    wave.angle = angle
+    phase = angle + line.phase
+    wave.sine_0 = sin(phase)
+    wave.cosine_0 = cos(phase)
+
+
+@kernel
+def set_waves(lines: Lines, waves: Waves) -> None:
+    """Set the sines and cosines of the harmonics at the origin by their angles."""
+    for j in range(len(waves)):
+        set_wave(waves[j], lines[j], waves[j].angle)
 
 
 @kernel(inline=True)
@@ -161,11 +167,7 @@ def acceleration_at(
 def support_need(
     rig: RigConstants, lines: Lines, run: Run, waves: Waves, velocity: float
 ) -> float:
-    """
-    Return n = X'' - g sin(angle) - p/m, the acceleration m needs from friction and stops.
-
-    The sines of the harmonics are those of `set_waves`.
-    """
+    """Return n = X'' - g sin(angle) - p/m, the acceleration m needs from friction and stops."""
     constant = pushed(rig, run, rig.share * rig.slope, rig.share)
     together = acceleration_at(rig.joint, lines, rig.harmonics, waves, constant, run.x, velocity)
     return together - rig.slope - air_acceleration(rig, run)
@@ -183,7 +185,6 @@ def rest(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
     run.relative_velocity = 0.0
     run.released = False
     run.chatter_left = 0.0
-    set_waves(rig, lines, waves)
     need = support_need(rig, lines, run, waves, run.velocity)
     grip = rig.grip
     if on_stop_1(run) and need <= grip:
@@ -305,6 +306,13 @@ def begin_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> Non
 @kernel(inline=True)
 def begin_flight(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
     """Begin the flight from the present origin: all that follows from the stored state."""
+    set_waves(lines, waves)
+    begin_next_flight(rig, lines, run, waves)
+
+
+@kernel(inline=True)
+def begin_next_flight(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+    """Begin the flight from an origin for which the waves are set: all else of `begin_flight`."""
     run.kind = NO_EVENT
     run.due = inf
     run.searched = 0.0
@@ -315,7 +323,6 @@ def begin_flight(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> Non
     run.arrival = inf
     run.deadline = inf
     run.deadline_kind = NO_EVENT
-    set_waves(rig, lines, waves)
     if run.stop_velocity_1 != 0.0 or run.stop_velocity_2 != 0.0:
         set_deadline(run)
     if run.mode >= STICK:
@@ -628,7 +635,8 @@ def turn_waves(lines: Lines, waves: Waves, tau: float) -> None:
         total = waves[j].angle + lines[j].frequency * tau
         turns = floor(total * 0.15915494309189535)
         # 2 pi in two parts: the reduction must not shift the frequency.
-        waves[j].angle = total - turns * 6.283185307179586 - turns * 2.4492935982947064e-16
+        angle = total - turns * 6.283185307179586 - turns * 2.4492935982947064e-16
+        set_wave(waves[j], lines[j], angle)
 
 
 @kernel(inline=True)

@@ -8,13 +8,13 @@ sampling rate or on how a run is cut into pieces, to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import MutableSequence, Sequence
+from collections.abc import MutableSequence
 from math import inf
 
 from .compiled import kernel
-from .event import ROWS_AT_ONCE, EventRow
+from .event import ROWS_AT_ONCE, Log
 from .first_event import search_on, search_passage
-from .flight import NO_EVENT, Lines, Waves, begin_flight, move_to, rest
+from .flight import NO_EVENT, Lines, Waves, begin_next_flight, move_to, rest
 from .state import REST_1, RigConstants, Run
 from .transition import common_velocity, resolve
 
@@ -81,7 +81,7 @@ def next_event(
     lines: Lines,
     run: Run,
     waves: Waves,
-    log: Sequence[EventRow],
+    log: Log,
     in_mode: MutableSequence[float],
 ) -> int:
     """Go to the event that is due, resolve and report it; return `GOING`, or why not."""
@@ -117,12 +117,7 @@ _MOST_FLIGHTS = 200
 
 @kernel
 def go_ahead(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
-    log: Sequence[EventRow],
-    end: float,
+    rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, end: float
 ) -> None:
     """Move a run without control to a later instant; what happens on the way is not reported."""
     run.room = 0
@@ -139,6 +134,6 @@ def go_ahead(
     run.mode = REST_1
     run.stop_velocity_1 = 0.0
     run.stop_velocity_2 = 0.0
-    begin_flight(rig, lines, run, waves)
+    begin_next_flight(rig, lines, run, waves)
     move_to(rig, lines, run, waves, end)
     rest(rig, lines, run, waves)

@@ -15,7 +15,7 @@ from .parameters import RigParameters
 from .quoting import shown
 from .state import STORED, STORED_TYPES, Mode, Run
 
-FORMAT = 5
+FORMAT = 6
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.
 #: 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter however
 #: high its bounces were, 4 polished the passages of X through zero by bisection and took the
@@ -61,11 +61,6 @@ def check_numbers(name: str, values: Iterable[object]) -> None:
         check_number(f'an entry of {name}', value)
 
 
-def check_whole(name: str, value: object, low: int = -(2**63), high: int = 2**63 - 1) -> None:
-    """Check that a value is a whole number in a range, by default one of 64 bits."""
-    whole_number(name, value, low, high)
-
-
 def _check_state(state: Mapping[str, Any], time: float, harmonics: int) -> None:
     """Check the stored state of a rig at a time, s, with so many harmonics."""
     for name in STORED:
@@ -74,7 +69,7 @@ def _check_state(state: Mapping[str, Any], time: float, harmonics: int) -> None:
         if STORED_TYPES[name] is bool and isinstance(value, bool):
             continue
         if STORED_TYPES[name] is not float:
-            check_whole(f'origin.{name}', value, int(low), int(high))
+            whole_number(f'origin.{name}', value, int(low), int(high))
         elif not (value is None and name in _MAY_BE_INFINITE):
             check_number(f'origin.{name}', value, low, high)
     if state['time'] > time + SAME_TIME:
@@ -90,7 +85,7 @@ def _check_state(state: Mapping[str, Any], time: float, harmonics: int) -> None:
 def _check_sweep(sweep: SteppedSine, parameters: RigParameters, time: float) -> None:
     """Check a stored sweep of a rig at a time, s: the steps due by then, and no more, are done."""
     check_number('sweep.start', sweep.start, -LATEST, LATEST)
-    check_whole('sweep.step', sweep.step, 0, frequency_steps(parameters))
+    whole_number('sweep.step', sweep.step, 0, frequency_steps(parameters))
     done = sweep.start + sweep.step * parameters.sweep_dwell
     due = sweep.due(parameters)
     if parameters.sweep_mode != 'off' and not done - SAME_TIME <= time <= due + SAME_TIME:

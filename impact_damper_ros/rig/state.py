@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import lru_cache
 from math import cos, inf, sin
-from typing import Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 
@@ -22,35 +22,30 @@ from .compiled import kernel
 from .oscillator import Line, Oscillator, oscillators
 from .parameters import InitialConditions, RigParameters
 
-FREE = 0
-SLIDE_DOWN = 1
-SLIDE_UP = 2
-STICK = 3
-REST_1 = 4
-REST_2 = 5
-CHATTER_1 = 6
-CHATTER_2 = 7
-
 
 class Mode(IntEnum):
     """How m moves relative to M."""
 
     #: Without friction, in either direction.
-    FREE = FREE
+    FREE = 0
     #: Downwards relative to M, against friction.
-    SLIDE_DOWN = SLIDE_DOWN
+    SLIDE_DOWN = 1
     #: Upwards relative to M, against friction.
-    SLIDE_UP = SLIDE_UP
+    SLIDE_UP = 2
     #: Held by friction inside the gap.
-    STICK = STICK
+    STICK = 3
     #: Resting on stop 1.
-    REST_1 = REST_1
+    REST_1 = 4
     #: Resting on stop 2.
-    REST_2 = REST_2
+    REST_2 = 5
     #: In the last bounces on stop 1 before rest, which are not resolved.
-    CHATTER_1 = CHATTER_1
+    CHATTER_1 = 6
     #: In the last bounces on stop 2 before rest, which are not resolved.
-    CHATTER_2 = CHATTER_2
+    CHATTER_2 = 7
+
+
+#: The same as numbers, for the kernels.
+FREE, SLIDE_DOWN, SLIDE_UP, STICK, REST_1, REST_2, CHATTER_1, CHATTER_2 = map(int, Mode)
 
 
 class RigConstants(NamedTuple):
@@ -157,6 +152,12 @@ def constants_of(
     )
     fields = rig_fields(parameters, *incline(parameters.angle), sum(map(abs, amplitudes)))
     return RigConstants(free, joint, len(amplitudes), **fields), list(lines)
+
+
+#: What a number of a state is, where a little more or less of it is another state nearby.
+Length = Annotated[float, 'length']
+Speed = Annotated[float, 'speed']
+Time = Annotated[float, 'time']
 
 
 @dataclass(slots=True)
@@ -267,22 +268,22 @@ class Run:
     time: float = 0.0
     time_low: float = 0.0
     mode: int = STICK
-    x: float = 0.0
-    velocity: float = 0.0
-    relative_velocity: float = 0.0
-    clearance_1: float = 0.0
-    clearance_2: float = 0.0
-    stop_1: float = 0.0
-    stop_2: float = 0.0
+    x: Length = 0.0
+    velocity: Speed = 0.0
+    relative_velocity: Speed = 0.0
+    clearance_1: Length = 0.0
+    clearance_2: Length = 0.0
+    stop_1: Length = 0.0
+    stop_2: Length = 0.0
     last_stop: int = 0
     released: bool = False
-    chatter_left: float = 0.0
-    target_1: float = 0.0
-    target_2: float = 0.0
-    speed_1: float = inf
-    speed_2: float = inf
-    stop_velocity_1: float = 0.0
-    stop_velocity_2: float = 0.0
+    chatter_left: Time = 0.0
+    target_1: Length = 0.0
+    target_2: Length = 0.0
+    speed_1: Speed = inf
+    speed_2: Speed = inf
+    stop_velocity_1: Speed = 0.0
+    stop_velocity_2: Speed = 0.0
     side: int = 0
     force: float = 0.0
     now: float = 0.0
@@ -372,6 +373,8 @@ def copy_state(run: Run, waves: Sequence[Wave], other: Run, others: Sequence[Wav
     other.force = run.force
     for j in range(len(waves)):
         others[j].angle = waves[j].angle
+        others[j].sine_0 = waves[j].sine_0
+        others[j].cosine_0 = waves[j].cosine_0
 
 
 @kernel(inline=True)

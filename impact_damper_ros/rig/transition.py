@@ -13,7 +13,6 @@ on by itself once m is faster, or is out of the way.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import copysign, inf, sqrt
 
 from .compiled import kernel
@@ -26,7 +25,7 @@ from .event import (
     STOP_ARRIVED,
     STOP_STARTED,
     STOP_TOUCHED,
-    EventRow,
+    Log,
     write_event,
     write_quiet,
 )
@@ -44,7 +43,7 @@ from .flight import (
     Lines,
     Motion,
     Waves,
-    begin_flight,
+    begin_next_flight,
     move_origin,
     move_to,
     moving_mode,
@@ -70,8 +69,6 @@ from .state import (
     place,
     stop_under,
 )
-
-Log = Sequence[EventRow]
 
 #: A chatter is completed in closed form once the relative acceleration that drives it can change
 #: by at most this fraction until its end, and
@@ -163,7 +160,6 @@ def end_bounces(
     common = common_velocity(rig, run)
     away = 1.0 if stop == 2 else -1.0
     speed = away * run.relative_velocity
-    set_waves(rig, lines, waves)
     press = (1.0 + rig.mass_ratio) * away * support_need(rig, lines, run, waves, common)
     grip = (1.0 + rig.mass_ratio) * rig.grip
     left = chatter_duration(speed, press, grip, restitution)
@@ -179,7 +175,7 @@ def end_bounces(
         jerk = rig.free.jerk_bound
         if not may_complete(left, speed, press, grip, jerk, omega, gap):
             return
-        begin_flight(rig, lines, run, waves)
+        begin_next_flight(rig, lines, run, waves)
         motion: Motion = starting_motion(rig, lines, run, waves)
         jerk += free_bound(rig.free, motion.x_3, motion.x_4)
         if not may_complete(left, speed, press, grip, jerk, omega, gap):
@@ -400,12 +396,13 @@ def resolve(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log) -
         resolve_rest(rig, lines, run, waves, log, kind)
     if side != 0:
         set_side(rig, lines, run, waves, side)
-    begin_flight(rig, lines, run, waves)
+    begin_next_flight(rig, lines, run, waves)
 
 
 @kernel
 def begin_from(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log) -> None:
     """Begin from a state of unknown mode, with the impact of m that moves into its stop."""
+    set_waves(lines, waves)
     relative = run.relative_velocity
     if relative == 0.0:
         mode = run.mode
@@ -422,7 +419,7 @@ def begin_from(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log
     else:
         run.mode = moving_mode(rig, relative)
         run.chatter_left = 0.0
-    begin_flight(rig, lines, run, waves)
+    begin_next_flight(rig, lines, run, waves)
 
 
 #: A stop just after a command: it moves, is at its target, or is held up by m.
@@ -505,7 +502,7 @@ def move_stops(
     if second != MOVING:
         write_quiet(run, log, STOP_ARRIVED if second == ARRIVED else STOP_TOUCHED, 2)
     if on_stop_1(run) == was_on_1 and on_stop_2(run) == was_on_2:
-        begin_flight(rig, lines, run, waves)
+        begin_next_flight(rig, lines, run, waves)
         return
     written = run.written
     begin_from(rig, lines, run, waves, log)

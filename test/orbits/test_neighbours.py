@@ -147,5 +147,5 @@ def test_neighbours_are_where_m_can_be():
     later = [one.run(120.0, [120.0]).samples.tolist()[0] for one in (rig, same)]
     assert later[1] == pytest.approx(later[0], rel=1e-9)
     beyond = state.numbers.copy()
-    beyond[state.places.index(('origin', 'clearance_1'))] = -1e-9
+    beyond[state.places.index((0, 'clearance_1'))] = -1e-9
     assert same.at(state, beyond) is None
