@@ -526,11 +526,19 @@ class Rig:
         interrupted: Callable[[], bool] | None,
         events: list[Event],
     ) -> None:
+        """Run in plain Python, and add the events."""
         while True:
-            steps = ALL_STEPS if interrupted is None else _STEPS_AT_A_STRETCH
-            end = min(time, self._step_due)
-            status, new = self._go(end, most - len(events), steps)
-            events += new
+            run, (rows, acts), controlled = self._run, self._scratch, self.acts
+            run.most, run.happened = min(most - len(events), _PLAIN_ROWS), 0
+            run.steps = ALL_STEPS if interrupted is None else _STEPS_AT_A_STRETCH
+            end, in_mode = min(time, self._step_due), [0.0] * len(Mode)
+            status, _ = self._go_plain(acts, end, (), 0, (), in_mode)
+            if controlled:
+                records = ControlRecord.of(acts[: self._control.controller.recorded])
+                again = bool(records) and self._records[-1:] == records[:1]
+                self._records += records[again:]
+            self._after(status)
+            events += events_of(rows, run.written)
             if status == RUNAWAY:
                 raise RunawayError(MOST_AT_ONCE, self._run.instant)
             if status == PAUSED:
@@ -547,16 +555,6 @@ class Rig:
                 return
             else:
                 events.append(self._step_frequency())
-
-    def _go(self, end: float, most: int, steps: int) -> tuple[int, list[Event]]:
-        """Run up to an instant in plain Python; return why it stopped, and the events."""
-        run, (rows, acts), controlled = self._run, self._scratch, self.acts
-        run.most, run.happened, run.steps = min(most, _PLAIN_ROWS), 0, steps
-        status, _ = self._go_plain(acts, end, (), 0, (), [0.0] * len(Mode))
-        if controlled:
-            self._note(acts[: self._control.controller.recorded])
-        self._after(status)
-        return status, events_of(rows, run.written)
 
     def _go_plain(
         self,
@@ -587,11 +585,6 @@ class Rig:
             samples,
         )
         return found
-
-    def _note(self, acts: Sequence[Any]) -> None:
-        records = ControlRecord.of(acts)
-        again = bool(records) and self._records[-1:] == records[:1]
-        self._records += records[1:] if again else records
 
     def _after(self, status: int) -> None:
         if status == COMMANDS_FULL:
@@ -1080,13 +1073,13 @@ class Rig:
 
 def _restored(held: dict[str, Any] | None, rig: Rig) -> tuple[GapControlParameters, Control]:
     """Return the control of a snapshot; off, if it has none."""
-    if held is None:
-        parameters = GapControlParameters()
-        control = Control.of(parameters, rig.parameters, rig.own_law)
-        return parameters, control.for_harmonics(rig._rig.harmonics)
     try:
-        parameters = GapControlParameters(**held['parameters'])
-        control = Control.of(parameters, rig.parameters, rig.own_law).restored(held['state'])
+        parameters = GapControlParameters(**(held['parameters'] if held else {}))
+        control = Control.of(parameters, rig.parameters, rig.own_law)
+        control = control.for_harmonics(rig._rig.harmonics)
+        if held is None:
+            return parameters, control
+        control = control.restored(held['state'])
         kept = held.get('law')
         if kept is not None:
             if rig.own_law is None:
@@ -1104,4 +1097,4 @@ def _restored(held: dict[str, Any] | None, rig: Rig) -> tuple[GapControlParamete
             )
     except (AttributeError, KeyError, TypeError) as error:
         raise ValueError(f'gap_control is not complete: {error}') from error
-    return parameters, control.for_harmonics(rig._rig.harmonics)
+    return parameters, control
