@@ -142,9 +142,7 @@ def main() -> None:
     output.finish_panel(right, 'b', '', 'X over that with the best fixed gap')
     right.legend(loc='lower left', frameon=False)
     right.set_xticks(range(len(LAWS)), [name.replace(' ', '\n') for name in LAWS])
-    handles = left.get_legend_handles_labels()
-    figure.legend(*handles, loc='outside lower center', ncols=3, frameon=False)
-    output.save(figure, arguments.out / 'broadband.png')
+    output.save(figure, arguments.out / 'broadband.png', columns=3)
 
 
 if __name__ == '__main__':

@@ -45,6 +45,13 @@ def runs_at(rig: RigParameters, level: float, length: dict[str, float]) -> dict[
     return found | {name: watched(forced, law(name, rig), **length) for name in LAWS}
 
 
+def compared(timed: list[float], ideal: list[float]) -> str:
+    """Say how near the timed law comes to the ideal, and how much it depends on the level."""
+    most = max(one / other for one, other in zip(timed, ideal, strict=True))
+    spread = (max(timed) - min(timed)) / (max(timed) + min(timed))
+    return f'Timed law: at most {most:.4f} times the ideal, spread {spread:.4f}'
+
+
 def draw(axes: Any, levels: list[float], ratios: dict[str, list[float]], letter: str) -> None:
     """Draw the amplitude against the force."""
     for name, row in ratios.items():
@@ -85,11 +92,9 @@ def main() -> None:
         head,
         ([angle, name, *row] for angle, rows in ratios.items() for name, row in rows.items()),
     )
-    timed = ratios[0]['timed']
     print(
-        f'best fixed gap at 1 N: {best_fixed_gap(RIG):.1f} m. Timed law: at most '
-        f'{max(a / b for a, b in zip(timed, ratios[0]["ideal"], strict=True)):.4f} times the '
-        f'ideal, spread {(max(timed) - min(timed)) / (max(timed) + min(timed)):.4f}\n'
+        f'best fixed gap at 1 N: {best_fixed_gap(RIG):.1f} m. '
+        f'{compared(ratios[0]["timed"], ratios[0]["ideal"])}\n'
     )
     real = {
         name: [
@@ -108,10 +113,7 @@ def main() -> None:
     ]
     print(
         f'Stops at {REAL["actuator_speed"]:g} m/s per newton of force, {REAL["actuator_mass"]:g} '
-        f'kg each. Timed law: at most '
-        f'{max(a / b for a, b in zip(timed, ratios[0]["ideal"], strict=True)):.4f} times the '
-        f'ideal, spread {(max(timed) - min(timed)) / (max(timed) + min(timed)):.4f}. Powers [W] '
-        'at 1 N:\n'
+        f'kg each. {compared(timed, ratios[0]["ideal"])}. Powers [W] at 1 N:\n'
     )
     output.show(
         ('law', 'impacts', 'dashpot', 'actuators', 'spent / dissipated', 'rms of X [m]'),
@@ -124,17 +126,14 @@ def main() -> None:
     )  # fmt: skip
     figure = output.blank_figure(6.0, 4.2)
     draw(figure.subplots(), levels, ratios[0], '')
-    figure.legend(loc='outside lower center', ncols=2, frameon=False)
-    output.save(figure, arguments.out / 'level.png')
+    output.save(figure, arguments.out / 'level.png', columns=2)
     figure = output.blank_figure(9.0, 4.4)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, angle, letter in zip(panels, (15, 45), 'ab', strict=True):
         draw(axes, levels, ratios[angle], letter)
         axes.text(0.97, 0.95, f'{angle}°', transform=axes.transAxes, ha='right', va='top')
     panels[1].set_ylabel('')
-    handles = panels[0].get_legend_handles_labels()
-    figure.legend(*handles, loc='outside lower center', ncols=3, frameon=False)
-    output.save(figure, arguments.out / 'incline.png')
+    output.save(figure, arguments.out / 'incline.png', columns=3)
 
 
 if __name__ == '__main__':

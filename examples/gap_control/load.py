@@ -76,8 +76,7 @@ def main() -> None:
     axes.set(yscale='log', xlim=(0.0, 3.0 * span), ylim=(0.3, 160.0))
     output.finish_panel(axes, '', 'time [natural periods]', 'largest |X| of each period [m]')
     output.set_ticks(axes.yaxis, (0.5, 1, 2, 5, 10, 20, 50, 100))
-    figure.legend(loc='outside lower center', ncols=3, frameon=False)
-    output.save(figure, arguments.out / 'load.png')
+    output.save(figure, arguments.out / 'load.png', columns=3)
 
 
 if __name__ == '__main__':

@@ -103,9 +103,7 @@ def main() -> None:
     output.write_rows(
         arguments.out / 'sensitivity.csv', ('disturbance', 'value', 'law', 'where', 'rms'), stored
     )
-    handles = figure.axes[0].get_legend_handles_labels()
-    figure.legend(*handles, loc='outside lower center', ncols=2, frameon=False)
-    output.save(figure, arguments.out / 'sensitivity.png')
+    output.save(figure, arguments.out / 'sensitivity.png', columns=2)
 
 
 if __name__ == '__main__':

@@ -80,8 +80,7 @@ def main() -> None:
     axes.set_yscale('log')
     output.finish_panel(axes, '', 'frequency of the force over the natural one', 'largest |X| [m]')
     output.set_ticks(axes.yaxis, (1, 2, 5, 10, 20, 50))
-    figure.legend(loc='outside lower center', ncols=2, frameon=False)
-    output.save(figure, arguments.out / 'stepped_sine.png')
+    output.save(figure, arguments.out / 'stepped_sine.png', columns=2)
 
 
 if __name__ == '__main__':

@@ -307,10 +307,11 @@ def _run_in_processes(
     grid: Grid, journal: Journal, jobs: int, progress: Callable[[int], object]
 ) -> None:
     """Run all rigs in processes of this machine; if one dies, all are replaced."""
-    # What is compiled here, once, and what that reports, the processes need not compile and report
-    brief = grid.setup._replace(settling=Settling(cycles=1, watch=21))
-    first = grid.settings(grid.values(0))
-    run_task(Task(impact_damper_ros.__version__, brief, ((0, first),), 1))
+    if find_spec('numba') is not None:
+        # What is compiled here, and what that reports, the processes need not compile and report
+        brief = grid.setup._replace(settling=Settling(cycles=1, watch=21, events=1000))
+        first = grid.settings(grid.values(0))
+        run_task(Task(impact_damper_ros.__version__, brief, ((0, first),), 1))
     broken = 0
     while True:
         before = len(journal.points())
