@@ -1,19 +1,19 @@
 """
 The periodic solver: searches and branches per second, and settled motions against the theory.
 
-    python benchmarks/orbits.py [--quick] [--json FILE]
+    python benchmarks/orbits.py [--quick] [--rounds RIGS] [--json FILE]
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import statistics
 import sys
 import time
 from collections import Counter
 from pathlib import Path
+
+from timing import options, say, table, write_results
 
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.orbits import find_orbits, follow, settle
@@ -59,7 +59,7 @@ def branch_of(rig: RigParameters, repeats: int) -> dict:
         seconds.append(time.process_time() - started)
     return {
         'points': len(branch.points),
-        'special': {special.kind.value: special.value for special in branch.special},
+        'special': len(branch.special),
         'milliseconds': 1e3 * min(seconds),
     }
 
@@ -96,36 +96,31 @@ def settled_motions(rigs: int) -> dict:
     }
 
 
+def show(head: str, rows: dict) -> None:
+    """Print rows of numbers by their names."""
+    texts = ([name, *(f'{value:.4g}' for value in row.values())] for name, row in rows.items())
+    print(table([head, *next(iter(rows.values()))], texts), end='\n\n')
+
+
 def main() -> int:
     """Run all and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0].strip())
-    parser.add_argument('--quick', action='store_true', help='a few rigs only')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the numbers')
-    arguments = parser.parse_args()
-    rigs = 10 if arguments.quick else 60
-    print('searches ...', file=sys.stderr, flush=True)
+    arguments = options(__doc__, 60).parse_args()
+    rigs = arguments.rounds
+    say('searches ...')
     searches = {}
     for name, rig in GOLDEN.items():
         searches[f'N=2, {name}'] = solutions_per_second(rig, (1, 2), rigs)
         if rig.friction == 0.0:
             searches[f'N=3, {name}'] = solutions_per_second(rig, THREE, rigs // 2)
-    print('search (all of N=2; 400 starts for N=3)      rigs  solutions  ms/rig  solutions/s')
-    for name, row in searches.items():
-        print(
-            f'{name:<44} {row["rigs"]:5d}  {row["solutions"]:9d}  '
-            f'{row["milliseconds_per_rig"]:6.1f}  {row["solutions_per_second"]:11.0f}'
-        )
-    print('branches ...', file=sys.stderr, flush=True)
+    show('search (all of N=2; 400 starts for N=3)', searches)
+    say('branches ...')
     branches = {name: branch_of(rig, 3) for name, rig in GOLDEN.items()}
-    print('\nbranch in the gap from 20 to 60 m            points  special      ms')
-    for name, row in branches.items():
-        count = len(row['special'])
-        print(f'{name:<44} {row["points"]:6d}  {count:7d}  {row["milliseconds"]:6.0f}')
-    print('settled motions ...', file=sys.stderr, flush=True)
-    settled = settled_motions(60 if arguments.quick else 600)
+    show('branch in the gap from 20 to 60 m', branches)
+    say('settled motions ...')
+    settled = settled_motions(10 * rigs)
     found = sum(settled['impacts_and_cycles'].values())
     print(
-        f'\n{settled["rigs"]} rigs of any kind: '
+        f'{settled["rigs"]} rigs of any kind: '
         + ', '.join(f'{count} {kind}' for kind, count in settled['kinds'].items())
         + f'\ntheory has {found} of the {found + len(settled["missed_seeds"])} motions with '
         f'impacts, to within {settled["largest_distance"]:.1e}, multipliers '
@@ -134,9 +129,8 @@ def main() -> int:
         + '\nN,k: '
         + ', '.join(f'{size} ({count})' for size, count in settled['impacts_and_cycles'].items())
     )
-    if arguments.json is not None:
-        numbers = {'searches': searches, 'branches': branches, 'settled_motions': settled}
-        arguments.json.write_text(json.dumps(numbers, indent=2))
+    numbers = {'searches': searches, 'branches': branches, 'settled_motions': settled}
+    write_results(arguments.json, numbers)
     return 0
 
 

@@ -70,7 +70,10 @@ def set_ticks(axis: Any, values: Sequence[float]) -> None:
     axis.set_ticks([], minor=True)
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write a picture."""
+def save(figure: Figure, path: Path, columns: int = 0) -> None:
+    """Write a picture, with the legend of its first panel below it in some columns, if given."""
+    if columns:
+        handles = figure.axes[0].get_legend_handles_labels()
+        figure.legend(*handles, loc='outside lower center', ncols=columns, frameon=False)
     save_figure(figure, path)
     print(path)

@@ -30,23 +30,13 @@ from study import (
     watched,
 )
 
-from output import (
-    GREY,
-    MARKS,
-    blank_figure,
-    finish_panel,
-    options,
-    print_style,
-    save,
-    show,
-    write_rows,
-)
+import output
 
 
-@print_style()
+@output.print_style()
 def main() -> None:
     """Run, print, write and draw."""
-    arguments = options(__doc__)
+    arguments = output.options(__doc__)
     seeds = (1,) if arguments.quick else tuple(range(1, 9))
     length = {'settle': START, 'watch': SPAN}
     rigs = {seed: broadband_rig(seed) for seed in seeds}
@@ -106,8 +96,8 @@ def main() -> None:
         else:
             row += ['', '', '']
         rows.append(row)
-    show(head, rows)
-    show(
+    output.show(head, rows)
+    output.show(
         ('law', 'impacts [W]', 'dashpot [W]', 'actuators [W]', 'rms of X [m]'),
         (
             (LABELS[name], *(fmean(getattr(run, part) for run in row.values())
@@ -115,7 +105,7 @@ def main() -> None:
             for name, row in real.items()
         ),
     )  # fmt: skip
-    write_rows(
+    output.write_rows(
         arguments.out / 'broadband.csv',
         ('case', 'gap', *(f'rms, seed {seed}' for seed in seeds)),
         [
@@ -125,10 +115,10 @@ def main() -> None:
               for name, row in real.items()),
         ],
     )  # fmt: skip
-    figure = blank_figure(9.0, 4.2)
+    figure = output.blank_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2)
     left.fill_between(gaps, fixed.min(axis=0), fixed.max(axis=0), color='0.88')
-    left.plot(gaps, common, color=GREY, linewidth=1.4, label='fixed gap, mean of the seeds')
+    left.plot(gaps, common, color=output.GREY, linewidth=1.4, label='fixed gap, mean of the seeds')
     for k, name in enumerate(LAWS):
         color = STYLES[name]['color']
         line = {key: value for key, value in STYLES[name].items() if key != 'marker'}
@@ -138,23 +128,21 @@ def main() -> None:
             (-0.12, 'o', rms[name], 'rms'),
             (0.12, 'D', peak[name], 'peak'),
         ):
-            look = MARKS | {'markersize': 5, 'marker': marker, 'color': color}
+            look = output.MARKS | {'markersize': 5, 'marker': marker, 'color': color}
             look |= {'markerfacecolor': color if label == 'rms' else 'white'}
             places = [k + shift] * len(ratios)
             right.plot(places, ratios, linestyle='none', label=label if k == 0 else None, **look)
     left.set_ylim(0.0, 5.0)
-    finish_panel(left, 'a', 'fixed gap [m]', 'rms of X [m]')
+    output.finish_panel(left, 'a', 'fixed gap [m]', 'rms of X [m]')
     right.axhline(1.0, color='0.5', linewidth=0.8)
     right.axhline(0.85, color='black', linewidth=0.8, linestyle=(0, (5, 3)))
     right.text(-0.4, 0.84, 'target for the rms', va='top', fontsize=8)
     right.set_xlim(-0.5, len(LAWS) - 0.5)
     right.set_ylim(bottom=0.0)
-    finish_panel(right, 'b', '', 'X over that with the best fixed gap')
+    output.finish_panel(right, 'b', '', 'X over that with the best fixed gap')
     right.legend(loc='lower left', frameon=False)
     right.set_xticks(range(len(LAWS)), [name.replace(' ', '\n') for name in LAWS])
-    handles = left.get_legend_handles_labels()
-    figure.legend(*handles, loc='outside lower center', ncols=3, frameon=False)
-    save(figure, arguments.out / 'broadband.png')
+    output.save(figure, arguments.out / 'broadband.png', columns=3)
 
 
 if __name__ == '__main__':

@@ -28,18 +28,8 @@ from study import (
     watched,
 )
 
+import output
 from impact_damper_ros import RigParameters
-from output import (
-    MARKS,
-    blank_figure,
-    finish_panel,
-    options,
-    print_style,
-    save,
-    set_ticks,
-    show,
-    write_rows,
-)
 
 RIGS = {
     0: RIG,
@@ -55,22 +45,33 @@ def runs_at(rig: RigParameters, level: float, length: dict[str, float]) -> dict[
     return found | {name: watched(forced, law(name, rig), **length) for name in LAWS}
 
 
+def compared(timed: list[float], ideal: list[float]) -> str:
+    """Say how near the timed law comes to the ideal, and how much it depends on the level."""
+    most = max(one / other for one, other in zip(timed, ideal, strict=True))
+    spread = (max(timed) - min(timed)) / (max(timed) + min(timed))
+    return f'Timed law: at most {most:.4f} times the ideal, spread {spread:.4f}'
+
+
 def draw(axes: Any, levels: list[float], ratios: dict[str, list[float]], letter: str) -> None:
     """Draw the amplitude against the force."""
     for name, row in ratios.items():
         style = STYLES.get(name, {'color': 'black', 'linewidth': 1.0})
-        axes.plot(levels, row, label=LABELS.get(name, name), **{'linewidth': 1.4} | MARKS | style)
+        axes.plot(
+            levels, row, label=LABELS.get(name, name), **{'linewidth': 1.4} | output.MARKS | style
+        )
     axes.set(xscale='log', yscale='log')
     axes.set_ylim(0.024, 0.6)
-    finish_panel(axes, letter, 'amplitude of the force at resonance [N]', 'X / X without impacts')
-    set_ticks(axes.xaxis, (0.25, 0.5, 1, 2, 4))
-    set_ticks(axes.yaxis, (0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1))
+    output.finish_panel(
+        axes, letter, 'amplitude of the force at resonance [N]', 'X / X without impacts'
+    )
+    output.set_ticks(axes.xaxis, (0.25, 0.5, 1, 2, 4))
+    output.set_ticks(axes.yaxis, (0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1))
 
 
-@print_style()
+@output.print_style()
 def main() -> None:
     """Run, print, write and draw."""
-    arguments = options(__doc__)
+    arguments = output.options(__doc__)
     quick = arguments.quick
     levels = [0.25, 1.0, 4.0] if quick else [2.0 ** (k / 2) for k in range(-4, 5)]
     length = {'settle': 160.0, 'watch': 40.0} if quick else {'settle': 240.0, 'watch': 80.0}
@@ -85,17 +86,15 @@ def main() -> None:
             rows['ideal'].append(ideal_ratio(forced))
         ratios[angle] = rows
         print(f'Amplitude over that without impacts, {angle} degrees:\n')
-        show(head[1:], ([LABELS.get(name, name), *row] for name, row in rows.items()))
-    write_rows(
+        output.show(head[1:], ([LABELS.get(name, name), *row] for name, row in rows.items()))
+    output.write_rows(
         arguments.out / 'level.csv',
         head,
         ([angle, name, *row] for angle, rows in ratios.items() for name, row in rows.items()),
     )
-    timed = ratios[0]['timed']
     print(
-        f'best fixed gap at 1 N: {best_fixed_gap(RIG):.1f} m. Timed law: at most '
-        f'{max(a / b for a, b in zip(timed, ratios[0]["ideal"], strict=True)):.4f} times the '
-        f'ideal, spread {(max(timed) - min(timed)) / (max(timed) + min(timed)):.4f}\n'
+        f'best fixed gap at 1 N: {best_fixed_gap(RIG):.1f} m. '
+        f'{compared(ratios[0]["timed"], ratios[0]["ideal"])}\n'
     )
     real = {
         name: [
@@ -114,12 +113,9 @@ def main() -> None:
     ]
     print(
         f'Stops at {REAL["actuator_speed"]:g} m/s per newton of force, {REAL["actuator_mass"]:g} '
-        f'kg each. Timed law: at most '
-        f'{max(a / b for a, b in zip(timed, ratios[0]["ideal"], strict=True)):.4f} times the '
-        f'ideal, spread {(max(timed) - min(timed)) / (max(timed) + min(timed)):.4f}. Powers [W] '
-        'at 1 N:\n'
+        f'kg each. {compared(timed, ratios[0]["ideal"])}. Powers [W] at 1 N:\n'
     )
-    show(
+    output.show(
         ('law', 'impacts', 'dashpot', 'actuators', 'spent / dissipated', 'rms of X [m]'),
         (
             (LABELS[name], run.impact_power, run.dashpot_power, run.actuator_power,
@@ -128,19 +124,16 @@ def main() -> None:
             for run in [runs[levels.index(1.0)]]
         ),
     )  # fmt: skip
-    figure = blank_figure(6.0, 4.2)
+    figure = output.blank_figure(6.0, 4.2)
     draw(figure.subplots(), levels, ratios[0], '')
-    figure.legend(loc='outside lower center', ncols=2, frameon=False)
-    save(figure, arguments.out / 'level.png')
-    figure = blank_figure(9.0, 4.4)
+    output.save(figure, arguments.out / 'level.png', columns=2)
+    figure = output.blank_figure(9.0, 4.4)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, angle, letter in zip(panels, (15, 45), 'ab', strict=True):
         draw(axes, levels, ratios[angle], letter)
         axes.text(0.97, 0.95, f'{angle}°', transform=axes.transAxes, ha='right', va='top')
     panels[1].set_ylabel('')
-    handles = panels[0].get_legend_handles_labels()
-    figure.legend(*handles, loc='outside lower center', ncols=3, frameon=False)
-    save(figure, arguments.out / 'incline.png')
+    output.save(figure, arguments.out / 'incline.png', columns=3)
 
 
 if __name__ == '__main__':

@@ -25,18 +25,9 @@ from study import (
     law,
 )
 
+import output
 from impact_damper_ros import Rig
 from impact_damper_ros.control import GapControlParameters
-from output import (
-    blank_figure,
-    finish_panel,
-    options,
-    print_style,
-    save,
-    set_ticks,
-    show,
-    write_rows,
-)
 
 LEVELS = (1.0, 4.0, 0.25)
 
@@ -54,27 +45,27 @@ def peaks_of(control: GapControlParameters, periods: int) -> np.ndarray:
     return np.concatenate(peaks)
 
 
-@print_style()
+@output.print_style()
 def main() -> None:
     """Run, print, write and draw."""
-    arguments = options(__doc__)
+    arguments = output.options(__doc__)
     span = 40 if arguments.quick else 120
     controls = {FIXED: OFF} | {name: law(name, RIG) for name in INDEPENDENT}
     found = {name: peaks_of(control, span) for name, control in controls.items()}
     ideals = [ideal_amplitude(RIG.replace(force_amplitudes=(level,))) for level in LEVELS]
-    show(
+    output.show(
         ('largest X of the last period [m]', *(f'at {level:g} N' for level in LEVELS)),
         [
             *([LABELS[name], *map(float, x[span - 1 :: span])] for name, x in found.items()),
             ['ideal', *ideals],
         ],
     )
-    write_rows(
+    output.write_rows(
         arguments.out / 'load.csv',
         ('natural period', *found),
         ([k, *map(float, row)] for k, row in enumerate(zip(*found.values(), strict=True))),
     )
-    figure = blank_figure(7.5, 3.8)
+    figure = output.blank_figure(7.5, 3.8)
     axes = figure.subplots()
     for name, x in found.items():
         axes.plot(x, color=STYLES[name]['color'], linewidth=1.3, label=LABELS[name])
@@ -83,10 +74,9 @@ def main() -> None:
         axes.plot(ends, [ideal, ideal], color='black', linewidth=0.8, label=label)
         axes.text((k + 0.5) * span, 105.0, f'{level:g} N', ha='center', va='center')
     axes.set(yscale='log', xlim=(0.0, 3.0 * span), ylim=(0.3, 160.0))
-    finish_panel(axes, '', 'time [natural periods]', 'largest |X| of each period [m]')
-    set_ticks(axes.yaxis, (0.5, 1, 2, 5, 10, 20, 50, 100))
-    figure.legend(loc='outside lower center', ncols=3, frameon=False)
-    save(figure, arguments.out / 'load.png')
+    output.finish_panel(axes, '', 'time [natural periods]', 'largest |X| of each period [m]')
+    output.set_ticks(axes.yaxis, (0.5, 1, 2, 5, 10, 20, 50, 100))
+    output.save(figure, arguments.out / 'load.png', columns=3)
 
 
 if __name__ == '__main__':

@@ -26,17 +26,7 @@ from study import (
     watched,
 )
 
-from output import (
-    MARKS,
-    blank_figure,
-    finish_panel,
-    options,
-    print_style,
-    save,
-    set_ticks,
-    show,
-    write_rows,
-)
+import output
 
 #: Of each disturbance: its label and values, and the parameters that it is, given a value.
 DISTURBANCES = {
@@ -72,10 +62,10 @@ SERIES = (
 )
 
 
-@print_style()
+@output.print_style()
 def main() -> None:
     """Run, print, write and draw."""
-    arguments = options(__doc__)
+    arguments = output.options(__doc__)
     quick = arguments.quick
     length = {'settle': 160.0, 'watch': 40.0} if quick else {'settle': 240.0, 'watch': 80.0}
     random, span = broadband_rig(1), {'settle': START, 'watch': SPAN}
@@ -84,7 +74,7 @@ def main() -> None:
         BROADBAND: float(rms_over_gaps(random, broadband_gaps(quick), **span).min()),
     }
     runs = {RESONANCE: (RIG, length), BROADBAND: (random, span)}
-    figure = blank_figure(9.0, 6.4)
+    figure = output.blank_figure(9.0, 6.4)
     stored = []
     for axes, letter, (what, (label, values, disturbed)) in zip(
         figure.subplots(2, 2).ravel(), 'abcd', DISTURBANCES.items(), strict=True
@@ -99,23 +89,21 @@ def main() -> None:
             stored += [[what, v, name, where, r] for v, r in zip(some, ratios, strict=True)]
             look = {'linestyle': '-', 'marker': 'o'} if where == RESONANCE else {
                 'linestyle': '--', 'marker': 'D'}  # fmt: skip
-            look |= MARKS | {'linewidth': 1.4, 'color': STYLES[name]['color']}
+            look |= output.MARKS | {'linewidth': 1.4, 'color': STYLES[name]['color']}
             axes.plot(some, ratios, label=rows[-1][0], **look)
-        show((label, *(f'{value:g}' for value in some)), rows)
+        output.show((label, *(f'{value:g}' for value in some)), rows)
         if what in ('speed', 'sampling'):
             axes.set_xscale('log')
-            set_ticks(axes.xaxis, some)
+            output.set_ticks(axes.xaxis, some)
         axes.set(yscale='log', ylim=(0.5, 14.0))
         axes.axhline(1.15, color='0.4', linewidth=0.8, linestyle=':')
         axes.axhline(0.85, color='0.4', linewidth=0.8, linestyle=(0, (5, 3)))
-        finish_panel(axes, letter, label, 'rms of X, ratio')
-        set_ticks(axes.yaxis, (0.5, 0.7, 1, 1.5, 2, 3, 5, 10))
-    write_rows(
+        output.finish_panel(axes, letter, label, 'rms of X, ratio')
+        output.set_ticks(axes.yaxis, (0.5, 0.7, 1, 1.5, 2, 3, 5, 10))
+    output.write_rows(
         arguments.out / 'sensitivity.csv', ('disturbance', 'value', 'law', 'where', 'rms'), stored
     )
-    handles = figure.axes[0].get_legend_handles_labels()
-    figure.legend(*handles, loc='outside lower center', ncols=2, frameon=False)
-    save(figure, arguments.out / 'sensitivity.png')
+    output.save(figure, arguments.out / 'sensitivity.png', columns=2)
 
 
 if __name__ == '__main__':

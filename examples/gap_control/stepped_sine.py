@@ -14,19 +14,9 @@ import math
 import numpy as np
 from study import FIXED, INDEPENDENT, LABELS, OFF, RIG, SAMPLES, STYLES, best_fixed_gap, law
 
+import output
 from impact_damper_ros import Rig
 from impact_damper_ros.control import GapControlParameters
-from output import (
-    MARKS,
-    blank_figure,
-    finish_panel,
-    options,
-    print_style,
-    save,
-    set_ticks,
-    show,
-    write_rows,
-)
 
 LOW, HIGH = 0.8, 1.2
 
@@ -49,16 +39,16 @@ def peaks_of(control: GapControlParameters, steps: int, dwell: int) -> np.ndarra
     return np.abs(x.reshape(count, 2, -1)[:, 1]).max(axis=1)
 
 
-@print_style()
+@output.print_style()
 def main() -> None:
     """Run, print, write and draw."""
-    arguments = options(__doc__)
+    arguments = output.options(__doc__)
     steps, dwell = (4, 20) if arguments.quick else (40, 25)
     ratios = np.linspace(LOW, HIGH, steps + 1)
     controls = {FIXED: OFF} | {name: law(name, RIG) for name in INDEPENDENT}
     found = {name: peaks_of(control, steps, dwell) for name, control in controls.items()}
     ways = {name: (x[: steps + 1], x[steps:][::-1]) for name, x in found.items()}
-    show(
+    output.show(
         ('', 'peak of X, up', 'peak of X, down', 'largest ratio of up and down'),
         (
             (
@@ -70,7 +60,7 @@ def main() -> None:
             for name, (up, down) in ways.items()
         ),
     )
-    write_rows(
+    output.write_rows(
         arguments.out / 'stepped_sine.csv',
         ('frequency ratio', *(f'{name}, {way}' for name in found for way in ('up', 'down'))),
         (
@@ -78,20 +68,19 @@ def main() -> None:
             for k, ratio in enumerate(ratios)
         ),
     )
-    figure = blank_figure(6.0, 4.4)
+    figure = output.blank_figure(6.0, 4.4)
     axes = figure.subplots()
     alone = [RIG.replace(force_frequencies=(r,)).response_amplitude for r in ratios]
     axes.plot(ratios, alone, color='black', linewidth=0.9, label='without impacts')
     axes.plot([], [], ' ', label='up: solid, down: dashed')
     for name, (up, down) in ways.items():
-        look = MARKS | {'linewidth': 1.4, 'color': STYLES[name]['color']}
+        look = output.MARKS | {'linewidth': 1.4, 'color': STYLES[name]['color']}
         axes.plot(ratios, up, marker=STYLES[name]['marker'], label=LABELS[name], **look)
         axes.plot(ratios, down, linestyle='--', **look)
     axes.set_yscale('log')
-    finish_panel(axes, '', 'frequency of the force over the natural one', 'largest |X| [m]')
-    set_ticks(axes.yaxis, (1, 2, 5, 10, 20, 50))
-    figure.legend(loc='outside lower center', ncols=2, frameon=False)
-    save(figure, arguments.out / 'stepped_sine.png')
+    output.finish_panel(axes, '', 'frequency of the force over the natural one', 'largest |X| [m]')
+    output.set_ticks(axes.yaxis, (1, 2, 5, 10, 20, 50))
+    output.save(figure, arguments.out / 'stepped_sine.png', columns=2)
 
 
 if __name__ == '__main__':

@@ -12,6 +12,7 @@ from itertools import groupby
 from typing import NamedTuple
 
 from .orbit import PeriodicOrbit
+from .search import SAME
 from .solution_curve import Piece
 
 
@@ -189,7 +190,8 @@ class Branch:
                 low, high = sorted(piece.values)
                 inside = low < high and low <= value <= high
                 point = piece.at_value(value) if inside else None
-                if point is not None and point.orbit not in here:
+                # Where two pieces meet, both have the motion
+                if point and min(map(point.orbit.distance, here), default=1.0) > SAME:
                     here.append(point.orbit)
             found.append(tuple(here))
         return found

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from operator import attrgetter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.flight import (
     NO_EVENT,
@@ -21,8 +22,10 @@ from impact_damper_ros.rig.flight import (
     starting_motion,
     turn_waves,
 )
+from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.oscillator import Line
 from impact_damper_ros.rig.run import ALL_STEPS, find_event
+from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.rig.state import (
     REST_1,
     REST_2,
@@ -32,10 +35,7 @@ from impact_damper_ros.rig.state import (
     Wave,
     constants_of,
 )
-from impact_damper_ros.rig.transition import resolve, strike
-
-if TYPE_CHECKING:
-    from impact_damper_ros.control import Rig
+from impact_damper_ros.rig.transition import strike
 
 _run_fields = attrgetter(*Run.__dataclass_fields__)
 
@@ -99,13 +99,6 @@ class Flight:
         strike(*self.machine, there.run, there.waves, [], there.run.last_stop)
         return there.begun()
 
-    def resolved(self) -> Flight:
-        """Return the flight after the event that ends this one."""
-        there = self.copy()
-        there.run.room = 0
-        resolve(*self.machine, there.run, there.waves, [])
-        return there.begun()
-
 
 def flight_at(
     machine: Machine,
@@ -154,12 +147,10 @@ def flight_at(
     return Flight(machine, run, waves).begun()
 
 
-def flight_of(rig: Rig) -> Flight:
-    """Return the flight with which a rig goes on from its present time, its stops at rest."""
-    state = rig.state()
-    since = rig.time - state.run.time
-    waves = [Wave(angle) for angle in state.angles]
-    return Flight(machine_of(state.parameters), state.run, waves).begun().after(since)
+def rig_on(flight: Flight, parameters: RigParameters) -> Rig:
+    """Return the rig that goes on from the origin of a flight, at time 0."""
+    angles = tuple(wave.angle for wave in flight.waves)
+    return Rig.resume(Snapshot(parameters, flight.run, angles, (), SteppedSine(0.0)))
 
 
 def flight_at_impact(
@@ -180,43 +171,3 @@ def flight_at_impact(
     beyond = 0.0 if stop == 1 else -2.0 * machine.constants.half_gap
     resting = STICK if relative == 0.0 else 0
     return flight_at(machine, instant, x, velocity, beyond, relative, resting, stop)
-
-
-#: Largest number of events that are followed in one trajectory.
-_MOST_EVENTS = 2000
-
-
-class FlightPart(NamedTuple):
-    """One flight of a trajectory: its start from the beginning of that, s, and what ends it."""
-
-    start: float
-    duration: float
-    flight: Flight
-    ending: int
-
-    @property
-    def mode(self) -> int:
-        """The mode of the motion."""
-        return self.flight.run.mode
-
-
-class Trajectory(NamedTuple):
-    """Motion from one instant to a later one."""
-
-    flights: list[FlightPart]
-    end: Flight
-
-
-def follow_trajectory(flight: Flight, duration: float) -> Trajectory | None:
-    """Follow the motion for a time, s; return None if it has more events than are followed."""
-    flights: list[FlightPart] = []
-    elapsed = 0.0
-    for _ in range(_MOST_EVENTS):
-        left = duration - elapsed
-        kind, span = flight.first_event(left)
-        flights.append(FlightPart(elapsed, span, flight, kind))
-        if kind == NO_EVENT:
-            return Trajectory(flights, flight.after(left))
-        flight = flight.resolved()
-        elapsed += span
-    return None

@@ -35,10 +35,11 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.control.nearby_rig import NearbyRig, RigState, Scales
 from impact_damper_ros.rig import EventKind, Mode
-from impact_damper_ros.rig.state import SLIDE_DOWN, SLIDE_UP, STICK
+from impact_damper_ros.rig.state import STICK
 
 from .flights import Machine
-from .multipliers import event_matrices, flight_matrices, state_rates
+from .multipliers import FlightLaws, Y, event_matrices, jumps, signs_of, velocities_of
+from .response import free_response
 
 Array = NDArray[np.float64]
 
@@ -50,14 +51,15 @@ _STUDENT = 2.093
 
 @dataclass(frozen=True)
 class Deviations:
-    """The matrices that propagate deviations of (X, X', Z, Z') through a part of a run."""
+    """The matrices that propagate deviations of (X, X', Y, Y') through a part of a run."""
 
     start: float  # s
     end: float
     instants: Array  # of the events in it, s, shape (n,)
     events: Array  # their saltation matrices, shape (n, 4, 4)
-    modes: NDArray[np.int64]  # the mode before each event, and after the last, shape (n + 1,)
-    machine: Machine
+    #: Of the flights before each event, and after the last, shape (n + 1,).
+    modes: NDArray[np.int64]
+    laws: FlightLaws
 
     def steps(self, ends: Array) -> tuple[Array, NDArray[np.int64]]:
         """
@@ -73,7 +75,11 @@ class Deviations:
         cut[order + np.arange(len(ends))] = True
         before = np.concatenate([[self.start], nodes[:-1]])
         flight = np.cumsum(~cut) - ~cut
-        matrices = flight_matrices(self.machine.constants, self.modes[flight], nodes - before)
+        spans = nodes - before
+        laws = FlightLaws(*(column[flight] for column in self.laws))
+        matrices = laws.matrices(spans, free_response(laws.decay, laws.damped, spans))
+        # A stop leaves m no deviation
+        matrices[self.modes[flight] > STICK, Y, Y] = 0.0
         matrices[~cut] = self.events @ matrices[~cut]
         return matrices, np.cumsum(cut) - cut
 
@@ -112,48 +118,40 @@ def deviations(
     impact = kind == EventKind.IMPACT
     modes = np.concatenate([[mode], events['mode']]).astype(np.int64)
     joint = modes >= STICK
-    direction = np.where(modes == SLIDE_DOWN, 1.0, np.where(modes == SLIDE_UP, -1.0, 0.0))
     hit = np.concatenate([[last_stop], np.where(impact, stop, 0)])
     hit = hit[np.maximum.accumulate(np.where(hit > 0, np.arange(count + 1), 0))]
-    air = rig.air * np.choose(hit, [0.0, -1.0, 1.0])
-
+    laws = FlightLaws.of(rig, *signs_of(modes, hit))
     drive = np.zeros(count)
     for line, angle in zip(lines[: rig.harmonics], angles, strict=True):
         drive += line.force * np.sin(line.frequency * time + (line.phase + angle))
 
     def rates(flight: slice, side: str) -> Array:
-        """Return (X', X'', Z', Z'') at the events, in the flights before or after them."""
-        return state_rates(
-            rig,
-            drive,
-            x,
-            events[f'primary_velocity_{side}'],
-            events[f'damper_velocity_{side}'],
-            direction[flight],
-            air[flight],
-            joint[flight],
-        )
+        """Return the rates of the state at the events, in the flights before or after them."""
+        velocity, relative = velocities_of(events, side, joint[flight], rig.share)
+        force = drive * np.where(joint[flight], 1.0 - rig.share, 1.0)
+        return FlightLaws(*(part[flight] for part in laws)).rates(x, velocity, relative, force)
 
     restitution = np.where(stop == 1, rig.restitution_1, rig.restitution_2)
     halts = np.isin(kind, (EventKind.REVERSAL, EventKind.STICK, EventKind.REST))
+    # Plastic, or the cut of a chatter: all the impacts to come are one
+    restitution = np.where(joint[1:], 0.0, restitution)
     matrices = event_matrices(
-        rig.mass_ratio,
+        jumps(rig.share, impact, restitution),
         impact,
-        # Plastic, or the cut of a chatter: all the impacts to come are one
-        np.where(joint[1:], 0.0, restitution),
         rates(slice(0, count), 'before'),
         rates(slice(1, count + 1), 'after'),
         impact | (halts & ~joint[:-1]),
     )
     inside = (time > start) & (time <= end)
     first = int(np.count_nonzero(time <= start))
+    flights = slice(first, first + int(inside.sum()) + 1)
     return Deviations(
         start=start,
         end=end,
         instants=time[inside],
         events=matrices[inside],
-        modes=modes[first : first + int(inside.sum()) + 1],
-        machine=machine,
+        modes=modes[flights],
+        laws=FlightLaws(*(column[flights] for column in laws)),
     )
 
 
@@ -196,8 +194,10 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
     ends = np.linspace(along.start, along.end, BATCHES + 2)[1:]
     ends[-1] = along.end
     products, growth = _products(along, ends)
+    # Of X, X', Z and Z'
+    absolute = np.eye(4) + np.eye(4, k=-2)
     scale = np.array([omega, 1.0, omega, 1.0])
-    products = scale[:, None] * products / scale
+    products = scale[:, None] * (absolute @ products @ np.linalg.inv(absolute)) / scale
     # Neither symmetric nor along an axis, so that it has a part in every direction
     vector = np.array([0.6, 0.3, -0.5, 0.55])
     for part, product in enumerate(products):

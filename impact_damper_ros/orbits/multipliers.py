@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Propagation of deviations of (X, X', Z, Z') through flights and through events.
+The motion in flights and events as it changes: rates of the state, and what carries deviations.
 
-A flight carries deviations at a fixed instant by its free vibration. An event at a surface h = 0
-carries them by its saltation matrix
+The state is (X, X', Y, Y'). A flight carries deviations at a fixed instant by its free vibration.
+An event at a surface h = 0 carries them by its saltation matrix
 
     S = D + (f+ - D f-) grad h / (grad h . f-),
 
@@ -17,112 +17,127 @@ References
 
 from __future__ import annotations
 
+from typing import NamedTuple, Self
+
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from impact_damper_ros.rig.oscillator import Oscillator
-from impact_damper_ros.rig.state import STICK, RigConstants
+from impact_damper_ros.control.rig import Events
+from impact_damper_ros.rig.state import SLIDE_DOWN, SLIDE_UP, STICK, RigConstants
 
-from .response import Array, free_response
+from .response import Array
 
 Mask = NDArray[np.bool_]
-
-#: Gradients of the surfaces: Y = Z - X at an impact, Y' at all other events.
-_PLACE = np.array([-1.0, 0.0, 1.0, 0.0])
-_SPEED = np.array([0.0, -1.0, 0.0, 1.0])
+Integers = NDArray[np.int64]
+X, V, Y, U = range(4)
 
 
-def free_vibration(oscillator: Oscillator, spans: Array) -> Array:
-    """Return the matrices (n, 2, 2) of free vibration that carry (X, X') through spans, s."""
-    less, impulse, slope = free_response(oscillator.decay, oscillator.frequency, spans)
-    rows = (1.0 + less, impulse), (-oscillator.omega_squared * impulse, slope)
-    return np.array(rows).transpose(2, 0, 1)
-
-
-def flight_matrices(machine: RigConstants, modes: NDArray[np.int64], spans: Array) -> Array:
-    """Return the matrices (n, 4, 4) that carry deviations through flights, by mode and span."""
-    matrices = np.zeros((len(spans), 4, 4))
-    apart, stuck, on_stop = modes < STICK, modes == STICK, modes > STICK
-    matrices[apart, :2, :2] = free_vibration(machine.free, spans[apart])
-    matrices[apart, 2, 2] = matrices[apart, 3, 3] = 1.0
-    matrices[apart, 2, 3] = spans[apart]
-    matrices[~apart, :2, :2] = free_vibration(machine.joint, spans[~apart])
-    # Friction holds m wherever it is; a stop leaves it no deviation
-    matrices[stuck, 2] = matrices[stuck, 0] + _PLACE
-    matrices[on_stop, 2] = matrices[on_stop, 0]
-    matrices[~apart, 3] = matrices[~apart, 1]
-    return matrices
-
-
-def state_rates(
-    machine: RigConstants,
-    drive: ArrayLike,
-    x: ArrayLike,
-    velocity: ArrayLike,
-    damper_velocity: ArrayLike,
-    direction: ArrayLike,
-    air: ArrayLike,
-    together: ArrayLike = False,
-) -> Array:
+def velocities_of(events: Events, side: str, joint: Mask, share: float) -> tuple[Array, Array]:
     """
-    Return (X', X'', Z', Z'') in flights, shape (n, 4).
+    Return X' and Y' on one side of events, that is in flights which may be joint ones.
 
-    The drive is the force over M, the direction the paper's lambda (1 where m slides down, -1
-    up, 0 without friction), the air what it accelerates m by; `together` says where M and m
-    move as one.
+    In the rest of a chatter, whose impacts are not resolved, both move at their common velocity.
     """
-    free, both, mu = machine.free, machine.joint, machine.mass_ratio
-    drive, x, velocity, damper, direction, air, together = np.broadcast_arrays(
-        drive, x, velocity, damper_velocity, direction, air, together
+    velocity = events[f'primary_velocity_{side}']
+    relative = events[f'damper_velocity_{side}'] - velocity
+    return (
+        velocity + np.where(joint, share * relative, 0.0),
+        np.where(joint, 0.0, relative),
     )
-    common = (velocity + mu * damper) / (1.0 + mu)
-    apart = (
-        drive
-        + mu * (direction * machine.grip - air)
-        - 2.0 * free.decay * velocity
-        - free.omega_squared * x
-    )
-    one = (
-        drive / (1.0 + mu)
-        + mu / (1.0 + mu) * machine.slope
-        - 2.0 * both.decay * common
-        - both.omega_squared * x
-    )
-    slide = machine.slope - direction * machine.grip + air
-    rates: Array = np.where(
-        together[..., None],
-        np.stack([common, one, common, one], axis=-1),
-        np.stack([velocity, apart, damper, slide], axis=-1),
-    )
-    return rates
 
 
-def event_matrices(
-    mass_ratio: float, impact: Mask, restitution: Array, before: Array, after: Array, crosses: Mask
-) -> Array:
+def signs_of(modes: Integers, stops: Integers) -> tuple[Mask, Array, Array]:
+    """
+    Return what modes and stops hit last, 0 for none, say of flights.
+
+    Whether M and m move as one, the paper's lambda, and the direction in which the air drives m.
+    """
+    direction = (modes == SLIDE_DOWN) * 1.0 - (modes == SLIDE_UP)
+    return modes >= STICK, direction, np.choose(stops, [0.0, -1.0, 1.0])
+
+
+class FlightLaws(NamedTuple):
+    """
+    The equations of motion in flights.
+
+    X'' = push + force - 2 decay X' - stiffness X, where the force is that over the mass which
+    moves; and Z'' = slide, where m moves by itself.
+    """
+
+    decay: Array
+    damped: Array  # frequency of the free vibration, rad/s
+    stiffness: Array
+    push: Array
+    slide: Array
+    moves: Array  # 1 where m moves by itself, 0 where it moves as one with M
+
+    @classmethod
+    def of(cls, rig: RigConstants, joint: Mask, direction: Array, away: Array) -> Self:
+        """Return the laws of flights, from their `signs_of`."""
+        friction, air = direction * rig.grip, away * rig.air
+        moves = np.where(joint, 0.0, 1.0)
+        decay, damped, stiffness = (
+            np.where(joint, getattr(rig.joint, name), getattr(rig.free, name))
+            for name in ('decay', 'frequency', 'omega_squared')
+        )
+        return cls(
+            *(decay, damped, stiffness),
+            np.where(joint, rig.share * rig.slope, rig.mass_ratio * (friction - air)),
+            moves * (rig.slope - friction + air),
+            moves,
+        )
+
+    def rates(self, x: Array, velocity: Array, relative: Array, force: Array) -> Array:
+        """Return the rates (..., n, 4) of states."""
+        acceleration = self.push - 2.0 * self.decay * velocity - self.stiffness * x + force
+        rates = np.empty((*x.shape, 4))
+        rates[..., X], rates[..., V] = velocity, acceleration
+        rates[..., Y] = self.moves * relative
+        rates[..., U] = self.moves * (self.slide - acceleration)
+        return rates
+
+    def matrices(self, spans: Array, response: tuple[Array, Array, Array]) -> Array:
+        """Return the matrices (..., n, 4, 4) that carry deviations through spans, s."""
+        less, impulse, slope = response
+        matrix = np.zeros((*spans.shape, 4, 4))
+        matrix[..., X, X] = 1.0 + less
+        matrix[..., X, V] = impulse
+        matrix[..., V, X] = bend = -self.stiffness * impulse
+        matrix[..., V, V] = slope
+        matrix[..., Y, X] = -self.moves * less
+        matrix[..., Y, V] = self.moves * (spans - impulse)
+        matrix[..., Y, Y] = 1.0
+        matrix[..., Y, U] = self.moves * spans
+        matrix[..., U, X] = -self.moves * bend
+        matrix[..., U, V] = self.moves * (1.0 - slope)
+        matrix[..., U, U] = self.moves
+        return matrix
+
+
+def jumps(share: float, impact: Mask, restitution: Array) -> Array:
+    """Return the derivative (n, 4, 4) of the state after events by that before them."""
+    jump = np.zeros((len(impact), 4, 4))
+    jump[:, range(4), range(4)] = 1.0
+    jump[:, V, U] = impact * share * (1.0 + restitution)
+    jump[:, U, U] = np.where(impact, -restitution, 1.0)
+    return jump
+
+
+def event_matrices(jump: Array, impact: Mask, before: Array, after: Array, crosses: Mask) -> Array:
     """
     Return the matrices (n, 4, 4) that carry deviations through events.
 
-    At an event that is no impact, the relative velocity becomes zero. The restitution of a
-    plastic impact is 0. The rates (X', X'', Z', Z'') are those just before and after.
-    `crosses` is False where a deviation does not move the instant of the event: at a release,
-    where the relative acceleration is zero.
+    At an event that is no impact, the relative velocity becomes zero. The rates are those just
+    before and after. `crosses` is False where a deviation does not move the instant of the event:
+    at a release, where the relative acceleration is zero.
     """
-    total = 1.0 + mass_ratio
-    jump = np.zeros((len(impact), 4, 4))
-    jump[:, range(4), range(4)] = 1.0
-    jump[impact, 1, 1] = (1.0 - mass_ratio * restitution[impact]) / total
-    jump[impact, 1, 3] = mass_ratio * (1.0 + restitution[impact]) / total
-    jump[impact, 3, 1] = (1.0 + restitution[impact]) / total
-    jump[impact, 3, 3] = (mass_ratio - restitution[impact]) / total
-    normal = np.where(impact[:, None], _PLACE, _SPEED)
-    across = np.einsum('ij,ij->i', normal, before)
+    normal = np.where(impact, Y, U)
+    across = np.where(impact, before[:, Y], before[:, U])
     crosses = crosses & (across != 0.0)
-    rise = after - np.einsum('ijk,ik->ij', jump, before)
-    rise /= np.where(crosses, across, 1.0)[:, None]
-    matrices: Array = jump + np.where(
-        crosses[:, None, None], rise[:, :, None] * normal[:, None, :], 0.0
-    )
+    rise = after - (jump @ before[:, :, None])[..., 0]
+    rise *= (crosses / np.where(crosses, across, 1.0))[:, None]
+    matrices = jump.copy()
+    matrices[np.arange(len(impact)), :, normal] += rise
     return matrices
 
 

@@ -57,6 +57,13 @@ class MotionKind(Enum):
     NOT_PERIODICALLY_DRIVEN = 'not periodically driven'
 
 
+def nearest_return(states: Array, longest: int = LONGEST_PERIOD) -> Array:
+    """Return how near the last of some states (..., n, m) is to one up to `longest` before it."""
+    apart = np.abs(states[..., -1 - longest : -1, :] - states[..., -1:, :]).max(axis=-1)
+    nearest: Array = apart.min(axis=-1)
+    return nearest
+
+
 @dataclass(frozen=True)
 class Section:
     """

@@ -27,7 +27,7 @@ from .arguments import (
     pressed_to,
     single_harmonic,
 )
-from .flights import flight_of, machine_of
+from .flights import machine_of
 from .orbit import PeriodicOrbit
 from .segments import Solution
 from .solved_orbits import guess_along, orbit_at, orbit_of, solved
@@ -240,7 +240,7 @@ def settled_orbits(
         busy = 0
         for i in range(periods):
             if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
-                guess = guess_along(flight_of(rig), 0.0, period)
+                guess = guess_along(Rig.resume(rig.state()), 0.0, period)
                 found.append(None if guess is None else solved(parameters, guess, cycles))
             run = rig.run((i + 1) * period, most_events=_MOST_AT_ONCE)
             busy = busy + 1 if run.event_count > most_events else 0

@@ -52,7 +52,7 @@ from impact_damper_ros.rig.state import (
 )
 
 from .flights import Flight, flight_at, machine_of
-from .multipliers import multipliers_of
+from .multipliers import FlightLaws, event_matrices, jumps, multipliers_of, signs_of
 from .response import Array, forced_response, free_response
 
 #: Largest relative residual of a solution; just beyond a fold the least residual is not zero.
@@ -154,17 +154,12 @@ class _Layout:
     def __init__(self, nodes: tuple[Node, ...], bounces: tuple[bool, bool]) -> None:
         n = len(nodes)
         self.last, self.next = np.roll(np.arange(n), 1), np.roll(np.arange(n), -1)
-        #: Stop hit last, of the flight after each node, and the direction of the air force
+        #: Stop hit last in the flight after each node, and what that is like
         self.last_stops = last_stops(nodes)
-        self.air = self.last_stops * 2.0 - 3.0
         #: The way from the stop hit last before each node to the one hit last after it, in gaps
         self.across = self.last_stops * 1.0 - self.last_stops[self.last]
-        #: Whether M and m move as one in that flight, and the paper's lambda
-        self.joint = np.array([node.mode >= STICK for node in nodes])
-        self.direction = np.array(
-            [float(node.mode == SLIDE_DOWN) - float(node.mode == SLIDE_UP) for node in nodes]
-        )
-        self.moves = np.where(self.joint, 0.0, 1.0)
+        modes = np.array([node.mode for node in nodes], np.int64)
+        self.joint, self.direction, self.away = signs_of(modes, self.last_stops)
         stop = np.array([node.stop for node in nodes])
         self.both_hit = len(set(stop) - {0}) > 1
         #: Impacts, and those after which m moves, on each stop
@@ -252,16 +247,7 @@ class Segments:
         bounces = rig.restitution_1 > 0.0, rig.restitution_2 > 0.0
         self.layout = layout = _layout(self.nodes, bounces)
         joint = layout.joint
-        # An oscillator for each flight, and constant accelerations
-        air = rig.air * layout.air
-        friction = layout.direction * rig.grip
-        self._slide: Array = layout.moves * (rig.slope - friction + air)
-        self._push: Array = np.where(
-            joint, rig.share * rig.slope, rig.mass_ratio * (friction - air)
-        )
-        self._decay: Array = np.where(joint, rig.joint.decay, rig.free.decay)
-        self._damped: Array = np.where(joint, rig.joint.frequency, rig.free.frequency)
-        self._stiffness: Array = np.where(joint, rig.joint.omega_squared, rig.free.omega_squared)
+        self.laws = FlightLaws.of(rig, joint, layout.direction, layout.away)
         acting = [h for h in range(rig.harmonics) if h == 0 or lines[h].force != 0.0]
         self._frequencies = np.array([lines[h].frequency for h in acting])
         self._phases = np.array([lines[h].phase for h in acting])
@@ -271,16 +257,15 @@ class Segments:
         # The jump at each node, and the derivative of what m needs from its support
         restitution = layout.bounce_1 * rig.restitution_1 + layout.bounce_2 * rig.restitution_2
         self._jump = np.zeros((len(joint), 5, 4))
-        self._jump[:, range(4), range(4)] = 1.0
-        self._jump[:, _V, _U] = layout.impact * rig.share * (1.0 + restitution)
-        self._jump[:, _U, _U] = np.where(layout.impact, -restitution, 1.0)
-        self._jump[:, _NEED, _X] = -self._stiffness[layout.last]
-        self._jump[:, _NEED, _V] = -2.0 * self._decay[layout.last]
-        self._need: Array = rig.slope + air[layout.last] + layout.gives_way * rig.grip
+        self._jump[:, :4] = jumps(rig.share, layout.impact, restitution)
+        self._jump[:, _NEED, _X] = -self.laws.stiffness[layout.last]
+        self._jump[:, _NEED, _V] = -2.0 * self.laws.decay[layout.last]
+        air = rig.air * layout.away[layout.last]
+        self._need: Array = rig.slope + air + layout.gives_way * rig.grip
         across = 0.0 if rig.one_sided else 2.0 * rig.half_gap
         self._across = np.multiply(across, layout.across)
         swing = abs(lines[0].force) / rig.free.omega_squared
-        fall = float(np.abs(self._slide).max()) / parameters.force_frequencies[0] ** 2
+        fall = float(np.abs(self.laws.slide).max()) / parameters.force_frequencies[0] ** 2
         length = max(swing, fall, across if layout.both_hit else 0.0)
         self.set_units(length, length * self.rate, self.rate)
 
@@ -329,47 +314,30 @@ class Segments:
         """Return the flights after all nodes, from the states just after these."""
         lasts = self.durations(instants)
         x, v, y, u = (states[..., i] for i in range(4))
-        decay, damped, stiffness = self._decay, self._damped, self._stiffness
-        less, impulse, slope = free_response(decay, damped, lasts)
+        decay, damped, stiffness, push, slide, moves = self.laws
+        response = free_response(decay, damped, lasts)
+        less, impulse, slope = response
         x_forced, v_forced = forced_response(
             decay[:, None], damped[:, None], self._frequencies, lasts[..., None]
         )
         turn = self._force(instants)
         turn_end = self._force(instants + lasts)
-        offset = x - self._push / stiffness
+        offset = x - push / stiffness
         move = offset * less + v * impulse + _total(turn * x_forced)
         gain = v * (slope - 1.0) - stiffness * offset * impulse + _total(turn * v_forced)
-        moves, slide = self.layout.moves, self._slide
         end = np.empty((*lasts.shape, 4))
         end[..., _X] = x + move
         end[..., _V] = v + gain
         end[..., _Y] = y + moves * ((v + u + 0.5 * slide * lasts) * lasts - move)
         end[..., _U] = moves * (u + slide * lasts - gain)
-        a_start = self._push - 2.0 * decay * v - stiffness * x + _total(turn)
-        a_end = self._push - 2.0 * decay * end[..., _V] - stiffness * end[..., _X]
-        a_end += _total(turn_end)
+        rate_start = self.laws.rates(x, v, u, _total(turn))
+        rate_end = self.laws.rates(end[..., _X], end[..., _V], end[..., _U], _total(turn_end))
         jerk = (
             _total(turn_end * self._frequencies * 1j)
-            - 2.0 * decay * a_end
+            - 2.0 * decay * rate_end[..., _V]
             - stiffness * end[..., _V]
         )
-        matrix = np.zeros((*lasts.shape, 4, 4))
-        matrix[..., _X, _X] = 1.0 + less
-        matrix[..., _X, _V] = impulse
-        matrix[..., _V, _X] = bend = -stiffness * impulse
-        matrix[..., _V, _V] = slope
-        matrix[..., _Y, _X] = -moves * less
-        matrix[..., _Y, _V] = moves * (lasts - impulse)
-        matrix[..., _Y, _Y] = 1.0
-        matrix[..., _Y, _U] = moves * lasts
-        matrix[..., _U, _X] = -moves * bend
-        matrix[..., _U, _V] = moves * (1.0 - slope)
-        matrix[..., _U, _U] = moves
-        rate_start, rate_end = np.empty_like(end), np.empty_like(end)
-        rate_start[..., _X], rate_end[..., _X] = v, end[..., _V]
-        rate_start[..., _V], rate_end[..., _V] = a_start, a_end
-        rate_start[..., _Y], rate_end[..., _Y] = moves * u, end[..., _U]
-        rate_start[..., _U], rate_end[..., _U] = moves * (slide - a_start), moves * (slide - a_end)
+        matrix = self.laws.matrices(lasts, response)
         return Flights(end, matrix, rate_start, rate_end, jerk)
 
     def residual(self, unknowns: Array) -> tuple[Array, Array]:
@@ -435,23 +403,17 @@ class Segments:
 
     def monodromy(self, after: Flights) -> Array:
         """Return the derivative of the state after a node by itself, a period later."""
-        jump = self._jump[:, :4].copy()
-        for j in range(len(self.nodes)):
-            condition = self.layout.conditions[j]
-            if condition == _U:
-                jump[j, _U, _U] = 0.0
-            if condition == _NEED:
-                # The relative acceleration is zero: a later release changes nothing.
-                continue
-            before, late = after.rate_end[j - 1], after.rate_start[j]
-            if before[condition] != 0.0:
-                rise = late - jump[j] @ before
-                jump[j, :, condition] += rise / before[condition]
+        layout = self.layout
+        # At a release the relative acceleration is zero: a later one changes nothing
+        through = event_matrices(
+            *(self._jump[:, :4], layout.impact, after.rate_end[layout.last]),
+            *(after.rate_start, layout.conditions != _NEED),
+        )
         first = self.begins_with()
         product = np.eye(4)
         for k in range(len(self.nodes)):
             i = (first + k) % len(self.nodes)
-            product = jump[(i + 1) % len(self.nodes)] @ (after.matrix[i] @ product)
+            product = through[(i + 1) % len(self.nodes)] @ (after.matrix[i] @ product)
         return product
 
     def multipliers(self, after: Flights) -> tuple[complex, ...]:
@@ -535,6 +497,8 @@ class Root(NamedTuple):
     history: tuple[float, ...]
 
 
+# A guess may have two impacts at once: it is dropped.
+@np.errstate(divide='ignore', invalid='ignore', over='ignore')
 def newton(
     system: System,
     unknowns: Array,

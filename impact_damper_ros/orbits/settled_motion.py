@@ -30,7 +30,15 @@ from .lyapunov import (
 )
 from .multipliers import multipliers_of
 from .orbit import PeriodicOrbit, Rhythm
-from .recurrence import LONGEST_PERIOD, Array, MotionKind, Period, Section, find_period
+from .recurrence import (
+    LONGEST_PERIOD,
+    Array,
+    MotionKind,
+    Period,
+    Section,
+    find_period,
+    nearest_return,
+)
 from .solved_orbits import orbit_near
 
 #: For how many cycles at least the states must come back.
@@ -348,8 +356,7 @@ class _SettlingRig:
             size = np.append(size, [max(self._size, far)] * 2)
         # A motion that is not periodic rarely comes back so near: the search would be in vain.
         recent = self._section[-1 - self.longest :] / size
-        nearest = np.abs(recent[:-1] - recent[-1]).max(axis=1).min()
-        if nearest > _NEAR * max(tolerance, _ROUND_OFF):
+        if nearest_return(recent, self.longest) > _NEAR * max(tolerance, _ROUND_OFF):
             return None
         section = Section.stroboscopic(self._section, size)
         return find_period(section, tolerance, _ROUND_OFF, longest=self.longest)

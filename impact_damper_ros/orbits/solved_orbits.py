@@ -9,38 +9,26 @@ between them, is followed with the simulator instead, and its events are the nex
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
+from impact_damper_ros.control import Outcome, Rig
+from impact_damper_ros.control.rig import Events
 from impact_damper_ros.rig import Event, EventKind, RigParameters
-from impact_damper_ros.rig.flight import (
-    CHATTER_END,
-    CONTACT_1,
-    CONTACT_2,
-    RELEASE_DOWN,
-    RELEASE_UP,
-    REVERSAL,
-)
 from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
 
 from .arguments import check_forcing, single_harmonic
 from .extremes import largest_displacement
-from .flights import (
-    Flight,
-    FlightPart,
-    Trajectory,
-    flight_at_impact,
-    follow_trajectory,
-    machine_of,
-)
+from .flights import flight_at_impact, machine_of, rig_on
+from .multipliers import velocities_of
 from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
 from .response import Array
 from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
 from .viability import why_not_viable
 
+#: Most events of a period.
+_MOST_EVENTS = 2000
 #: How often the nodes are read anew where a solution turns out to have others.
 _MOST_LOOKS = 3
 
@@ -53,92 +41,88 @@ class Guess(NamedTuple):
     instants: Array
 
 
-class _Row(NamedTuple):
-    """A node, and the simulator's flight after it."""
-
-    node: Node
-    flight: Flight
-    instant: float
+def _resting(mode: int) -> int:
+    return mode if mode in (STICK, REST_1, REST_2) else 0
 
 
-def _guess_of(rows: Sequence[_Row]) -> Guess:
-    nodes = tuple(row.node for row in rows)
-    states = []
-    for (_, flight, _), stop in zip(rows, last_stops(nodes), strict=True):
-        run = flight.run
-        way = -run.clearance_1 if stop == 1 else run.clearance_2
-        states.append((run.x, run.velocity, way, run.relative_velocity))
-    return Guess(nodes, np.array(states), np.array([row.instant for row in rows]))
+def _read(events: Events, mode: int) -> dict[int, Node] | None:
+    """
+    Return the nodes among events that begin in a mode, by their rows.
 
-
-def _node_after(part: FlightPart, then: Flight) -> Node | None:
-    """Return the node at the end of a flight; None if the event has no condition of its own."""
-    mode, ending = then.run.mode, part.ending
-    if ending in (CONTACT_1, CONTACT_2):
-        return Node(EventKind.IMPACT, 1 if ending == CONTACT_1 else 2, mode)
-    if ending == REVERSAL and mode <= STICK:
-        return Node(EventKind.STICK if mode == STICK else EventKind.REVERSAL, 0, mode)
-    if ending in (RELEASE_UP, RELEASE_DOWN):
-        return Node(EventKind.RELEASE, {REST_1: 1, REST_2: 2}.get(part.mode, 0), mode)
-    return None
-
-
-def _read(trajectory: Trajectory, instant: float) -> list[_Row] | None:
-    """Read the nodes of a trajectory that starts at an instant, s; None if there are others."""
-    rows = []
-    for part, then in pairwise(trajectory.flights):
-        node = _node_after(part, then.flight)
-        if node is not None:
-            rows.append(_Row(node, then.flight, instant + then.start))
-        elif part.ending != CHATTER_END or then.mode not in (REST_1, REST_2):
+    None where a chatter ends without rest, or m comes to rest without an impact.
+    """
+    nodes: dict[int, Node] = {}
+    kind = None
+    for row, event in enumerate(events):
+        before, last = mode, kind
+        kind, stop, mode = EventKind(event['kind']), int(event['stop']), int(event['mode'])
+        rests = kind is EventKind.REST
+        if before >= CHATTER_1 and (not rests or mode >= CHATTER_1):
             return None
-    return rows
+        if rests and before < CHATTER_1 and last is not EventKind.IMPACT:
+            return None
+        if not rests:
+            nodes[row] = Node(kind, stop, mode)
+    return nodes
 
 
-def _resting(flight: Flight) -> int:
-    return flight.run.mode if flight.run.mode in (STICK, REST_1, REST_2) else 0
-
-
-def _promise(part: FlightPart) -> tuple[int, float]:
-    """Rate a flight as a place to begin a period: resting first, then long and fast."""
-    if _resting(part.flight):
-        return 1, part.duration
-    if part.flight.run.joint:
-        return 0, 0.0
-    return 0, part.duration * abs(part.flight.run.relative_velocity)
-
-
-def guess_along(flight: Flight, instant: float, period: float) -> Guess | None:
+def guess_along(rig: Rig, instant: float, period: float) -> Guess | None:
     """
-    Return a guess of the periodic motion near a motion that starts at an instant, s.
+    Return a guess of the periodic motion near that of a rig, which is run on.
 
-    The period begins within a flight, or within sticking or rest if there is one, which forgets
-    more of how far the motion still is from the periodic one.
+    It is at an instant of the force, s. The period begins within a flight, or within sticking or
+    rest if there is one, which forgets more of how far the motion still is from the periodic one.
     """
-    trajectory = follow_trajectory(flight, period)
-    if trajectory is None:
+    start, first, here = rig.time, rig.mode, rig.sample()
+    run = rig.run(start + period, most_events=_MOST_EVENTS)
+    if run.outcome is not Outcome.COMPLETE:
         return None
-    best = max(trajectory.flights, key=_promise)
+    events = run.events
+    begins = np.append(start, events['time'])
+    spans = np.diff(begins, append=start + period)
+    modes = np.append(int(first), events['mode'])
+    speeds = events['damper_velocity_after'] - events['primary_velocity_after']
+    speeds = np.append(here.damper_velocity - here.primary_velocity, speeds)
+    # Resting first, then long and fast
+    rests = np.isin(modes, (STICK, REST_1, REST_2))
+    speeds = np.abs(np.where(modes < STICK, speeds, 0.0))
+    longest = spans * np.where(rests.any(), rests, speeds)
+    best = int(longest.argmax())
     # In flight closer to its beginning, away from a reversal that may be half-way
-    tau = best.duration * (0.5 if _resting(best.flight) else 0.25)
-    begun = best.flight.after(tau)
-    trajectory = follow_trajectory(begun, period)
-    rows = None if trajectory is None else _read(trajectory, instant + best.start + tau)
-    if rows is None or not any(row.node.kind is EventKind.IMPACT for row in rows):
+    begin = begins[best] + spans[best] * (0.5 if rests[best] else 0.25)
+    later = rig.run(begin + period, most_events=_MOST_EVENTS)
+    if later.outcome is not Outcome.COMPLETE:
         return None
-    guess, last = _guess_of(rows), rows[-1].node
-    alike = last.resting == _resting(begun) and (last.resting or last.mode == begun.run.mode)
-    return guess if alike and np.diff(guess.instants).min(initial=1.0) > 0.0 else None
+    events = np.concatenate([events[best:], later.events])
+    read = _read(events, int(modes[best]))
+    if not read or all(node.kind is not EventKind.IMPACT for node in read.values()):
+        return None
+    nodes = tuple(read.values())
+    # The last node leads to the flight, or the support, within which the period begins
+    resting, last = _resting(modes[best]), nodes[-1]
+    if last.resting != resting or not (resting or last.mode == modes[best]):
+        return None
+    events = events[list(read)]
+    instants = instant + (events['time'] - start)
+    if np.diff(instants).min(initial=1.0) <= 0.0:
+        return None
+    mass_ratio = rig.parameters.mass_ratio
+    joint = events['mode'] >= STICK
+    velocity, relative = velocities_of(events, 'after', joint, mass_ratio / (1.0 + mass_ratio))
+    half = 0.5 * rig.parameters.gap
+    way = events['y'] + np.where(last_stops(nodes) == 1, -half, half)
+    states = np.stack([events['x'], velocity, way, relative], axis=-1)
+    return Guess(nodes, states, instants)
 
 
-def _first_flight(orbit: PeriodicOrbit, parameters: RigParameters, instant: float) -> Flight:
-    """Return what a rig does after the first impact of a motion, at an instant of its force, s."""
+def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, instant: float) -> Rig:
+    """Return a rig just after the first impact of a motion, at an instant of its force, s."""
     velocity = orbit.primary_velocity_before[0]
     damper_velocity = orbit.damper_velocity_before[0]
     there = flight_at_impact(
         machine_of(parameters), instant, orbit.stops[0], orbit.x[0], velocity, damper_velocity
     )
-    return there.struck(velocity, damper_velocity - velocity)
+    return rig_on(there.struck(velocity, damper_velocity - velocity), parameters)
 
 
 def _first_instant(orbit: PeriodicOrbit) -> float:
@@ -152,9 +136,10 @@ def _first_instant(orbit: PeriodicOrbit) -> float:
         return first
 
     def missed(instant: float) -> float:
-        flight = _first_flight(orbit, orbit.parameters, instant)
-        trajectory = follow_trajectory(flight, orbit.period)
-        return math.inf if trajectory is None else abs(trajectory.end.run.x - orbit.x[0])
+        rig = after_impact(orbit, orbit.parameters, instant)
+        run = rig.run(orbit.period, [orbit.period], most_events=_MOST_EVENTS)
+        complete = run.outcome is Outcome.COMPLETE
+        return abs(float(run.samples['x'][0]) - orbit.x[0]) if complete else math.inf
 
     return min((first + k * orbit.cycle for k in range(orbit.cycles)), key=missed)
 
@@ -162,7 +147,7 @@ def _first_instant(orbit: PeriodicOrbit) -> float:
 def _guess_performed(orbit: PeriodicOrbit, parameters: RigParameters) -> Guess | None:
     """Return a guess from what a rig does after the first impact of a motion."""
     instant = _first_instant(orbit)
-    return guess_along(_first_flight(orbit, parameters, instant), instant, orbit.period)
+    return guess_along(after_impact(orbit, parameters, instant), instant, orbit.period)
 
 
 def guess_on(orbit: PeriodicOrbit) -> Guess | None:
@@ -327,5 +312,5 @@ def orbit_near(
         impact.primary_velocity_after,
         impact.damper_velocity_after,
     )
-    guess = guess_along(flight, instant, cycles * cycle)
+    guess = guess_along(rig_on(flight, parameters), instant, cycles * cycle)
     return None if guess is None else solved(parameters, guess, cycles)

@@ -23,7 +23,6 @@ from concurrent.futures import (
     Future,
     ProcessPoolExecutor,
 )
-from contextlib import suppress
 from importlib.util import find_spec
 from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
@@ -38,7 +37,7 @@ from impact_damper_ros.rig.snapshot import Snapshot
 from .ensemble import Transient, can_share, shared_values, transients
 from .grid import Grid, RigSetup, Varied
 from .journal import Journal, Progress, Row, differences, journal_path
-from .steady_state import steady_state
+from .steady_state import Settling, steady_state
 from .table import (
     MetadataError,
     check_format,
@@ -154,34 +153,10 @@ def run_task(task: Task) -> tuple[list[tuple[int, Row]], State | None]:
     return rows, state
 
 
-class _ToParent(logging.Handler):
-    """Send what a worker logs to the parent process, which says it once, beside its progress."""
-
-    def __init__(self, pipe: connection.Connection) -> None:
-        super().__init__()
-        self._pipe = pipe
-
-    def emit(self, record: logging.LogRecord) -> None:
-        # Short enough for the pipe to take it at once, whatever other workers write
-        with suppress(OSError):
-            self._pipe.send((record.name, record.levelno, record.getMessage()[:800]))
-
-
-def _repeat(pipe: connection.Connection) -> None:
-    """Log what workers have logged, each text once, until all of them have ended."""
-    logged = set()
-    with suppress(EOFError, OSError):
-        while True:
-            one = name, level, text = pipe.recv()
-            if one not in logged:
-                logged.add(one)
-                logging.getLogger(name).log(level, '%s', text)
-
-
-def _begin_worker(log: connection.Connection) -> None:
-    """Leave Ctrl-C to the parent process, log there, and end with it."""
+def _begin_worker() -> None:
+    """Leave Ctrl-C and what is logged to the parent process, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    logging.getLogger(impact_damper_ros.__name__).addHandler(_ToParent(log))
+    logging.getLogger(impact_damper_ros.__name__).setLevel(logging.ERROR)
     parent = parent_process()
     if parent is not None:
 
@@ -200,7 +175,6 @@ class ProcessPool(ProcessPoolExecutor):
     """
     A pool of processes that ignore Ctrl-C and end with this process.
 
-    What the package logs in them is logged in this process, each text once.
     On leaving its ``with`` block it waits for calls that are under way, except after an exception.
 
     Parameters
@@ -216,10 +190,7 @@ class ProcessPool(ProcessPoolExecutor):
 
     def __init__(self, jobs: int) -> None:
         jobs = whole_number('jobs', jobs, 1, MOST_JOBS)
-        context = get_context('spawn')
-        log, self._log = context.Pipe(duplex=False)
-        super().__init__(jobs, context, initializer=_begin_worker, initargs=(self._log,))
-        threading.Thread(target=_repeat, args=(log,), name='log', daemon=True).start()
+        super().__init__(jobs, get_context('spawn'), initializer=_begin_worker)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **keywords: Any) -> Future[Any]:
         """Call a function in one of the processes."""
@@ -229,11 +200,6 @@ class ProcessPool(ProcessPoolExecutor):
             return super().submit(fn, *args, **keywords)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes."""
-        super().shutdown(wait, cancel_futures=cancel_futures)
-        self._log.close()
 
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is not None:
@@ -341,6 +307,11 @@ def _run_in_processes(
     grid: Grid, journal: Journal, jobs: int, progress: Callable[[int], object]
 ) -> None:
     """Run all rigs in processes of this machine; if one dies, all are replaced."""
+    if find_spec('numba') is not None:
+        # What is compiled here, and what that reports, the processes need not compile and report
+        brief = grid.setup._replace(settling=Settling(cycles=1, watch=21, events=1000))
+        first = grid.settings(grid.values(0))
+        run_task(Task(impact_damper_ros.__version__, brief, ((0, first),), 1))
     broken = 0
     while True:
         before = len(journal.points())

@@ -13,7 +13,7 @@ from impact_damper_ros.compare.drive import Drive
 from impact_damper_ros.compare.flights import STATE, Flights, rows_of_samples
 from impact_damper_ros.control import Outcome, Rig, RunResult
 from impact_damper_ros.control.rig import Events
-from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD
+from impact_damper_ros.orbits.recurrence import nearest_return
 from impact_damper_ros.orbits.settled_motion import (
     SettledMotion,
     cycle_of,
@@ -196,8 +196,7 @@ def comes_back(states: Array, omega: Array, settling: Settling) -> NDArray[np.bo
     units = np.stack([np.ones_like(omega), omega] * 2, axis=-1)
     recent = states / units[..., None, :]
     size = np.abs(recent[..., 0]).max(axis=-1) + np.ptp(recent[..., 2], axis=-1)
-    far = np.abs(recent[..., -1 - LONGEST_PERIOD : -1, :] - recent[..., -1:, :]).max(axis=-1)
-    near: NDArray[np.bool_] = far.min(axis=-1) <= max(settling.tolerance, ROUND_OFF) * size
+    near: NDArray[np.bool_] = nearest_return(recent) <= max(settling.tolerance, ROUND_OFF) * size
     return near
 
 

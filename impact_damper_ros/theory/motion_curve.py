@@ -4,48 +4,38 @@
 from __future__ import annotations
 
 import math
-from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
-from impact_damper_ros.orbits.flights import (
-    Trajectory,
-    flight_at_impact,
-    follow_trajectory,
-    machine_of,
-)
+from impact_damper_ros.control import Outcome, Rig
+from impact_damper_ros.control.rig import Events
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.response import Array
-from impact_damper_ros.rig.state import place
+from impact_damper_ros.orbits.solved_orbits import after_impact
 
 #: Points per cycle of the force, and the most in a period, but for the ends of its flights.
 _PER_CYCLE, _MOST = 250, 1500
+#: Most events of a period.
+_MOST_EVENTS = 2000
 
 
-def _period(orbit: PeriodicOrbit, late: int) -> tuple[int, Trajectory] | None:
+def _begun(orbit: PeriodicOrbit, late: int) -> Rig:
     """
-    Follow a motion for a period, begun some whole cycles late; None if that has no effect.
+    Return the rig just after the first impact of a motion, some whole cycles late.
 
     A force of several harmonics may repeat after several cycles of the first one, while the phases
     of a motion are known up to whole cycles.
     """
-    if late and len(orbit.parameters.force_frequencies) == 1:
-        return None
-    flight = flight_at_impact(
-        machine_of(orbit.parameters),
-        orbit.instants[0] + late * orbit.cycle,
-        orbit.stops[0],
-        orbit.x[0],
-        orbit.primary_velocity_after[0],
-        orbit.damper_velocity_after[0],
-    )
-    trajectory = follow_trajectory(flight, orbit.period)
-    return None if trajectory is None else (late, trajectory)
+    return after_impact(orbit, orbit.parameters, orbit.instants[0] + late * orbit.cycle)
 
 
-def _open(orbit: PeriodicOrbit, trajectory: Trajectory) -> float:
-    """Return how far a period is from being closed, m: X is the same before an impact."""
-    return abs(trajectory.end.motion(0.0).x - orbit.x[0])
+def _moments(rows: Events, side: str = '') -> Array:
+    """Return time, X, X', Y and Y' of samples, or of events on one side, shape (n, 5)."""
+    x, velocity = rows['x'], rows[f'primary_velocity{side}']
+    y = rows['y'] if side else rows['z'] - x
+    relative = rows[f'damper_velocity{side}'] - velocity
+    return np.stack([rows['time'], x, velocity, y, relative], axis=-1)
 
 
 def orbit_curve(orbit: PeriodicOrbit) -> Array | None:
@@ -66,22 +56,27 @@ def orbit_curve(orbit: PeriodicOrbit) -> Array | None:
     """
     if not orbit.viable or not orbit.impacts:
         return None
-    found = list(filter(None, map(partial(_period, orbit), range(orbit.cycles))))
-    if not found:
+    runs = {}
+    for late in range(orbit.cycles if len(orbit.parameters.force_frequencies) > 1 else 1):
+        run = _begun(orbit, late).run(orbit.period, [orbit.period], most_events=_MOST_EVENTS)
+        if run.outcome is Outcome.COMPLETE:
+            # X is the same before the first impact, a period later
+            runs[abs(run.samples['x'][0] - orbit.x[0])] = late, run.events
+    if not runs:
         return None
-    late, trajectory = min(found, key=lambda one: _open(orbit, one[1]))
-    first = orbit.phases[0] + late
+    late, events = runs[min(runs)]
+    # An impact and the rest after it have one instant
+    events = events[np.diff(events['time'], prepend=-1.0) > 0.0]
     per_cycle = min(_PER_CYCLE, _MOST / orbit.cycles)
-    rows = []
-    for part in trajectory.flights:
-        run = part.flight.run
-        count = max(2, math.ceil(per_cycle * part.duration / orbit.cycle))
-        for tau in np.linspace(0.0, part.duration, count):
-            motion = part.flight.motion(float(tau))
-            phase = first + (part.start + float(tau)) / orbit.cycle
-            # M and m move as one in a joint flight.
-            travel = 0.0 if run.joint else motion.travel
-            relative = 0.0 if run.joint else motion.relative_velocity
-            rows.append((phase, motion.x, motion.velocity, place(run) + travel, relative))
-    rows.append((max(rows[-1][0], first + orbit.cycles), *rows[0][1:]))
-    return np.array(rows)
+    instants = [0.0]
+    for start, end in pairwise([0.0, *events['time'], orbit.period]):
+        count = max(2, math.ceil(per_cycle * (end - start) / orbit.cycle))
+        instants += np.linspace(start, end, count)[1:-1].tolist()
+    samples = _begun(orbit, late).run(orbit.period, [*instants, orbit.period]).samples
+    sides = [_moments(events, side) for side in ('_before', '_after')]
+    rows = np.concatenate([_moments(samples), *sides])
+    rows = rows[np.argsort(rows[:, 0], kind='stable')]
+    first = orbit.phases[0] + late
+    rows[:, 0] = first + rows[:, 0] / orbit.cycle
+    last = max(rows[-1, 0], first + orbit.cycles), *rows[0, 1:]
+    return np.vstack([rows, last])

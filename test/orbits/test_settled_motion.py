@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from rigs import FRICTION
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import MotionKind, find_orbits, settle
@@ -14,33 +13,6 @@ from orbits.begun_rigs import begun_on
 HORIZONTAL = RigParameters(gravity=0.0)
 PREDICTIVE = GapControlParameters(gap_control='predictive')
 DETUNED = HORIZONTAL.replace(force_frequencies=1.02)
-
-
-@pytest.mark.parametrize(
-    ('rig', 'stops'),
-    [
-        (HORIZONTAL, (1, 2)),
-        (FRICTION, (1, 2)),
-        (DETUNED.replace(gap=18.0), (1, 1, 2)),
-        (DETUNED.replace(gap=8.0), (1, 1, 2, 2)),
-        (HORIZONTAL.replace(force_phases=0.7), (1, 2)),
-    ],
-)
-def test_the_motion_reached_is_that_of_the_theory(rig, stops):
-    found = settle(Rig(rig, compiled=None))
-    assert found.kind is MotionKind.PERIODIC
-    assert found.rhythm.stops == stops
-    orbits = find_orbits(rig, found.rhythm.stops).orbits
-    orbit = min(orbits, key=lambda orbit: orbit.distance(found.rhythm))
-    # The rest of the transient, which shrinks by the multiplier in a period
-    rest = 1e-8 / (1.0 - abs(orbit.multipliers[0]))
-    assert orbit.distance(found.rhythm) < rest
-    assert found.x_max == pytest.approx(orbit.x_max, rel=rest)
-    assert found.multiplier == pytest.approx(abs(orbit.multipliers[0]), rel=1e-6)
-    assert found.period.level < 1e-8
-    assert found.phase(found.impacts[-1].time) % 1.0 == pytest.approx(
-        found.impacts[-1].time / found.cycle % 1.0, abs=1e-9
-    )
 
 
 def test_it_may_begin_at_any_instant_and_after_changes():

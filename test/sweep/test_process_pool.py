@@ -3,7 +3,6 @@
 import logging
 import os
 import signal
-import time
 
 import pytest
 
@@ -26,12 +25,8 @@ def test_numbers_of_processes(jobs):
         ProcessPool(jobs)
 
 
-def test_what_the_processes_log_is_logged_here_once(caplog):
+def test_what_the_package_logs_is_left_to_the_parent_process(capfd):
     warn = logging.getLogger('impact_damper_ros.rig').warning
     with ProcessPool(2) as pool:
-        for text in (*8 * ['this takes long'], 'the last one'):
-            pool.submit(warn, text).result(60)
-        while 'the last one' not in caplog.text:
-            time.sleep(0.01)
-    said = [record.getMessage() for record in caplog.records]
-    assert said == ['this takes long', 'the last one']
+        pool.submit(warn, 'this takes long').result(60)
+    assert 'this takes long' not in capfd.readouterr().err

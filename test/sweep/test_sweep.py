@@ -1,6 +1,7 @@
 """Sweeps: the same table however they are run, killed and resumed."""
 
 import json
+import math
 import os
 import random
 import signal
@@ -14,6 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 import numpy as np
 import pandas as pd
 import pytest
+from control.controlled_rigs import TRIAL, control
 from small_disk import mounted
 
 from impact_damper_ros.control import Rig
@@ -54,8 +56,25 @@ ELASTIC = grid_of(
 TOGETHER = grid_of(gap=np.linspace(1.0, 40.0, 14))
 APART = grid_of(force_frequencies=np.linspace(1.0, 1.2, 9))
 FOLLOWED = grid_of(follow='both', gap=np.linspace(6.0, 30.0, 9), restitution_1=[0.7, 0.75])
+#: The same under gap control, from a smallest gap that cannot be on.
+CONTROLLED, CONTROLLED_CHAINS = (
+    Grid(
+        TRIAL,
+        START,
+        control('timed', gap_control_rate=16 / math.tau, **law),
+        follow=follow,
+        settling=Settling(cycles=60, watch=21, section=10),
+        **axes,
+    )
+    for law, follow, axes in (
+        ({}, 'none', {'gap_min': [0.1, 2e3], 'force_amplitudes': [0.5, 1]}),
+        ({'actuator_delay': 0.1}, 'both', {'gap_control_park': [1.2, 1.5]}),
+    )
+)
 GRIDS = pytest.mark.parametrize(
-    'grid', [TOGETHER, APART, ELASTIC, FOLLOWED], ids=['together', 'apart', 'elastic', 'followed']
+    'grid',
+    [TOGETHER, APART, ELASTIC, FOLLOWED, CONTROLLED, CONTROLLED_CHAINS],
+    ids=['together', 'apart', 'elastic', 'followed', 'controlled', 'controlled chains'],
 )
 
 

@@ -5,7 +5,6 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 from control import laws
 from control.controlled_rigs import IDEAL, TRIAL, control
@@ -46,12 +45,6 @@ def setup_of(grid, row):
 
 #: From a smallest gap that cannot be on.
 VARIED = grid_of(gap_min=[1e-3, 0.1, 2e3], force_amplitudes=[0.5, 1])
-FOLLOWED = grid_of(
-    control=control('timed', actuator_delay=0.1, actuator_speed=40.0),
-    follow='both',
-    settling=Settling(cycles=60, watch=21, section=10),
-    gap_control_park=[1.2, 1.5, 1.8],
-)
 
 
 def sampled_rms(law, cycles, watched):
@@ -125,24 +118,6 @@ def test_followed_rigs_take_over_rig_and_control():
     assert following['x_max'] == pytest.approx(fresh['x_max'], rel=1e-6)
     assert following['settling_cycles'] <= fresh['settling_cycles']
     assert following['impact_phase'] == pytest.approx(fresh['impact_phase'], abs=1e-6)
-
-
-@pytest.mark.parametrize('grid', [VARIED, FOLLOWED], ids=['independent', 'followed'])
-def test_the_table_does_not_depend_on_how_it_was_run(grid, tmp_path, monkeypatch):
-    """By processes, and cut short after each rig."""
-    whole = sweep(grid)
-    pd.testing.assert_frame_equal(sweep(grid, jobs=2), whole)
-    monkeypatch.setattr('impact_damper_ros.sweep.execution._SECONDS', 0.0)
-    path = tmp_path / 'cut.parquet'
-    for rigs in range(1, 5):
-
-        def stop(done, rigs=rigs):
-            if done == rigs:
-                raise KeyboardInterrupt
-
-        with pytest.raises(KeyboardInterrupt):
-            sweep(grid, path, progress=stop)
-    pd.testing.assert_frame_equal(sweep(grid, path), whole)
 
 
 def test_what_scatters_must_be_better_by_more_than_that(tmp_path):
