@@ -18,7 +18,6 @@ import os
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
@@ -87,49 +86,6 @@ class _RecordFile:
         if not self.closed:
             self.closed = True
             os.close(self._descriptor)
-
-
-@dataclass(frozen=True)
-class BagSummary:
-    """
-    The content of a bag.
-
-    Attributes
-    ----------
-    directory, file : Path
-        The bag, and the last MCAP file in it.
-    counts : mapping of str to int
-        Messages per topic.
-    start_ns, end_ns : int or None
-        Earliest and latest stamp; None without messages.
-    dropped : int
-        Messages that were offered and are not in the bag.
-    error : RecordingError or None
-        Why the recording ended early; None if the bag is complete.
-    """
-
-    directory: Path
-    file: Path
-    counts: Mapping[str, int] = field(default_factory=dict)
-    start_ns: int | None = None
-    end_ns: int | None = None
-    dropped: int = 0
-    error: RecordingError | None = None
-
-    @property
-    def complete(self) -> bool:
-        """Whether the bag is finished, with index and ``metadata.yaml``."""
-        return self.error is None
-
-    @property
-    def message_count(self) -> int:
-        """Number of messages in the bag."""
-        return sum(self.counts.values())
-
-    @property
-    def duration(self) -> float:
-        """Time from the earliest to the latest stamp, in seconds."""
-        return ((self.end_ns or 0) - (self.start_ns or 0)) / 1e9
 
 
 class BagFile:

@@ -51,8 +51,6 @@ LARGEST = 128 * 1024 * 1024
 _LIMIT = f'at most {LARGEST} bytes are read'
 #: Messages of a chunk: in a full one they have 128 bytes each.
 _MOST_MESSAGES = LARGEST // 128
-#: Bytes of a message in a file, compressed as it is: statistics that count more are not believed.
-_LEAST = 16
 #: Bytes that are expanded at once.
 _PIECE = 1024 * 1024
 #: How a message begins that rosbag2 has compressed by itself. No encapsulation of CDR does.
@@ -230,8 +228,7 @@ class McapFile:
     def _count(self, stream: BinaryIO) -> None:
         """Count the messages: as the statistics do, or where these cannot be by reading them."""
         listed = {} if self._statistics is None else self._statistics.channel_message_counts
-        there = 0 < sum(listed.values()) <= stream.seek(0, os.SEEK_END) // _LEAST
-        if self.finished and there and self.channels.keys() >= listed.keys():
+        if self.finished and any(listed.values()) and self.channels.keys() >= listed.keys():
             self.counts = listed
             return
         usable = []
