@@ -170,23 +170,19 @@ class BagFile:
         """Bytes of the present file handed to the operating system so far."""
         return self._stream.committed
 
-    @property
-    def start_ns(self) -> int | None:
-        """Earliest stamp; None without messages."""
-        return self.metadata().whole.start_ns
-
-    @property
-    def end_ns(self) -> int | None:
-        """Latest stamp; None without messages."""
-        return self.metadata().whole.end_ns
-
     def expected_size(self, waiting: int) -> float:
         """Return the estimated size of the present file with the waiting messages."""
-        counts, _, _, size = self._committed
-        there = sum(counts) - sum(self._before)
-        each = (size - self._head + self._guess * _GUESSED) / (there + _GUESSED)
+        count, size = self._committed
+        each = (size - self._head + self._guess * _GUESSED) / (
+            count - sum(self._before) + _GUESSED
+        )
         # The summary repeats schemas and topics.
-        return size + self._head + each * (sum(self.counts) - sum(counts) + waiting)
+        return size + self._head + each * (sum(self.counts) - count + waiting)
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages handed to the operating system."""
+        return self._committed[0]
 
     def _file_information(self) -> FileInformation:
         count = sum(self.counts) - sum(self._before)
@@ -222,8 +218,7 @@ class BagFile:
         self._commit()
 
     def _commit(self) -> None:
-        size = self._stream.committed
-        self._committed = (list(self.counts), self._first_ns, self._last_ns, size)
+        self._committed = sum(self.counts), self._stream.committed
 
     def sync(self) -> None:
         """Force the files to the disk (slow)."""
@@ -286,7 +281,4 @@ class BagFile:
             with suppress(OSError):
                 self.sync()
             self._close()
-        added = sum(self.counts)
-        counts, self._first_ns, self._last_ns, _ = self._committed
-        self.counts = list(counts)
-        return added - sum(self.counts)
+        return sum(self.counts) - self.message_count

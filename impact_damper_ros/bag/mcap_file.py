@@ -127,15 +127,14 @@ class McapFile:
         said, read = self._statistics, [block.counts for block in self.blocks]
         if said is None or not self.finished or None in read:
             return
-        listed, there = Counter(said.channel_message_counts), _sum(read)
-        for channel in sorted(c for c in listed | there if listed[c] != there[c]):
-            known = self.channels.get(channel)
-            topic = known.topic if known is not None else f'channel {channel}'
-            yield f'its statistics count {_messages(listed[channel])} on {topic}, not ' + (
-                f'{there[channel]:,}'
-            )
-        if said.message_count != (total := there.total()):
-            yield f'its statistics count {_messages(said.message_count)} in all, not {total:,}'
+        listed, there = (
+            {
+                self.channels[c].topic if c in self.channels else f'channel {c}': count
+                for c, count in counts.items()
+            }
+            for counts in (said.channel_message_counts, _sum(read))
+        )
+        yield from miscounts('its statistics count', listed, said.message_count, there)
 
     # Opening
 
@@ -403,5 +402,13 @@ def _sum(counts: Iterable[Counter[int] | None]) -> Counter[int]:
     return total
 
 
-def _messages(count: int) -> str:
-    return counted(count, 'message', ',')
+def miscounts(
+    what: str, listed: Mapping[str, int], total: int | None, there: Mapping[str, int]
+) -> Iterator[str]:
+    """Yield where messages are not counted as they are there: by topic, or else in all."""
+    wrong = [n for n in sorted({*listed, *there}) if listed.get(n, 0) != there.get(n, 0)]
+    for name in wrong if listed else ():
+        said = counted(listed.get(name, 0), 'message', ',')
+        yield f'{what} {said} on {name}, not {there.get(name, 0):,}'
+    if total not in (None, number := sum(there.values())) and not (wrong and listed):
+        yield f'{what} {counted(total or 0, "message", ",")} in all, not {number:,}'

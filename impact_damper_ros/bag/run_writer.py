@@ -207,7 +207,7 @@ class RunWriter:
     @property
     def message_count(self) -> int:
         """Number of messages in the bag, once it is closed."""
-        return sum(self._file.counts)
+        return self._file.message_count
 
     @property
     def splits(self) -> bool:
