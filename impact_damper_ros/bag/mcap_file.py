@@ -127,14 +127,16 @@ class McapFile:
         said, read = self._statistics, [block.counts for block in self.blocks]
         if said is None or not self.finished or None in read:
             return
-        listed, there = (
-            {
-                self.channels[c].topic if c in self.channels else f'channel {c}': count
-                for c, count in counts.items()
-            }
-            for counts in (said.channel_message_counts, _sum(read))
-        )
+        listed, there = map(self._by_topic, (said.channel_message_counts, _sum(read)))
         yield from miscounts('its statistics count', listed, said.message_count, there)
+
+    def _by_topic(self, counts: Mapping[int, int]) -> Counter[str]:
+        """Return the messages of each topic, of which there may be several channels."""
+        found: Counter[str] = Counter()
+        for number, count in counts.items():
+            channel = self.channels.get(number)
+            found[channel.topic if channel else f'channel {number}'] += count
+        return found
 
     # Opening
 

@@ -32,7 +32,7 @@ _LOOKED_AT = 20
 
 def _quantities(joints: tuple[str, ...], effort: str) -> list[tuple[str, str]]:
     """Return name and unit of each field of messages, after the stamp of the recording."""
-    parts = (('position', 'm'), ('velocity', 'm/s'), ('effort', effort))
+    parts = [('position', 'm'), ('velocity', 'm/s')] + ([('effort', effort)] if effort else [])
     numbers = [(f'{part} of {joint}', unit) for part, unit in parts for joint in joints]
     numbers = [(n, u.replace('m', 'rad') if n.endswith('incline') else u) for n, u in numbers]
     return [('stamp', 'ns'), ('frame_id', ''), ('act', ''), *numbers]
@@ -63,8 +63,12 @@ def _values(row: np.void) -> list[Any]:
 
 def _telling(key: str, recorded: np.void, replayed: np.void) -> tuple[str, str, Any, Any]:
     """Return quantity, unit and values of that in which two messages differ most."""
-    pairs = zip(QUANTITIES[key], _values(recorded), _values(replayed), strict=False)
-    found = [(*quantity, a, b) for quantity, a, b in pairs if repr(a) != repr(b)]
+    there, here = _values(recorded), _values(replayed)
+    wrong = [a != b for a, b in zip(there[:3], here[:3], strict=True)]
+    # By their bits: 0.0 and -0.0 differ, and so may two NaN.
+    wrong += (recorded['numbers'].view(np.int64) != replayed['numbers'].view(np.int64)).tolist()
+    rows = zip(QUANTITIES[key], there, here, wrong, strict=True)
+    found = [(*quantity, a, b) for quantity, a, b, differs in rows if differs]
     return max(found, key=lambda entry: ulps_between(*entry[2:]))
 
 

@@ -385,7 +385,7 @@ def test_a_wrong_stamp_does_not_run_the_rig_for_years(tmp_path, messages):
     assert any('impossible stamps: 1' in fault for fault in findings.faults)
 
 
-def test_an_order_that_is_missing_is_found(tmp_path):
+def test_a_missing_order_is_found(tmp_path):
     messages = ordered_run(1).messages
     at = next(i for i, m in enumerate(messages) if m[0] == '/gap_control' and b'order' in m[1])
     del messages[at]
