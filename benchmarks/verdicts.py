@@ -51,6 +51,8 @@ RATES = {50: 20.0, 200: 10.0, 1000: 4.0}
 #: Part of a run after which a parameter changes.
 CHANGED = 0.55
 FACTORS = (1e-3, 1e300)
+#: Parts of a bag that are taken out of it, one at a time.
+_CHUNKS = 20
 #: A picture of the rig, which the commands list as not checked.
 UNCHECKED = {'/robot_description'}
 SEED = 11
@@ -379,6 +381,9 @@ def whole_bags(messages: list[Message]) -> Iterator[tuple[str, list[Message]]]:
     yield 'twice, one after the other', messages + moved(span)
     yield 'without its middle', messages[:third] + messages[2 * third :]
     yield 'without its end', messages[:third]
+    for part in range(_CHUNKS):
+        begin, end = (len(messages) * k // _CHUNKS for k in (part, part + 1))
+        yield f'without chunk {part} of {_CHUNKS}', messages[:begin] + messages[end:]
     yield 'a second later', moved(10**9)
     at = messages[0].stamp_ns
     yield 'at one instant', [replace(m, stamp_ns=at, publish_ns=at) for m in messages]

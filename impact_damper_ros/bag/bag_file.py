@@ -18,7 +18,6 @@ import os
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
@@ -87,49 +86,6 @@ class _RecordFile:
         if not self.closed:
             self.closed = True
             os.close(self._descriptor)
-
-
-@dataclass(frozen=True)
-class BagSummary:
-    """
-    The content of a bag.
-
-    Attributes
-    ----------
-    directory, file : Path
-        The bag, and the last MCAP file in it.
-    counts : mapping of str to int
-        Messages per topic.
-    start_ns, end_ns : int or None
-        Earliest and latest stamp; None without messages.
-    dropped : int
-        Messages that were offered and are not in the bag.
-    error : RecordingError or None
-        Why the recording ended early; None if the bag is complete.
-    """
-
-    directory: Path
-    file: Path
-    counts: Mapping[str, int] = field(default_factory=dict)
-    start_ns: int | None = None
-    end_ns: int | None = None
-    dropped: int = 0
-    error: RecordingError | None = None
-
-    @property
-    def complete(self) -> bool:
-        """Whether the bag is finished, with index and ``metadata.yaml``."""
-        return self.error is None
-
-    @property
-    def message_count(self) -> int:
-        """Number of messages in the bag."""
-        return sum(self.counts.values())
-
-    @property
-    def duration(self) -> float:
-        """Time from the earliest to the latest stamp, in seconds."""
-        return ((self.end_ns or 0) - (self.start_ns or 0)) / 1e9
 
 
 class BagFile:
@@ -214,23 +170,19 @@ class BagFile:
         """Bytes of the present file handed to the operating system so far."""
         return self._stream.committed
 
-    @property
-    def start_ns(self) -> int | None:
-        """Earliest stamp; None without messages."""
-        return self.metadata().whole.start_ns
-
-    @property
-    def end_ns(self) -> int | None:
-        """Latest stamp; None without messages."""
-        return self.metadata().whole.end_ns
-
     def expected_size(self, waiting: int) -> float:
         """Return the estimated size of the present file with the waiting messages."""
-        counts, _, _, size = self._committed
-        there = sum(counts) - sum(self._before)
-        each = (size - self._head + self._guess * _GUESSED) / (there + _GUESSED)
+        count, size = self._committed
+        each = (size - self._head + self._guess * _GUESSED) / (
+            count - sum(self._before) + _GUESSED
+        )
         # The summary repeats schemas and topics.
-        return size + self._head + each * (sum(self.counts) - sum(counts) + waiting)
+        return size + self._head + each * (sum(self.counts) - count + waiting)
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages handed to the operating system."""
+        return self._committed[0]
 
     def _file_information(self) -> FileInformation:
         count = sum(self.counts) - sum(self._before)
@@ -266,8 +218,7 @@ class BagFile:
         self._commit()
 
     def _commit(self) -> None:
-        size = self._stream.committed
-        self._committed = (list(self.counts), self._first_ns, self._last_ns, size)
+        self._committed = sum(self.counts), self._stream.committed
 
     def sync(self) -> None:
         """Force the files to the disk (slow)."""
@@ -330,7 +281,4 @@ class BagFile:
             with suppress(OSError):
                 self.sync()
             self._close()
-        added = sum(self.counts)
-        counts, self._first_ns, self._last_ns, _ = self._committed
-        self.counts = list(counts)
-        return added - sum(self.counts)
+        return sum(self.counts) - self.message_count

@@ -23,13 +23,8 @@ _KNOWN: dict[int, tuple[str, str]] = {
         'a part of the path is a file, not a directory',
         'move that file away, or choose another directory',
     ),
-    errno.EISDIR: ('it is a directory', 'name a file'),
     errno.EEXIST: ('it exists already', 'choose another name; nothing is ever overwritten'),
-    errno.ENOTEMPTY: ('it exists already', 'choose another name; nothing is ever overwritten'),
     errno.ENOENT: ('there is no such file or directory', 'check the path'),
-    errno.ENAMETOOLONG: ('the name is too long', 'choose a shorter one'),
-    errno.EMFILE: ('too many files are open', 'close some, or raise the limit (ulimit -n)'),
-    errno.EIO: ('the device reports an input/output error', 'check the disk and its cable'),
 }
 
 

@@ -51,8 +51,6 @@ LARGEST = 128 * 1024 * 1024
 _LIMIT = f'at most {LARGEST} bytes are read'
 #: Messages of a chunk: in a full one they have 128 bytes each.
 _MOST_MESSAGES = LARGEST // 128
-#: Bytes of a message in a file, compressed as it is: statistics that count more are not believed.
-_LEAST = 16
 #: Bytes that are expanded at once.
 _PIECE = 1024 * 1024
 #: How a message begins that rosbag2 has compressed by itself. No encapsulation of CDR does.
@@ -129,15 +127,16 @@ class McapFile:
         said, read = self._statistics, [block.counts for block in self.blocks]
         if said is None or not self.finished or None in read:
             return
-        listed, there = Counter(said.channel_message_counts), _sum(read)
-        for channel in sorted(c for c in listed | there if listed[c] != there[c]):
-            known = self.channels.get(channel)
-            topic = known.topic if known is not None else f'channel {channel}'
-            yield f'its statistics count {_messages(listed[channel])} on {topic}, not ' + (
-                f'{there[channel]:,}'
-            )
-        if said.message_count != (total := there.total()):
-            yield f'its statistics count {_messages(said.message_count)} in all, not {total:,}'
+        listed, there = map(self._by_topic, (said.channel_message_counts, _sum(read)))
+        yield from miscounts('its statistics count', listed, said.message_count, there)
+
+    def _by_topic(self, counts: Mapping[int, int]) -> Counter[str]:
+        """Return the messages of each topic, of which there may be several channels."""
+        found: Counter[str] = Counter()
+        for number, count in counts.items():
+            channel = self.channels.get(number)
+            found[channel.topic if channel else f'channel {number}'] += count
+        return found
 
     # Opening
 
@@ -230,8 +229,7 @@ class McapFile:
     def _count(self, stream: BinaryIO) -> None:
         """Count the messages: as the statistics do, or where these cannot be by reading them."""
         listed = {} if self._statistics is None else self._statistics.channel_message_counts
-        there = 0 < sum(listed.values()) <= stream.seek(0, os.SEEK_END) // _LEAST
-        if self.finished and there and self.channels.keys() >= listed.keys():
+        if self.finished and any(listed.values()) and self.channels.keys() >= listed.keys():
             self.counts = listed
             return
         usable = []
@@ -406,5 +404,13 @@ def _sum(counts: Iterable[Counter[int] | None]) -> Counter[int]:
     return total
 
 
-def _messages(count: int) -> str:
-    return counted(count, 'message', ',')
+def miscounts(
+    what: str, listed: Mapping[str, int], total: int | None, there: Mapping[str, int]
+) -> Iterator[str]:
+    """Yield where messages are not counted as they are there: by topic, or else in all."""
+    wrong = [n for n in sorted({*listed, *there}) if listed.get(n, 0) != there.get(n, 0)]
+    for name in wrong if listed else ():
+        said = counted(listed.get(name, 0), 'message', ',')
+        yield f'{what} {said} on {name}, not {there.get(name, 0):,}'
+    if total not in (None, number := sum(there.values())) and not (wrong and listed):
+        yield f'{what} {counted(total or 0, "message", ",")} in all, not {number:,}'

@@ -119,8 +119,6 @@ _TYPES: dict[str, type[Message]] = {
     DIAGNOSTIC_ARRAY: DiagnosticArray,
     STRING: String,
 }
-#: Types that `decode` knows.
-DECODABLE = tuple(_TYPES)
 
 #: What a field is: a number, by its letter of `struct`; 'time', 'string' or 'octets'; a type; a
 #: tuple of these; or a list with one of these, for a sequence.
@@ -261,7 +259,7 @@ def _parameter_type(value: ParameterContent) -> int:
 def decode(interface: str, content: bytes) -> Message:
     """Decode a message of a type, such as ``'std_msgs/msg/String'``."""
     if interface not in _TYPES:
-        known = ', '.join(DECODABLE)
+        known = ', '.join(_TYPES)
         raise CdrError(f'messages of type {interface!r} are not decoded; only {known}')
     try:
         return cast('Message', CdrReader(content).read(_TYPES[interface]))

@@ -16,7 +16,7 @@ from impact_damper_ros.outputs import write_text
 from impact_damper_ros.rig.quoting import counted
 
 from .errors import RecordingError
-from .mcap_file import open_file
+from .mcap_file import miscounts, open_file
 from .topics import LONGEST_YAML, Channel, dump_yaml, load_yaml
 
 FILE_NAME = 'metadata.yaml'
@@ -175,10 +175,6 @@ def _items(content: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
     return [item for item in held if isinstance(item, dict)] if isinstance(held, list) else []
 
 
-def _messages(count: int) -> str:
-    return counted(count, 'message', ',')
-
-
 def listing_faults(listing: Mapping[str, Any], counts: Mapping[str, int]) -> Iterator[str]:
     """Yield where ``metadata.yaml`` does not count the messages that are in the files."""
     listed: dict[str, int] = {}
@@ -187,13 +183,7 @@ def listing_faults(listing: Mapping[str, Any], counts: Mapping[str, int]) -> Ite
         name = about.get('name') if isinstance(about, dict) else None
         if isinstance(name, str) and number is not None:
             listed[name] = listed.get(name, 0) + number
-    differing = [n for n in sorted({*listed, *counts}) if listed.get(n, 0) != counts.get(n, 0)]
-    for name in differing if listed else ():
-        said, there = listed.get(name, 0), counts.get(name, 0)
-        yield f'metadata.yaml counts {_messages(said)} on {name}, not {there:,}'
-    total = _count(listing)
-    if total is not None and total != (there := sum(counts.values())) and not differing:
-        yield f'metadata.yaml counts {_messages(total)} in all, not {there:,}'
+    yield from miscounts('metadata.yaml counts', listed, _count(listing), counts)
 
 
 def listing_remarks(listing: Mapping[str, Any], counts: Mapping[str, int]) -> Iterator[str]:
@@ -203,6 +193,6 @@ def listing_remarks(listing: Mapping[str, Any], counts: Mapping[str, int]) -> It
     total = sum(number for number in received if number is not None)
     if received and None not in received and total > there:
         yield (
-            f'the recorder received {_messages(total)} and wrote {there:,}: it lost '
+            f'the recorder received {counted(total, "message", ",")} and wrote {there:,}: it lost '
             f'{total - there:,} of them'
         )

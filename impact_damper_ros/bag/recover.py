@@ -136,6 +136,7 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
         bag.finish()
     finally:
         bag.abandon()
+    whole_bag = bag.metadata().whole
     return Recovery(
         source=source,
         output=output,
@@ -143,8 +144,8 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
             RecordedTopic(channel.topic, channel.type, count)
             for channel, count in zip(bag.channels, bag.counts, strict=True)
         ),
-        start_ns=bag.start_ns or 0,
-        end_ns=bag.end_ns or 0,
+        start_ns=whole_bag.start_ns or 0,
+        end_ns=whole_bag.end_ns or 0,
         unusable=unusable,
         was_complete=whole,
         faults=faults,

@@ -231,6 +231,6 @@ class RigRecorder(Observer):
         RecordingError
             If it could not be written completely.
         """
-        summary = self._writer.close()
-        if summary.error is not None:
-            raise summary.error
+        self._writer.close()
+        if self._writer.error is not None:
+            raise self._writer.error

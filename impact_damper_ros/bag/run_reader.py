@@ -13,12 +13,11 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from impact_damper_ros.rig.quoting import counted, shown
+from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 from .foreign import Unpacked
 from .mcap_file import ZSTD, McapFile, open_file, plain_content
-from .messages import DECODABLE, CdrError, Message, decode
 from .metadata import (
     listed_files,
     listing_faults,
@@ -36,14 +35,6 @@ class RecordedMessage(NamedTuple):
     type: str
     stamp_ns: int
     content: bytes
-
-
-class Decoded(NamedTuple):
-    """A recorded message."""
-
-    topic: str
-    stamp_ns: int
-    message: Message
 
 
 @dataclass(frozen=True)
@@ -162,8 +153,6 @@ class RunReader:
                 earlier = self.topics.get(channel.topic)
                 count = file.counts.get(number, 0) + (earlier.message_count if earlier else 0)
                 self.topics[channel.topic] = RecordedTopic(channel.topic, interface, count)
-        #: Of each file, its name when it was written
-        self._names: dict[Path, str] = {}
         self.custom = self._custom()
 
     def _custom(self) -> dict[str, str]:
@@ -173,10 +162,8 @@ class RunReader:
             held = [record.metadata for record in file.metadata if record.name == 'rosbag2']
             # The first one is there even in a recording that was cut short.
             for metadata in (held[:1] + held[-1:])[-2:]:
-                with suppress(yaml.YAMLError, IndexError, KeyError, TypeError):
-                    listing = load_yaml(metadata['serialized_metadata'])
-                    notes |= notes_of(listing)
-                    self._names[file.source] = str(listing['relative_file_paths'][0])
+                with suppress(yaml.YAMLError, KeyError):
+                    notes |= notes_of(load_yaml(metadata['serialized_metadata']))
         return notes
 
     @property
@@ -188,17 +175,6 @@ class RunReader:
         names = sorted(listed_files(self._listing) - there)
         others = f' and {len(names) - 1} more' if len(names) > 1 else ''
         return f'metadata.yaml lists {shown(names[0])}{others}, not there' if names else ''
-
-    def _missing_parts(self) -> Iterator[str]:
-        """Yield where files of the node's own bag are missing, by the numbers in their names."""
-        # A later file of a bag may be read alone.
-        before = -1
-        for file in self.files if self.own and self.path.is_dir() else ():
-            number, _ = _file_number(Path(self._names.get(file.source, '')))
-            if number > before + 1:
-                lost = counted(number - before - 1, 'file')
-                yield f'{lost} of it missing before {file.source.name}'
-            before = number
 
     @property
     def own(self) -> bool:
@@ -217,7 +193,6 @@ class RunReader:
         for file in self.files:
             what = 'the bag' if len(self.files) == 1 else file.source.name
             found += [f'{what} is not whole: {text}' for text in file.faults()]
-        found += [f'the bag is not whole: {text}' for text in self._missing_parts()]
         if self.own:
             found += [
                 f'messages are out of order in {file.source.name}, the first at stamp '
@@ -325,23 +300,3 @@ class RunReader:
             'be needed to put their messages in order'
         )
         raise RecordingError('read', self.path, cause, 'rewrite it with: ros2 bag convert')
-
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[Decoded]:
-        """
-        Yield the messages decoded; otherwise as `records`.
-
-        Without `topics`, those of types that are not decoded here are left out.
-
-        Raises
-        ------
-        RecordingError
-            If a part of the bag is damaged, or a topic asked for cannot be decoded.
-        """
-        if topics is None:
-            topics = [topic.name for topic in self.topics.values() if topic.type in DECODABLE]
-        for topic, interface, stamp_ns, content in self.records(topics):
-            try:
-                yield Decoded(topic, stamp_ns, decode(interface, content))
-            except CdrError as error:
-                cause = f'the message of {topic} at {stamp_ns} ns cannot be decoded: {error}'
-                raise RecordingError('read', self.path, cause) from error

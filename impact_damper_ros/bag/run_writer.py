@@ -8,41 +8,22 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from .bag_file import BagFile, BagSummary
+from .bag_file import BagFile
 from .errors import RecordingError
 from .topics import Topic
-
-#: Names tried within one second before giving up.
-_ATTEMPTS = 1000
 
 
 def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
     """
-    Make a new directory ``run_<YYYYmmdd_HHMMSS>`` and return its path.
+    Make a new directory ``run_<YYYYmmdd_HHMMSS>`` in local time, and return its path.
 
     A name that is taken gets a number (``run_20250131_120000_2``). The directory is made by a call
     that fails if it exists, so two recorders that start in the same second never share one.
-
-    Parameters
-    ----------
-    parent : Path or str
-        Directory of all runs; made if absent.
-    when : float, optional
-        Seconds since the epoch; now if not given. Written in local time.
-
-    Returns
-    -------
-    Path
-        The new, empty directory.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be made.
     """
     parent = Path(parent)
     stem = time.strftime('run_%Y%m%d_%H%M%S', time.localtime(when))
@@ -54,17 +35,16 @@ def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
         raise RecordingError('record to', parent, cause, remedy) from None
     except OSError as error:
         raise RecordingError.from_os_error('record to', parent, error) from error
-    for number in range(1, _ATTEMPTS + 1):
-        directory = parent / (stem if number == 1 else f'{stem}_{number}')
+    directory = parent / stem
+    for number in count(2):
         try:
             directory.mkdir()
+            break
         except FileExistsError:
-            continue
+            directory = parent / f'{stem}_{number}'
         except OSError as error:
             raise RecordingError.from_os_error('record to', directory, error) from error
-        return directory
-    cause = f'{_ATTEMPTS} recordings were started there within one second'
-    raise RecordingError('record to', parent / stem, cause, 'record again a second later')
+    return directory
 
 
 #: Least limits to the files of a bag, bytes and s: each begins with a description of its topics.
@@ -117,6 +97,15 @@ class RunWriter:
         what is.
     max_duration : float, default 0.0
         Time from the first stamp of a file, in seconds, after which it does so; 0 for no limit.
+
+    Attributes
+    ----------
+    error : RecordingError or None
+        Why the recording ended early; None if it did not.
+    dropped : int
+        Messages that were offered and are not in the bag.
+    drop_reason : str
+        Why the first of them was dropped.
 
     Raises
     ------
@@ -171,12 +160,12 @@ class RunWriter:
         self._asked = self._begun = 0
         self._accepting = True
         self._lock = threading.Lock()
-        self._dropped = 0
-        self._drop_reason: str | None = None
+        self.dropped = 0
+        self.drop_reason = ''
         self._on_error = on_error
-        self._error: RecordingError | None = None
-        self._summary: BagSummary | None = None
+        self.error: RecordingError | None = None
         self._closing = threading.RLock()
+        self._closed = False
         self._stop = threading.Event()
         # Set to have the queue looked at now
         self._wake = threading.Event()
@@ -216,19 +205,9 @@ class RunWriter:
         return self._file.path
 
     @property
-    def error(self) -> RecordingError | None:
-        """Why the recording ended early; None if it did not."""
-        return self._error
-
-    @property
-    def dropped(self) -> int:
-        """Number of messages offered that are not in the bag."""
-        return self._dropped
-
-    @property
-    def drop_reason(self) -> str | None:
-        """Why the first of the dropped messages was dropped."""
-        return self._drop_reason
+    def message_count(self) -> int:
+        """Number of messages in the bag, once it is closed."""
+        return self._file.message_count
 
     @property
     def splits(self) -> bool:
@@ -238,7 +217,7 @@ class RunWriter:
     @property
     def splitting(self) -> bool:
         """Whether a requested file has not been begun yet."""
-        return self._asked > self._begun and self._error is None
+        return self._asked > self._begun and self.error is None
 
     @property
     def backlog(self) -> int:
@@ -321,34 +300,20 @@ class RunWriter:
         self._wake.set()
         return True
 
-    def close(self) -> BagSummary:
+    def close(self) -> None:
         """
-        Write the queued messages, finish the bag and return its summary.
+        Write the queued messages and finish the bag; see `error`.
 
         May be called more than once, from any thread, and after an error; raises nothing.
         """
         with self._closing:
-            if self._summary is None:
+            if not self._closed:
+                self._closed = True
                 self._accepting = False
                 self._end()
                 for thread in self._threads:
                     thread.join()
                 self._finish()
-                self._summary = BagSummary(
-                    directory=self._file.directory,
-                    file=self._file.path,
-                    counts={
-                        channel.topic: count
-                        for channel, count in zip(
-                            self._file.channels, self._file.counts, strict=True
-                        )
-                    },
-                    start_ns=self._file.start_ns,
-                    end_ns=self._file.end_ns,
-                    dropped=self._dropped,
-                    error=self._error,
-                )
-            return self._summary
 
     def __enter__(self) -> Self:
         return self
@@ -361,11 +326,11 @@ class RunWriter:
     ) -> None:
         self.close()
 
-    def _drop(self, reason: str, count: int = 1) -> None:
-        if count:
+    def _drop(self, reason: str, number: int = 1) -> None:
+        if number:
             with self._lock:
-                self._dropped += count
-                self._drop_reason = self._drop_reason or reason
+                self.dropped += number
+                self.drop_reason = self.drop_reason or reason
 
     def _end(self) -> None:
         self._stop.set()
@@ -374,38 +339,36 @@ class RunWriter:
     def _fail(self, error: Exception) -> None:
         """Keep the first error and accept no more messages."""
         self._accepting = False
-        if self._error is None:
+        if self.error is None:
             if isinstance(error, OSError):
                 error = RecordingError.from_os_error('continue recording to', self.path, error)
             elif not isinstance(error, RecordingError):
                 cause = f'{type(error).__name__}: {error}'
                 error = RecordingError('continue recording to', self.path, cause)
-            self._error = error
+            self.error = error
             with suppress(Exception):
                 self._on_error()
         self._end()
 
     def _finish(self) -> None:
         try:
-            if self._error is None:
+            if self.error is None:
                 self._note_dropped()
                 self._file.finish()
         except Exception as error:
             self._fail(error)
-        if self._error is not None:
+        if self.error is not None:
             self._drop('the recording had ended', self._file.abandon())
         self._discard()
 
     def _note_dropped(self) -> None:
         """Note the number of dropped messages in the bag."""
-        if self._dropped:
-            self._file.custom['dropped'] = str(self._dropped)
+        if self.dropped:
+            self._file.custom['dropped'] = str(self.dropped)
 
     def _discard(self) -> None:
-        count = 0
         while self._queue:
-            count += self._queue.popleft()[0] is not None
-        self._drop('the recording had ended', count)
+            self._drop('the recording had ended', int(self._queue.popleft()[0] is not None))
 
     def _write_loop(self) -> None:
         try:
@@ -413,7 +376,7 @@ class RunWriter:
             # its start leaves a recording.
             flushed = time.monotonic() - self._flush_interval
             dirty = stopping = False
-            while not stopping and self._error is None:
+            while not stopping and self.error is None:
                 # Seldom rather than soon: each time the thread that moves a rig has to wait.
                 left = flushed + self._flush_interval - time.monotonic()
                 self._wake.wait(left if left > 0.0 else self._poll_period)
@@ -429,10 +392,10 @@ class RunWriter:
         except Exception as error:
             self._fail(error)
 
-    def _take(self, count: int) -> bool:
+    def _take(self, number: int) -> bool:
         """Move messages from the queue to the file; return whether there was any."""
         added = False
-        for _ in range(count):
+        for _ in range(number):
             topic, content, stamp_ns = self._queue.popleft()
             if topic is None:
                 self._note_dropped()

@@ -44,13 +44,6 @@ def type_hash(interface: str) -> str:
         ) from None
 
 
-def definition_file(interface: str) -> str:
-    """Return the text of the type's own ``.msg`` file."""
-    type_hash(interface)
-    package, _, name = interface.split('/')
-    return (_DEFINITIONS / package / 'msg' / f'{name}.msg').read_text('utf-8')
-
-
 @cache
 def definition(interface: str) -> str:
     """
@@ -62,8 +55,9 @@ def definition(interface: str) -> str:
     seen: set[str] = set()
 
     def expand(name: str) -> str:
-        text = definition_file(name)
-        package = name.split('/')[0]
+        type_hash(name)
+        package, *below = f'{name}.msg'.split('/')
+        text = _DEFINITIONS.joinpath(package, *below).read_text('utf-8')
         matches = _FIELD.finditer(text)
         for dependency in sorted({f'{m[1] or package + "/"}{m[2]}' for m in matches}):
             if dependency not in seen:

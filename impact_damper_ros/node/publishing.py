@@ -150,13 +150,13 @@ class Recorder:
         if writer is None:
             return ''
         wait([self._engine.stop_recording()], RELEASE_TIMEOUT_S)
-        summary = writer.close()
-        if summary.error is not None:
-            self.error = str(summary.error)
-            return f'the recording ended early: {summary.error}'
-        text = f'recorded {counted(summary.message_count, "message")} to {summary.directory}'
-        if summary.dropped:
-            text += f'; {summary.dropped} were dropped: {writer.drop_reason}'
+        writer.close()
+        if writer.error is not None:
+            self.error = str(writer.error)
+            return f'the recording ended early: {writer.error}'
+        text = f'recorded {counted(writer.message_count, "message")} to {writer.directory}'
+        if writer.dropped:
+            text += f'; {writer.dropped} were dropped: {writer.drop_reason}'
         return text
 
     def failure(self) -> RecordingError | None:

@@ -19,6 +19,13 @@ _MARKS = tuple(m * 10**k for k in range(8) for m in (1, 2, 5))
 Array = NDArray[np.float64]
 
 
+def ulps_between(recorded: object, replayed: object) -> float:
+    """Return a difference in units of the last place; infinity where these are no doubles."""
+    if isinstance(replayed, float) and isinstance(recorded, float):
+        return abs(recorded - replayed) / ulp(replayed)
+    return inf
+
+
 class ReplayVerdict(Enum):
     """Verdict on a replay; the value is the exit code."""
 
@@ -66,9 +73,7 @@ class Difference:
     @property
     def ulps(self) -> float:
         """The same in units of the last place of the replayed value."""
-        if isinstance(self.replayed, float) and isinstance(self.recorded, float):
-            return abs(self.amount) / ulp(self.replayed)
-        return inf
+        return ulps_between(self.recorded, self.replayed)
 
 
 @dataclass(frozen=True)
@@ -199,10 +204,21 @@ class Findings:
         """The earliest difference."""
         return min(self.differences, key=lambda d: d.time, default=None)
 
-    def differ(self, difference: Difference, alike: int = 0) -> None:
+    def differ(
+        self,
+        stamp_ns: int,
+        topic: str,
+        quantity: str,
+        unit: str,
+        recorded: object,
+        replayed: object,
+        alike: int = 0,
+    ) -> None:
         """Add a difference, and count so many more that are not listed."""
+        time = (stamp_ns - self.offset_ns) / 1e9
+        values = quantity, unit, recorded, replayed
+        difference = Difference(time, stamp_ns, topic, *values, self.after)
         self.difference_count += 1 + alike
-        topic = difference.topic
         first = topic not in self.by_topic
         self.by_topic[topic] = self.by_topic.get(topic, 0) + 1 + alike
         if self.after != self._kept_after:

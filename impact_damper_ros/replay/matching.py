@@ -2,8 +2,9 @@
 """
 Recorded against replayed messages, as arrays.
 
-The messages of a topic are compared row by row, to the last bit. Where their numbers differ, the
-longest rows of equal messages show which are missing on one side, and which were altered.
+The messages of a topic are compared row by row, to the last bit. Impacts and acts are paired
+first: the longest rows of equal messages show which are missing on one side, and which were
+altered. A joint state is replayed at its own instant, so that it has its partner.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from impact_damper_ros.bag.messages import message_row
 from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
 from impact_damper_ros.control import CONTROL_JOINTS
 
-from .findings import Difference, Findings, SampleGap
+from .findings import Findings, SampleGap, ulps_between
 from .rows import Messages, Numbers
 from .run import TWICE, Disorder
 
@@ -29,21 +30,46 @@ _REMEMBERED_GAPS = 64
 _LOOKED_AT = 20
 
 
-def bits(numbers: Numbers) -> NDArray[np.int64]:
-    """Return doubles as they are stored, in which 0.0 and -0.0 differ."""
-    return np.ascontiguousarray(numbers).view(np.int64)
+def _quantities(joints: tuple[str, ...], effort: str) -> list[tuple[str, str]]:
+    """Return name and unit of each field of messages, after the stamp of the recording."""
+    parts = [('position', 'm'), ('velocity', 'm/s')] + ([('effort', effort)] if effort else [])
+    numbers = [(f'{part} of {joint}', unit) for part, unit in parts for joint in joints]
+    numbers = [(n, u.replace('m', 'rad') if n.endswith('incline') else u) for n, u in numbers]
+    return [('stamp', 'ns'), ('frame_id', ''), ('act', ''), *numbers]
 
 
-def _names(joints: tuple[str, ...], effort: str) -> list[tuple[str, str]]:
-    """Return name and unit of the numbers of messages."""
-    parts = (('position', 'm'), ('velocity', 'm/s'), ('effort', effort))
-    return [(f'{part} of {joint}', unit) for part, unit in parts for joint in joints]
+#: Quantities of the messages by topic.
+QUANTITIES = {
+    'joint_states': _quantities(JOINTS, ''),
+    'impacts': _quantities(IMPACT_JOINTS, 'N s'),
+    'gap_control': _quantities((*CONTROL_JOINTS, 'the act'), 'J'),
+}
 
 
-_STATES = [
-    (name, unit.replace('m', 'rad') if name.endswith('incline') else unit)
-    for name, unit in _names(JOINTS, '')
-]
+def _words(rows: Messages) -> NDArray[np.int64]:
+    """Return messages as they are stored, in which 0.0 and -0.0 differ; one row for each."""
+    return np.ascontiguousarray(rows).view(np.int64).reshape(len(rows), rows.itemsize // 8)
+
+
+def _contents(rows: Messages) -> list[bytes]:
+    """Return all of each message but the stamp of the recording, which is its first field."""
+    held, size, stamp = rows.tobytes(), rows.itemsize, rows.dtype['log_ns'].itemsize
+    return [held[i + stamp : i + size] for i in range(0, len(held), size)]
+
+
+def _values(row: np.void) -> list[Any]:
+    return [int(row['stamp_ns']), str(row['frame']), str(row['act']), *row['numbers'].tolist()]
+
+
+def _telling(key: str, recorded: np.void, replayed: np.void) -> tuple[str, str, Any, Any]:
+    """Return quantity, unit and values of that in which two messages differ most."""
+    there, here = _values(recorded), _values(replayed)
+    wrong = [a != b for a, b in zip(there[:3], here[:3], strict=True)]
+    # By their bits: 0.0 and -0.0 differ, and so may two NaN.
+    wrong += (recorded['numbers'].view(np.int64) != replayed['numbers'].view(np.int64)).tolist()
+    rows = zip(QUANTITIES[key], there, here, wrong, strict=True)
+    found = [(*quantity, a, b) for quantity, a, b, differs in rows if differs]
+    return max(found, key=lambda entry: ulps_between(*entry[2:]))
 
 
 class Matcher:
@@ -57,16 +83,11 @@ class Matcher:
         self, key: str, topic: str, findings: Findings, disorder: Disorder, *, stamped: bool
     ) -> None:
         self.topic = topic
+        self._key, self._findings, self._stamped = key, findings, stamped
         self._disorder = disorder
         self._last = b''
-        self._findings, self._stamped = findings, stamped
-        self._key = key
-        impacts = key == 'impacts'
-        joints = IMPACT_JOINTS if impacts else (*CONTROL_JOINTS, 'the act')
-        self.fields = [('stamp', 'ns'), ('frame_id', ''), ('act', '')]
-        self.fields += _names(joints, 'N s' if impacts else 'J')
-        self._what = 'impact' if key == 'impacts' else 'act of the gap control'
-        self._recorded = self._expected = np.empty(0, message_row(len(self.fields) - 3))
+        numbers = len(QUANTITIES[key]) - 3
+        self._recorded = self._expected = np.empty(0, message_row(numbers))
         self._gaps: deque[SampleGap] = deque(maxlen=_REMEMBERED_GAPS)
         #: Stamps of the first and of the last recorded message
         self.first_ns: int | None = None
@@ -97,8 +118,7 @@ class Matcher:
         self._gaps.append(gap)
 
     def _count(self, name: str, count: int) -> None:
-        key = 'impacts' if self._key == 'impacts' else 'control'
-        name = name.format(key)
+        name = name.format('impacts' if self._key == 'impacts' else 'control')
         setattr(self._findings, name, getattr(self._findings, name) + count)
 
     def settle(self, before_ns: float) -> None:
@@ -115,7 +135,8 @@ class Matcher:
             both = min(b - a, d - c)
             self._count('{}', both)
             for i in range(both if kind == 'replace' else 0):
-                self._altered(recorded[a + i], expected[c + i])
+                row = expected[c + i]
+                self.differ(row['stamp_ns'], *_telling(self._key, recorded[a + i], row))
             for row in expected[c + both : d]:
                 self._missing(row)
             for i in range(a + both, b):
@@ -123,16 +144,8 @@ class Matcher:
                     # Copied, as where recordings that overlap are joined
                     self._disorder.note(TWICE, self.topic, [recorded[i]['stamp_ns']])
                 else:
-                    self._differ_by(recorded[i], self._what, '', _named(recorded[i]), None)
+                    self.differ_wholly(recorded[i], recorded=True)
         self._last = there[-1] if there else self._last
-
-    def _altered(self, there: np.void, here: np.void) -> None:
-        """Note the first quantity in which two messages differ."""
-        pairs = zip(self.fields, _values(there), _values(here), strict=True)
-        for field, recorded, replayed in pairs:
-            if recorded != replayed or str(recorded) != str(replayed):
-                self._differ_by(here, *field, recorded, replayed)
-                return
 
     def _missing(self, row: np.void) -> None:
         stamp_ns = row['stamp_ns']
@@ -141,22 +154,18 @@ class Matcher:
         elif not self._stamped or any(g.from_ns <= stamp_ns <= g.to_ns for g in self._gaps):
             self._count('missing_{}', 1)
         else:
-            self._differ_by(row, self._what, '', None, _named(row))
+            self.differ_wholly(row, recorded=False)
 
-    def _differ_by(self, row: np.void, *difference: Any) -> None:
-        self.differ(int(row['stamp_ns']), *difference)
+    def differ_wholly(self, row: np.void, *, recorded: bool) -> None:
+        """Note a message that is only recorded, or only in the replay."""
+        what = 'impact' if self._key == 'impacts' else 'act of the gap control'
+        # An impact is named by its stop, an act by its kind
+        name = str(row['frame'] or row['act'])
+        self.differ(row['stamp_ns'], what, '', *((name, None) if recorded else (None, name)))
 
-    def differ(
-        self, stamp_ns: int, quantity: str, unit: str, recorded: object, replayed: object
-    ) -> None:
-        """Note a difference."""
-        findings = self._findings
-        time = (stamp_ns - findings.offset_ns) / 1e9
-        findings.differ(
-            Difference(
-                time, stamp_ns, self.topic, quantity, unit, recorded, replayed, findings.after
-            )
-        )
+    def differ(self, stamp_ns: int, *difference: Any) -> None:
+        """Note a difference: quantity, unit, recorded and replayed value."""
+        self._findings.differ(int(stamp_ns), self.topic, *difference)
 
 
 def _parted(rows: Messages, before_ns: float) -> tuple[Messages, Messages]:
@@ -166,27 +175,18 @@ def _parted(rows: Messages, before_ns: float) -> tuple[Messages, Messages]:
     return rows[:cut], rows[cut:]
 
 
-def _contents(rows: Messages) -> list[bytes]:
-    """Return all of each message but the stamp of the recording, which is its first field."""
-    held, size, stamp = rows.tobytes(), rows.itemsize, rows.dtype['log_ns'].itemsize
-    return [held[i + stamp : i + size] for i in range(0, len(held), size)]
-
-
-def _named(row: np.void) -> str:
-    """Return what an impact or an act is called: by its stop, or by its kind."""
-    return str(row['frame'] or row['act'])
-
-
-def _values(row: np.void) -> list[Any]:
-    return [int(row['stamp_ns']), str(row['frame']), str(row['act']), *row['numbers'].tolist()]
-
-
-def differing_states(states: Messages, numbers: Numbers, *, stamped: bool) -> NDArray[np.bool_]:
-    """Return which joint states are not those of the replay, given its numbers."""
-    differs: NDArray[np.bool_] = (bits(states['numbers']) != bits(numbers)).any(axis=1)
-    differs |= (states['frame'] != '') | (states['act'] != '')
+def expected_states(states: Messages, numbers: Numbers, *, stamped: bool) -> Messages:
+    """Return the joint states that should have been recorded, given the numbers of the replay."""
+    found = states.copy()
+    found['numbers'], found['frame'], found['act'] = numbers, '', ''
     if stamped:
-        differs |= states['stamp_ns'] != states['log_ns']
+        found['stamp_ns'] = found['log_ns']
+    return found
+
+
+def differing_states(states: Messages, expected: Messages) -> NDArray[np.bool_]:
+    """Return which joint states are not those of the replay."""
+    differs: NDArray[np.bool_] = (_words(states) != _words(expected)).any(axis=1)
     return differs
 
 
@@ -194,40 +194,19 @@ def note_states(
     findings: Findings,
     topic: str,
     states: Messages,
-    times: Numbers,
-    numbers: Numbers,
+    expected: Messages,
     differs: NDArray[np.bool_],
-    *,
-    stamped: bool,
 ) -> None:
     """Note the joint states that differ from the replay, each by its most telling quantity."""
-    rows = np.flatnonzero(differs)
-    if not len(rows):
+    states, expected = states[differs], expected[differs]
+    if not len(states):
         return
-    found = []
-    for i in rows[:_LOOKED_AT]:
-        here, there = numbers[i].tolist(), states['numbers'][i].tolist()
-        stamp_ns, within_ns = int(states['log_ns'][i]), int(states['stamp_ns'][i])
-        wrong: list[tuple[str, str, Any, Any]] = [('stamp', 'ns', within_ns, stamp_ns)]
-        wrong += [
-            (*name, a, b)
-            for name, a, b in zip(_STATES, there, here, strict=False)
-            if repr(a) != repr(b)
-        ]
-        if within_ns == stamp_ns or not stamped:
-            texts = ('frame_id', str(states['frame'][i])), ('act', str(states['act'][i]))
-            wrong = wrong[1:] or [(name, '', text, '') for name, text in texts if text]
-        time = float(times[i])
-        found.append(
-            max(
-                (Difference(time, stamp_ns, topic, *entry, findings.after) for entry in wrong),
-                key=lambda difference: difference.ulps,
-            )
-        )
-    for difference in found[:-1]:
-        findings.differ(difference)
-    findings.differ(found[-1], alike=len(rows) - len(found))
-    values = (bits(states['numbers'][rows]) != bits(numbers[rows])).any(axis=1)
-    rows = rows[values]
-    off = states['numbers'][rows] - numbers[rows]
-    findings.divergence.take(times[rows], off[:, 0], off[:, 1])
+    for i in range(min(len(states), _LOOKED_AT)):
+        more = len(states) - _LOOKED_AT if i == _LOOKED_AT - 1 else 0
+        found = _telling('joint_states', states[i], expected[i])
+        findings.differ(int(expected['stamp_ns'][i]), topic, *found, alike=more)
+    count = states['numbers'].shape[1]
+    values = (_words(states) != _words(expected))[:, -count:].any(axis=1)
+    off = (states['numbers'] - expected['numbers'])[values]
+    times = (expected['stamp_ns'][values] - findings.offset_ns) / 1e9
+    findings.divergence.take(times, off[:, 0], off[:, 1])

@@ -29,8 +29,8 @@ from impact_damper_ros.rig.event_budget import MOST_EVENTS, EventBudget
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 from .command import Command, Deed, Setting, restored
-from .findings import Difference, Findings, SampleGap
-from .matching import Matcher, differing_states, note_states
+from .findings import Findings, SampleGap
+from .matching import Matcher, differing_states, expected_states, note_states
 from .rows import (
     NO_EVENTS,
     NO_SAMPLES,
@@ -89,13 +89,13 @@ class Part(NamedTuple):
     orders: list[tuple[float, Order]] = []  # noqa: RUF012 - never changed
 
 
-class _Stretch(NamedTuple):
-    """What a rig did up to the last of some instants."""
+class Advance(NamedTuple):
+    """What a rig did up to the last of some joint states, and which of these differ."""
 
     samples: Samples
     events: Events
     records: list[ControlRecord]
-    numbers: Numbers  # of the joint states
+    expected: Messages  # joint states
     differs: NDArray[np.bool_]  # which of the recorded ones differ
 
 
@@ -117,8 +117,7 @@ class Replay:
     """
     The replay of a run; iterate over it, or `run` it.
 
-    Where a snapshot is not the replayed one, the replay goes on from whichever of the two
-    reproduces what follows, so that a difference ends at the next command.
+    Where snapshots are missing, the replay goes on from the next one.
 
     Parameters
     ----------
@@ -163,7 +162,6 @@ class Replay:
             )
         self._time_ns = start.time_ns
         self._command: Command | None = None
-        self._rig_of_snapshot: Rig | None = None
         self._before: list[tuple[int, Numbers]] = []
         self._stated: list[StatedParameters] = []
         self._has_events = False
@@ -225,29 +223,19 @@ class Replay:
             for matcher, table in zip(self._matchers, rows[1:], strict=True):
                 matcher.take(table)
         findings, states = self.findings, rows.states
-        stamps_ns = states['log_ns' if self.recorded.stamped else 'stamp_ns']
-        times_ns = stamps_ns - findings.offset_ns
-        usable = self._usable(times_ns)
-        if not usable.all():
-            states, times_ns, stamps_ns = states[usable], times_ns[usable], stamps_ns[usable]
+        stamp = 'log_ns' if self.recorded.stamped else 'stamp_ns'
+        states = states[self._usable(states[stamp] - findings.offset_ns)]
+        times_ns = states[stamp] - findings.offset_ns
         if not len(states):
             return Part(NO_SAMPLES, NO_EVENTS)
         instants = times_ns / 1e9
         self._orders += orders_of(rows.acts, findings.offset_ns)
         if self._shadowing is not None:
-            samples, events, numbers, differs = self._shadowing.follow(states, instants)
-            tried = _Stretch(samples, events, [], numbers, differs)
-            part = self._note_rows(tried, states, times_ns, stamps_ns)
-            return part._replace(orders=self._orders_until(instants[-1]))
-        tried = self._tried(self.rig, states, times_ns)
-        rig = self._rig_of_snapshot
-        if rig is not None and tried.differs.any():
-            other = self._tried(rig, states, times_ns)
-            if other.differs.sum() < tried.differs.sum():
-                self.rig, tried = rig, other
-        self._rig_of_snapshot = None
-        self._expect(tried.events, tried.records)
-        part = self._note_rows(tried, states, times_ns, stamps_ns)
+            part = self._note_rows(self._shadowing.follow(states, instants), states, times_ns)
+        else:
+            done = self._advanced_through(states, times_ns)
+            self._expect(done.events, done.records)
+            part = self._note_rows(done, states, times_ns)
         return part._replace(orders=self._orders_until(instants[-1]))
 
     def _orders_until(self, until: float) -> list[tuple[float, Order]]:
@@ -257,32 +245,28 @@ class Replay:
             found.append(self._orders.popleft())
         return found
 
-    def _note_rows(
-        self, tried: _Stretch, states: Messages, times_ns: Ints, stamps_ns: Ints
-    ) -> Part:
+    def _note_rows(self, done: Advance, states: Messages, times_ns: Ints) -> Part:
         """Note what differs in joint states, and the gaps between them."""
-        findings, instants, first = self.findings, times_ns / 1e9, self.findings.end_ns is None
+        findings, first = self.findings, self.findings.end_ns is None
         findings.samples += len(states)
         topic = self.recorded.topics.joint_states
-        stamped = self.recorded.stamped
-        numbers, differs = tried.numbers, tried.differs
-        note_states(findings, topic, states, instants, numbers, differs, stamped=stamped)
+        note_states(findings, topic, states, done.expected, done.differs)
         if first:
             findings.start_ns = int(times_ns[0])
         self._look_for_gaps(times_ns)
         self._time_ns = findings.end_ns = int(times_ns[-1])
         self._before = [entry for entry in self._before if entry[0] == self._time_ns]
-        events = tried.events
+        events = done.events
         if first and not self.recorded.stamped:
             # A recorder that joins late gets the latched snapshot, and nothing from before it.
             firsts = [m.first_ns for m in self._matchers if m.first_ns is not None]
-            begun_ns = min([int(stamps_ns[0]), *firsts])
+            begun_ns = min([findings.offset_ns + int(times_ns[0]), *firsts])
             events = events[events['time'] >= (begun_ns - findings.offset_ns) / 1e9]
             for matcher in self._matchers:
                 matcher.forget(begun_ns)
         for matcher in self._matchers:
-            matcher.settle(int(stamps_ns[-1]))
-        return Part(tried.samples, events)
+            matcher.settle(findings.offset_ns + self._time_ns)
+        return Part(done.samples, events)
 
     def _usable(self, times_ns: Ints) -> NDArray[np.bool_]:
         """Return which rig times are possible after the present one."""
@@ -370,16 +354,17 @@ class Replay:
         cause = f'the rig cannot be run on from rig time {rig.time:.9g} s: {reason}'
         return RecordingError('replay', self.recorded.reader.path, cause, _REMEDY)
 
-    def _tried(self, rig: Rig, states: Messages, times_ns: Ints) -> _Stretch:
-        """Let a rig run on to joint states, and hold these against it."""
-        found = self.advanced(rig, times_ns / 1e9)
-        numbers = published_states(found[0], rig.parameters)
-        differs = differing_states(states, numbers, stamped=self.recorded.stamped)
+    def _advanced_through(self, states: Messages, times_ns: Ints) -> Advance:
+        """Let the rig run on to joint states, and hold these against it."""
+        found = self.advanced(self.rig, times_ns / 1e9)
+        numbers = published_states(found[0], self.rig.parameters)
+        expected = expected_states(states, numbers, stamped=self.recorded.stamped)
+        differs = differing_states(states, expected)
         for time_ns, before in self._before:
             # Of other recorders: a sample of the instant of a change may be from before it.
             for i in np.flatnonzero(differs & (times_ns == time_ns)):
                 differs[i] = states['numbers'][i].tobytes() != before.tobytes()
-        return _Stretch(*found, numbers, differs)
+        return Advance(*found, expected, differs)
 
     def _expect(self, events: Events, records: list[ControlRecord]) -> None:
         if self._shadowing is not None:
@@ -527,41 +512,22 @@ class Replay:
             return
         if not differences:
             return
+        if lost:
+            self.rig, self.initial = self._restored(command), command.initial
         if lost and not self.recorded.stamped:
             findings.fault(
                 f'snapshots from before rig time {command.time:.9g} s are missing: what was done '
                 'to the rig is not known, and it goes on from this one'
             )
-            self.rig, self.initial = self._restored(command), command.initial
-            return
-        self._differ(topic, *differences[0])
-        self._rig_of_snapshot = self._restored(command)
+        else:
+            self._differ(topic, *differences[0])
 
     def _restored(self, command: Command) -> Rig:
         return restored(command, self.recorded.reader.path)
 
-    def _differ(
-        self,
-        topic: str,
-        quantity: str,
-        recorded: object,
-        replayed: object,
-        time_ns: int | None = None,
-    ) -> None:
-        findings = self.findings
-        time_ns = self._time_ns if time_ns is None else time_ns
-        findings.differ(
-            Difference(
-                time_ns / 1e9,
-                findings.offset_ns + time_ns,
-                topic,
-                quantity,
-                '',
-                recorded,
-                replayed,
-                findings.after,
-            )
-        )
+    def _differ(self, topic: str, quantity: str, recorded: object, replayed: object) -> None:
+        stamp_ns = self.findings.offset_ns + self._time_ns
+        self.findings.differ(stamp_ns, topic, quantity, '', recorded, replayed)
 
     # Parameter events, of a bag that the node recorded itself
 

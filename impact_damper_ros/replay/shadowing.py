@@ -23,7 +23,7 @@ from impact_damper_ros.bag.snapshots import motion_of
 from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import EventKind
 
-from .matching import Matcher
+from .matching import QUANTITIES, Matcher, differing_states, expected_states
 from .rows import (
     NO_EVENTS,
     NO_SAMPLES,
@@ -37,7 +37,7 @@ from .rows import (
 )
 
 if TYPE_CHECKING:
-    from .replay import Replay
+    from .replay import Advance, Replay
 
 #: Relative change of the second rig, and how many times as far off the recording may be.
 _NUDGE, _TIMES = 1e-12, 10.0
@@ -104,10 +104,10 @@ class Shadowing:
         """Take recorded impacts."""
         self._waiting = np.concatenate([self._waiting, impacts])
 
-    def follow(
-        self, states: Messages, instants: Numbers
-    ) -> tuple[Samples, Events, Numbers, NDArray[np.bool_]]:
-        """Return samples, events, numbers of the joint states, and which of these differ."""
+    def follow(self, states: Messages, instants: Numbers) -> Advance:
+        """Let the rig run on to joint states, from impact to impact."""
+        from .replay import Advance
+
         replay, offset_ns = self._replay, self._replay.findings.offset_ns
         self._grow(states['numbers'][:, :4], states['numbers'][:, 5:9])
         waiting = self._waiting
@@ -124,7 +124,13 @@ class Shadowing:
         found.append(self._flights(states[begin:], instants[begin:]))
         samples, events, numbers, differs = (np.concatenate(c) for c in zip(*found, strict=True))
         replay.findings.impacts += due
-        return samples, events, numbers, differs
+        stamped = replay.recorded.stamped
+        # Of stamps and texts every bit is held against the replay.
+        alike = expected_states(states, states['numbers'], stamped=stamped)
+        differs |= differing_states(states, alike)
+        return Advance(
+            samples, events, [], expected_states(states, numbers, stamped=stamped), differs
+        )
 
     def _grow(self, positions: Numbers, velocities: Numbers) -> None:
         with np.errstate(invalid='ignore'):
@@ -162,13 +168,9 @@ class Shadowing:
             replay.findings.undecided += 1
             differs[:] = False
         for hit in impacts_of(events) if alike else ():
-            self._matcher.differ(
-                self._stamp(hit['time']), 'impact', '', None, f'stop_{hit["stop"]}'
-            )
+            stamp_ns = replay.findings.offset_ns + round(float(hit['time']) * 1e9)
+            self._matcher.differ(stamp_ns, 'impact', '', None, f'stop_{hit["stop"]}')
         return samples, events, numbers, differs
-
-    def _stamp(self, time: float) -> int:
-        return self._replay.findings.offset_ns + round(float(time) * 1e9)
 
     def _to_impact(self, rig: Rig, until: float) -> Events:
         """Run on to the next impact, or for some time beyond it."""
@@ -191,7 +193,7 @@ class Shadowing:
         if len(here) != len(there) or not np.array_equal(events['kind'], others['kind']):
             replay.findings.undecided += 1
         elif not len(here):
-            self._matcher.differ(stamp_ns, 'impact', '', frame, None)
+            self._matcher.differ_wholly(recorded[0], recorded=True)
         else:
             doubt_ns = abs(float(events['time'][-1] - others['time'][-1])) * 1e9
             doubt = np.abs(here['numbers'] - there['numbers'])[0]
@@ -205,7 +207,7 @@ class Shadowing:
                 self._matcher.differ(stamp_ns, 'frame_id', '', frame, str(here['frame'][0]))
             elif len(wrong):
                 numbers = (float(t['numbers'][0, wrong[0]]) for t in (recorded, here))
-                self._matcher.differ(stamp_ns, *self._matcher.fields[3 + wrong[0]], *numbers)
+                self._matcher.differ(stamp_ns, *QUANTITIES['impacts'][3 + wrong[0]], *numbers)
         if len(here):
             self._begin(recorded['numbers'][0], time, float(events['time'][-1]))
         nothing = published_states(NO_SAMPLES, rig.parameters)

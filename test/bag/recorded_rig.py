@@ -8,7 +8,7 @@ from bag import samples
 
 from impact_damper_ros.bag.messages import decode
 from impact_damper_ros.bag.snapshots import mathematics, motion_of
-from impact_damper_ros.control import GapControlParameters, Rig
+from impact_damper_ros.control import GapControlParameters, Order, Rig
 from impact_damper_ros.replay import Setting
 from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, RigParameters
 
@@ -267,4 +267,87 @@ def random_run(seed, ticks=400, **options):
             # While the rig is paused, or at a low rate
             rig.serve(*random_requests(rng))
             rig.serve(('resume', rng.randrange(10**9)))
+    return rig
+
+
+def random_excitation(rng):
+    """Return a batch that changes multisine and sweep, among others in the middle of a sweep."""
+    request = rng.choice(
+        [
+            ('change', {'multisine_level': rng.choice([0.0, 2.0])}),
+            ('change', {'multisine_lines': rng.randrange(1, 12), 'multisine_seed': 3}),
+            ('change', {'multisine_low': 20.0, 'multisine_high': rng.uniform(25.0, 60.0)}),
+            (
+                'change',
+                {
+                    'sweep_mode': rng.choice(['off', 'up', 'down', 'up_down']),
+                    'sweep_low': 20.0,
+                    'sweep_high': 40.0,
+                    'sweep_step': 1.0,
+                    'sweep_dwell': rng.choice([0.01, 0.0137]),
+                },
+            ),
+            ('change', {'gap': rng.uniform(0.005, 0.02)}),
+            ('change', {'friction': rng.choice([0.0, 0.1])}),
+            ('reset', None),
+        ]
+    )
+    # The band first, so that it is one at every change
+    return [('change', {'multisine_low': 20.0, 'multisine_high': 50.0}), request]
+
+
+# Of a rig of 5 Hz that moves centimetres
+CONTROL = GapControlParameters(
+    gap_control='timed',
+    gap_min=0.002,
+    gap_max=0.5,
+    gap_control_rate=200.0,
+    gap_control_noise_position=1e-5,
+    gap_control_noise_velocity=1e-3,
+    actuator_speed=0.5,
+    actuator_delay=0.004,
+)
+
+
+def random_switch(rng):
+    """Return a batch that switches the control, or changes something under it."""
+    choices = [
+        ('change', {'gap_control': 'off'}),
+        ('change', {'gap_control': 'timed'}),
+        ('change', {'gap_control': 'amplitude', 'gap': rng.uniform(0.005, 0.03)}),
+        ('change', {'gap_control': 'timed', 'gap_control_stops': 'symmetric'}),
+        ('change', {'actuator_delay': rng.choice([0.0, 0.03]), 'gap_control_seed': 5}),
+        ('change', {'actuator_speed': rng.choice([0.0, 0.1, 2.0])}),
+        ('change', {'gap': rng.uniform(0.005, 0.03)}),
+        ('change', {'friction': rng.choice([0.0, 0.2])}),
+        ('reset', None),
+        ('resume', rng.randrange(10**9)),
+    ]
+    return [rng.choice(choices) for _ in range(rng.choice([1, 1, 2, 3]))]
+
+
+def requested_run(seed, requests=random_switch, **options):
+    """Return a run with seeded batches of requests."""
+    rng = random.Random(seed)
+    rig = RecordedRig(offset=rng.choice([0, samples.START]), **options).start()
+    while rig.tick < 400:
+        rig.run(rng.randrange(5, 80), *requests(rng))
+    return rig
+
+
+def ordered_run(seed):
+    """Return the run of a controller outside the rig, which is also switched off at times."""
+    rng = random.Random(seed)
+    on = ('change', {'gap_control': 'external'})
+    external = CONTROL.replace(gap_control='external', actuator_speed=rng.choice([0.0, 0.5]))
+    rig = RecordedRig(control=external, rate=rng.choice([100.0, 333.3])).start()
+
+    def order():
+        half, force = rng.uniform(0.002, 0.02), rng.choice([math.nan, rng.gauss(0.0, 3.0)])
+        return Order(half, rng.choice([-half, math.nan]), rng.choice([math.nan, 0.2]), 0.3, force)
+
+    for _ in range(5):
+        rig.run(rng.randrange(20, 80), on, order=order)
+        rig.run(3, ('change', {'gap': rng.uniform(0.005, 0.03)}), order=order)
+        rig.run(rng.randrange(5, 20), *random_switch(rng))
     return rig

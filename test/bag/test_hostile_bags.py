@@ -113,7 +113,7 @@ def test_flights_that_end_before_or_take_hours_to_search(tmp_path, messages, qui
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        ('[' * 50_000, 'it is nested more than 20 deep'),
+        ('[' * 50_000, 'nest'),  # by this package's limit, or by that of libyaml
         ('rosbag2_bagfile_information: !!timestamp x', 'is not the metadata of a bag'),
         ('rosbag2_bagfile_information: {relative_file_paths: ["\x1b[31m"]}', 'not the metadata'),
         ('rosbag2_bagfile_information: {relative_file_paths: [5]}', 'are not all texts'),

@@ -4,17 +4,15 @@ import random
 
 import pytest
 from bag import samples
-from bag.test_bag_check import records
+from bag.test_bag_check import records, write
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader
 
 from impact_damper_ros.bag import RecordingError, RunReader, bag_file, recover_run
 from impact_damper_ros.bag import topics as interface
-from impact_damper_ros.bag.bag_file import BagFile
 from impact_damper_ros.cli import recover_run as command
 
-CHANNELS = {topic.name: index for index, topic in enumerate(samples.TOPICS)}
 MAGIC = 8
 
 
@@ -26,17 +24,9 @@ def messages():
 @pytest.fixture(scope='module')
 def finished(tmp_path_factory, messages):
     """Make a bag of chunks of 40 messages each, the same at every run."""
-    bag = BagFile(
-        tmp_path_factory.mktemp('bags') / 'run_7',
-        [topic.channel() for topic in samples.TOPICS],
-        {'note': 'kept'},
-    )
-    for number, (topic, content, stamp) in enumerate(messages):
-        bag.add(CHANNELS[topic], content, stamp)
-        if number % 40 == 39:
-            bag.flush()
-    bag.finish()
-    return bag.path
+    directory = tmp_path_factory.mktemp('bags') / 'run_7'
+    write(directory, messages, every=40, notes={'note': 'kept'})
+    return directory / 'run_7_0.mcap'
 
 
 def placed(content):
@@ -203,7 +193,7 @@ def test_nothing_half_made_is_left(finished, tmp_path, monkeypatch):
         raise OSError(5, 'Input/output error')
 
     monkeypatch.setattr(bag_file.BagMetadata, 'write', fail)
-    with pytest.raises(RecordingError, match='input/output error'):
+    with pytest.raises(RecordingError, match='Input/output error'):
         recover_run(path)
     assert list(tmp_path.iterdir()) == [path]
 

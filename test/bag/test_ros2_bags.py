@@ -4,10 +4,9 @@ import json
 
 import pytest
 from bag import ros2_bags, samples
-from bag.recorded_rig import LIVELY, RecordedRig, renamed
+from bag.recorded_rig import CONTROL, LIVELY, RecordedRig, renamed
 from mcap.writer import CompressionType
 from replay.test_replay import places, replayed
-from replay.test_replay_gap_control import CONTROL
 
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.bag.messages import header_ns
@@ -61,25 +60,20 @@ def counts(messages, *topics):
 
 
 @pytest.mark.parametrize('late', [0, 1, 17, 200, 1000])
-def test_joined_so_many_impacts_late(tmp_path, messages, late):
-    stamp = messages[places(messages, '/impacts')[late]][2] if late else 0
+@pytest.mark.parametrize('run', ['messages', 'controlled'])
+def test_joined_so_many_impacts_late(tmp_path, run, late, request):
+    messages = request.getfixturevalue(run)
+    impacts = places(messages, '/impacts')
+    stamp = messages[impacts[min(late, len(impacts) * 3 // 4)]][2] if late else 0
     arrived = ros2_bags.joined(messages, stamp)
     findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
     assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:1]
     assert findings.faults == findings.remarks == []
-    assert (findings.missing_impacts, findings.missing_samples) == (0, 0)
-    assert [findings.samples, findings.impacts] == counts(arrived, '/joint_states', '/impacts')
-
-
-@pytest.mark.parametrize('late', [0.0, 0.013, 0.5, 3.3])
-def test_joined_late_under_control(tmp_path, controlled, late):
-    arrived = ros2_bags.joined(controlled, samples.START + round(late * 1e9))
-    findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
-    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:1]
-    assert findings.faults == findings.remarks == []
-    assert (findings.missing_impacts, findings.missing_control) == (0, 0)
-    assert [findings.impacts, findings.control] == counts(arrived, '/impacts', '/gap_control')
-    assert findings.control > 50
+    lost = findings.missing_impacts, findings.missing_samples, findings.missing_control
+    assert lost == (0, 0, 0)
+    found = [findings.samples, findings.impacts, findings.control]
+    assert found == counts(arrived, '/joint_states', '/impacts', '/gap_control')
+    assert (findings.control > 30) is (run == 'controlled')
 
 
 @pytest.mark.parametrize('first', ['/impacts', '/joint_states'])

@@ -20,8 +20,9 @@ from impact_damper_ros.bag import (
     RunWriter,
     String,
     Topic,
+    decode,
 )
-from impact_damper_ros.bag.messages import CdrError, decode
+from impact_damper_ros.bag.messages import CdrError
 
 
 @pytest.fixture(scope='module')
@@ -32,7 +33,8 @@ def bag(tmp_path_factory):
 def test_decoded_values(bag):
     """Each message, against the numbers that it was made of."""
     step = 0
-    for topic, stamp, message in RunReader(bag).messages():
+    for topic, kind, stamp, content in RunReader(bag):
+        message = decode(kind, content)
         if topic == '/joint_states':
             position, velocity = (tuple(values) for values in samples.state_values(step))
             names = ('primary', 'damper', 'stop_1', 'stop_2')

@@ -23,9 +23,9 @@ from impact_damper_ros.bag import (
     RunReader,
     RunWriter,
     Topic,
-    create_run_directory,
     run_writer,
 )
+from impact_damper_ros.bag.run_writer import create_run_directory
 
 NOTE = Topic('/note', samples.STRING)
 
@@ -139,18 +139,15 @@ def test_close_is_idempotent_and_says_what_the_bag_holds(tmp_path):
     messages = samples.run(300)
     for message in messages:
         writer.write(*message)
-    summary = writer.close()
-    assert summary.complete
-    assert summary.message_count == len(messages)
-    assert summary.counts['/joint_states'] == 300
-    assert summary.file == tmp_path / 'bag' / 'bag_0.mcap'
-    assert summary.duration == (messages[-1][2] - messages[0][2]) / 1e9
-    content = summary.file.read_bytes()
+    writer.close()
+    assert (writer.error, writer.message_count, writer.dropped) == (None, len(messages), 0)
+    assert writer.path == tmp_path / 'bag' / 'bag_0.mcap'
+    content = writer.path.read_bytes()
     assert not writer.write('/snapshot', b'', 0)
-    assert writer.close() is summary
+    writer.close()
     assert writer.dropped == 1
     assert writer.drop_reason == 'the recording had ended'
-    assert summary.file.read_bytes() == content
+    assert writer.path.read_bytes() == content
 
 
 def test_many_threads_write_at_once(tmp_path):
@@ -179,9 +176,9 @@ def test_a_full_queue_drops_and_counts(tmp_path):
     accepted = [writer.write('/note', samples.snapshot(k), k) for k in range(150)]
     assert accepted == [True] * 100 + [False] * 50
     assert writer.backlog == 100
-    summary = writer.close()
-    assert (summary.message_count, summary.dropped, summary.complete) == (100, 50, True)
-    assert 'more than 100 messages waited' in str(writer.drop_reason)
+    writer.close()
+    assert (writer.message_count, writer.dropped, writer.error) == (100, 50, None)
+    assert 'more than 100 messages waited' in writer.drop_reason
     run = RunReader(tmp_path / 'bag')
     assert run.dropped == 50
     assert 'it has dropped 50 messages' in run.remarks()[0]
@@ -233,8 +230,9 @@ def test_two_writers_cannot_share_a_directory(tmp_path):
         assert (len(writers), len(errors)) == (1, 3)
         assert all('already' in str(error) for error in errors)
         writers[0].write('/note', samples.snapshot(1), 1)
-        assert writers[0].close().complete
-        assert RunReader(directory).message_count == 1
+        writers[0].close()
+        reader = RunReader(directory)
+        assert (reader.complete, reader.message_count) == (True, 1)
 
 
 WRITER_PROCESS = """

@@ -387,7 +387,8 @@ def as_others_record(bench, place):
     for number, (name, data) in enumerate(bench.sent):
         if name != 'clock':
             log.write(name, data, 10**18 + 1_000_003 * number)
-    assert log.close().error is None
+    log.close()
+    assert log.error is None
 
 
 @pytest.mark.parametrize('clock', [True, False])
@@ -603,7 +604,8 @@ def test_a_rig_that_takes_ever_so_long_answers_and_ends(name, tmp_path):
         bench.engine.stop(20.0)
         assert not bench.engine._thread.is_alive()
     assert bench.engine.failure is None
-    assert log.close().error is None
+    log.close()
+    assert log.error is None
     replay = Replay(RecordedRun(tmp_path / 'bag'))
     count = sum(len(part.samples) for part in replay)
     assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
@@ -688,7 +690,8 @@ def test_changes_between_two_far_ticks_are_replayed(tmp_path):
         until(lambda: len(bench.samples()) > 4)
         done(bench.engine.stop_recording())
     assert (change.time_ns % 500_000_000, reset.time_ns % 500_000_000) != (0, 0)
-    assert log.close().error is None
+    log.close()
+    assert log.error is None
     replay = Replay(RecordedRun(tmp_path / 'bag'))
     assert sum(len(part.samples) for part in replay) >= 5
     assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings

@@ -12,12 +12,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bag import ros2_bags, samples
-from bag.recorded_rig import LIVELY, NOTES, RecordedRig, random_run
+from bag.recorded_rig import (
+    CONTROL,
+    LIVELY,
+    NOTES,
+    RecordedRig,
+    ordered_run,
+    random_excitation,
+    random_run,
+    requested_run,
+)
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.messages import decode, header_ns
 from impact_damper_ros.bag.snapshots import FORMAT
-from impact_damper_ros.control import GapControlParameters, Rig
+from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.control import GapControlParameters, Order, Rig
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
@@ -47,58 +57,39 @@ def flipped(message, value):
     return topic, content[:at] + new + content[at + 8 :], stamp
 
 
-@pytest.mark.parametrize('seed', range(12))
-def test_random_histories_come_out_bit_for_bit(tmp_path, seed):
-    rate, ticks = [(200.0, 400), (20.0, 120), (333.0, 400), (1000.0, 400)][seed % 4]
-    rig = random_run(seed, ticks, rate=rate)
-    findings = replayed(rig.save(tmp_path / 'bag'))
-    assert findings.differences == []
-    assert findings.verdict is ReplayVerdict.IDENTICAL
-    counts = Counter(topic for topic, *_ in rig.messages)
-    assert findings.samples == counts['/joint_states']
-    assert findings.impacts == counts['/impacts']
-    assert findings.snapshots == counts['/snapshot']
-    assert findings.changes > 0
-    assert not findings.remarks
-    assert not findings.faults
-    assert not findings.gap_count
-
-
-@pytest.mark.parametrize('seed', range(6))
-def test_excitation_changed_on_the_way(tmp_path, seed):
-    """Multisine and sweep, switched live and in the middle of a sweep, a reset among them."""
-    rng = random.Random(seed)
-    rig = RecordedRig().start().run(50)
-    for _ in range(10):
-        request = rng.choice(
-            [
-                ('change', {'multisine_level': rng.choice([0.0, 2.0])}),
-                ('change', {'multisine_lines': rng.randrange(1, 12), 'multisine_seed': 3}),
-                ('change', {'multisine_low': 20.0, 'multisine_high': rng.uniform(25.0, 60.0)}),
-                (
-                    'change',
-                    {
-                        'sweep_mode': rng.choice(['off', 'up', 'down', 'up_down']),
-                        'sweep_low': 20.0,
-                        'sweep_high': 40.0,
-                        'sweep_step': 1.0,
-                        'sweep_dwell': rng.choice([0.01, 0.0137]),
-                    },
-                ),
-                ('change', {'gap': rng.uniform(0.005, 0.02)}),
-                ('change', {'friction': rng.choice([0.0, 0.1])}),
-                ('reset', None),
-            ]
+RATES = {200.0: 400, 20.0: 120, 333.0: 400, 1000.0: 400}
+RUNS = {
+    **{
+        f'requests at {rate:g} Hz': lambda seed, rate=rate: random_run(
+            seed, RATES[rate], rate=rate
         )
-        # The band first, so that it is one at every change
-        if 'multisine_level' in (request[1] or {}):
-            rig.run(1, ('change', {'multisine_low': 20.0, 'multisine_high': 50.0}))
-        rig.run(rng.randrange(5, 40), request)
-    findings = replayed(rig.save(tmp_path / 'bag'))
-    assert findings.verdict is ReplayVerdict.IDENTICAL
-    assert findings.samples == len(places(rig.messages, '/joint_states'))
-    assert not findings.faults
-    assert not findings.remarks
+        for rate in RATES
+    },
+    'excitation': lambda seed: requested_run(seed, random_excitation),
+    'control': lambda seed: requested_run(seed, control=CONTROL),
+    'orders': ordered_run,
+}
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('name', RUNS)
+def test_random_histories_come_out_bit_for_bit(tmp_path, name, seed):
+    """As the node records them, and as `ros2 bag record` does."""
+    rig = RUNS[name](seed)
+    for how, messages in (('own', rig.messages), ('ros2', ros2_bags.joined(rig.messages, 0))):
+        notes = NOTES if how == 'own' else {}
+        bag = samples.record(tmp_path / how, messages, samples.CONTROLLED, custom=notes)
+        findings = replayed(bag)
+        assert (findings.differences, findings.faults, findings.remarks) == ([], [], [])
+        assert findings.verdict is ReplayVerdict.IDENTICAL
+        counts = Counter(topic for topic, *_ in messages)
+        assert findings.samples == counts['/joint_states']
+        assert findings.impacts == findings.recorded_impacts == counts['/impacts']
+        assert findings.control == findings.recorded_control == counts['/gap_control']
+        assert findings.snapshots == counts['/snapshot']
+        assert findings.changes > 0
+        assert not findings.gap_count
+        assert (findings.control > 0) is (name in ('control', 'orders'))
 
 
 def test_positions_are_those_in_the_laboratory(tmp_path):
@@ -130,19 +121,6 @@ def test_positions_are_those_in_the_laboratory(tmp_path):
     # The angle is shown from the sample on at which it changes.
     angles = [state.position[4] for state in states]
     assert angles == [0.0] * 501 + [0.3] * 1200 + [-0.2] * 400
-
-
-@pytest.mark.parametrize('seed', range(6))
-def test_a_run_recorded_by_ros2_bag_is_replayed_too(tmp_path, seed):
-    rate, ticks = [(200.0, 400), (20.0, 120)][seed % 2]
-    rig = random_run(seed, ticks, rate=rate)
-    messages = ros2_bags.joined(rig.messages, 0)
-    findings = replayed(samples.record(tmp_path / 'bag', messages))
-    assert findings.differences == []
-    assert findings.samples == len(places(messages, '/joint_states'))
-    assert findings.impacts == len(places(messages, '/impacts'))
-    retraced = [fault for fault in findings.faults if 'cannot be retraced' not in fault]
-    assert retraced == []
 
 
 def test_how_far_the_node_has_looked_ahead_is_no_difference(tmp_path):
@@ -326,6 +304,17 @@ def test_messages_twice_and_out_of_order(tmp_path, messages):
     assert 'messages of /joint_states out of order: 1' in findings.faults[0]
 
 
+def test_messages_out_of_order_in_the_file(tmp_path, messages):
+    """The reader sorts them by their stamps; the node writes them in order."""
+    states = places(messages, '/joint_states')
+    a, b = states[30], states[31]
+    swapped = [*messages[:a], *messages[a + 1 : b + 1], messages[a], *messages[b + 1 :]]
+    findings = replayed(samples.record(tmp_path / 'bag', swapped, custom=NOTES))
+    assert findings.verdict is ReplayVerdict.PARTIAL
+    stamp = messages[a][2]
+    assert f'out of order in bag_0.mcap, the first at stamp {stamp} ns' in findings.faults[0]
+
+
 def of_format(message, version, name='format'):
     """Return a snapshot as one of another format, or with a state of another one."""
     topic, content, stamp = message
@@ -394,6 +383,24 @@ def test_a_wrong_stamp_does_not_run_the_rig_for_years(tmp_path, messages):
     assert findings.verdict is ReplayVerdict.PARTIAL
     assert findings.samples == 400
     assert any('impossible stamps: 1' in fault for fault in findings.faults)
+
+
+def test_a_missing_order_is_found(tmp_path):
+    messages = ordered_run(1).messages
+    at = next(i for i, m in enumerate(messages) if m[0] == '/gap_control' and b'order' in m[1])
+    del messages[at]
+    bag = samples.record(tmp_path / 'bag', messages, samples.CONTROLLED, custom=NOTES)
+    assert replayed(bag).difference_count > 0
+
+
+def test_a_bag_may_end_anywhere(tmp_path):
+    rig = RecordedRig(control=CONTROL).start().run(200)
+    messages = rig.run(40, ('change', {'gap_control': 'amplitude'})).messages
+    assert {topic for topic, *_ in messages[-40:]} >= {'/joint_states', '/impacts', '/gap_control'}
+    for end in range(len(messages) - 40, len(messages), 3):
+        name = tmp_path / f'bag_{end}'
+        bag = samples.record(name, messages[:end], samples.CONTROLLED, custom=NOTES)
+        assert replayed(bag).difference_count == 0, end
 
 
 # What if
@@ -468,12 +475,33 @@ def test_inadmissible_what_ifs(tmp_path):
         WhatIf(history.start, {}, {'initial_primary_position': 0.1})
 
 
-def test_messages_out_of_order_in_the_file(tmp_path, messages):
-    """The reader sorts them by their stamps; the node writes them in order."""
-    states = places(messages, '/joint_states')
-    a, b = states[30], states[31]
-    swapped = [*messages[:a], *messages[a + 1 : b + 1], messages[a], *messages[b + 1 :]]
-    findings = replayed(samples.record(tmp_path / 'bag', swapped, custom=NOTES))
-    assert findings.verdict is ReplayVerdict.PARTIAL
-    stamp = messages[a][2]
-    assert f'out of order in bag_0.mcap, the first at stamp {stamp} ns' in findings.faults[0]
+def test_a_what_if_has_the_same_orders(tmp_path, capsys):
+    external = CONTROL.replace(gap_control='external')
+    rng = random.Random(3)
+    rig = RecordedRig(control=external).start()
+    rig.run(400, order=lambda: Order(rng.uniform(0.005, 0.02), -0.01, force=rng.gauss(0.0, 2.0)))
+    path = rig.save(tmp_path / 'bag')
+    ratios = []
+    # A seed that changes nothing, and a control that takes no orders
+    for value in ('gap_control_seed=5', 'gap_control=off'):
+        assert replay_run([str(path), '--set', value]) == 0
+        text = capsys.readouterr().out
+        ratios.append(float(text.partition('rms X [m]')[2].split()[2]))
+    assert ratios[0] == 1.0
+    assert ratios[1] != 1.0
+
+
+def test_what_if_the_control_had_been_on(tmp_path, capsys):
+    rig = RecordedRig(LIVELY.replace(gap=0.06)).start().run(2400)
+    path = rig.save(tmp_path / 'bag')
+    settings = [
+        word for name, value in CONTROL.as_dict().items() for word in ('--set', f'{name}={value}')
+    ]
+    assert replay_run([str(path), *settings]) == 0
+    text = capsys.readouterr().out
+    assert "gap_control = 'timed' (recorded: 'off')" in text
+    ratio = float(text.partition('rms X [m]')[2].split()[2])
+    assert ratio < 0.9
+    twin = Rig(rig.rig.parameters, control=CONTROL)
+    twin.advance(rig.time_ns / 1e9)
+    assert twin.control.active
