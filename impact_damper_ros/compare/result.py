@@ -11,7 +11,7 @@ called relative.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from typing import Any, Self
@@ -122,6 +122,12 @@ class Overall:
         Energy that the dashpot took from M, J.
     force_work : float
         Work of the force on M, J; NaN if its phase is not known.
+    active_work : float
+        The part of it that is the work of a controller's active force, J.
+    actuator_energy : float
+        Energy that the actuators of the stops spent, J; NaN if the run was not replayed.
+    total_impulse, largest_impulse : float
+        Sum and largest of the impulses of the impacts, N s.
     accuracy : float
         Estimate of the relative error of `x_max`, `x_rms`, `dashpot_energy` and `force_work`: 0 of
         a replayed run, else mu (W h)^3/50 with friction, with the longest interval h, the highest
@@ -139,6 +145,10 @@ class Overall:
     impact_loss: float
     dashpot_energy: float
     force_work: float
+    active_work: float
+    actuator_energy: float
+    total_impulse: float
+    largest_impulse: float
     accuracy: float
 
     @classmethod
@@ -146,21 +156,18 @@ class Overall:
         """Return the same over several stretches: sums, the largest |X|, the common rms."""
         covered = sum(part.covered for part in parts)
         squares = sum(part.x_rms**2 * part.covered for part in parts if part.covered > 0.0)
-        largest = [part.x_max for part in parts if not math.isnan(part.x_max)]
-        return cls(
-            duration=sum(part.duration for part in parts),
-            covered=covered,
-            x_max=max(largest, default=math.nan),
-            x_rms=math.sqrt(squares / covered) if covered > 0.0 else math.nan,
-            impacts=sum(part.impacts for part in parts),
-            impacts_on_stop_1=sum(part.impacts_on_stop_1 for part in parts),
-            impacts_on_stop_2=sum(part.impacts_on_stop_2 for part in parts),
-            impact_energy=math.fsum(part.impact_energy for part in parts),
-            impact_loss=math.fsum(part.impact_loss for part in parts),
-            dashpot_energy=math.fsum(part.dashpot_energy for part in parts),
-            force_work=math.fsum(part.force_work for part in parts),
-            accuracy=max((part.accuracy for part in parts), default=0.0),
-        )
+        joined: dict[str, Any] = {
+            f.name: math.fsum(getattr(part, f.name) for part in parts)
+            for f in fields(cls)
+            if f.type == 'float'
+        }
+        for name in ('x_max', 'largest_impulse', 'accuracy'):
+            # What is not known of one stretch takes no part
+            values = [getattr(part, name) for part in parts]
+            joined[name] = max([v for v in values if not math.isnan(v)], default=math.nan)
+        joined['x_rms'] = math.sqrt(squares / covered) if covered > 0.0 else math.nan
+        counts = ('impacts', 'impacts_on_stop_1', 'impacts_on_stop_2')
+        return cls(**joined, **{n: sum(getattr(part, n) for part in parts) for n in counts})
 
 
 @dataclass(frozen=True)
@@ -556,27 +563,24 @@ class RunComparison:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all but the curves in types of JSON; numbers that are not finite become None."""
-        plain = _plain(self)
-        assert isinstance(plain, dict)
-        return {**plain, 'overall': _plain(self.overall), 'exit_code': self.exit_code}
+        plain: dict[str, Any] = as_plain(self, without=('curves',))
+        return {**plain, 'overall': as_plain(self.overall), 'exit_code': self.exit_code}
 
 
-def _plain(value: Any) -> Any:
+def as_plain(value: Any, without: Collection[str] = ()) -> Any:
+    """Return a value in types of JSON, records without some fields; None where not finite."""
     if isinstance(value, PeriodicOrbit | RigParameters):
-        return _plain(value.as_dict())
+        return as_plain(value.as_dict())
     if is_dataclass(value) and not isinstance(value, type):
-        plain = {
-            f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name != 'curves'
-        }
-        if isinstance(value, Finding):
-            plain['difference'] = _plain(value.difference)
-        return plain
+        names = [f.name for f in fields(value) if f.name not in without]
+        names += ['difference'] * isinstance(value, Finding)
+        return {name: as_plain(getattr(value, name), without) for name in names}
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, Mapping):
-        return {str(name): _plain(entry) for name, entry in value.items()}
+        return {str(name): as_plain(entry) for name, entry in value.items()}
     if isinstance(value, tuple | list):
-        return [_plain(entry) for entry in value]
+        return [as_plain(entry, without) for entry in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.compare import Beginning, LoggedRig, Overall
+from impact_damper_ros.compare import Overall
 from impact_damper_ros.compare.result import SwingEnvelope
-from impact_damper_ros.compare.stretches import RecordedStretch, StretchBuilder
+from impact_damper_ros.compare.stretches import RecordedStretch, builder_at
 from impact_damper_ros.control import Rig
 from impact_damper_ros.replay import Part, Replay, Setting
 from impact_damper_ros.replay.replay import Step
@@ -44,7 +44,7 @@ class RunTotals:
     def __init__(self, state: Mapping[str, Any]) -> None:
         self._done: list[Overall] = []
         self._pieces: list[SwingEnvelope] = []
-        self._builder = _builder(state)
+        self._builder = builder_at(state)
 
     def look(self, samples: Samples, events: Events) -> None:
         """Take the next samples, and the events up to the last of them."""
@@ -55,7 +55,7 @@ class RunTotals:
         stretch = self._builder.finish(float(state['time']))
         self._done.append(stretch.overall)
         self._pieces.append(stretch.envelope)
-        self._builder = _builder(state)
+        self._builder = builder_at(state)
 
     @cached_property
     def overall(self) -> Overall:
@@ -94,11 +94,6 @@ class RunTotals:
             f'largest |X| {unit.factor * overall.x_max:.4g} {unit.name}, '
             f'rms {unit.factor * overall.x_rms:.4g} {unit.name}'
         )
-
-
-def _builder(state: Mapping[str, Any]) -> StretchBuilder:
-    rig = LoggedRig.of_snapshot(state)
-    return StretchBuilder(0, Beginning.START, '', float(state['time']), rig)
 
 
 def _longest_cycle(rig: RigParameters) -> float:
