@@ -98,8 +98,8 @@ def amplitudes(stretch: RecordedStretch) -> tuple[Array, Array]:
     edges = np.searchsorted(time, begin + cycle * np.arange(count))
     size: Array = np.abs(x)
     largest: Array = np.maximum.reduceat(size, np.minimum(edges, len(x) - 1))
-    middle: Array = begin + cycle * (np.arange(count) + 0.5)
-    return middle, largest
+    half = 0.5 * cycle
+    return np.linspace(begin + half, stretch.end - half, count), largest
 
 
 def settling_time(stretch: RecordedStretch) -> float | None:
