@@ -104,21 +104,16 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
 
 
 def _write_report(arguments: argparse.Namespace, comparison: RunComparison, command: str) -> Path:
-    from impact_damper_ros.report.html_report import write_report
+    from impact_damper_ros.report.html_report import MOST_DETAILED, write_report
 
-    count = len(comparison.stretches)
-    with progress_bar('drawn', count, 'steps', quiet=arguments.quiet) as bar:
-
-        def drawn(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+    steps = 2 * min(len(comparison.stretches), MOST_DETAILED)
+    with progress_bar('drawn', steps, 'steps', quiet=arguments.quiet) as bar:
         return write_report(
             comparison,
             arguments.report,
             command=command,
             gap_curves=arguments.gap_curves,
-            drawn=drawn,
+            done=bar.update,
         )
 
 

@@ -135,14 +135,12 @@ class Overall:
 
 @dataclass(frozen=True)
 class EnergyBalance:
-    """
-    Energy over whole periods, J: force + air = dashpot + friction + impacts + stored + residual.
-    """
+    """Energy, J: force + air = dashpot + friction + impacts + stored + residual."""
 
     #: Rig time, s.
     start: float
     end: float
-    #: Periods between them; cycles of the force if the motion is not periodic.
+    #: Whole periods between them; cycles of the force if the motion is not periodic.
     periods: int
     #: Work of the force on M, and of the compressed air on both masses.
     force: float

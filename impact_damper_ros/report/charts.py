@@ -101,7 +101,7 @@ def _log_axis(axes: Any, low: float, high: float, factor: float = 1.0) -> None:
     axes.set_yscale('log')
     axes.set_ylim(low, high)
     axes.yaxis.set_major_locator(LogLocator(numticks=7))
-    axes.yaxis.set_major_formatter(lambda value, _: f'{factor * value:.0e}')
+    axes.yaxis.set_major_formatter(lambda value, _: number(factor * value, 1))
     axes.yaxis.set_minor_locator(NullLocator())
 
 

@@ -25,7 +25,7 @@ from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.quoting import counted, shown
 
 from .formatting import setting, unit_for
-from .run_figures import SampledMotion, Side, draw_what_if
+from .run_figures import Motion, Side, draw_what_if
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -247,7 +247,7 @@ class WhatIfReport:
             Side(
                 f'{textwrap.fill(head, 66)}\n{totals.text()}',
                 totals.envelope(),
-                _motion(*trace),
+                Motion(*trace),
             )
             for head, totals, trace in zip(
                 (f'recorded: {was}', f'what if {now}'),
@@ -265,16 +265,3 @@ class WhatIfReport:
 
 def _with_unit(value: Any, name: str) -> str:
     return f'{setting(value)} {ALL_SPECS[name].unit}'.rstrip()
-
-
-def _motion(samples: Samples, impacts: Events) -> SampledMotion:
-    return SampledMotion(
-        samples['time'],
-        samples['x'],
-        samples['z'],
-        samples['stop_1'],
-        samples['stop_2'],
-        impacts['time'],
-        impacts['x'] + impacts['y'],
-        impacts['stop'].astype(np.int64),
-    )

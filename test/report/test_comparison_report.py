@@ -700,9 +700,9 @@ def test_files(run, tmp_path):
     place = tmp_path / 'new' / 'report'
     seen = []
     run = without_pictures(run)
-    path = write_report(run, place, drawn=lambda done, total: seen.append((done, total)))
+    path = write_report(run, place, done=lambda: seen.append(1))
     assert path == place / 'report.html'
-    assert seen == [(k, 6) for k in range(1, 7)]
+    assert len(seen) == 6
     assert sorted(p.name for p in place.iterdir()) == ['report.html', 'report.json']
     parsed(path.read_text(encoding='utf-8'))
     numbers = json.loads((place / 'report.json').read_text(encoding='utf-8'))
