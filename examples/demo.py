@@ -31,7 +31,7 @@ from impact_damper_ros.cli.set_rig import RigParameterClient, ros_node
 from impact_damper_ros.replay import RecordedRun, Replay
 from impact_damper_ros.replay.rows import impacts_of
 from impact_damper_ros.report.drawing import save_figure
-from impact_damper_ros.report.run_figures import Closeup, SampledMotion, draw_motion
+from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
 from impact_damper_ros.rig import load_parameters
 from impact_damper_ros.rig.parameters_file import preset_file
 
@@ -136,7 +136,7 @@ def perform(node: subprocess.Popen[bytes], duration: float) -> None:
     print(f'\n{listener.states} joint_states and {listener.impacts} impacts arrived over DDS.')
 
 
-def recorded_motion(bag: Path) -> tuple[SampledMotion, list[float]]:
+def recorded_motion(bag: Path) -> tuple[Motion, list[float]]:
     """Return the motion of a recording, and the instants at which its stages end."""
     parts = list(Replay(RecordedRun(bag)))
     samples = np.concatenate([part.samples for part in parts])
@@ -149,14 +149,9 @@ def recorded_motion(bag: Path) -> tuple[SampledMotion, list[float]]:
         for done in part.command.done
         if isinstance(done, Mapping) and done.keys() & turned
     ]
-    motion = SampledMotion(
-        samples['time'] - start,
-        *(samples[name] for name in ('x', 'z', 'stop_1', 'stop_2')),
-        impacts['time'] - start,
-        impacts['x'] + impacts['y'],
-        impacts['stop'].astype(np.int64),
-    )
-    return motion, [*changes, float(motion.time[-1])]
+    for rows in (samples, impacts):
+        rows['time'] -= start
+    return Motion(samples, impacts), [*changes, float(samples['time'][-1])]
 
 
 def draw(bag: Path, measured: Sequence[Mapping[str, Any]], picture: Path) -> None:

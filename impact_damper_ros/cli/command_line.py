@@ -167,9 +167,11 @@ def command_parser(command: str, description: str, epilog: str = '') -> argparse
     return parser
 
 
-def add_bag_argument(parser: argparse.ArgumentParser) -> None:
-    """Let a command take a recording."""
-    parser.add_argument('bag', type=Path, metavar='BAG', help='bag directory or .mcap file')
+def add_bag_argument(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
+    """Let a command take a recording, or several."""
+    nargs = '+' if several else None
+    text = 'bag directory or .mcap file'
+    parser.add_argument('bag', type=Path, metavar='BAG', nargs=nargs, help=text)
 
 
 def add_node_option(parser: argparse.ArgumentParser) -> None:

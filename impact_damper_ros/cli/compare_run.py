@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from impact_damper_ros.compare import RunComparison, compare_bag
-from impact_damper_ros.outputs import check_directory, check_file
+from impact_damper_ros.outputs import check_directory, check_file, write_text
 from impact_damper_ros.report.text_report import comparison_text
 from impact_damper_ros.rig import load_parameters
 from impact_damper_ros.rig.quoting import printable
@@ -22,6 +22,7 @@ from .command_line import (
     add_node_option,
     add_path_option,
     add_quiet_option,
+    check_figure,
     command_parser,
     need_matplotlib,
     outcome,
@@ -45,12 +46,13 @@ finds no motion, does not differ); 1 if one does (or a file cannot be written); 
 argument is invalid; 3 if nothing differs, but the bag is cut, damaged, or holds messages that
 contradict one another; 130 on Ctrl-C, 143 on SIGTERM.
 Example: compare_run runs/run_20250131_120000 --json result.json --report report
+Scores:  compare_run --score runs/timed runs/amplitude --markdown score.md --figure score.png
 """
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser('compare_run', _DESCRIPTION, _EPILOG)
-    add_bag_argument(parser)
+    add_bag_argument(parser, several=True)
     add_node_option(parser)
     add_recorded_law_option(parser)
     add_json_option(parser)
@@ -64,6 +66,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     rig = 'parameters of the rig, for a bag recorded without them (without snapshot)'
     add_path_option(parser, '--params', rig, 'FILE.yaml')
+    parser.add_argument(
+        '--score',
+        action='store_true',
+        help='score the control of one or several recordings, each beside the same run with the '
+        'best fixed gap and without damper',
+    )
+    add_path_option(parser, '--markdown', 'with --score: write the table (- : stdout)')
+    add_path_option(parser, '--figure', 'with --score: draw the amplitudes of all recordings')
     add_quiet_option(parser, 'tables')
     return parser
 
@@ -89,32 +99,58 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
             return reached
 
         return compare_bag(
-            arguments.bag, arguments.node, rig, law=arguments.law, progress=progress
+            arguments.bag[0], arguments.node, rig, law=arguments.law, progress=progress
         )
 
 
 def _write_report(arguments: argparse.Namespace, comparison: RunComparison, command: str) -> Path:
-    from impact_damper_ros.report.html_report import write_report
+    from impact_damper_ros.report.html_report import MOST_DETAILED, write_report
 
-    count = len(comparison.stretches)
-    with progress_bar('drawn', count, 'steps', quiet=arguments.quiet) as bar:
-
-        def drawn(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+    steps = 2 * min(len(comparison.stretches), MOST_DETAILED)
+    with progress_bar('drawn', steps, 'steps', quiet=arguments.quiet) as bar:
         return write_report(
             comparison,
             arguments.report,
             command=command,
             gap_curves=arguments.gap_curves,
-            drawn=drawn,
+            done=bar.update,
         )
+
+
+def _scored(arguments: argparse.Namespace) -> int:
+    """Score recordings, and write what was asked for."""
+    from impact_damper_ros.compare.score import score_bag
+    from impact_damper_ros.report.score_report import score_figure, score_table, score_text
+
+    runs = []
+    with progress_bar('scored', len(arguments.bag), 'runs', quiet=arguments.quiet) as bar:
+        for bag in arguments.bag:
+            runs.append(score_bag(bag, arguments.node, law=arguments.law))
+            bar.update()
+    write_json(arguments.json, {'runs': [run.as_dict() for run in runs]})
+    if arguments.markdown is not None:
+        write_text(arguments.markdown, score_table(runs).markdown() + '\n')
+    if arguments.figure is not None:
+        from impact_damper_ros.report.drawing import save_figure
+
+        save_figure(score_figure(runs), arguments.figure)
+    if not arguments.quiet:
+        taken = arguments.json if str(arguments.markdown) != '-' else arguments.markdown
+        print(printable(score_text(runs)), file=text_stream(taken))
+    return min((code for run in runs if (code := run.exit_code)), default=0)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
-    arguments = _parser().parse_args(argv)
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    ignored = ('report', 'params') if arguments.score else ('markdown', 'figure')
+    for name in ignored:
+        if getattr(arguments, name) is not None:
+            only = 'without' if arguments.score else 'with'
+            parser.error(f'--{name} is used {only} --score only')
+    if len(arguments.bag) > 1 and not arguments.score:
+        parser.error('several recordings are scored: give --score, or one of them')
     command = shlex.join(['compare_run', *(sys.argv[1:] if argv is None else argv)])
 
     def work() -> int:
@@ -124,6 +160,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.report is not None:
             need_matplotlib()
             check_directory(arguments.report)
+        if arguments.markdown is not None:
+            check_file(arguments.markdown)
+        if arguments.figure is not None:
+            check_figure(arguments.figure)
+        if arguments.score:
+            return _scored(arguments)
         comparison = _compared(arguments)
         write_json(arguments.json, comparison.as_dict())
         stream = text_stream(arguments.json)

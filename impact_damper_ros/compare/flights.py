@@ -89,7 +89,8 @@ class Integrals(NamedTuple):
     covered: float  # time, s
     total: float  # of X, m s
     squares: float  # of X^2, m^2 s
-    force: float  # work of the force on M; NaN if its phase is not known, as the next
+    force: float  # work of the force on M; NaN if its phase is not known, as the next two
+    active: float  # the part of it that is work of the active force
     dashpot: float
     friction: float
     air: float
@@ -323,7 +324,7 @@ class Flights:
         rows, rig = self.rows, self.rig
         largest = float(np.abs(rows['x']).max(initial=0.0)) if len(rows) else math.nan
         covered = total = squares = 0.0
-        force = dashpot = math.nan
+        force = active = dashpot = math.nan
         if self.drive is not None:
             force = dashpot = 0.0
             index, begin, step = self._pieces(most)
@@ -336,6 +337,7 @@ class Flights:
             total = float(np.sum(weights * x))
             squares = float(np.sum(weights * x * x))
             force = float(np.sum(weights * push * velocity))
+            active = float(np.sum(weights * self.active[flat] * velocity))
             dashpot = rig.damping * float(np.sum(weights * velocity * velocity))
             largest = max(largest, self._turning(flat, points.ravel(), x, largest))
         rise = np.diff(rows['y'])
@@ -351,6 +353,7 @@ class Flights:
             total,
             squares,
             force,
+            active,
             dashpot,
             friction,
             air,

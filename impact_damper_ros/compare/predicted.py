@@ -187,7 +187,6 @@ class DecayRate:
     """Measured factor by which deviations shrink in a period."""
 
     factor: float  # largest modulus of the eigenvalues; NaN if it could not be measured
-    angle: float  # of that eigenvalue, rad, from 0 to pi
     start: int  # the periods on which it was measured
     stop: int
 
@@ -203,7 +202,7 @@ def decay_rate(states: Array, floor: float) -> DecayRate:
     stop = int(small[0]) if len(small) else len(sizes)
     count = stop - start
     if count < _LEAST_PERIODS:
-        return DecayRate(math.nan, math.nan, start, start)
+        return DecayRate(math.nan, start, start)
     steps, sizes = steps[start:stop], sizes[start:stop, None]
     before, after = (steps[:-1] / sizes[:-1]).T, (steps[1:] / sizes[:-1]).T
     modes, values, rows = np.linalg.svd(before, full_matrices=False)
@@ -211,8 +210,7 @@ def decay_rate(states: Array, floor: float) -> DecayRate:
     rank = int(min(rank, (values > _NEGLIGIBLE * values[0]).sum()))
     modes, values, rows = modes[:, :rank], values[:rank], rows[:rank]
     map_ = modes.T @ after @ rows.T / values
-    eigenvalue = max(np.linalg.eigvals(map_), key=abs)
-    return DecayRate(float(abs(eigenvalue)), float(abs(np.angle(eigenvalue))), start, stop)
+    return DecayRate(float(np.abs(np.linalg.eigvals(map_)).max()), start, stop)
 
 
 #: Periods shown at most, and after the distance has reached the resolution of the stamps.

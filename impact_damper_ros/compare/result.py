@@ -11,7 +11,7 @@ called relative.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from typing import Any, Self
@@ -29,67 +29,45 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ImpactStates:
-    """
-    The impacts of one period, in order.
+    """The impacts of one period, in order."""
 
-    Attributes
-    ----------
-    stops : tuple of int
-        The stops hit, 1 (the lower one) or 2.
-    phases : tuple of float
-        Instants in cycles of the force since its zero angle, the first in [0, 1), all in [0, k).
-    x : tuple of float
-        X, m.
-    primary_velocity_before, primary_velocity_after : tuple of float
-        X' just before and just after, m/s.
-    damper_velocity_before, damper_velocity_after : tuple of float
-        Z' just before and just after, m/s.
-    impulse : tuple of float
-        Moduli of the impulses, N s.
-    """
-
+    #: The stops hit, 1 (the lower one) or 2.
     stops: tuple[int, ...]
+    #: Instants in cycles of the force since its zero angle, the first in [0, 1), all in [0,
+    #: k).
     phases: tuple[float, ...]
+    #: X, m.
     x: tuple[float, ...]
+    #: X' just before and just after, m/s.
     primary_velocity_before: tuple[float, ...]
     primary_velocity_after: tuple[float, ...]
+    #: Z' just before and just after, m/s.
     damper_velocity_before: tuple[float, ...]
     damper_velocity_after: tuple[float, ...]
+    #: Moduli of the impulses, N s.
     impulse: tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class MeasuredMotion:
-    """
-    The steady part of a stretch or, if the motion does not settle, its second half.
+    """The steady part of a stretch or, if the motion does not settle, its second half."""
 
-    Attributes
-    ----------
-    start, end : float
-        The part measured, s.
-    x_max, x_rms : float
-        Largest |X| and root mean square of X, m.
-    amplitude_ratio : float
-        x_max over the amplitude A without impacts; NaN if A is not defined.
-    impacts : int
-        Number of impacts.
-    impacts_per_cycle : float
-        The same per cycle of the force; NaN without a force.
-    mean_impulse, largest_impulse : float
-        Of the impacts, N s; 0 without any.
-    last_period : ImpactStates or None
-        The last whole period of a periodic or settling motion.
-    """
-
+    #: The part measured, s.
     start: float
     end: float
+    #: Largest |X| and root mean square of X, m.
     x_max: float
     x_rms: float
+    #: x_max over the amplitude A without impacts; NaN if A is not defined.
     amplitude_ratio: float
+    #: Number of impacts.
     impacts: int
+    #: The same per cycle of the force; NaN without a force.
     impacts_per_cycle: float
+    #: Of the impacts, N s; 0 without any.
     mean_impulse: float
     largest_impulse: float
+    #: The last whole period of a periodic or settling motion.
     last_period: ImpactStates | None = None
 
 
@@ -100,45 +78,40 @@ class Overall:
 
     Of a replayed run they are exact. Of one that cannot be replayed, they are those of the flights
     that the recorded states begin; intervals with missing samples are left out of the integrals.
-
-    Attributes
-    ----------
-    duration : float
-        Length, s.
-    covered : float
-        How much of it the integrals (`x_rms`, `dashpot_energy`, `force_work`) cover, s.
-    x_max : float
-        Largest |X|, also between the samples, m; X from the static equilibrium of M.
-    x_rms : float
-        Root mean square of X over the time covered, m; the mean of X is not subtracted.
-    impacts, impacts_on_stop_1, impacts_on_stop_2 : int
-        Number of recorded impacts.
-    impact_energy : float
-        Kinetic energy that M lost in the impacts, J. Contact with a resting m is no impact.
-    impact_loss : float
-        Kinetic energy that M and m together lost in them, J; the remainder of `impact_energy` was
-        given to m.
-    dashpot_energy : float
-        Energy that the dashpot took from M, J.
-    force_work : float
-        Work of the force on M, J; NaN if its phase is not known.
-    accuracy : float
-        Estimate of the relative error of `x_max`, `x_rms`, `dashpot_energy` and `force_work`: 0 of
-        a replayed run, else mu (W h)^3/50 with friction, with the longest interval h, the highest
-        circular frequency W of natural vibration and force, and the mass ratio mu.
     """
 
+    #: Length, s.
     duration: float
+    #: How much of it the integrals (`x_rms`, `dashpot_energy`, `force_work`) cover, s.
     covered: float
+    #: Largest |X|, also between the samples, m; X from the static equilibrium of M.
     x_max: float
+    #: Root mean square of X over the time covered, m; the mean of X is not subtracted.
     x_rms: float
+    #: Number of recorded impacts.
     impacts: int
     impacts_on_stop_1: int
     impacts_on_stop_2: int
+    #: Kinetic energy that M lost in the impacts, J. Contact with a resting m is no impact.
     impact_energy: float
+    #: Kinetic energy that M and m together lost in them, J; the remainder of `impact_energy`
+    #: was given to m.
     impact_loss: float
+    #: Energy that the dashpot took from M, J.
     dashpot_energy: float
+    #: Work of the force on M, J; NaN if its phase is not known.
     force_work: float
+    #: The part of it that is the work of a controller's active force, J.
+    active_work: float
+    #: Energy that the actuators of the stops spent, J; NaN if the run was not replayed.
+    actuator_energy: float
+    #: Sum and largest of the impulses of the impacts, N s.
+    total_impulse: float
+    largest_impulse: float
+    #: Estimate of the relative error of `x_max`, `x_rms`, `dashpot_energy` and `force_work`:
+    #: 0 of a replayed run, else mu (W h)^3/50 with friction, with the longest interval h,
+    #: the highest circular frequency W of natural vibration and force, and the mass ratio
+    #: mu.
     accuracy: float
 
     @classmethod
@@ -146,108 +119,74 @@ class Overall:
         """Return the same over several stretches: sums, the largest |X|, the common rms."""
         covered = sum(part.covered for part in parts)
         squares = sum(part.x_rms**2 * part.covered for part in parts if part.covered > 0.0)
-        largest = [part.x_max for part in parts if not math.isnan(part.x_max)]
-        return cls(
-            duration=sum(part.duration for part in parts),
-            covered=covered,
-            x_max=max(largest, default=math.nan),
-            x_rms=math.sqrt(squares / covered) if covered > 0.0 else math.nan,
-            impacts=sum(part.impacts for part in parts),
-            impacts_on_stop_1=sum(part.impacts_on_stop_1 for part in parts),
-            impacts_on_stop_2=sum(part.impacts_on_stop_2 for part in parts),
-            impact_energy=math.fsum(part.impact_energy for part in parts),
-            impact_loss=math.fsum(part.impact_loss for part in parts),
-            dashpot_energy=math.fsum(part.dashpot_energy for part in parts),
-            force_work=math.fsum(part.force_work for part in parts),
-            accuracy=max((part.accuracy for part in parts), default=0.0),
-        )
+        joined: dict[str, Any] = {
+            f.name: math.fsum(getattr(part, f.name) for part in parts)
+            for f in fields(cls)
+            if f.type == 'float'
+        }
+        for name in ('x_max', 'largest_impulse', 'accuracy'):
+            # What is not known of one stretch takes no part
+            values = [getattr(part, name) for part in parts]
+            joined[name] = max([v for v in values if not math.isnan(v)], default=math.nan)
+        joined['x_rms'] = math.sqrt(squares / covered) if covered > 0.0 else math.nan
+        counts = ('impacts', 'impacts_on_stop_1', 'impacts_on_stop_2')
+        return cls(**joined, **{n: sum(getattr(part, n) for part in parts) for n in counts})
 
 
 @dataclass(frozen=True)
 class EnergyBalance:
-    """
-    Energy over whole periods, J: force + air = dashpot + friction + impacts + stored + residual.
+    """Energy, J: force + air = dashpot + friction + impacts + stored + residual."""
 
-    Attributes
-    ----------
-    start, end : float
-        Rig time, s.
-    periods : int
-        Periods between them; cycles of the force if the motion is not periodic.
-    force, air : float
-        Work of the force on M, and of the compressed air on both masses.
-    dashpot, friction, impacts : float
-        Energy lost in each; the bounces that end a chatter count as impacts.
-    stored : float
-        Change of kinetic and potential energy.
-    residual : float
-        The unexplained remainder.
-    tolerance : float
-        Largest residual that round-off, or the steps of friction between samples, explain.
-    """
-
+    #: Rig time, s.
     start: float
     end: float
+    #: Whole periods between them; cycles of the force if the motion is not periodic.
     periods: int
+    #: Work of the force on M, and of the compressed air on both masses.
     force: float
     air: float
+    #: Energy lost in each; the bounces that end a chatter count as impacts.
     dashpot: float
     friction: float
     impacts: float
+    #: Change of kinetic and potential energy.
     stored: float
+    #: The unexplained remainder.
     residual: float
+    #: Largest residual that round-off, or the steps of friction between samples, explain.
     tolerance: float
 
 
 @dataclass(frozen=True)
 class Decay:
-    """
-    The approach to the periodic motion.
+    """The approach to the periodic motion."""
 
-    Attributes
-    ----------
-    measured : float
-        Factor by which the distance shrinks in a period; NaN if it could not be measured.
-    predicted : float
-        Largest modulus of the multipliers; NaN without a prediction.
-    periods : int
-        Periods on which it was measured.
-    distance : float
-        Distance from the periodic motion at the end, relative.
-    floor : float
-        Smallest distance that the digits of the instants resolve.
-    """
-
+    #: Factor by which the distance shrinks in a period; NaN if it could not be measured.
     measured: float
+    #: Largest modulus of the multipliers; NaN without a prediction.
     predicted: float
+    #: Periods on which it was measured.
     periods: int
+    #: Distance from the periodic motion at the end, relative.
     distance: float
+    #: Smallest distance that the digits of the instants resolve.
     floor: float
 
 
 @dataclass(frozen=True)
 class Finding:
-    """
-    A number or message of the log that is not as expected.
+    """A number or message of the log that is not as expected."""
 
-    Attributes
-    ----------
-    quantity, unit : str
-        What differs: ``'X at impact 2'``, ``'gap'``.
-    time : float
-        Rig time, s.
-    measured, expected, tolerance : float
-        The numbers; NaN if there are none.
-    text : str
-        A sentence with the numbers.
-    """
-
+    #: What differs: ``'X at impact 2'``, ``'gap'``.
     quantity: str
     unit: str
+    #: Rig time, s.
     time: float
+    #: The numbers; NaN if there are none.
     measured: float
     expected: float
     tolerance: float
+    #: A sentence with the numbers.
     text: str
 
     @property
@@ -394,72 +333,48 @@ class LoggedStretch:
 
 @dataclass(frozen=True, kw_only=True)
 class StretchComparison(LoggedStretch):
-    """
-    One stretch of a run compared with theory.
+    """One stretch of a run compared with theory."""
 
-    Attributes
-    ----------
-    samples, impacts, missing_samples : int
-        Numbers of recorded joint states and impacts, and of missing joint states.
-    kind : MotionKind
-        The kind of the motion.
-    evidence : str
-        The numbers that show it, as a sentence.
-    measures : mapping of str to float
-        The same numbers by name.
-    cycles : int
-        Period k in cycles of the force; 0 if the motion is not periodic.
-    settled_at : float or None
-        Rig time from which the motion is steady, s; None if it does not become steady.
-    overall : Overall or None
-        Swing, impacts and energy over the whole stretch.
-    measured : MeasuredMotion or None
-        The steady part.
-    predicted : PeriodicOrbit or None
-        The periodic motion predicted for the logged parameters, the nearest to the measured one,
-        beginning at the same impact as `measured.last_period`.
-    predicted_impulse : tuple of float
-        Its impulses, N s.
-    solver : str
-        The method that found it, or why there is no prediction.
-    energy : EnergyBalance or None
-        Over whole periods.
-    decay : Decay or None
-        Into the steady state.
-    verdict : Verdict
-        How it compares.
-    sentence : str
-        The verdict in words, with numbers.
-    findings : tuple of Finding
-        In what it differs from theory, the earliest first.
-    log : LogVerdict
-        Whether its log is that of the rig, whatever theory says.
-    log_findings : tuple of Finding
-        In what the log differs from the replay, the earliest first.
-    curves : StretchCurves
-        For plots.
-    """
-
+    #: Numbers of recorded joint states and impacts, and of missing joint states.
     samples: int
     impacts: int
     missing_samples: int = 0
+    #: The kind of the motion.
     kind: MotionKind
+    #: The numbers that show it, as a sentence.
     evidence: str
+    #: The same numbers by name.
     measures: Mapping[str, float] = field(default_factory=dict)
+    #: Period k in cycles of the force; 0 if the motion is not periodic.
     cycles: int = 0
+    #: Rig time from which the motion is steady, s; None if it does not become steady.
     settled_at: float | None = None
+    #: Swing, impacts and energy over the whole stretch.
     overall: Overall | None = None
+    #: The steady part.
     measured: MeasuredMotion | None = None
+    #: The periodic motion predicted for the logged parameters, the nearest to the measured
+    #: one, beginning at the same impact as `measured.last_period`.
     predicted: PeriodicOrbit | None = None
+    #: Its impulses, N s.
     predicted_impulse: tuple[float, ...] = ()
+    #: The method that found it, or why there is no prediction.
     solver: str = ''
+    #: Over whole periods.
     energy: EnergyBalance | None = None
+    #: Into the steady state.
     decay: Decay | None = None
+    #: How it compares.
     verdict: Verdict
+    #: The verdict in words, with numbers.
     sentence: str
+    #: In what it differs from theory, the earliest first.
     findings: tuple[Finding, ...] = ()
+    #: Whether its log is that of the rig, whatever theory says.
     log: LogVerdict = LogVerdict.NOT_CHECKED
+    #: In what the log differs from the replay, the earliest first.
     log_findings: tuple[Finding, ...] = ()
+    #: For plots.
     curves: StretchCurves = field(default_factory=StretchCurves)
 
     @property
@@ -477,68 +392,45 @@ class StretchComparison(LoggedStretch):
 
 @dataclass(frozen=True)
 class LogCheck:
-    """
-    How the numbers of a log were checked.
+    """How the numbers of a log were checked."""
 
-    Attributes
-    ----------
-    replayed : bool
-        Whether the log was replayed from its first snapshot, and every number held against that.
-    text : str
-        What was checked, in words.
-    differences : int
-        Number of values and messages that differ from the replay.
-    unchecked : tuple of str
-        Topics and parameters that were not checked.
-    """
-
+    #: Whether the log was replayed from its first snapshot, and every number held against
+    #: that.
     replayed: bool
+    #: What was checked, in words.
     text: str
+    #: Number of values and messages that differ from the replay.
     differences: int = 0
+    #: Topics and parameters that were not checked.
     unchecked: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunComparison:
-    """
-    A recorded run compared with theory.
+    """A recorded run compared with theory."""
 
-    Attributes
-    ----------
-    bag, node : str
-        The recording, and the node that was recorded.
-    version : str
-        Of this package.
-    complete : bool
-        Whether the bag was finished and nothing of it is missing.
-    stamps : str
-        Kind of the time stamps: ``'rig time'``, or ``'times of arrival'``.
-    start, end : float
-        Rig times of the first and last sample, s.
-    samples, impacts : int
-        Numbers of joint states and of impacts.
-    stretches : tuple of StretchComparison
-        In order.
-    log : LogCheck
-        How the numbers were checked.
-    faults : tuple of str
-        Why the bag could be used in part only.
-    remarks : tuple of str
-        Other facts about the recording.
-    """
-
+    #: The recording, and the node that was recorded.
     bag: str
     node: str
+    #: Of this package.
     version: str
+    #: Whether the bag was finished and nothing of it is missing.
     complete: bool
+    #: Kind of the time stamps: ``'rig time'``, or ``'times of arrival'``.
     stamps: str
+    #: Rig times of the first and last sample, s.
     start: float
     end: float
+    #: Numbers of joint states and of impacts.
     samples: int
     impacts: int
+    #: In order.
     stretches: tuple[StretchComparison, ...]
+    #: How the numbers were checked.
     log: LogCheck = field(default_factory=lambda: LogCheck(False, 'the log was not checked'))
+    #: Why the bag could be used in part only.
     faults: tuple[str, ...] = ()
+    #: Other facts about the recording.
     remarks: tuple[str, ...] = ()
 
     @property
@@ -556,27 +448,24 @@ class RunComparison:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all but the curves in types of JSON; numbers that are not finite become None."""
-        plain = _plain(self)
-        assert isinstance(plain, dict)
-        return {**plain, 'overall': _plain(self.overall), 'exit_code': self.exit_code}
+        plain: dict[str, Any] = as_plain(self, without=('curves',))
+        return {**plain, 'overall': as_plain(self.overall), 'exit_code': self.exit_code}
 
 
-def _plain(value: Any) -> Any:
+def as_plain(value: Any, without: Collection[str] = ()) -> Any:
+    """Return a value in types of JSON, records without some fields; None where not finite."""
     if isinstance(value, PeriodicOrbit | RigParameters):
-        return _plain(value.as_dict())
+        return as_plain(value.as_dict())
     if is_dataclass(value) and not isinstance(value, type):
-        plain = {
-            f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name != 'curves'
-        }
-        if isinstance(value, Finding):
-            plain['difference'] = _plain(value.difference)
-        return plain
+        names = [f.name for f in fields(value) if f.name not in without]
+        names += ['difference'] * isinstance(value, Finding)
+        return {name: as_plain(getattr(value, name), without) for name in names}
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, Mapping):
-        return {str(name): _plain(entry) for name, entry in value.items()}
+        return {str(name): as_plain(entry) for name, entry in value.items()}
     if isinstance(value, tuple | list):
-        return [_plain(entry) for entry in value]
+        return [as_plain(entry, without) for entry in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

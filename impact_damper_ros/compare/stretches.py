@@ -13,7 +13,7 @@ the whole stretch see all of them, part by part.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self
 
@@ -22,6 +22,7 @@ import numpy as np
 from impact_damper_ros.control import GAP_CONTROL_SPECS, Rig
 from impact_damper_ros.replay import RecordedRun, Replay, Rows
 from impact_damper_ros.replay.command import Command
+from impact_damper_ros.replay.replay import Step
 from impact_damper_ros.replay.rows import (
     NO_EVENTS,
     NO_SAMPLES,
@@ -202,6 +203,7 @@ class StretchBuilder:
         self._parts: list[Flights] = []
         self._count = self._missing = 0
         self._hits = [0, 0]
+        self._impulses = [0.0, 0.0]
         self._last_time = math.nan
         self._envelope = Envelope()
         self._totals = Integrals(*[0.0] * len(Integrals._fields))
@@ -222,6 +224,12 @@ class StretchBuilder:
         self._count += len(samples)
         for stop in (1, 2):
             self._hits[stop - 1] += int((hits['stop'] == stop).sum())
+        total, largest = self._impulses
+        impulses = hits['impulse']
+        self._impulses = [
+            total + float(impulses.sum()),
+            max(largest, float(impulses.max(initial=0.0))),
+        ]
         self._look_for_gaps(samples['time'])
         self._envelope.take(samples['time'], samples['x'])
         ends = [float(rows['time'][-1]) for rows in (samples, events) if len(rows)]
@@ -307,7 +315,7 @@ class StretchBuilder:
             samples=np.concatenate([NO_SAMPLES, *self._samples]),
             counts=(self._count, self._missing, sum(self._hits)),
             envelope=self._envelope.finish(),
-            overall=self._overall(end - self._start),
+            overall=self._overall(end - self._start, at_end),
             at_end=at_end or {},
         )
 
@@ -326,13 +334,16 @@ class StretchBuilder:
         rows['x'][1], rows['y'][1], rows['kind'][1] = x[0], y[0], STATE
         self._follow(rows[1:])
 
-    def _overall(self, duration: float) -> Overall:
+    def _overall(self, duration: float, at_end: Mapping[str, Any] | None) -> Overall:
         rig, totals = self._rig.parameters, self._totals
         accuracy = 0.0
         if not self._replayed and rig.friction * rig.gravity > 0.0:
             turned = max([rig.omega, *rig.harmonics[1]]) * self._longest
             accuracy = _STEPS * rig.mass_ratio * turned**3
         known = totals.covered > 0.0
+        spent = math.nan
+        if at_end and self._rig.state is not None:
+            spent = _spent(at_end) - _spent(self._rig.state)
         return Overall(
             duration=duration,
             covered=totals.covered,
@@ -345,6 +356,10 @@ class StretchBuilder:
             impact_loss=totals.impact_loss,
             dashpot_energy=totals.dashpot,
             force_work=totals.force,
+            active_work=totals.active,
+            actuator_energy=spent,
+            total_impulse=self._impulses[0],
+            largest_impulse=self._impulses[1],
             accuracy=accuracy,
         )
 
@@ -355,6 +370,17 @@ def _drive_of(snapshot: Snapshot, time: float) -> Drive:
     rates = (frequency_at(parameters, snapshot.sweep.step), *parameters.harmonics[1][1:])
     pairs = zip(snapshot.angles, rates, strict=True)
     return Drive(time, tuple(angle + rate * (time - origin) for angle, rate in pairs), rates)
+
+
+def builder_at(state: Mapping[str, Any], start: float = -math.inf) -> StretchBuilder:
+    """Return the builder of a part of a run, given a state before it, from there or a start, s."""
+    rig = LoggedRig.of_snapshot(state)
+    return StretchBuilder(0, Beginning.START, '', max(start, float(state['time'])), rig)
+
+
+def _spent(state: Mapping[str, Any]) -> float:
+    """Return the energy that the actuators of the stops have spent up to a snapshot, J."""
+    return math.fsum(state['gap_control']['state']['actuators']['energies'])
 
 
 def _state_row(state: Mapping[str, Any]) -> Events:
@@ -383,6 +409,7 @@ class _Piece(NamedTuple):
     rig: LoggedRig | None = None
     begins: Beginning = Beginning.CHANGE
     before: Mapping[str, Any] = {}
+    steps: Sequence[tuple[int, Step]] = ()
 
 
 def _begins(command: Command) -> Beginning:
@@ -397,7 +424,7 @@ def _replayed_pieces(replay: Replay) -> Iterator[_Piece]:
         command, rig = part.command, None
         if command is not None:
             rig = LoggedRig.of_snapshot(command.state)
-        piece = _Piece(part.samples, part.events, before=part.before)
+        piece = _Piece(part.samples, part.events, before=part.before, steps=part.steps)
         if command is not None:
             piece = piece._replace(time_ns=command.time_ns, rig=rig, begins=_begins(command))
         yield piece
@@ -468,6 +495,8 @@ class Stretches:
     ----------
     start, end : float
         Rig times of the first and last sample, s; NaN without any.
+    steps : list of (int, Step)
+        Changes and resets so far, each with its rig time, ns; of a replayed run.
     """
 
     def __init__(self, source: Replay | RecordedPieces) -> None:
@@ -478,6 +507,7 @@ class Stretches:
         self._cut: float | None = None
         self._rig: LoggedRig | None = None
         self.start = self.end = math.nan
+        self.steps: list[tuple[int, Step]] = []
 
     def __iter__(self) -> Iterator[RecordedStretch]:
         """Yield each stretch as soon as it ends."""
@@ -489,6 +519,7 @@ class Stretches:
             if isinstance(source, RecordedPieces) and self._rig is None:
                 self._rig = source.rig
             before = piece.before or before
+            self.steps += piece.steps
             time = piece.time_ns / 1e9 if piece.rig is not None else math.inf
             early = piece.events['time'] < time
             self._take(piece.samples, piece.events[early])

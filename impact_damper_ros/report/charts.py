@@ -101,7 +101,7 @@ def _log_axis(axes: Any, low: float, high: float, factor: float = 1.0) -> None:
     axes.set_yscale('log')
     axes.set_ylim(low, high)
     axes.yaxis.set_major_locator(LogLocator(numticks=7))
-    axes.yaxis.set_major_formatter(lambda value, _: f'{factor * value:.0e}')
+    axes.yaxis.set_major_formatter(lambda value, _: number(factor * value, 1))
     axes.yaxis.set_minor_locator(NullLocator())
 
 
@@ -288,6 +288,8 @@ def _end_of(motion: MotionCurve) -> MotionCurve:
     """Return the last part of a motion, as much as fits into a narrow picture."""
     start, end = motion.time[0], motion.time[-1]
     late = motion.time >= end - _LAST * (end - start)
+    if not np.ptp(motion.time[late]) > 0.0:
+        return motion
     return MotionCurve(*(getattr(motion, f.name)[late] for f in fields(motion)))
 
 
@@ -304,8 +306,7 @@ def _draw_impacts(axes: Any, impacts: Events, start: float, end: float) -> None:
 
 def _motion_of(stretch: StretchComparison) -> MotionCurve | None:
     motion = stretch.curves.motion
-    known = motion is not None and len(motion.time) > 1 and np.isfinite(motion.time).all()
-    return motion if known else None
+    return motion if motion is not None and np.ptp(motion.time) > 0.0 else None
 
 
 def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | None:
@@ -343,7 +344,7 @@ def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | 
             axes.axvline(at, color=COLORS['quiet'], linewidth=0.5, alpha=0.6, zorder=1)
         axes.plot(hit, place, **_RINGS, label='its impacts')
         caption += ' Over it is the predicted motion, with its impacts as rings.'
-    axes.set_xlim(start, end if end > start else start + 1e-9)
+    axes.set_xlim(start, end)
     return _picture(axes, 'Time history', caption, columns=0 if wide else 3)
 
 

@@ -13,7 +13,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from errno import ENOTDIR
-from functools import partial
 from importlib.resources import files
 from itertools import pairwise
 from os import strerror
@@ -263,7 +262,7 @@ def _safe(value: Any) -> Any:
 
 
 def with_gap_curves(
-    comparison: RunComparison, most: int, followed: Callable[[int, int], None] | None = None
+    comparison: RunComparison, most: int, done: Callable[[], object] = bool
 ) -> RunComparison:
     """
     Follow predicted motions in the gap, of stretches that are shown in detail.
@@ -273,7 +272,7 @@ def with_gap_curves(
     curves: dict[RigParameters, GapCurve] = {}
     found = {s.number: s for s in comparison.stretches}
     detailed = shown_stretches(comparison.stretches, MOST_DETAILED)
-    for count, stretch in enumerate(detailed, 1):
+    for stretch in detailed:
         orbit = stretch.predicted
         if orbit is not None and stretch.measured is not None and not orbit.parameters.one_sided:
             curve = curves.setdefault(
@@ -284,16 +283,12 @@ def with_gap_curves(
                 curve.follow(orbit)
                 drawn = replace(stretch.curves, gap_curve=curve.message(done=True))
                 found[stretch.number] = replace(stretch, curves=drawn)
-        if followed is not None:
-            followed(count, len(detailed))
+        done()
     return replace(comparison, stretches=tuple(found.values()))
 
 
 def report_page(
-    comparison: RunComparison,
-    *,
-    command: str = '',
-    drawn: Callable[[int, int], None] | None = None,
+    comparison: RunComparison, *, command: str = '', done: Callable[[], object] = bool
 ) -> str:
     """Return the page; the parameters are those of `write_report`."""
     import jinja2
@@ -307,10 +302,9 @@ def report_page(
     detailed = []
     with page_style():
         overview = _overview(comparison, chosen)
-        for count, stretch in enumerate(chosen, 1):
+        for stretch in chosen:
             detailed.append(_detail(stretch, before.get(stretch.number)))
-            if drawn is not None:
-                drawn(count, len(chosen))
+            done()
     style = (folder / 'report.css').read_text('utf-8').strip()
     template = environment.from_string((folder / 'report.html').read_text('utf-8'))
     page: str = template.render(
@@ -329,7 +323,7 @@ def write_report(
     *,
     command: str = '',
     gap_curves: bool = False,
-    drawn: Callable[[int, int], None] | None = None,
+    done: Callable[[], object] = bool,
 ) -> Path:
     """
     Write report.html and report.json, both whole or neither.
@@ -344,8 +338,8 @@ def write_report(
         The command line that was given, to be shown on the page.
     gap_curves : bool, optional
         Whether to follow each predicted motion in the gap, and not just the first three.
-    drawn : callable, optional
-        Called with the number of steps that are done, and of those to do: two for each stretch.
+    done : callable, optional
+        Called after each step: two for each of the stretches that are shown in detail.
 
     Returns
     -------
@@ -358,15 +352,9 @@ def write_report(
         If a file cannot be written; its `filename` is the file.
     """
     directory = Path(directory)
-    steps = 2 * min(len(comparison.stretches), MOST_DETAILED)
-
-    def done(count: int, _: int, before: int = 0) -> None:
-        if drawn is not None:
-            drawn(before + count, steps)
-
     most = MOST_DETAILED if gap_curves else _FEW_GAP_CURVES
     comparison = with_gap_curves(comparison, most, done)
-    page = report_page(comparison, command=command, drawn=partial(done, before=steps // 2))
+    page = report_page(comparison, command=command, done=done)
     numbers = json.dumps(comparison.as_dict(), indent=1, allow_nan=False) + '\n'
     if directory.exists() and not directory.is_dir():
         raise NotADirectoryError(ENOTDIR, strerror(ENOTDIR), str(directory))

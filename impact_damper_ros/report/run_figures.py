@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_damper_ros.compare.result import SwingEnvelope
+from impact_damper_ros.replay.rows import Events, Samples
 
 from .drawing import (
     COLORS,
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-Array = NDArray[np.float64]
-
 #: The part of the run that is shown close up.
 _BAND: dict[str, Any] = {'color': '#e69f00', 'alpha': 0.4, 'linewidth': 0}
 #: Depth of a stop in the figure, as a share of the gap.
@@ -37,21 +34,11 @@ _DEPTH = 0.15
 _MOST_LABELS = 6
 
 
-@dataclass(frozen=True)
-class SampledMotion:
-    """Sampled motion and impacts of a run."""
+class Motion(NamedTuple):
+    """Samples and impacts of a run, as rows."""
 
-    #: Time since the start of the run, s; positions of M, m and the stops along the axis, m.
-    #: Shape (n,).
-    time: Array
-    x: Array
-    z: Array
-    stop_1: Array
-    stop_2: Array
-    #: Instants of the impacts, s, and where m then is, m, shape (k,).
-    impact_time: Array
-    impact_position: Array
-    impact_stop: NDArray[np.int64]  # the stops hit, 1 or 2, shape (k,)
+    samples: Samples
+    impacts: Events
 
 
 class Closeup(NamedTuple):
@@ -67,26 +54,25 @@ class Side(NamedTuple):
 
     title: str
     envelope: SwingEnvelope
-    closeup: SampledMotion
+    closeup: Motion
 
 
 def _draw_closeup(
-    axes: Any, motion: SampledMotion, start: float, end: float, looks: Sequence[dict[str, Any]]
+    axes: Any, motion: Motion, start: float, end: float, looks: Sequence[dict[str, Any]]
 ) -> None:
     """Draw both masses, each in its look, stops and impacts from `start` to before `end`."""
-    inside = (motion.time >= start) & (motion.time < end)
-    time, stop_1, stop_2 = (a[inside] for a in (motion.time, motion.stop_1, motion.stop_2))
-    for place, look in zip((motion.x, motion.z), looks, strict=True):
-        axes.plot(time, place[inside], **look)
+    samples, hits = (rows[(rows['time'] >= start) & (rows['time'] < end)] for rows in motion)
+    time, stop_1, stop_2 = (samples[name] for name in ('time', 'stop_1', 'stop_2'))
+    for name, look in zip('xz', looks, strict=True):
+        axes.plot(time, samples[name], **look)
     depth = _DEPTH * float((stop_1 - stop_2).max(initial=0.0))
     draw_stop(axes, time, stop_1, depth, 'stops')
     draw_stop(axes, time, stop_2, -depth)
-    hits = (motion.impact_time >= start) & (motion.impact_time < end)
     for stop, look in IMPACTS.items():
-        at = hits & (motion.impact_stop == stop)
+        at = hits[hits['stop'] == stop]
         style = {'linestyle': 'none', 'markersize': 6.5, 'zorder': 5, **look}
         label = f'impact on stop {stop}'
-        axes.plot(motion.impact_time[at], motion.impact_position[at], **style, label=label)
+        axes.plot(at['time'], at['x'] + at['y'], **style, label=label)
     if end > start:
         axes.set_xlim(start, end)
 
@@ -119,7 +105,7 @@ def _legend(figure: Figure) -> None:
 
 @print_style()
 def draw_motion(
-    motion: SampledMotion,
+    motion: Motion,
     closeups: Sequence[Closeup],
     changes: Sequence[tuple[float, str]] = (),
     title: str = '',
@@ -132,14 +118,15 @@ def draw_motion(
     figure = blank_figure(11, 7)
     grid = figure.add_gridspec(2, max(1, len(closeups)), height_ratios=(1, 1.5))
     overview = figure.add_subplot(grid[0, :])
-    overview.plot(motion.time, motion.x, color=COLORS['primary'], linewidth=0.5)
+    time, x = motion.samples['time'], motion.samples['x']
+    overview.plot(time, x, color=COLORS['primary'], linewidth=0.5)
     for closeup in closeups:
         overview.axvspan(closeup.start, closeup.end, **_BAND, zorder=0, label='close up below')
-    overview.set_xlim(motion.time[0], motion.time[-1])
+    overview.set_xlim(time[0], time[-1])
     overview.margins(y=0.3)
     _mark_changes(overview, changes, len(changes))
     finish_panel(overview, '', 'time [s]', '')
-    unit_axis(overview.yaxis, 'X', 'm', motion.x)
+    unit_axis(overview.yaxis, 'X', 'm', x)
     looks = (
         {'color': COLORS['primary'], 'linewidth': 1.9, 'label': 'X, primary mass'},
         {'color': COLORS['damper'], 'linewidth': 1.2, 'label': 'Z, loose mass'},
@@ -150,7 +137,7 @@ def draw_motion(
         _draw_closeup(axes, motion, closeup.start, closeup.end, looks)
         finish_panel(axes, '', 'time [s]', '')
         if first is None:
-            unit_axis(axes.yaxis, 'position along the axis', 'm', motion.x)
+            unit_axis(axes.yaxis, 'position along the axis', 'm', x)
         axes.set_title(closeup.title)
         first = first or axes
     _legend(figure)
@@ -197,7 +184,7 @@ def draw_what_if(
     largest = [edge for s in sides for edge in (s.envelope.low, s.envelope.high)]
     overview = figure.add_subplot(grid[0, :])
     _draw_envelopes(overview, sides)
-    end = recorded.closeup.time
+    end = recorded.closeup.samples['time']
     if len(end) and end[0] > overview.get_xlim()[0]:
         overview.axvspan(end[0], end[-1], **_BAND, zorder=0, label='close up below')
     _mark_changes(overview, changes, _MOST_LABELS)
@@ -208,10 +195,11 @@ def draw_what_if(
     damper = {'color': COLORS['damper'], 'linewidth': 1.2, 'label': 'Z, loose mass'}
     pairs = zip((left, right), sides, sides[::-1], _RUNS.items(), strict=True)
     for axes, side, other, (label, color) in pairs:
-        motion, shadow = side.closeup, other.closeup
+        motion, shadow = side.closeup, other.closeup.samples
+        time = motion.samples['time']
         others = next(c for c in _RUNS.values() if c != color)
-        axes.plot(shadow.time, shadow.x, linewidth=0.8, color=others, alpha=0.8)
-        start, last = (motion.time[0], motion.time[-1]) if len(motion.time) else (0.0, 0.0)
+        axes.plot(shadow['time'], shadow['x'], linewidth=0.8, color=others, alpha=0.8)
+        start, last = (time[0], time[-1]) if len(time) else (0.0, 0.0)
         primary = {'color': color, 'linewidth': 1.9, 'label': label}
         _draw_closeup(axes, motion, start, np.nextafter(last, np.inf), (primary, damper))
         axes.locator_params(axis='x', nbins=6)

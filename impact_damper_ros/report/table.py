@@ -40,9 +40,10 @@ class Table:
     links: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of_rows(cls, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
-        """Return a table of one group, its first column a text."""
-        columns = [Column(title, 'number' if i else 'text') for i, title in enumerate(head)]
+    def of_rows(cls, head: Sequence[str], rows: Iterable[Sequence[Any]], texts: int = 1) -> Table:
+        """Return a table of one group, its first columns texts."""
+        kinds = ['text' if i < texts else 'number' for i in range(len(head))]
+        columns = [Column(*pair) for pair in zip(head, kinds, strict=True)]
         return cls(columns, [('', list(rows))])
 
     @property
@@ -66,6 +67,6 @@ class Table:
 
     def markdown(self) -> str:
         """Return it in Markdown, without an end of line after the last row."""
-        head, *rows = self._lines
+        head, *rows = ([cell.replace('|', '\\|') for cell in line] for line in self._lines)
         lines = [head, ['---'] * len(head), *rows]
         return '\n'.join(f'| {" | ".join(line)} |' for line in lines)

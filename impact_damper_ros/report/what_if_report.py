@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.compare import Beginning, LoggedRig, Overall
+from impact_damper_ros.compare import Overall
 from impact_damper_ros.compare.result import SwingEnvelope
-from impact_damper_ros.compare.stretches import RecordedStretch, StretchBuilder
+from impact_damper_ros.compare.stretches import RecordedStretch, builder_at
 from impact_damper_ros.control import Rig
 from impact_damper_ros.replay import Part, Replay, Setting
 from impact_damper_ros.replay.replay import Step
@@ -25,7 +25,7 @@ from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.quoting import counted, shown
 
 from .formatting import setting, unit_for
-from .run_figures import SampledMotion, Side, draw_what_if
+from .run_figures import Motion, Side, draw_what_if
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,7 +44,7 @@ class RunTotals:
     def __init__(self, state: Mapping[str, Any]) -> None:
         self._done: list[Overall] = []
         self._pieces: list[SwingEnvelope] = []
-        self._builder = _builder(state)
+        self._builder = builder_at(state)
 
     def look(self, samples: Samples, events: Events) -> None:
         """Take the next samples, and the events up to the last of them."""
@@ -55,7 +55,7 @@ class RunTotals:
         stretch = self._builder.finish(float(state['time']))
         self._done.append(stretch.overall)
         self._pieces.append(stretch.envelope)
-        self._builder = _builder(state)
+        self._builder = builder_at(state)
 
     @cached_property
     def overall(self) -> Overall:
@@ -94,11 +94,6 @@ class RunTotals:
             f'largest |X| {unit.factor * overall.x_max:.4g} {unit.name}, '
             f'rms {unit.factor * overall.x_rms:.4g} {unit.name}'
         )
-
-
-def _builder(state: Mapping[str, Any]) -> StretchBuilder:
-    rig = LoggedRig.of_snapshot(state)
-    return StretchBuilder(0, Beginning.START, '', float(state['time']), rig)
 
 
 def _longest_cycle(rig: RigParameters) -> float:
@@ -252,7 +247,7 @@ class WhatIfReport:
             Side(
                 f'{textwrap.fill(head, 66)}\n{totals.text()}',
                 totals.envelope(),
-                _motion(*trace),
+                Motion(*trace),
             )
             for head, totals, trace in zip(
                 (f'recorded: {was}', f'what if {now}'),
@@ -270,16 +265,3 @@ class WhatIfReport:
 
 def _with_unit(value: Any, name: str) -> str:
     return f'{setting(value)} {ALL_SPECS[name].unit}'.rstrip()
-
-
-def _motion(samples: Samples, impacts: Events) -> SampledMotion:
-    return SampledMotion(
-        samples['time'],
-        samples['x'],
-        samples['z'],
-        samples['stop_1'],
-        samples['stop_2'],
-        impacts['time'],
-        impacts['x'] + impacts['y'],
-        impacts['stop'].astype(np.int64),
-    )

@@ -300,6 +300,32 @@ def test_a_report(tmp_path, capsys):
     assert verdicts(numbers) == ['agrees']
 
 
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('value', [None, 1e300, 1e12])
+@pytest.mark.parametrize('count', [1, 2, 3, 40, 600])
+def test_a_report_of_short_and_of_wrong_recordings(tmp_path, value, count):
+    """A few messages without a snapshot, one of which may have a number that X cannot have."""
+    pytest.importorskip('matplotlib')
+    rig = RecordedRig(BENCH).start().run(600)
+    few = [m for m in rig.messages if m[0] in ('/joint_states', '/impacts')][:count]
+    middle = len(few) // 2
+    topic, content, stamp = few[middle]
+    if value is not None:
+        first = samples.numbers(content)[0][0]
+        few[middle] = (
+            topic,
+            content.replace(struct.pack('<d', first), struct.pack('<d', value), 1),
+            stamp,
+        )
+    bag = samples.record(tmp_path / 'bag', few)
+    params = params_file(tmp_path / 'params.yaml', BENCH)
+    report = tmp_path / 'report'
+    code, result = run(bag, tmp_path, '--params', str(params), '--report', str(report))
+    assert code in (0, 1, 3)
+    assert 0 <= result['samples'] + result['impacts'] <= len(few)
+    assert (report / 'report.html').exists()
+
+
 def test_a_mixed_bag_is_used_up_to_the_other_version(messages, tmp_path):
     """A snapshot of another version in the middle ends what can be used."""
     later = places(messages, '/snapshot')[2]

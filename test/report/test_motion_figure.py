@@ -10,17 +10,18 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
 
 from impact_damper_ros.report.drawing import save_figure
-from impact_damper_ros.report.run_figures import Closeup, SampledMotion, draw_motion
+from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
+from impact_damper_ros.rig import EVENT_TYPE, SAMPLE_TYPE
 
 
 def figure(closeups):
     time = np.linspace(0.0, 4.0, 401)
     x = 0.003 * np.sin(6.0 * time)
-    edge = np.full(len(time), 0.012)
-    hits = np.array([0.5, 1.5, 2.5])
-    stops = np.array([1, 2, 1])
-    motion = SampledMotion(time, x, 2.0 * x, x + edge, x - edge, hits, 0.0 * hits, stops)
-    return draw_motion(motion, closeups)
+    samples, impacts = np.zeros(len(time), SAMPLE_TYPE), np.zeros(3, EVENT_TYPE)
+    samples['time'], samples['x'], samples['z'] = time, x, 2.0 * x
+    samples['stop_1'], samples['stop_2'] = x + 0.012, x - 0.012
+    impacts['time'], impacts['stop'] = (0.5, 1.5, 2.5), (1, 2, 1)
+    return draw_motion(Motion(samples, impacts), closeups)
 
 
 def test_a_figure_leaves_the_style_of_others_alone(tmp_path):

@@ -79,6 +79,10 @@ def report(tmp_path_factory):
         impact_loss=700.25,
         dashpot_energy=310.25,
         force_work=1130.5,
+        active_work=0.0,
+        actuator_energy=0.0,
+        total_impulse=20.0,
+        largest_impulse=0.3,
         accuracy=2e-6,
     )
     stretches = tuple(dataclasses.replace(s, overall=overall) for s in run.stretches)

@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The score of a controlled run: how much M moved, how soon it settled, and what the control spent.
+
+Beside it are two runs of the same history, computed by the engine: with the best fixed gap, and
+with M alone. In them no control acts, neither on the stops nor on M.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.control import Outcome, OwnLaw, Rig
+from impact_damper_ros.orbits.settled_motion import cycle_of
+from impact_damper_ros.replay import RecordedRun, Replay, WhatIf
+from impact_damper_ros.replay.command import Command
+from impact_damper_ros.replay.replay import Step
+from impact_damper_ros.replay.rows import NO_SAMPLES
+from impact_damper_ros.rig.event_budget import EndlessEventsError
+
+from .result import Array, Overall, as_plain
+from .stretches import RecordedStretch, Stretches, builder_at
+
+#: The widest and the narrowest gap that is tried, as shares of the gap that would be optimal for M
+#: alone; steps of the first look between them; and the tolerance of the search, relative.
+_WIDEST, _NARROWEST, _STEPS, _TOLERANCE = 1.5, 3e-3, 24, 1e-3
+#: Restitution that counts at most in that gap: without losses at impacts it would be infinite.
+_MOST_RESTITUTION = 0.95
+#: M alone: what is left of m does not move it.
+_ALONE = 1e-9
+#: Cycles of a run from which on compiled code is worth its loading time.
+_COMPILED_FROM = 50
+#: Points of a cycle at which |X| is looked up, and fewest cycles that show a settling time.
+_POINTS, _FEWEST = 48, 8
+#: Share of the final amplitude within which it has settled.
+SETTLED_WITHIN = 0.05
+
+
+@dataclass(frozen=True)
+class Score:
+    """A stretch of a run, or all of it, beside the same with the best fixed gap and M alone."""
+
+    start: float  # rig time, s
+    end: float
+    cause: str  # why it begins; empty of a whole run
+    control: str  # the law in effect, or 'off'
+    #: Time after which the amplitude of X stays within 5 % of its final range, s; None if it still
+    #: changes at the end, and of a whole run.
+    settling_time: float | None
+    run: Overall
+    fixed_gap: Overall
+    alone: Overall
+
+
+@dataclass(frozen=True)
+class RunScore:
+    """The scores of a recorded run."""
+
+    bag: str
+    node: str
+    best_gap: float  # the fixed gap with which the rms of X over the whole run is least, m
+    stretches: tuple[Score, ...]
+    overall: Score
+    differences: int  # numbers of the log that are not those of its replay
+    faults: tuple[str, ...]  # why the bag could be used in part only
+    #: Middle of each cycle of the force, s, and largest |X| in it, m: of the run, and with the
+    #: best fixed gap.
+    amplitude: tuple[Array, Array]
+    fixed_amplitude: tuple[Array, Array]
+
+    @property
+    def exit_code(self) -> int:
+        """1 if the log differs from its replay, 3 if the bag is not whole, else 0."""
+        return 1 if self.differences else 3 if self.faults else 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all but the amplitudes in types of JSON; what is not known is None."""
+        found: dict[str, Any] = as_plain(self, without=('amplitude', 'fixed_amplitude'))
+        return found
+
+
+def amplitudes(stretch: RecordedStretch) -> tuple[Array, Array]:
+    """Return the middle of each cycle of the force, s, and the largest |X| in it, m."""
+    cycle = cycle_of(stretch.parameters)
+    flights = stretch.flights
+    count = int((stretch.end - float(flights.rows['time'][0])) / cycle) if len(flights) else 0
+    if not count:
+        return np.empty(0), np.empty(0)
+    begin = stretch.end - count * cycle
+    time, x, *_ = flights.curve(_POINTS / cycle)
+    edges = np.searchsorted(time, begin + cycle * np.arange(count))
+    size: Array = np.abs(x)
+    largest: Array = np.maximum.reduceat(size, np.minimum(edges, len(x) - 1))
+    half = 0.5 * cycle
+    return np.linspace(begin + half, stretch.end - half, count), largest
+
+
+def settling_time(stretch: RecordedStretch) -> float | None:
+    """
+    Return how long a stretch takes to settle, s; None if its amplitude still changes at its end.
+
+    Settled is a motion whose amplitude stays within the range of the second half of the stretch,
+    or 5 % of its mean if that is more. It still changes if the means of the last two quarters
+    differ by more than that.
+    """
+    time, largest = amplitudes(stretch)
+    if len(time) < _FEWEST:
+        return None
+    late = largest[len(largest) // 2 :]
+    third, fourth = (float(part.mean()) for part in np.array_split(late, 2))
+    level, band = float(late.mean()), SETTLED_WITHIN * float(late.mean())
+    if abs(fourth - third) > band:
+        return None
+    low, high = min(float(late.min()), level - band), max(float(late.max()), level + band)
+    far = np.flatnonzero((largest < low) | (largest > high))
+    if not len(far):
+        return 0.0
+    return float(time[far[-1]]) + 0.5 * cycle_of(stretch.parameters) - stretch.start
+
+
+class _History:
+    """What was done to a rig in a run, done again to it with other parameters."""
+
+    def __init__(
+        self, command: Command, steps: Sequence[tuple[int, Step]], start: float, end: float
+    ) -> None:
+        self._command, self._start, self._end = command, start, end
+        self._steps = [(time_ns / 1e9, step) for time_ns, step in steps]
+        self.compiled: bool | None = False
+
+    def run(self, held: Mapping[str, Any]) -> list[RecordedStretch]:
+        """
+        Return the stretches of a run with some parameters held.
+
+        Raises
+        ------
+        EndlessEventsError
+            If the rig has more events than it may.
+        """
+        other = WhatIf(self._command, {'gap_control': 'off', **held})
+        other.rig = Rig.restore(other.rig.snapshot(), self._command.law, compiled=self.compiled)
+        builder, found = builder_at(other.rig.snapshot(), self._start), []
+        for time, step in [*self._steps, (self._end, None)]:
+            result = other.rig.run(max(time, other.rig.time))
+            if result.outcome is not Outcome.COMPLETE:
+                raise EndlessEventsError(result.reason)
+            builder.take(NO_SAMPLES, result.events)
+            found.append(builder.finish(time, other.rig.snapshot()))
+            if step is not None:
+                events = other.carry_out(step)
+                builder = builder_at(other.rig.snapshot())
+                builder.take(NO_SAMPLES, events)
+        return found
+
+
+def _joined(stretches: Sequence[RecordedStretch]) -> Overall:
+    return Overall.joined([stretch.overall for stretch in stretches])
+
+
+def _best_gap(history: _History, alone: Overall, rig: Any) -> float:
+    """Return the fixed gap with which the rms of X over a history is least, m."""
+    from scipy.optimize import minimize_scalar
+
+    bounce = min(max(rig.restitution_1, rig.restitution_2), _MOST_RESTITUTION)
+    share = math.pi * (1.0 + bounce) / ((1.0 - bounce) * (1.0 + rig.mass_ratio))
+
+    def rms(log_gap: float) -> float:
+        try:
+            return _joined(history.run({'gap': math.exp(log_gap)})).x_rms
+        except EndlessEventsError:
+            return math.inf
+
+    low, high = (math.log(part * share * alone.x_max) for part in (_NARROWEST, _WIDEST))
+    tried = np.linspace(low, high, _STEPS)
+    found = [rms(log_gap) for log_gap in tried.tolist()]
+    best = int(np.argmin(found))
+    around = tried[max(best - 1, 0)], tried[min(best + 1, _STEPS - 1)]
+    refined = minimize_scalar(
+        rms, bounds=around, method='bounded', options={'xatol': _TOLERANCE, 'maxiter': 20}
+    )
+    # Over the gap the rms is not smooth
+    return math.exp(refined.x if refined.fun < found[best] else tried[best])
+
+
+def score_bag(
+    path: Path,
+    node: str | None = None,
+    *,
+    law: OwnLaw | None = None,
+    progress: Callable[[float], object] = float,
+) -> RunScore:
+    """
+    Score a recorded run, beside the same run with the best fixed gap and with M alone.
+
+    Parameters
+    ----------
+    path : Path
+        A bag directory or ``.mcap`` file, with a snapshot.
+    node : str, optional
+        Name or namespace of the node, if there are several rigs in the bag.
+    law : OwnLaw, optional
+        The law that moved the stops, for a rig with one of the user's own.
+    progress : callable, optional
+        Called now and then with the rig time reached in the recording, s.
+
+    Returns
+    -------
+    RunScore
+        The scores.
+
+    Raises
+    ------
+    RecordingError
+        If the bag cannot be read, or has no snapshot.
+    """
+    path = Path(path)
+    recorded = RecordedRun(path, node, purpose='score', law=law)
+    replay = Replay(recorded)
+    found = Stretches(replay)
+    stretches = []
+    for stretch in found:
+        progress(stretch.end)
+        stretches.append((stretch, settling_time(stretch), amplitudes(stretch)))
+    if not stretches:
+        raise RecordingError('score', path, 'it holds no motion of the rig')
+    findings = replay.findings
+    parts = [stretch for stretch, _, _ in stretches]
+    history = _History(replay.start, found.steps, parts[0].start, parts[-1].end)
+    rig = parts[0].parameters
+    alone = history.run(
+        {
+            'damper_mass': _ALONE * rig.primary_mass,
+            'friction': 0.0,
+            'air_force': 0.0,
+            'gap': 1e3 * max(_joined(parts).x_max, rig.gap),
+        }
+    )
+    if parts[-1].end - parts[0].start >= _COMPILED_FROM * cycle_of(rig):
+        history.compiled = None
+    gap = _best_gap(history, _joined(alone), rig) if _joined(alone).x_max else rig.gap
+    fixed = history.run({'gap': gap})
+
+    def within(others: Sequence[RecordedStretch], stretch: RecordedStretch) -> Overall:
+        """Return what adds up in another run from the begin to the end of a stretch."""
+        return _joined([one for one in others if stretch.start <= one.start < stretch.end])
+
+    scores = tuple(
+        Score(
+            stretch.start,
+            stretch.end,
+            stretch.cause,
+            str(stretch.control['gap_control']),
+            settled,
+            stretch.overall,
+            within(fixed, stretch),
+            within(alone, stretch),
+        )
+        for stretch, settled, _ in stretches
+    )
+    laws = ', '.join(dict.fromkeys(score.control for score in scores))
+    return RunScore(
+        str(path),
+        recorded.topics.name,
+        gap,
+        scores,
+        Score(
+            *(parts[0].start, parts[-1].end, '', laws, None),
+            *(_joined(run) for run in (parts, fixed, alone)),
+        ),
+        findings.difference_count,
+        tuple(findings.faults),
+        _series([swing for _, _, swing in stretches]),
+        _series([amplitudes(stretch) for stretch in fixed]),
+    )
+
+
+def _series(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    times, values = zip(*parts, strict=True)
+    return np.concatenate(times), np.concatenate(values)

@@ -1,0 +1,145 @@
+"""Scores against closed forms, against runs with the best gap, and against what was recorded."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from bag.recorded_rig import LIVELY, RecordedRig
+from rigs import BENCH, OFF_RESONANCE
+
+from impact_damper_ros.cli.compare_run import main
+from impact_damper_ros.compare.score import score_bag
+from impact_damper_ros.control import GapControlParameters, Order, Rig
+from impact_damper_ros.report.score_report import score_table
+from impact_damper_ros.rig import InitialConditions
+
+TIMED = GapControlParameters(
+    gap_control='timed', gap_min=0.002, gap_max=0.05, actuator_speed=2.0, actuator_delay=0.002
+)
+LOUDER = {'force_amplitudes': (1.8,)}
+
+
+def recorded(tmp_path, parameters, *, seconds=12, control=None, initial=None, name='bag'):
+    """Return a bag of two stretches, the second under a larger force."""
+    rig = RecordedRig(parameters, initial, control=control, offset=0).start()
+    rig.run(200 * seconds).run(200 * seconds, ('change', LOUDER))
+    return rig.save(tmp_path / name)
+
+
+@pytest.fixture(scope='module')
+def timed(tmp_path_factory):
+    return recorded(tmp_path_factory.mktemp('timed'), BENCH, control=TIMED)
+
+
+@pytest.fixture(scope='module')
+def score(timed):
+    return score_bag(timed)
+
+
+def test_m_alone_and_its_settling_time(tmp_path):
+    """From rest at resonance: X = A (e^(-zeta w t) - 1) cos w t but for terms of zeta."""
+    wide = BENCH.replace(
+        gap=5.0, friction=0.0, damper_mass=1e-6, force_frequencies=(BENCH.omega,), damping=4.0
+    )
+    found = score_bag(recorded(tmp_path, wide))
+    rate = wide.damping / (2.0 * wide.primary_mass)
+    times = np.linspace(0.0, 12.0, 120_001)
+    expected = wide.response_amplitude * (1.0 - np.exp(-rate * times)) * np.cos(wide.omega * times)
+    first = found.stretches[0]
+    assert first.run.x_rms == pytest.approx(math.sqrt(np.mean(expected**2)), rel=1e-3)
+    for name in ('x_max', 'x_rms', 'force_work', 'dashpot_energy'):
+        assert getattr(first.alone, name) == pytest.approx(getattr(first.run, name), rel=1e-5)
+    # At 95 % of the final amplitude; the second step is one of half the size
+    cycle = math.tau / wide.omega
+    assert first.settling_time == pytest.approx(math.log(20.0) / rate, abs=1.5 * cycle)
+    later = math.log(20.0 / 3.0) / rate
+    assert found.stretches[1].settling_time == pytest.approx(later, abs=1.5 * cycle)
+    assert first.run.total_impulse == first.run.impacts == 0
+
+
+def test_the_best_fixed_gap(score, tmp_path):
+    """The same history recorded with that gap has the same numbers; other gaps are worse."""
+    gap = score.best_gap
+    again = score_bag(recorded(tmp_path, BENCH.replace(gap=gap)))
+    assert again.best_gap == gap
+    for one, other in zip(score.stretches, again.stretches, strict=True):
+        for name, value in vars(other.run).items():
+            assert getattr(one.fixed_gap, name) == pytest.approx(value, rel=1e-9), name
+    for other in np.geomspace(0.3 * gap, 3.0 * gap, 9):
+        rig, squares = Rig(BENCH.replace(gap=other)), []
+        for end in (12.0, 24.0):
+            instants = np.linspace(end - 12.0, end, 2401)[1:]
+            squares.append(np.mean(rig.run(end, instants).samples['x'] ** 2))
+            rig.change(rig.parameters.replace(**LOUDER))
+        assert score.overall.fixed_gap.x_rms < 1.002 * math.sqrt(np.mean(squares))
+
+
+def test_what_the_control_did(score):
+    rig = Rig(BENCH, control=TIMED)
+    for stretch in score.stretches:
+        before = sum(rig.energies)
+        hits = rig.run(stretch.end).impacts()
+        assert stretch.control == 'timed'
+        assert stretch.run.actuator_energy == pytest.approx(sum(rig.energies) - before)
+        assert stretch.run.total_impulse == pytest.approx(hits['impulse'].sum())
+        assert stretch.run.largest_impulse == hits['impulse'].max()
+        rig.change(rig.parameters.replace(**LOUDER))
+    whole = score.overall
+    assert whole.run.actuator_energy == pytest.approx(sum(rig.energies))
+    assert whole.run.x_rms < whole.fixed_gap.x_rms < 0.3 * whole.alone.x_rms
+    assert whole.fixed_gap.actuator_energy == whole.alone.impacts == 0
+    assert (score.differences, score.faults, score.exit_code) == (0, (), 0)
+
+
+def test_the_work_of_a_controllers_force(tmp_path):
+    """A constant force F does F times the way; the references are without it."""
+    external = GapControlParameters(gap_control='external', gap_min=0.001, gap_max=0.1)
+    rig = RecordedRig(LIVELY, control=external, offset=0).start()
+    rig.run(1, order=lambda: Order(force=2.5)).run(999)
+    score = score_bag(rig.save(tmp_path / 'bag'))
+    twin = Rig(LIVELY, control=external)
+    twin.advance(0.005)
+    twin.order(Order(force=2.5))
+    begin, end = twin.sample().x, twin.run(5.0, [5.0]).samples['x'][-1]
+    whole = score.overall
+    assert whole.run.active_work == pytest.approx(2.5 * (end - begin), rel=1e-6)
+    assert whole.fixed_gap.active_work == whole.alone.active_work == 0.0
+    assert 'by the active force [' in score_table([score]).text()
+
+
+def test_a_motion_that_does_not_settle(tmp_path):
+    """A free vibration that dies out has no final amplitude, and nothing to compare with."""
+    free = OFF_RESONANCE.replace(force_amplitudes=(0.0,), gap=1e3)
+    start = InitialConditions(initial_primary_position=1.0)
+    rig = RecordedRig(free, start, rate=5.0, offset=0).start().run(500)
+    score = score_bag(rig.save(tmp_path / 'bag'))
+    assert score.stretches[0].settling_time is None
+    assert score.overall.run.x_max == 1.0
+
+
+def test_the_command(timed, tmp_path, capsys):
+    pytest.importorskip('matplotlib')
+    other = recorded(tmp_path, BENCH, seconds=5, name='other')
+    names = {name: tmp_path / f'score.{name}' for name in ('json', 'md', 'png')}
+    files = ['--json', names['json'], '--markdown', names['md'], '--figure', names['png']]
+    assert main(['--score', str(timed), str(other), *map(str, files)]) == 0
+    runs = json.loads(names['json'].read_text())['runs']
+    assert [len(run['stretches']) for run in runs] == [2, 2]
+    assert runs[0]['overall']['run']['actuator_energy'] > 0.0
+    assert runs[0]['stretches'][1]['cause'] == 'force_amplitudes = [1.8] N (was [1.2] N)'
+    lines = names['md'].read_text().splitlines()
+    assert len(lines) == 2 + 2 * 5
+    assert {line.replace('\\|', '').count('|') for line in lines} == {14}
+    assert names['png'].read_bytes().startswith(b'\x89PNG')
+    said = capsys.readouterr().out
+    assert said.count('log reproduced') == 2
+    assert 'best fixed: gap' in said
+    for words in (
+        ['--score', str(timed), '--report', 'report'],
+        [str(timed), '--figure', 'score.png'],
+        [str(timed), str(other)],
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        assert ended.value.code == 2
