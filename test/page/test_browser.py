@@ -10,13 +10,16 @@ import pytest
 pytest.importorskip('tornado', reason='the page needs Tornado')
 pytest.importorskip('rclpy', reason='a live rig needs ROS')
 
+import numpy as np
 from node.rig_client import SOURCE, RigClient, RigParametersClient, SimProcess, until
+from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.page.presets import load_presets
+from impact_damper_ros.page.recorded import load_recording
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 from page.browser import LONG, Browser
 from page.page_process import PageProcess
@@ -811,6 +814,57 @@ def test_a_node_killed_and_started_again(browser, live, tmp_path):
         page.wait("document.querySelector('#knob-gap').value === '20'")
         assert page.run("document.querySelector('#curtain').hidden")
         assert page.said == []
+    finally:
+        node.kill()
+        if page is not None:
+            page.close()
+
+
+def test_a_controller_and_its_score(browser, live, tmp_path):
+    """What it sees and commands in the traces, the age of its commands, and faults."""
+    runs, space = tmp_path / 'runs', '/of_a_controller'
+    setting = {'gap_control': 'external', 'measurement_rate': 50.0, 'bag_directory': str(runs)}
+    node = SimProcess(tmp_path, [f'__ns:={space}'], parameters_file=BENCH, **setting)
+    page = None
+    try:
+        with RigClient() as client:
+            rig = RigParametersClient(client, f'{space}/sim_node')
+            assert rig.set(record=True) == ''
+            stops = client.node.create_publisher(JointState, f'{space}/stop_commands', 10)
+            command = JointState(name=['stop_1', 'stop_2'], position=[0.009, -0.009])
+            timer = client.node.create_timer(0.1, lambda: stops.publish(command))
+            page = browser.open(f'{live.address}#rig={space}/sim_node')
+            page.wait(FULL)
+            page.wait('impactDamper.history.own.measured.length > 30')
+            age = "document.querySelector('#command-age').textContent"
+            page.wait(f"{age}.startsWith('Controller: commands are carried out, ')")
+            page.wait('(acts => acts.field("stop1")[acts.end - 1])(impactDamper.history.own.acts)')
+            # A measurement is on the line of the motion, as there is no noise.
+            apart = page.run("""(({ own }) => Math.max(...[...Array(20).keys()].map(n => {
+                const seen = own.measured.row(own.measured.end - 21 - n);
+                const { x, z } = own.at(seen.time);
+                return Math.max(Math.abs(x - seen.x), Math.abs(z - seen.z)); })))(
+                impactDamper.history)""")
+            assert apart < 1e-5
+            for key in ('measured', 'commands'):
+                page.wait(f"!document.querySelector('#legend [data-series={key}]').hidden")
+            page.wait("/^[\\d.]+.mm$/.test(document.querySelector('#score dd').textContent)")
+            # A fault is a switch.
+            bias = "document.querySelector('#faults button[value=bias]')"
+            for fault, pressed in (('bias', 'true'), ('none', 'false')):
+                page.run(f'{bias}.click()')
+                until(lambda fault=fault: rig.get('sensor_fault') == fault, fault)
+                page.wait(f"{bias}.ariaPressed === '{pressed}'")
+            timer.cancel()
+            page.wait(f"{age}.includes('parked')")
+            assert rig.set(record=False) == ''
+        assert page.said == []
+        (bag,) = runs.iterdir()
+        motion = load_recording(bag).motion
+        assert len(motion.measured) > 30
+        x = np.interp(motion.measured[:, 0], *motion.samples[:, :2].T)
+        assert np.abs(motion.measured[:, 1] - x).max() < 1e-5
+        assert (motion.acts[:, 1] == 1.0).sum() > 10
     finally:
         node.kill()
         if page is not None:

@@ -4,6 +4,7 @@
 import { isOwnAddress, readAddress, writeAddress } from './address.js';
 import { readColours } from './chart.js';
 import { Connection } from './connection.js';
+import { Controller } from './controller.js';
 import { byId, element, mark, toast, write } from './dom.js';
 import { Drag } from './drag.js';
 import { clock, digits, withUnit } from './format.js';
@@ -52,6 +53,7 @@ const multipliers = new Multipliers(byId('multipliers-canvas'));
 const slow = new SlowMotion(history);
 const clicks = new Clicks();
 const verdict = new Verdict();
+const controller = new Controller((values) => turn(values));
 const player = new Player(connection);
 const knobs = new Knobs((values) => setValues(values));
 const curve = new GapCurve(byId('curve-canvas'), theory, (gap) => turn({ gap }));
@@ -273,6 +275,8 @@ connection.addEventListener('hello', ({ detail }) => {
   offer(live ? detail.rigs : [detail.bag], live ? detail.rig : detail.bag);
   makePresets(presetList, loadPreset);
   knobs.make(detail.parameters);
+  controller.make(detail.parameters);
+  controller.report(null);
   history.recorded = !live;
   for (const one of detail.changes ?? []) if (one.kind !== 'stretch') history.change(one.time, knobs.done(one));
   takeValues(Object.fromEntries(detail.parameters.map((one) => [one.name, one.value])));
@@ -318,6 +322,7 @@ function takeValues(values) {
     byId('record').lastChild.textContent = values.record ? 'Recording' : 'Record';
   }
   const all = rigValues;
+  controller.take(all);
   // With a margin between the two, so that a knob that is dragged does not turn it to and fro
   const steep = document.body.classList.contains('steep') ? 0.6 : 0.8;
   document.body.classList.toggle('steep', Math.abs(all.angle) > steep);
@@ -396,10 +401,14 @@ connection.addEventListener('missing', () => {
 connection.addEventListener('rigs', ({ detail }) => {
   if (hello.mode !== 'player') offer(detail.list, hello.rig);
 });
-connection.addEventListener('diagnostics', ({ detail }) => verdict.diagnostics(detail));
+connection.addEventListener('diagnostics', ({ detail }) => {
+  verdict.diagnostics(detail);
+  controller.report(detail.controller);
+});
 connection.addEventListener('numbers', ({ detail }) => {
   numbers = detail;
   verdict.numbers(detail, theory);
+  controller.numbers(detail);
   curve.place(detail.gap, detail.x_max_ratio_measured ?? NaN);
 });
 for (const type of ['orbit', 'gap_curve', 'theory_failed']) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A small canvas for a scientific picture: size, colours of the theme, axes with units.
 
-import { minus, ticks } from './format.js';
+import { minus, niceAbove, ticks } from './format.js';
 
 const NAMES = [
   'page', 'panel', 'line', 'ink', 'quiet', 'grid', 'stop', 'primary', 'damper', 'theory', 'special',
@@ -90,20 +90,34 @@ export class SteadyRange {
   }
 }
 
+/** A range about zero, with as much on either side unless one of them needs less than half of that. */
+export class SteadySpan {
+  constructor() {
+    this.sides = [new SteadyRange(), new SteadyRange()];
+  }
+
+  /** Return both ends for values between a least and a largest one. */
+  fit(least, most, now) {
+    const asked = [-least, most];
+    const larger = Math.max(...asked);
+    const [down, up] = asked.map((one, n) => this.sides[n].fit(larger > 0 ? niceAbove(one < 0.5 * larger ? Math.max(one, 0.2 * larger) : larger) : 0, now));
+    return [-down, up];
+  }
+}
+
 /** Axes in a canvas: a frame with a light grid, numbers and the names of both quantities. */
 export class Axes extends Canvas {
   /** Draw the frame and return how to get from values to pixels. */
-  axes({ x, y, xName, yName, xTicks = 4, yTicks = 4, equal = false, left = null }) {
+  axes({ x, y, xName, yName, xTicks = 4, yTicks = 4 }) {
     const { context } = this;
     const size = 0.78;
     context.font = font(size);
     const em = Math.max(10.5, size * colours.size);
-    let [xLow, xHigh] = x;
-    let [yLow, yHigh] = y;
+    const [[xLow, xHigh], [yLow, yHigh]] = [x, y];
     const across = ticks(yLow, yHigh, Math.min(yTicks, Math.max(2, this.height / (3.2 * em))));
     const labels = across.values.map((value) => minus(value.toFixed(across.decimals)));
     const margin = {
-      left: left ?? Math.ceil(Math.max(...labels.map((text) => context.measureText(text).width), 8) + 10),
+      left: Math.ceil(Math.max(...labels.map((text) => context.measureText(text).width), 8) + 10),
       right: Math.ceil(0.9 * em),
       top: Math.ceil(2.1 * em),
       bottom: Math.ceil(2.75 * em),
@@ -114,15 +128,6 @@ export class Axes extends Canvas {
       width: Math.max(10, this.width - margin.left - margin.right),
       height: Math.max(10, this.height - margin.top - margin.bottom),
     };
-    if (equal) {
-      const scale = Math.min(box.width / (xHigh - xLow), box.height / (yHigh - yLow));
-      const grow = (low, high, length) => {
-        const more = (length / scale - (high - low)) / 2;
-        return [low - more, high + more];
-      };
-      [xLow, xHigh] = grow(xLow, xHigh, box.width);
-      [yLow, yHigh] = grow(yLow, yHigh, box.height);
-    }
     const toX = (value) => box.left + ((value - xLow) / (xHigh - xLow)) * box.width;
     const toY = (value) => box.top + box.height - ((value - yLow) / (yHigh - yLow)) * box.height;
     const along = ticks(xLow, xHigh, Math.min(xTicks, Math.max(2, box.width / (4.5 * em))));
@@ -155,7 +160,7 @@ export class Axes extends Canvas {
     context.fillText(xName, box.left + box.width, this.height - 3);
     context.textAlign = 'left';
     context.fillText(yName, Math.max(2, box.left - margin.left + 4), em + 1);
-    return { box, toX, toY, xLow, xHigh, yLow, yHigh };
+    return { box, toX, toY };
   }
 
   /** A point that moves, with a rim. */

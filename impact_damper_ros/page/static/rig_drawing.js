@@ -187,7 +187,10 @@ export class RigDrawing extends Canvas {
     context.fillStyle = colours.quiet;
     for (const value of values) {
       const name = value === values.at(-1) ? `${minus(value.toFixed(decimals))} ${unit}` : minus(value.toFixed(decimals));
-      this.upright(g, name, (value / factor) * g.scale, base + 6 + 0.72 * em);
+      // As far from the line as its letters need
+      const [high, wide] = [Math.abs(Math.cos(g.angle)), Math.abs(Math.sin(g.angle))];
+      const half = Math.max(0.55 * em * high, 0.5 * wide * context.measureText(name).width);
+      this.upright(g, name, (value / factor) * g.scale, base + 6 + 0.17 * em + half);
     }
   }
 
@@ -399,7 +402,9 @@ export class RigDrawing extends Canvas {
     const degrees = (g.angle * 180) / Math.PI;
     const radius = Math.min(3.2 * em, 0.16 * this.width);
     const side = g.angle > 0 ? 1 : -1;
-    const [left, low] = [1.2 * em, this.height - 1.1 * em - (side > 0 ? radius * Math.sin(Math.min(1.2, Math.abs(g.angle))) : 0)];
+    // Where a steep rig has no ruler
+    const free = g.angle > 0.8 ? this.width - 6.6 * em : 0;
+    const [left, low] = [free + 1.2 * em, this.height - 1.1 * em - (side > 0 ? radius * Math.sin(Math.min(1.2, Math.abs(g.angle))) : 0)];
     context.strokeStyle = colours.quiet;
     context.fillStyle = colours.quiet;
     context.lineWidth = 1;
@@ -415,7 +420,7 @@ export class RigDrawing extends Canvas {
     context.textAlign = 'left';
     context.textBaseline = 'middle';
     // Beside the arc, or above it where there is no room
-    const narrow = this.width < 26 * em;
+    const narrow = this.width < 26 * em || free > 0;
     const [beside, height] = narrow ? [left, low - side * 0.9 * em] : [left + radius + 10, low + (side * radius * Math.sin(Math.abs(g.angle))) / 2];
     context.fillText(`θ = ${digits(degrees, 3)}°`, beside, height);
   }
