@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import shutil
 
 import chromium
@@ -315,6 +316,49 @@ def test_a_link_sets_the_rig_and_nothing_else(opened, parameters):
     opened('#record=true&bag_directory=/tmp&gap=0.0235')
     until(lambda: parameters.get('gap') == 0.0235)
     assert parameters.get('record', 'bag_directory') == [False, directory]
+
+
+def test_a_link_pasted_into_an_open_tab_is_followed(opened, parameters):
+    page = opened()
+    # Some cycles of the force, and not a comb of 150
+    assert page.value('#windows [aria-pressed=true]') == '3'
+    page.run("location.hash = '#gap=0.0215&window=10'")
+    until(lambda: parameters.get('gap') == 0.0215)
+    page.wait("document.querySelector('#windows [aria-pressed=true]').value === '10'")
+
+
+def test_a_link_that_is_passed_on_is_for_watching(browser, live, parameters, tmp_path):
+    del live
+    server = PageProcess(tmp_path, '--node', '/sim_node', '--host', '0.0.0.0')
+    pages = []
+    try:
+        address = re.sub('//[^:]+', '//127.0.0.1', server.address)
+        pages.append(browser.open(address))
+        (page,) = pages
+        page.wait(FULL)
+        page.allow('clipboard-read', 'clipboard-write')
+        page.click('#link')
+        page.wait("document.querySelector('#toast').textContent.includes('link to watch')")
+        link = page.run('navigator.clipboard.readText()')
+        assert link.partition('#')[0] != address
+        assert link.endswith(page.run('location.hash'))
+        pages.append(browser.open(link))
+        watching = pages[1]
+        watching.wait(FULL)
+        watching.type('#knob-gap', '20')
+        watching.wait(
+            "document.querySelector('#knob-gap-error').textContent.includes('only shows')"
+        )
+        assert parameters.get('gap') == 0.024
+        watching.key('Escape')
+        page.type('#knob-gap', '25')
+        until(lambda: parameters.get('gap') == 0.025)
+        watching.wait("document.querySelector('#knob-gap').value === '25'")
+        assert [one.said for one in pages] == [[], []]
+    finally:
+        for one in pages:
+            one.close()
+        server.close()
 
 
 def test_a_preset_chosen_in_another_tab_is_named(opened, parameters):
@@ -907,6 +951,11 @@ def test_a_run_recorded_and_played_to_its_end(opened, live):
     page.wait("document.querySelector('#status').dataset.state === 'ended'")
     end = page.run("[impactDamper.history.end, Number(document.querySelector('#scrub').max)]")
     assert end[0] == pytest.approx(end[1], abs=0.1)
+    # The address has its time, not that of the rig before.
+    page.choose('#scrub', 'one.min')
+    page.wait("location.hash.includes('time=')")
+    time = 'Number(/time=([\\d.]+)/.exec(location.hash)?.[1])'
+    page.wait(f"Math.abs({time} - document.querySelector('#scrub').min) < 0.1")
     # in the words of the live page
     assert page.run('impactDamper.history.changes.map(({text}) => text)') == ['d = 28 mm']
     # A second, ghosted rig with another gap

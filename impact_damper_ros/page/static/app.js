@@ -128,9 +128,10 @@ function reproducible(name) {
   return !known || (!known.read_only && (REPRODUCIBLE.has(known.group) || name.startsWith('initial_')));
 }
 
-function keepAddress() {
+/** `time` is that of a recording, which the last frame may not have reached yet. */
+function keepAddress(time = history.end) {
   const values = Object.fromEntries(Object.entries(shared.values).filter(([name]) => reproducible(name)));
-  writeAddress({ ...shared, values, time: shared.bag ? history.end : NaN });
+  writeAddress({ ...shared, values, time: shared.bag ? time : NaN });
 }
 
 // Requests
@@ -432,7 +433,7 @@ connection.addEventListener('what_if', ({ detail }) => {
   if (!detail.on && detail.text) toast(detail.text, 'bad');
 });
 connection.addEventListener('notice', ({ detail }) => toast(detail.text, 'bad'));
-connection.addEventListener('seek_done', () => keepAddress());
+connection.addEventListener('seek_done', ({ detail }) => keepAddress(detail.time));
 
 // What is pressed
 
