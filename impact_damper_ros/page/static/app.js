@@ -548,6 +548,7 @@ document.addEventListener('visibilitychange', sendView);
 const SHADES = ['', 'light', 'dark'];
 const SHADE_NAMES = { '': 'Auto', light: 'Light', dark: 'Dark' };
 function recolour() {
+  globalThis.shade();
   readColours();
   traces.restyle();
   for (const picture of [rig, portrait, map, multipliers, curve, slow.drawing]) picture.stale = true;

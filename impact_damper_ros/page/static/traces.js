@@ -65,7 +65,7 @@ export class Traces {
     this.chart = new uPlot(
       {
         ...this.size(),
-        padding: [Math.round(1.9 * em), Math.round(0.9 * em), 0, 0],
+        padding: [Math.round(1.9 * em), Math.round(1.4 * em), 0, 0],
         legend: { show: false },
         cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
         select: { show: false },
