@@ -27,6 +27,16 @@ export const stopColour = (stop) => (stop === 1 ? colours.lower : colours.upper)
 /** Dashes of a line for a motion: solid if stable, dashed if not, dotted if it is not viable. */
 export const dashes = ({ stable, viable }) => (viable === false ? [1, 3] : stable ? [] : [5, 4]);
 
+/** Draw lines through points [x, y]. */
+export function strokeLines(context, ...lines) {
+  context.beginPath();
+  for (const [[x, y], ...rest] of lines) {
+    context.moveTo(x, y);
+    for (const [a, b] of rest) context.lineTo(a, b);
+  }
+  context.stroke();
+}
+
 /** A canvas that knows its size in CSS pixels and draws sharply on every screen. */
 export class Canvas {
   constructor(canvas) {
@@ -134,18 +144,13 @@ export class Axes extends Canvas {
     context.lineWidth = 1;
     context.strokeStyle = colours.grid;
     context.fillStyle = colours.quiet;
-    context.beginPath();
-    for (const value of along.values) {
-      const place = Math.round(toX(value)) + 0.5;
-      context.moveTo(place, box.top);
-      context.lineTo(place, box.top + box.height);
-    }
-    for (const value of across.values) {
-      const place = Math.round(toY(value)) + 0.5;
-      context.moveTo(box.left, place);
-      context.lineTo(box.left + box.width, place);
-    }
-    context.stroke();
+    const [ground, right] = [box.top + box.height, box.left + box.width];
+    const sharp = (place) => Math.round(place) + 0.5;
+    strokeLines(
+      context,
+      ...along.values.map((value) => [[sharp(toX(value)), box.top], [sharp(toX(value)), ground]]),
+      ...across.values.map((value) => [[box.left, sharp(toY(value))], [right, sharp(toY(value))]]),
+    );
     context.strokeStyle = colours.line;
     context.strokeRect(Math.round(box.left) + 0.5, Math.round(box.top) + 0.5, Math.round(box.width), Math.round(box.height));
     context.textBaseline = 'top';
@@ -161,6 +166,26 @@ export class Axes extends Canvas {
     context.textAlign = 'left';
     context.fillText(yName, Math.max(2, box.left - margin.left + 4), em + 1);
     return { box, toX, toY };
+  }
+
+  /** A sentence in the middle of the frame, or at another height, in as many lines as it needs. */
+  say(text, box, part = 0.5) {
+    const { context } = this;
+    Object.assign(context, { font: font(0.85), fillStyle: colours.quiet, textAlign: 'center', textBaseline: 'middle' });
+    const lines = [''];
+    for (const word of text.split(' ')) {
+      const longer = `${lines.at(-1)} ${word}`.trim();
+      if (context.measureText(longer).width > box.width - 16 && lines.at(-1)) lines.push(word);
+      else lines[lines.length - 1] = longer;
+    }
+    const height = 1.3 * colours.size * 0.85;
+    // The rig's own dot may be behind it.
+    Object.assign(context, { strokeStyle: colours.page, lineWidth: 4 });
+    lines.slice(0, 5).forEach((line, n) => {
+      const place = [box.left + box.width / 2, box.top + part * box.height + (n - (Math.min(5, lines.length) - 1) / 2) * height];
+      context.strokeText(line, ...place);
+      context.fillText(line, ...place);
+    });
   }
 
   /** A point that moves, with a rim. */

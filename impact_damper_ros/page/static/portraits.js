@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Phase portrait of m in the gap, impact map, multipliers on the unit circle.
 
-import { Axes, Canvas, colours, dashes, font, SteadyRange, SteadySpan, stopColour } from './chart.js';
+import { Axes, Canvas, colours, dashes, SteadyRange, SteadySpan, stopColour, strokeLines } from './chart.js';
 import { digits, lengthUnit, niceAbove, velocityUnit } from './format.js';
 
 const BANDS = 6;
@@ -73,9 +73,7 @@ export class PhasePortrait extends Axes {
       const draw = (points, stroke, wide) => {
         context.strokeStyle = stroke;
         context.lineWidth = wide;
-        context.beginPath();
-        for (const [a, b] of points) context.lineTo(toX(a), toY(b));
-        context.stroke();
+        if (points.length) strokeLines(context, points.map(([a, b]) => [toX(a), toY(b)]));
       };
       stops.forEach((places, n) => {
         for (const place of places) draw([[place, -height], [place, height]], n ? stopColour(place > 0 ? 1 : 2) : colours.special, n + 1);
@@ -164,14 +162,7 @@ export class ImpactMap extends Axes {
         this.dot(axes.toX(phase[n]), toY(damper[n]), stopColour(stop[n]), 4);
       }
     });
-    if (!impacts.length) {
-      const { context } = this;
-      context.font = font(0.85);
-      context.fillStyle = colours.quiet;
-      context.textAlign = 'center';
-      context.textBaseline = 'middle';
-      context.fillText('no impact yet', axes.box.left + axes.box.width / 2, axes.box.top + axes.box.height * 0.75);
-    }
+    if (!impacts.length) this.say('no impact yet', axes.box, 0.75);
   }
 }
 
@@ -186,12 +177,7 @@ export class Multipliers extends Canvas {
     const unit = (Math.min(cx, cy) - 3) / most;
     context.lineWidth = 1;
     context.strokeStyle = colours.grid;
-    context.beginPath();
-    context.moveTo(3, cy);
-    context.lineTo(this.width - 3, cy);
-    context.moveTo(cx, 3);
-    context.lineTo(cx, this.height - 3);
-    context.stroke();
+    strokeLines(context, [[3, cy], [this.width - 3, cy]], [[cx, 3], [cx, this.height - 3]]);
     context.strokeStyle = colours.steel;
     context.lineWidth = 1.3;
     context.beginPath();

@@ -3,9 +3,9 @@
 
 /* global uPlot */
 
-import { colours, dashes, font, SteadySpan, stopColour } from './chart.js';
+import { colours, dashes, font, SteadySpan, stopColour, strokeLines } from './chart.js';
 import { byId, element, write } from './dom.js';
-import { digits, lengthUnit, minus } from './format.js';
+import { decimalsOf, digits, lengthUnit, minus } from './format.js';
 
 const MOST_DOTS = 1200;
 /** Stops so many times farther away than anything moves are not in view. */
@@ -79,14 +79,14 @@ export class Traces {
             size: Math.round(2.6 * em),
             gap: 3,
             space: 5 * em,
-            values: (_, values) => this.times(values),
+            values: (_, values) => this.numbers(values),
           },
           {
             ...axis,
             size: Math.round(3.9 * em),
             gap: 4,
             space: 2.6 * em,
-            values: (_, values) => this.lengths(values),
+            values: (_, values) => this.numbers(values, this.unit.factor),
           },
         ],
         series: [
@@ -145,17 +145,10 @@ export class Traces {
     return range;
   }
 
-  times(values) {
-    const step = values.length > 1 ? values[1] - values[0] : 1;
-    const decimals = Math.max(0, Math.min(4, -Math.floor(Math.log10(step) + 1e-9)));
-    return values.map((value) => minus(value.toFixed(decimals)));
-  }
-
-  lengths(values) {
-    const scaled = values.map((value) => value * this.unit.factor);
-    const step = scaled.length > 1 ? scaled[1] - scaled[0] : 1;
-    const decimals = Math.max(0, -Math.floor(Math.log10(Math.abs(step)) + 1e-9));
-    return scaled.map((value) => minus((value + 0).toFixed(decimals)));
+  /** Numbers of an axis, with the decimals that their step needs. */
+  numbers(values, factor = 1) {
+    const decimals = decimalsOf(values.length > 1 ? factor * (values[1] - values[0]) : 1);
+    return values.map((value) => minus((value * factor + 0).toFixed(decimals)));
   }
 
   /** The samples in the window, and the one before it. */
@@ -201,10 +194,7 @@ export class Traces {
       if (time < from || time > to) continue;
       const place = u.valToPos(time, 'x', true);
       context.setLineDash([4 * ratio, 3 * ratio]);
-      context.beginPath();
-      context.moveTo(place, bbox.top - 1.3 * em);
-      context.lineTo(place, bbox.top + bbox.height);
-      context.stroke();
+      strokeLines(context, [[place, bbox.top - 1.3 * em], [place, bbox.top + bbox.height]]);
       context.setLineDash([]);
       const { width } = context.measureText(text);
       const left = Math.max(bbox.left, Math.min(place + 0.35 * em, bbox.left + bbox.width - width));
