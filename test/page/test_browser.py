@@ -237,20 +237,6 @@ def test_a_gap_out_of_all_proportion_leaves_the_scales(opened, parameters):
     page.wait('impactDamper.rig.plan.spread < 100')
 
 
-def test_two_pages_see_the_same(opened, parameters):
-    one, other = opened(), opened(width=600)
-    one.type('#knob-gap', '27')
-    other.wait("document.querySelector('#knob-gap').value === '27'")
-    other.type('#knob-gap', '25')
-    one.wait("document.querySelector('#knob-gap').value === '25'")
-    assert parameters.get('gap') == 0.025
-    # Pausing it in one is seen in the other.
-    one.click('#pause')
-    other.wait("document.querySelector('#status').textContent === 'paused'")
-    other.click('#pause')
-    one.wait(SETTLED)
-
-
 def test_the_best_gap_is_there_at_once_and_marked(opened, parameters):
     page = opened()
     value = """[...document.querySelectorAll('#numbers div')]
@@ -1139,15 +1125,3 @@ def test_the_report_of_a_comparison_opens_in_the_page(recorded):
     page.click('#report [data-close]')
     page.wait("!document.querySelector('#report').open")
     page.wait("!document.querySelector('#report-frame').hasAttribute('src')")
-
-
-def test_frames_with_thirty_seconds_of_traces(opened, record_property):
-    """The time to draw a frame is measured; the limit is one of sanity, for any machine."""
-    page = opened('#window=30&theory=1')
-    page.wait('impactDamper.history.own.samples.length > 1000')
-    page.run('impactDamper.counted.work.length = 0')
-    page.wait('impactDamper.counted.work.length > 100')
-    work = sorted(page.run('impactDamper.counted.work'))
-    median, late = work[len(work) // 2], work[int(0.99 * len(work))]
-    record_property('drawing_ms', {'median': median, 'p99': late})
-    assert median < 200.0
