@@ -49,7 +49,7 @@ from impact_damper_ros.control import Rig
 from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.theory import TheoryProcess
 
-HEADER = struct.Struct('<BBHHHHxxdd')
+HEADER = struct.Struct('<BB6Hxxdd')
 RATE = 200
 CLIENTS = 4
 

@@ -93,18 +93,10 @@ def _held_values(
     )
 
 
-def _run(arguments: argparse.Namespace, replay: Replay) -> WhatIfReport | None:
-    """Replay and write the tables; return the what-if, if one was asked for."""
-    report = None
+def _run(arguments: argparse.Namespace, replay: Replay, report: WhatIfReport | None) -> None:
+    """Replay, and write the tables."""
     reader = replay.recorded.reader
     span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
-    if arguments.set:
-        report = WhatIfReport(
-            replay,
-            *_held_values(arguments.set, Setting.of(replay.start.state)),
-            drawn=arguments.figure is not None,
-            budget=EventBudget(arguments.most_events, BUDGET_REMEDY),
-        )
     with ExitStack() as stack:
         states = open_table(arguments.states, Sample._fields, stack)
         impacts = open_table(arguments.impacts, IMPACT_COLUMNS, stack)
@@ -125,7 +117,6 @@ def _run(arguments: argparse.Namespace, replay: Replay) -> WhatIfReport | None:
                 raise CommandError(f'what if: {ended}', EXIT_FAILED) from ended
             time = replay.rig.time - replay.start.time
             bar.update(max(0.0, min(span, time) - bar.n))
-    return report
 
 
 def _report(arguments: argparse.Namespace, replay: Replay, what_if: WhatIfReport | None) -> int:
@@ -161,14 +152,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.figure is not None:
             check_figure(arguments.figure)
         replay = Replay(RecordedRun(arguments.bag, arguments.node, law=arguments.law))
+        what_if = None
         if arguments.set:
             # A misspelt name is reported at once
             logged = Setting.of(replay.start.state)
-            held, _ = _held_values(arguments.set, logged)
+            held, held_initial = _held_values(arguments.set, logged)
+            what_if = WhatIfReport(
+                *(replay, held, held_initial),
+                drawn=arguments.figure is not None,
+                budget=EventBudget(arguments.most_events, BUDGET_REMEDY),
+            )
             if not arguments.quiet:
                 rig = {n: value for n, value in held.items() if n in PARAMETER_SPECS}
                 announce('replay_run', logged.rig.replace(**rig))
-        return _report(arguments, replay, _run(arguments, replay))
+        _run(arguments, replay, what_if)
+        return _report(arguments, replay, what_if)
 
     return outcome('replay_run', work)
 

@@ -24,7 +24,7 @@ from pathlib import Path
 
 from impact_damper_ros.rig.parameters_file import load_parameters, preset_file
 
-from .command_line import command_parser, end_node, outcome, say
+from .command_line import EXIT_FAILED, CommandError, command_parser, end_node, outcome, say
 
 COMMAND = 'rig_page'
 NODE_END_S = 10.0
@@ -142,7 +142,7 @@ def _open(url: str) -> None:
         webbrowser.open(url)
 
 
-async def _serve(arguments: argparse.Namespace) -> int:
+async def _serve(arguments: argparse.Namespace) -> None:
     from impact_damper_ros.page.gate import Gate
     from impact_damper_ros.page.recordings import Recordings
     from impact_damper_ros.page.server import PageServer
@@ -151,6 +151,10 @@ async def _serve(arguments: argparse.Namespace) -> int:
     gate = Gate(arguments.host, arguments.name)
     recordings = Recordings(arguments.bag or arguments.recordings, listed=arguments.bag is None)
     # What cannot be shown is rejected before anything starts.
+    if arguments.bag is not None and not recordings.names():
+        raise CommandError(
+            f'{arguments.bag} is no bag: give a file .mcap or .db3, or a directory of bags'
+        )
     if arguments.start is not None:
         load_parameters(preset_file(arguments.start))
     if recordings.single:
@@ -170,13 +174,12 @@ async def _serve(arguments: argparse.Namespace) -> int:
         await server.start(arguments.port)
     except OSError as error:
         other = arguments.port % 65535 + 1
-        say(
-            COMMAND,
+        await server.close()
+        raise CommandError(
             f'cannot listen on {gate.host}, port {arguments.port}: {error.strerror or error}: '
             f'give another --host or --port, as in: make page ARGS="--port {other}"',
-        )
-        await server.close()
-        return 1
+            EXIT_FAILED,
+        ) from error
 
     def tell(text: str) -> None:
         say(COMMAND, text)
@@ -199,40 +202,36 @@ async def _serve(arguments: argparse.Namespace) -> int:
             watch.cancel()
         if node is not None:
             node.end()
-    return 0
 
 
-def _missing(arguments: argparse.Namespace) -> str:
-    """Return what is missing for the command, and a remedy; empty if nothing is."""
+def _check(arguments: argparse.Namespace) -> None:
+    """Raise CommandError if something is missing for the command."""
     if find_spec('tornado') is None:
-        return (
+        raise CommandError(
             'tornado, which serves the page, is missing: install python3-tornado, or in a virtual '
             'environment "pip install tornado"'
         )
     if arguments.bag is None and find_spec('rclpy') is None:
-        return 'rclpy is missing: source ROS 2, or play a recording with --bag'
+        raise CommandError('rclpy is missing: source ROS 2, or play a recording with --bag')
     if arguments.bag is not None and not arguments.bag.exists():
-        return f'{arguments.bag}: there is no such bag or directory'
-    if arguments.bag is not None:
-        from impact_damper_ros.page.recordings import Recordings
-
-        if not Recordings(arguments.bag).names():
-            return f'{arguments.bag} is no bag: give a file .mcap or .db3, or a directory of bags'
-    return ''
+        raise CommandError(f'{arguments.bag}: there is no such bag or directory')
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     given = _without_ros_arguments(sys.argv[1:] if argv is None else argv)
     arguments = _parser().parse_args(given)
-    if missing := _missing(arguments):
-        say(COMMAND, missing)
-        return 2
     if arguments.start is not None:
         arguments.node = '/sim_node'
     for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
         os.environ.setdefault(name, '1')
-    return outcome(COMMAND, lambda: asyncio.run(_serve(arguments)))
+
+    def work() -> int:
+        _check(arguments)
+        asyncio.run(_serve(arguments))
+        return 0
+
+    return outcome(COMMAND, work)
 
 
 if __name__ == '__main__':

@@ -13,6 +13,7 @@ from typing import Any
 
 from impact_damper_ros.bag.rig_topics import rig_nodes
 from impact_damper_ros.report.formatting import setting
+from impact_damper_ros.report.table import Column, Table
 from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.quoting import named
 
@@ -107,8 +108,10 @@ class RigParameterClient:
 
         there = self._answer(self._client.list_parameters()).result.names
         names = [name for name in ALL_SPECS if name in there]
-        values = self._answer(self._client.get_parameters(names)).values
-        return dict(zip(names, map(parameter_value_to_python, values), strict=True))
+        got = self._answer(self._client.get_parameters(names)).values
+        values = map(parameter_value_to_python, got)
+        plain = (v if isinstance(v, bool | int | float | str) else list(v) for v in values)
+        return dict(zip(names, plain, strict=True))
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Set parameters, all or none; raise CommandError if the rig rejects them."""
@@ -140,16 +143,13 @@ def ros_node(name: str) -> Iterator[Any]:
 
 def listed(values: Mapping[str, Any]) -> str:
     """Return a table of parameters with values, units, ranges and usual ranges."""
-    rows = [('parameter', 'value', 'unit', 'range', 'usual range')]
-    for name, value in values.items():
-        text = setting(tuple(value)) if hasattr(value, 'tolist') else setting(value)
-        spec = ALL_SPECS[name]
-        rows.append((name, text, spec.unit, spec.span, spec.usual_span))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return '\n'.join(
-        '  '.join(f'{text:<{width}}' for text, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    )
+    columns = [Column(t, 'text') for t in ('parameter', 'value', 'unit', 'range', 'usual range')]
+    rows = [
+        (spec.name, setting(value), spec.unit, spec.span, spec.usual_span)
+        for name, value in values.items()
+        for spec in (ALL_SPECS[name],)
+    ]
+    return Table(columns, [('', rows)]).text()
 
 
 def _set(arguments: argparse.Namespace) -> int:

@@ -4,9 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import cmath
-import csv
-import io
 import math
 import sys
 import textwrap
@@ -31,6 +28,7 @@ from impact_damper_ros.orbits import (
 from impact_damper_ros.orbits.arguments import check_forcing, period_of_force, repeats_after
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD
 from impact_damper_ros.outputs import check_file, write_text
+from impact_damper_ros.report.orbit_text import branch_table, branch_text, orbit_text
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.quoting import counted
 
@@ -151,100 +149,16 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _multiplier_text(multipliers: Sequence[complex]) -> str:
-    """Return the multipliers as text: real ones, and modulus and angle of each pair."""
-    words = []
-    for value in multipliers:
-        if value.imag < 0.0:
-            continue
-        if value.imag > 0.0:
-            degrees = math.degrees(cmath.phase(value))
-            words.append(f'{abs(value):.6f} (pair at +-{degrees:.2f} deg)')
-        else:
-            words.append(f'{value.real:.6f}')
-    return ', '.join(words)
-
-
-def _orbit_text(number: int, orbit: PeriodicOrbit) -> str:
-    stops = ','.join(map(str, orbit.stops))
-    lines = [
-        f'motion {number}: stops {stops} in {counted(orbit.cycles, "cycle")} '
-        f'({orbit.period:.9g} s), {orbit.stability}, '
-        + ('viable' if orbit.viable else 'NOT VIABLE'),
-        "  stop  phase [cycles]         X [m]   X' before    X' after   Z' before    Z' after "
-        '[m/s]',
-    ]
-    lines.extend(
-        f'  {stop:4d}  {phase:14.9f}  {x:12.7f} {vb:12.7f} {va:12.7f} {ub:12.7f} {ua:12.7f}'
-        for stop, phase, x, vb, va, ub, ua in zip(
-            orbit.stops,
-            orbit.phases,
-            orbit.x,
-            orbit.primary_velocity_before,
-            orbit.primary_velocity_after,
-            orbit.damper_velocity_before,
-            orbit.damper_velocity_after,
-            strict=True,
-        )
-    )
-    lines.extend(
-        f'        {node.phase:14.9f}  {node.kind.name.lower()}'
-        + (f' on stop {node.stop}' if node.stop else '')
-        for node in orbit.events
-    )
-    swing = f'  largest |X|  {orbit.x_max:.9g} m'
-    amplitude = orbit.parameters.response_amplitude
-    if 0.0 < amplitude < math.inf:
-        swing += f', {orbit.amplitude_ratio:.7f} of the {amplitude:.7g} m without impacts'
-    lines.append(swing)
-    lines.append(f'  multipliers  {_multiplier_text(orbit.multipliers)}')
-    steps = len(orbit.residual_history) - 1
-    lines.append(f'  residual     {orbit.residual:.1e} (relative) after {steps} Newton steps')
-    if orbit.reason:
-        lines.append(f'  not viable   {orbit.reason}')
-    return '\n'.join(lines)
-
-
-def _branch_text(branch: Branch) -> str:
-    if not branch.points:
-        return f'  {branch.ended}'
-    swings = [orbit.x_max for orbit in branch.orbits]
-    lines = [
-        f'  {branch.name} from {branch.values[0]:.9g} to {branch.values[-1]:.9g}: '
-        f'{counted(len(swings), "motion")}, largest |X| between {min(swings):.6g} and '
-        f'{max(swings):.6g} m',
-    ]
-    lines.extend(
-        f'  {point.kind.value} {"at" if point.converged else "near"} {branch.name} = '
-        f'{point.value:.9g}' + (f': {point.reason}' if point.reason else '')
-        for point in branch.special
-    )
-    if (best := branch.best()) is not None:
-        limit = best.limit.value + (f', {best.beyond}' if best.beyond else '')
-        lines.append(
-            f'  least largest |X| of a stable motion: {best.orbit.x_max:.9g} m at {branch.name} = '
-            f'{best.value:.9g} ({limit})'
-        )
-    ends = [f'  end: {end}' for end in (branch.began, branch.ended) if end]
-    return '\n'.join([*lines, *ends])
-
-
-class _Followed(NamedTuple):
-    """A branch, and what it is."""
-
-    title: str
-    branch: Branch
-
-
-def _branches(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Iterator[_Followed]:
-    """Yield the branch of a motion, and those that leave it."""
+def _branches(
+    orbit: PeriodicOrbit, name: str, low: float, high: float
+) -> Iterator[tuple[str, Branch]]:
+    """Yield the branch of a motion, and those that leave it, each with what it is."""
     branch = follow(orbit, name, low, high)
-    yield _Followed('motion 1', branch)
+    yield 'motion 1', branch
     for point in branch.special:
         if point.kind in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
             title = f'branch from the {point.kind.value} at {name} = {point.value:.9g}'
-            branch = switch_branch(point, name, low, high, most_points=100)
-            yield _Followed(title, branch)
+            yield title, switch_branch(point, name, low, high, most_points=100)
 
 
 class _Search(NamedTuple):
@@ -273,34 +187,6 @@ class _Search(NamedTuple):
             f'{viable} viable, {len(self.orbits) - viable} not'
             + (', all solutions' if self.complete else '')
         )
-
-
-_BRANCH_COLUMNS = (
-    *('branch', 'x_max', 'x_max_ratio', 'largest_multiplier', 'stable', 'viable', 'special'),
-    *('stops', 'phases', 'x'),
-)
-
-
-def _branch_table(followed: Sequence[_Followed]) -> str:
-    """Return the motions of branches as CSV; the lists within a column by spaces."""
-    table = io.StringIO()
-    writer = csv.writer(table, lineterminator='\n')
-    writer.writerow([followed[0].branch.name, *_BRANCH_COLUMNS])
-    for title, branch in followed:
-        special = {point.value: point.kind.value for point in branch.special}
-        for value, orbit in branch.points:
-            numbers = (orbit.x_max, orbit.amplitude_ratio, abs(orbit.multipliers[0]))
-            lists = (
-                ' '.join(format(v, '.17g') for v in column)
-                for column in (orbit.stops, orbit.phases, orbit.x)
-            )
-            writer.writerow(
-                [
-                    *(f'{value:.17g}', title, *(f'{number:.17g}' for number in numbers)),
-                    *(int(orbit.stable), int(orbit.viable), special.get(value, ''), *lists),
-                ]
-            )
-    return table.getvalue()
 
 
 def _settled_text(found: SettledMotion) -> str:
@@ -420,17 +306,17 @@ def _solve(arguments: argparse.Namespace) -> int:
     if arguments.viable:
         orbits = [orbit for orbit in orbits if orbit.viable]
     write_json(arguments.json, [orbit.as_dict() for orbit in orbits])
-    followed: list[_Followed] = []
+    followed: list[tuple[str, Branch]] = []
     if arguments.follow is not None and orbits:
         words = 'still following the branch; Ctrl-C ends it'
         with long_work('solve_periodic', words, quiet=arguments.quiet):
             followed = list(_branches(orbits[0], *arguments.follow))
-        _write_branches(arguments, given.parameters, [f for f in followed if f.branch.points])
+        _write_branches(arguments, given.parameters, [f for f in followed if f[1].points])
     if not arguments.quiet:
         texts = [textwrap.fill(rig_line(given.parameters), 99, subsequent_indent='  '), *reports]
-        texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
+        texts += ['\n' + orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
         for title, branch in followed:
-            texts.append(f'\n{title}, {branch.name} varied:\n{_branch_text(branch)}')
+            texts.append(f'\n{title}, {branch.name} varied:\n{branch_text(branch)}')
         try:
             print('\n'.join(texts), file=text_stream(arguments.json), flush=True)
         except BrokenPipeError:
@@ -465,17 +351,19 @@ def _check(arguments: argparse.Namespace, parameters: RigParameters) -> None:
 
 
 def _write_branches(
-    arguments: argparse.Namespace, parameters: RigParameters, followed: Sequence[_Followed]
+    arguments: argparse.Namespace,
+    parameters: RigParameters,
+    followed: Sequence[tuple[str, Branch]],
 ) -> None:
     """Write the table and the figure of branches, if they are asked for."""
     if arguments.csv is not None and followed:
-        write_text(arguments.csv, _branch_table(followed))
+        write_text(arguments.csv, branch_table(followed))
     if arguments.figure is not None and followed:
         from impact_damper_ros.report.branch_figure import branch_figure
         from impact_damper_ros.report.drawing import save_figure
 
         title = textwrap.fill(rig_line(parameters), 120)
-        save_figure(branch_figure([f.branch for f in followed], title), arguments.figure)
+        save_figure(branch_figure([branch for _, branch in followed], title), arguments.figure)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

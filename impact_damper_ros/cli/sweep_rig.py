@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -350,22 +350,13 @@ def _cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
         client.close(timeout=5)
 
 
-@contextmanager
-def _workers(address: str | None) -> Iterator[tuple[Executor | None, Callable[[], int]]]:
-    """Yield the executor of the sweep, None for this machine, and the number of its workers."""
-    if address:
-        with _cluster(address) as found:
-            yield found
-    else:
-        yield None, lambda: 1
-
-
 def _swept(grid: Grid, arguments: argparse.Namespace) -> pd.DataFrame:
     """Run the rest of the sweep; return its table."""
     journal = journal_path(arguments.output)
     done = 0
     try:
-        with _workers(arguments.scheduler) as (executor, workers):
+        here: Any = nullcontext((None, lambda: 1))
+        with _cluster(arguments.scheduler) if arguments.scheduler else here as (executor, workers):
             progress = _Progress(grid, workers, quiet=arguments.quiet)
             with progress.bar:
                 try:

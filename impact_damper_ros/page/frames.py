@@ -2,10 +2,10 @@
 """
 Display frames: what is new of a motion since the last frame of a page.
 
-The layout is little endian: a header of 28 bytes (kind, flags, counts of samples and impacts, and
-of those of a what-if; end, wall time), then float32: the samples, the impacts, and those of the
-what-if. Instants count from the end of the frame. The samples go on to the first one after the
-end, if there is one: the page draws the rig between the two.
+The layout is little endian: a header of 32 bytes (kind, flags, counts of samples, impacts,
+measurements and acts of the control, and of the first two of a what-if; end, wall time), then
+these as float32. Instants count from the end of the frame. The samples go on to the first one
+after the end, if there is one: the page draws the rig between the two.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import struct
 
 import numpy as np
 
-from .motion import Motion, Rows
+from .motion import Motion, Rows, between
 
 PAUSED, REPLACE, REPLACE_GHOST = 1, 2, 4
-_HEADER = struct.Struct('<BBHHHHxxdd')
-_KIND = 2
+_HEADER = struct.Struct('<BB6Hxxdd')
+_KIND = 3
 #: Lengths of a window, s.
 _WINDOWS = 0.05, 300.0
-#: Most samples and impacts in a frame.
+#: Most rows of a kind in a frame.
 _MOST = 60_000
 
 
@@ -34,20 +34,23 @@ class _Sent:
 
     def begin(self, start: float) -> None:
         """Start again."""
-        self._sample = self._impact = start
+        self._sample, self._others = start, [start, start, start]
 
-    def take(self, motion: Motion, end: float) -> tuple[Rows, Rows]:
-        """Return the samples and impacts that are new up to an instant."""
+    def take(self, motion: Motion, end: float) -> list[Rows]:
+        """Return the samples, impacts, measurements and acts that are new up to an instant."""
         times = motion.samples[:, 0]
         first = int(np.searchsorted(times, self._sample, side='right'))
         samples = motion.samples[first : int(np.searchsorted(times, end, side='right')) + 1]
         if len(samples):
             self._sample = float(samples[-1, 0])
-        # An impact may come after the sample that follows it.
-        impacts = motion.impacts_between(self._impact, max(self._sample, end))
-        if len(impacts):
-            self._impact = float(impacts[-1, 0])
-        return samples[-_MOST:], impacts[-_MOST:]
+        parts = [samples[-_MOST:]]
+        for n, rows in enumerate((motion.impacts, motion.measured, motion.acts)):
+            # They may come after the sample that follows them.
+            new = between(rows, self._others[n], max(self._sample, end))
+            if len(new):
+                self._others[n] = float(new[-1, 0])
+            parts.append(new[-_MOST:])
+        return parts
 
 
 class View:
@@ -99,8 +102,8 @@ class View:
         if flags & REPLACE or ghost is not self._ghost:
             flags |= REPLACE_GHOST
             self._others.begin(start)
-        parts = [*self._own.take(motion, end)]
-        parts += self._others.take(ghost, end) if ghost is not None else [np.empty((0, 0))] * 2
+        parts = self._own.take(motion, end)
+        parts += self._others.take(ghost, end)[:2] if ghost is not None else [np.empty((0, 0))] * 2
         if self._last == last and not flags & REPLACE_GHOST and not any(map(len, parts)):
             return None
         self._last, self._ghost = last, ghost

@@ -21,8 +21,9 @@ from impact_damper_ros.bag.messages import (
     JointStateRows,
     decode,
 )
-from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_ACT
+from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, IMPACT_JOINTS, JOINTS, PAUSED_ACT
 from impact_damper_ros.bag.snapshots import FORMAT
+from impact_damper_ros.control import CONTROL_JOINTS
 from impact_damper_ros.replay.command import parsed
 from impact_damper_ros.replay.rows import Messages
 from impact_damper_ros.rig.snapshot import Snapshot
@@ -106,6 +107,8 @@ class LiveRig(Source):
         self._readers = {
             'joint_states': JointStateRows(JOINTS, (5, 5, 0)),
             'impacts': JointStateRows(IMPACT_JOINTS, (2, 2, 2)),
+            'measurements': JointStateRows(AXIS_JOINTS, (4, 4, 0)),
+            'gap_control': JointStateRows(CONTROL_JOINTS, (4, 4, 4)),
         }
         # Those whose messages may still come
         self._eras: list[Era] = []
@@ -171,6 +174,10 @@ class LiveRig(Source):
             self._show_held()
             for era, table in self._tables('impacts', messages['impacts']):
                 self.motion.add_impacts(era.impacts(table))
+            for era, table in self._tables('measurements', messages['measurements']):
+                self.motion.add_measured(era.measured(table))
+            for era, table in self._tables('gap_control', messages['gap_control']):
+                self.motion.add_acts(era.acts(table))
         for content in messages['parameter_events']:
             self._take_event(content)
         for content in messages['diagnostics']:
@@ -330,7 +337,17 @@ class LiveRig(Source):
             'message': measured.message if measured else '',
             'verdict': predicted.message if predicted else '',
             'agreement': dict(predicted.values).get('Agreement', '') if predicted else '',
+            'controller': self._controller(),
         }
+
+    def _controller(self) -> dict[str, Any] | None:
+        """Return what the node reports of a controller outside of it, if it waits for one."""
+        report = self._reports.get('controller')
+        if report is None or self.values.get('gap_control') != 'external':
+            return None
+        age = dict(report.values).get('Age of the last command [s]', '')
+        seen = {'level': _level([report]), 'text': report.message}
+        return {**seen, 'age': float(age) if age else None}
 
     def _status(self) -> dict[str, Any]:
         """Return whether the rig runs."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motion of a rig as arrays: samples, impacts, and the phase of the force."""
+"""The motion of a rig as arrays: samples, impacts, what its controller sees and commands."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.control import Action
 from impact_damper_ros.replay.rows import (
     Events,
     Messages,
@@ -32,6 +33,11 @@ _IMPACT = (
 )
 #: Columns of impacts.
 IMPACT_COLUMNS = (*_IMPACT, 'phase')
+#: Columns of what the sensors measure, and of acts of the control: whether it is a command, its
+#: places of the stops in M, the active force on M, the energy spent on both stops so far.
+MEASURED_COLUMNS = ('time', 'x', 'z')
+ACT_COLUMNS = ('time', 'command', 'stop_1', 'stop_2', 'force', 'energy')
+COMMANDS = tuple(action.name.lower() for action in (Action.COMMAND, Action.ORDER))
 
 
 class ForcePhase:
@@ -89,6 +95,17 @@ class Era:
         times = (messages['stamp_ns'] - self.offset_ns) / 1e9
         return self.impact_rows(recorded_impacts(messages, self.rig, times))
 
+    def measured(self, messages: Messages) -> Rows:
+        """Return measurements as `MEASURED_COLUMNS`."""
+        return measured_rows(messages, self.offset_ns)
+
+    def acts(self, messages: Messages) -> Rows:
+        """Return acts of the control as `ACT_COLUMNS`."""
+        target_1, target_2, energy_1, energy_2, force = messages['numbers'][:, [0, 1, 8, 9, 10]].T
+        command = np.isin(messages['act'], COMMANDS)
+        times = (messages['stamp_ns'] - self.offset_ns) / 1e9
+        return np.column_stack([times, command, target_1, target_2, force, energy_1 + energy_2])
+
     def sample_rows(self, samples: Samples) -> Rows:
         """Return samples of the rig as `SAMPLE_COLUMNS`."""
         rows = np.column_stack([samples[name] for name in _SAMPLE])
@@ -106,6 +123,12 @@ class Era:
         return np.full(len(rows), np.nan) if self.phase is None else self.phase.at(rows[:, 0])
 
 
+def measured_rows(messages: Messages, offset_ns: int | NDArray[np.int64]) -> Rows:
+    """Return measurements as `MEASURED_COLUMNS`, given the stamp of rig time 0."""
+    x, y = messages['numbers'][:, :2].T
+    return np.column_stack([(messages['stamp_ns'] - offset_ns) / 1e9, x, x + y])
+
+
 class _Table:
     """Rows in rising order of their first column, of which the last ones are kept."""
 
@@ -119,6 +142,7 @@ class _Table:
         return self._rows[self._begin : self._end]
 
     def add(self, rows: Rows) -> None:
+        """Append rows; the oldest ones go where there is no room."""
         rows = rows[-self._most :]
         if self._end + len(rows) > len(self._rows):
             kept = self.rows[max(0, len(self.rows) + len(rows) - self._most) :].copy()
@@ -131,20 +155,28 @@ class _Table:
         self._end += len(rows)
         self._begin = max(self._begin, self._end - self._most)
 
+    def add_sorted(self, rows: Rows) -> None:
+        """Append the rows that are not earlier than the last one, in their order."""
+        if self._end > self._begin:
+            rows = rows[rows[:, 0] >= self._rows[self._end - 1, 0]]
+        self.add(rows[np.argsort(rows[:, 0], kind='stable')])
+
 
 class Motion:
     """
-    Samples and impacts of a rig in the order of their instants.
+    What is known of the motion of a rig, each kind in the order of its instants.
 
     Parameters
     ----------
     most_samples, most_impacts : int
-        How many are kept, the newest ones.
+        How many samples and measurements are kept, and impacts and acts: the newest ones.
     """
 
     def __init__(self, most_samples: int, most_impacts: int) -> None:
         self._samples = _Table(len(SAMPLE_COLUMNS), most_samples)
         self._impacts = _Table(len(IMPACT_COLUMNS), most_impacts)
+        self._measured = _Table(len(MEASURED_COLUMNS), most_samples)
+        self._acts = _Table(len(ACT_COLUMNS), most_impacts)
 
     @property
     def samples(self) -> Rows:
@@ -155,6 +187,16 @@ class Motion:
     def impacts(self) -> Rows:
         """All impacts."""
         return self._impacts.rows
+
+    @property
+    def measured(self) -> Rows:
+        """All measurements."""
+        return self._measured.rows
+
+    @property
+    def acts(self) -> Rows:
+        """All acts of the control."""
+        return self._acts.rows
 
     @property
     def end(self) -> float:
@@ -178,21 +220,18 @@ class Motion:
 
     def add_impacts(self, rows: Rows) -> None:
         """Append the impacts that are not earlier than the last one, in their order."""
-        rows = rows[np.isfinite(rows[:, :9]).all(axis=1)]
-        known = self._impacts.rows
-        if len(known):
-            rows = rows[rows[:, 0] >= known[-1, 0]]
-        self._impacts.add(rows[np.argsort(rows[:, 0], kind='stable')])
+        self._impacts.add_sorted(rows[np.isfinite(rows[:, :9]).all(axis=1)])
 
-    def samples_between(self, start: float, end: float) -> Rows:
-        """Return the samples after an instant, up to another one."""
-        return _between(self._samples.rows, start, end)
+    def add_measured(self, rows: Rows) -> None:
+        """Append measurements."""
+        self._measured.add_sorted(rows[np.isfinite(rows).all(axis=1)])
 
-    def impacts_between(self, start: float, end: float) -> Rows:
-        """Return the impacts after an instant, up to another one."""
-        return _between(self._impacts.rows, start, end)
+    def add_acts(self, rows: Rows) -> None:
+        """Append acts of the control."""
+        self._acts.add_sorted(rows)
 
 
-def _between(rows: Rows, start: float, end: float) -> Rows:
+def between(rows: Rows, start: float, end: float) -> Rows:
+    """Return the rows after an instant, up to another one."""
     first, last = np.searchsorted(rows[:, 0], (start, end), side='right')
     return rows[first:last]

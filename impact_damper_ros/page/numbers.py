@@ -11,10 +11,10 @@ import numpy as np
 from impact_damper_ros.rig import RigParameters
 
 from .knobs import as_json
-from .motion import Motion
+from .motion import Motion, between
 
-#: Cycles of the force over which is measured.
-_CYCLES = 20
+#: Cycles of the force over which is measured, and the time over which a controller is, s.
+_CYCLES, _SCORED_S = 20, 60.0
 
 
 def numbers_of(rig: RigParameters, motion: Motion, end: float) -> dict[str, Any]:
@@ -43,8 +43,8 @@ def numbers_of(rig: RigParameters, motion: Motion, end: float) -> dict[str, Any]
     known = end - float(motion.samples[0, 0]) if len(motion.samples) else 0.0
     cycles = min(_CYCLES, math.floor(known / cycle))
     if cycles >= 1:
-        impacts = motion.impacts_between(end - cycles * cycle, end)
-        x_max = float(np.abs(motion.samples_between(end - cycles * cycle, end)[:, 1]).max())
+        impacts = between(motion.impacts, end - cycles * cycle, end)
+        x_max = float(np.abs(between(motion.samples, end - cycles * cycle, end)[:, 1]).max())
         # X' changes at an impact, X does not.
         before, after = impacts[:, 4], impacts[:, 5]
         lost = 0.5 * rig.primary_mass * float((before**2 - after**2).sum())
@@ -53,4 +53,22 @@ def numbers_of(rig: RigParameters, motion: Motion, end: float) -> dict[str, Any]
             'energy_per_cycle': lost / cycles,
             'x_max_ratio_measured': x_max / amplitude if amplitude > 0.0 else math.nan,
         }
-    return {'type': 'numbers', **as_json(numbers)}
+    return {'type': 'numbers', **as_json(numbers), 'score': score_of(motion, end)}
+
+
+def score_of(motion: Motion, end: float) -> dict[str, Any] | None:
+    """Return what a controller has achieved in the last minute, and what it has spent."""
+    x = between(motion.samples, end - _SCORED_S, end)[:, :2]
+    if len(x) < 2:
+        return None
+    start, acts = end - _SCORED_S, motion.acts
+    first, last = np.searchsorted(acts[:, 0], (start, end), side='right')
+    # Of the act before the minute on; a reset lets the energy count from 0 again.
+    energies = acts[max(first - 1, 0) : last, -1]
+    return {
+        'seconds': float(x[-1, 0] - x[0, 0]),
+        'rms_x': float(np.sqrt(np.mean(x[:, 1] ** 2))),
+        'largest_x': float(np.abs(x[:, 1]).max()),
+        'impacts': len(between(motion.impacts, start, end)),
+        'energy': float(np.clip(np.diff(energies), 0.0, None).sum()),
+    }

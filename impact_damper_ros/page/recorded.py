@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import time
@@ -15,6 +16,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.bag.messages import JointStateRows
+from impact_damper_ros.bag.rig_topics import AXIS_JOINTS
 from impact_damper_ros.replay import Command, RecordedRun, Rows
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.snapshot import Snapshot
@@ -22,7 +26,7 @@ from impact_damper_ros.theory import TheoryProcess
 
 from .frames import PAUSED, View
 from .knobs import as_json, knobs_of, read_values
-from .motion import Era, ForcePhase, Motion
+from .motion import Era, ForcePhase, Motion, measured_rows
 from .numbers import numbers_of
 from .presets import preset_with
 from .source import RequestError, Source
@@ -120,15 +124,18 @@ def load_recording(path: Path) -> Recording:
     before: dict[str, Any] = {}
     remarks: list[str] = []
     era: Era | None = None
+    offsets: list[tuple[int, int]] = []
     for item in run.walk():
         if isinstance(item, Rows):
             assert era is not None
             motion.add_samples(era.samples(item.states))
             motion.add_impacts(era.impacts(item.impacts))
+            motion.add_acts(era.acts(item.acts))
         elif isinstance(item, Command):
             snapshot = Snapshot.from_dict(dict(item.state))
             rig = snapshot.parameters
             era = Era(item.time_ns, item.offset_ns, rig, ForcePhase(snapshot))
+            offsets.append((item.stamp_ns, item.offset_ns))
             control = item.state['gap_control']['parameters']
             values = as_json({**rig.as_dict(), **control, **item.initial.as_dict()})
             changed = {n: v for n, v in values.items() if before.get(n, v) != v}
@@ -148,10 +155,26 @@ def load_recording(path: Path) -> Recording:
             break
     if not len(motion.samples):
         raise ValueError(f'{path.name} holds no joint states of a rig')
+    motion.add_measured(_measured(run, offsets))
     if not run.reader.complete:
         remarks.append('the recording was cut short')
     times = np.array([change['time'] for change in changes])
     return Recording(motion, changes, '; '.join(remarks), packed, times)
+
+
+def _measured(run: RecordedRun, offsets: list[tuple[int, int]]) -> NDArray[np.float64]:
+    """Return what the sensors measured, given from which stamp on rig time 0 has which stamp."""
+    topic = run.reader.custom.get('measurements') or f'{run.topics.namespace}measurements'
+    contents: list[bytes] = []
+    if topic in run.reader.topics:
+        # The walk has met what is damaged.
+        with contextlib.suppress(RecordingError):
+            contents.extend(record.content for record in run.reader.records([topic]))
+    rows, readable = JointStateRows(AXIS_JOINTS, (4, 4, 0)).read(contents, 0)
+    stamps_ns, offsets_ns = np.array(offsets).T
+    rows = rows[readable]
+    place = np.searchsorted(stamps_ns, rows['stamp_ns'], side='right') - 1
+    return measured_rows(rows, offsets_ns[np.clip(place, 0, None)])
 
 
 class Player(Source):

@@ -35,7 +35,7 @@ from .live import NoAnswerError
 #: Time after which a request is repeated, since its answer may have been lost during discovery,
 #: and time after which it fails, s.
 ASK_AGAIN_S, PATIENCE_S = 1.0, 6.0
-_TOPICS = ('joint_states', 'impacts', 'snapshot', 'theory')
+_TOPICS = ('joint_states', 'impacts', 'measurements', 'gap_control', 'snapshot', 'theory')
 #: Most messages of a topic that are taken at once.
 _MOST_TAKEN = 2000
 _SERVICES = {
@@ -120,6 +120,8 @@ class RigLink:
             for key, kind, topic, qos in (
                 ('joint_states', JointState, topics['joint_states'], loose),
                 ('impacts', JointState, topics['impacts'], QoSProfile(depth=1000)),
+                ('measurements', JointState, topics['measurements'], loose),
+                ('gap_control', JointState, topics['gap_control'], QoSProfile(depth=1000)),
                 ('snapshot', String, topics['snapshot'], latched),
                 ('theory', String, topics['theory'], latched),
                 ('diagnostics', DiagnosticArray, '/diagnostics', QoSProfile(depth=20)),

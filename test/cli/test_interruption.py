@@ -102,21 +102,3 @@ def test_an_interruption_in_a_destructor_is_not_lost(capsys):
 
     assert outcome('sweep_rig', work) == 128 + signal.SIGTERM
     assert capsys.readouterr().err == 'sweep_rig: interrupted\n'
-
-
-def test_tests_can_interrupt_in_the_background_of_a_script():
-    """SIGINT is ignored there by inheritance, which children of the tests must not inherit."""
-    one = 'test_a_run_that_is_stopped_is_whole[SIGINT]'
-    file = ROOT / 'test' / 'cli' / 'test_interruption.py'
-    words = [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', f'{file}::{one}']
-    done = subprocess.run(
-        ['sh', '-c', 'trap "" INT; exec "$@"', 'sh', *words],
-        cwd=ROOT,
-        env={**os.environ, 'PYTHONPATH': str(ROOT)},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
-    assert '1 passed' in done.stdout

@@ -116,6 +116,10 @@ class Page:
             reduced_motion='reduce' if calm else 'no-preference',
         )
 
+    def allow(self, *permissions):
+        """Let the page do what a user would have to permit."""
+        self._context.grant_permissions(permissions)
+
     def protocol(self):
         """Return a session of the DevTools protocol."""
         return self._context.new_cdp_session(self.tab)

@@ -13,7 +13,10 @@ OFFSET_NS = 1_700_000_000 * 10**9
 RATE = 200
 
 
-TOPICS = ('joint_states', 'impacts', 'snapshot', 'theory', 'diagnostics', 'parameter_events')
+TOPICS = (
+    *('joint_states', 'impacts', 'measurements', 'gap_control'),
+    *('snapshot', 'theory', 'diagnostics', 'parameter_events'),
+)
 
 
 def diagnostics(*statuses):

@@ -46,7 +46,7 @@ class PageProcess:
 
     def _said(self):
         assert self._process.poll() is None, self._output.read_text()
-        found = re.search(r'http://[\d.]+:\d+/', self._output.read_text())
+        found = re.search(r'http://\S+:\d+/\S*', self._output.read_text())
         return found and found[0]
 
     def close(self):

@@ -12,7 +12,12 @@ from tornado.httpclient import AsyncHTTPClient, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from impact_damper_ros.page.gate import Gate
-from impact_damper_ros.page.motion import IMPACT_COLUMNS, SAMPLE_COLUMNS
+from impact_damper_ros.page.motion import (
+    ACT_COLUMNS,
+    IMPACT_COLUMNS,
+    MEASURED_COLUMNS,
+    SAMPLE_COLUMNS,
+)
 from impact_damper_ros.page.recordings import Recordings
 from impact_damper_ros.page.server import PageServer
 
@@ -31,8 +36,9 @@ def in_loop(test):
     return run
 
 
-HEADER = struct.Struct('<BBHHHHxxdd')
+HEADER = struct.Struct('<BB6Hxxdd')
 SAMPLE, IMPACT = len(SAMPLE_COLUMNS), len(IMPACT_COLUMNS)
+WIDTHS = (SAMPLE, IMPACT, len(MEASURED_COLUMNS), len(ACT_COLUMNS), SAMPLE, IMPACT)
 
 
 @dataclass
@@ -42,6 +48,8 @@ class Frame:
     epoch: float
     samples: np.ndarray
     impacts: np.ndarray
+    measured: np.ndarray
+    acts: np.ndarray
     ghost_samples: np.ndarray
     ghost_impacts: np.ndarray
 
@@ -54,13 +62,12 @@ class Frame:
 def taken_apart(content):
     """Return a frame as the page reads it."""
     kind, flags, *counts, end, epoch = HEADER.unpack_from(content)
-    assert kind == 2
+    assert kind == 3
     numbers = np.frombuffer(content[HEADER.size :], '<f4')
-    widths = (SAMPLE, IMPACT, SAMPLE, IMPACT)
-    sizes = [count * width for count, width in zip(counts, widths, strict=True)]
+    sizes = [count * width for count, width in zip(counts, WIDTHS, strict=True)]
     assert sum(sizes) == len(numbers)
     tables = np.split(numbers, np.cumsum(sizes)[:-1])
-    parts = [t.reshape(-1, width) for t, width in zip(tables, widths, strict=True)]
+    parts = [t.reshape(-1, width) for t, width in zip(tables, WIDTHS, strict=True)]
     return Frame(flags, end, epoch, *parts)
 
 

@@ -155,59 +155,6 @@ async def test_pause_reset_and_record(node, tmp_path):
     assert node.running()
 
 
-@in_loop
-async def test_the_node_is_killed_and_started_anew(node, tmp_path, monkeypatch):
-    monkeypatch.setattr('impact_damper_ros.page.live.GONE_S', 1.5)
-    async with page_of(tmp_path, node='/sim_node') as (_, page):
-        await page.until(lambda: page.frames and with_knobs(page))
-        seen = len(page.of('hello'))
-        node.kill()
-        gone = await page.next('status', state='gone')
-        assert 'no message from /sim_node' in gone['text']
-        answer = asyncio.ensure_future(page.ask(type='set', values={'gap': 0.02}))
-        again = SimProcess(tmp_path / 'again', **{**LIVELY, 'gap': 0.03})
-        try:
-            hello = await page.until(
-                lambda: [
-                    m
-                    for m in page.of('hello')[seen:]
-                    if {k['name']: k['value'] for k in m['parameters']}.get('gap')
-                ]
-            )
-            count = len(page.frames)
-            await page.until(lambda: len(page.frames) > count)
-            # It was asked while nobody was there: refused, or done by the new one.
-            assert (await answer)[0] in (True, False)
-            assert hello
-        finally:
-            await asyncio.to_thread(again.stop)
-
-
-def test_several_rigs_can_be_chosen_from(tmp_path):
-    nodes = [
-        SimProcess(tmp_path / name, remaps=[f'__ns:=/{name}'], **{**LIVELY, 'gap': gap})
-        for name, gap in (('left', 0.01), ('right', 0.02))
-    ]
-
-    async def test():
-        async with page_of(tmp_path) as (server, page):
-            both = ['/left/sim_node', '/right/sim_node']
-            await page.until(
-                lambda: [m for m in page.messages if both in (m.get('rigs'), m.get('list'))]
-            )
-            async with opened(server, '/ws?rig=/right/sim_node') as right:
-                await right.until(lambda: with_knobs(right))
-                values = {k['name']: k['value'] for k in with_knobs(right)[-1]['parameters']}
-                assert values['gap'] == 0.02
-                assert with_knobs(right)[-1]['rig'] == '/right/sim_node'
-
-    try:
-        asyncio.run(test())
-    finally:
-        for node in nodes:
-            node.kill()
-
-
 def started(directory, *arguments):
     """Start the command; return it, and the address that it prints."""
     process = subprocess.Popen(

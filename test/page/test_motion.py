@@ -7,7 +7,13 @@ import pytest
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.page.frames import PAUSED, REPLACE, REPLACE_GHOST, View
-from impact_damper_ros.page.motion import IMPACT_COLUMNS, SAMPLE_COLUMNS, Motion
+from impact_damper_ros.page.motion import (
+    ACT_COLUMNS,
+    IMPACT_COLUMNS,
+    SAMPLE_COLUMNS,
+    Motion,
+    between,
+)
 from impact_damper_ros.page.numbers import numbers_of
 
 from .moving_rig import LIVELY, force_phase, motion_of
@@ -92,6 +98,45 @@ def test_a_jump_replaces_all(motion):
     assert frames_of(motion, view, [9.5])[0].flags & REPLACE
 
 
+def test_what_is_measured_and_commanded_is_sent_and_scored(motion):
+    """Late measurements too; the energy of a reset rig counts from 0 again."""
+    known, view = Motion(10_000, 10_000), View(window=20.0)
+    known.add_samples(motion.samples)
+    seen = np.column_stack([np.arange(0.0, 12.0, 0.1)] * 3)
+    acts = np.zeros((12, len(ACT_COLUMNS)))
+    acts[:, 0], acts[:, 1], acts[:, -1] = (
+        np.arange(12.0),
+        1.0,
+        [0, 1, 3, 6, 0, 0, 2, 2, 4, 4, 5, 5],
+    )
+    acts[:, 2:4] = np.nan
+    known.add_acts(acts)
+    frames = []
+    for instant, late in ((4.0, 3.5), (8.0, 8.0), (12.0, 12.0)):
+        known.add_measured(between(seen, known.measured[-1, 0] if frames else -1.0, late))
+        frames += frames_of(known, view, [instant])
+    assert times(frames, 'measured') == pytest.approx(seen[:, 0], abs=1e-5)
+    assert times(frames, 'acts') == pytest.approx(acts[:, 0])
+    assert np.isnan(np.concatenate([frame.acts for frame in frames])[:, 2:4]).all()
+    x = motion.samples[motion.samples[:, 0] > -48.0, 1]
+    score = numbers_of(LIVELY, known, 12.0)['score']
+    assert score == {
+        'seconds': pytest.approx(12.0),
+        'rms_x': pytest.approx(np.sqrt((x**2).mean())),
+        'largest_x': np.abs(x).max(),
+        'impacts': 0,
+        'energy': 11.0,
+    }
+    # Of the last minute alone
+    later = motion.samples + np.array([60.0, *[0.0] * 8])
+    known.add_samples(later[later[:, 0] > 60.5])
+    known.add_impacts(motion.impacts)
+    score = numbers_of(LIVELY, known, 68.5)['score']
+    assert score['seconds'] == pytest.approx(60.0, abs=0.01)
+    assert score['energy'] == 1.0
+    assert score['impacts'] == (motion.impacts[:, 0] > 8.5).sum()
+
+
 def test_flags_alone_are_news(motion):
     view = View()
     view.frame(motion, 6.0, 12.5)
@@ -107,8 +152,8 @@ def test_a_ghost_that_comes_to_be_known(motion, other):
     view.frame(motion, 9.0, 0.0)
     for until in (2.0, 5.5, 7.3, 8.95, 12.0):
         frames += frames_of(motion, view, [9.0], ghost)
-        ghost.add_impacts(other.impacts_between(ghost.end if frames[1:] else -1.0, until))
-        ghost.add_samples(other.samples_between(ghost.end if frames[1:] else -1.0, until))
+        ghost.add_impacts(between(other.impacts, ghost.end if frames[1:] else -1.0, until))
+        ghost.add_samples(between(other.samples, ghost.end if frames[1:] else -1.0, until))
     frames += frames_of(motion, view, [9.0], ghost)
     assert [frame.flags for frame in frames] == [REPLACE_GHOST, *[0] * (len(frames) - 1)]
     for name in ('samples', 'impacts'):
@@ -191,13 +236,13 @@ def test_numbers(motion):
     assert numbers['static_amplitude'] == LIVELY.response_amplitude
     assert (numbers['mass_ratio'], numbers['gap']) == (0.1, 0.01)
     start = 12.0 - 20 * math.tau / 31.6
-    hits = motion.impacts_between(start, 12.0)
+    hits = between(motion.impacts, start, 12.0)
     assert numbers['impacts_per_cycle'] == len(hits) / 20
     # What the impacts take from M: impulse times the mean of its velocities before and after
     sign = np.where(hits[:, 1] == 1.0, 1.0, -1.0)
     taken = -(sign * hits[:, 8] * 0.5 * (hits[:, 4] + hits[:, 5])).sum() / 20
     assert numbers['energy_per_cycle'] == pytest.approx(taken)
-    largest = np.abs(motion.samples_between(start, 12.0)[:, 1]).max()
+    largest = np.abs(between(motion.samples, start, 12.0)[:, 1]).max()
     ratio = numbers['x_max_ratio_measured']
     assert ratio == pytest.approx(largest / LIVELY.response_amplitude)
     undamped = LIVELY.replace(damping=0.0, force_frequencies=(LIVELY.omega,))

@@ -4,6 +4,7 @@
 import { isOwnAddress, readAddress, writeAddress } from './address.js';
 import { readColours } from './chart.js';
 import { Connection } from './connection.js';
+import { Controller } from './controller.js';
 import { byId, element, mark, toast, write } from './dom.js';
 import { Drag } from './drag.js';
 import { clock, digits, withUnit } from './format.js';
@@ -52,6 +53,7 @@ const multipliers = new Multipliers(byId('multipliers-canvas'));
 const slow = new SlowMotion(history);
 const clicks = new Clicks();
 const verdict = new Verdict();
+const controller = new Controller((values) => turn(values));
 const player = new Player(connection);
 const knobs = new Knobs((values) => setValues(values));
 const curve = new GapCurve(byId('curve-canvas'), theory, (gap) => turn({ gap }));
@@ -126,9 +128,10 @@ function reproducible(name) {
   return !known || (!known.read_only && (REPRODUCIBLE.has(known.group) || name.startsWith('initial_')));
 }
 
-function keepAddress() {
+/** `time` is that of a recording, which the last frame may not have reached yet. */
+function keepAddress(time = history.end) {
   const values = Object.fromEntries(Object.entries(shared.values).filter(([name]) => reproducible(name)));
-  writeAddress({ ...shared, values, time: shared.bag ? history.end : NaN });
+  writeAddress({ ...shared, values, time: shared.bag ? time : NaN });
 }
 
 // Requests
@@ -273,6 +276,8 @@ connection.addEventListener('hello', ({ detail }) => {
   offer(live ? detail.rigs : [detail.bag], live ? detail.rig : detail.bag);
   makePresets(presetList, loadPreset);
   knobs.make(detail.parameters);
+  controller.make(detail.parameters);
+  controller.report(null);
   history.recorded = !live;
   for (const one of detail.changes ?? []) if (one.kind !== 'stretch') history.change(one.time, knobs.done(one));
   takeValues(Object.fromEntries(detail.parameters.map((one) => [one.name, one.value])));
@@ -318,6 +323,7 @@ function takeValues(values) {
     byId('record').lastChild.textContent = values.record ? 'Recording' : 'Record';
   }
   const all = rigValues;
+  controller.take(all);
   // With a margin between the two, so that a knob that is dragged does not turn it to and fro
   const steep = document.body.classList.contains('steep') ? 0.6 : 0.8;
   document.body.classList.toggle('steep', Math.abs(all.angle) > steep);
@@ -396,10 +402,14 @@ connection.addEventListener('missing', () => {
 connection.addEventListener('rigs', ({ detail }) => {
   if (hello.mode !== 'player') offer(detail.list, hello.rig);
 });
-connection.addEventListener('diagnostics', ({ detail }) => verdict.diagnostics(detail));
+connection.addEventListener('diagnostics', ({ detail }) => {
+  verdict.diagnostics(detail);
+  controller.report(detail.controller);
+});
 connection.addEventListener('numbers', ({ detail }) => {
   numbers = detail;
   verdict.numbers(detail, theory);
+  controller.numbers(detail);
   curve.place(detail.gap, detail.x_max_ratio_measured ?? NaN);
 });
 for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
@@ -423,7 +433,7 @@ connection.addEventListener('what_if', ({ detail }) => {
   if (!detail.on && detail.text) toast(detail.text, 'bad');
 });
 connection.addEventListener('notice', ({ detail }) => toast(detail.text, 'bad'));
-connection.addEventListener('seek_done', () => keepAddress());
+connection.addEventListener('seek_done', ({ detail }) => keepAddress(detail.time));
 
 // What is pressed
 
@@ -538,6 +548,7 @@ document.addEventListener('visibilitychange', sendView);
 const SHADES = ['', 'light', 'dark'];
 const SHADE_NAMES = { '': 'Auto', light: 'Light', dark: 'Dark' };
 function recolour() {
+  globalThis.shade();
   readColours();
   traces.restyle();
   for (const picture of [rig, portrait, map, multipliers, curve, slow.drawing]) picture.stale = true;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A small canvas for a scientific picture: size, colours of the theme, axes with units.
 
-import { minus, ticks } from './format.js';
+import { minus, niceAbove, ticks } from './format.js';
 
 const NAMES = [
   'page', 'panel', 'line', 'ink', 'quiet', 'grid', 'stop', 'primary', 'damper', 'theory', 'special',
@@ -26,6 +26,16 @@ export const stopColour = (stop) => (stop === 1 ? colours.lower : colours.upper)
 
 /** Dashes of a line for a motion: solid if stable, dashed if not, dotted if it is not viable. */
 export const dashes = ({ stable, viable }) => (viable === false ? [1, 3] : stable ? [] : [5, 4]);
+
+/** Draw lines through points [x, y]. */
+export function strokeLines(context, ...lines) {
+  context.beginPath();
+  for (const [[x, y], ...rest] of lines) {
+    context.moveTo(x, y);
+    for (const [a, b] of rest) context.lineTo(a, b);
+  }
+  context.stroke();
+}
 
 /** A canvas that knows its size in CSS pixels and draws sharply on every screen. */
 export class Canvas {
@@ -90,20 +100,34 @@ export class SteadyRange {
   }
 }
 
+/** A range about zero, with as much on either side unless one of them needs less than half of that. */
+export class SteadySpan {
+  constructor() {
+    this.sides = [new SteadyRange(), new SteadyRange()];
+  }
+
+  /** Return both ends for values between a least and a largest one. */
+  fit(least, most, now) {
+    const asked = [-least, most];
+    const larger = Math.max(...asked);
+    const [down, up] = asked.map((one, n) => this.sides[n].fit(larger > 0 ? niceAbove(one < 0.5 * larger ? Math.max(one, 0.2 * larger) : larger) : 0, now));
+    return [-down, up];
+  }
+}
+
 /** Axes in a canvas: a frame with a light grid, numbers and the names of both quantities. */
 export class Axes extends Canvas {
   /** Draw the frame and return how to get from values to pixels. */
-  axes({ x, y, xName, yName, xTicks = 4, yTicks = 4, equal = false, left = null }) {
+  axes({ x, y, xName, yName, xTicks = 4, yTicks = 4 }) {
     const { context } = this;
     const size = 0.78;
     context.font = font(size);
     const em = Math.max(10.5, size * colours.size);
-    let [xLow, xHigh] = x;
-    let [yLow, yHigh] = y;
+    const [[xLow, xHigh], [yLow, yHigh]] = [x, y];
     const across = ticks(yLow, yHigh, Math.min(yTicks, Math.max(2, this.height / (3.2 * em))));
     const labels = across.values.map((value) => minus(value.toFixed(across.decimals)));
     const margin = {
-      left: left ?? Math.ceil(Math.max(...labels.map((text) => context.measureText(text).width), 8) + 10),
+      left: Math.ceil(Math.max(...labels.map((text) => context.measureText(text).width), 8) + 10),
       right: Math.ceil(0.9 * em),
       top: Math.ceil(2.1 * em),
       bottom: Math.ceil(2.75 * em),
@@ -114,33 +138,19 @@ export class Axes extends Canvas {
       width: Math.max(10, this.width - margin.left - margin.right),
       height: Math.max(10, this.height - margin.top - margin.bottom),
     };
-    if (equal) {
-      const scale = Math.min(box.width / (xHigh - xLow), box.height / (yHigh - yLow));
-      const grow = (low, high, length) => {
-        const more = (length / scale - (high - low)) / 2;
-        return [low - more, high + more];
-      };
-      [xLow, xHigh] = grow(xLow, xHigh, box.width);
-      [yLow, yHigh] = grow(yLow, yHigh, box.height);
-    }
     const toX = (value) => box.left + ((value - xLow) / (xHigh - xLow)) * box.width;
     const toY = (value) => box.top + box.height - ((value - yLow) / (yHigh - yLow)) * box.height;
     const along = ticks(xLow, xHigh, Math.min(xTicks, Math.max(2, box.width / (4.5 * em))));
     context.lineWidth = 1;
     context.strokeStyle = colours.grid;
     context.fillStyle = colours.quiet;
-    context.beginPath();
-    for (const value of along.values) {
-      const place = Math.round(toX(value)) + 0.5;
-      context.moveTo(place, box.top);
-      context.lineTo(place, box.top + box.height);
-    }
-    for (const value of across.values) {
-      const place = Math.round(toY(value)) + 0.5;
-      context.moveTo(box.left, place);
-      context.lineTo(box.left + box.width, place);
-    }
-    context.stroke();
+    const [ground, right] = [box.top + box.height, box.left + box.width];
+    const sharp = (place) => Math.round(place) + 0.5;
+    strokeLines(
+      context,
+      ...along.values.map((value) => [[sharp(toX(value)), box.top], [sharp(toX(value)), ground]]),
+      ...across.values.map((value) => [[box.left, sharp(toY(value))], [right, sharp(toY(value))]]),
+    );
     context.strokeStyle = colours.line;
     context.strokeRect(Math.round(box.left) + 0.5, Math.round(box.top) + 0.5, Math.round(box.width), Math.round(box.height));
     context.textBaseline = 'top';
@@ -155,7 +165,27 @@ export class Axes extends Canvas {
     context.fillText(xName, box.left + box.width, this.height - 3);
     context.textAlign = 'left';
     context.fillText(yName, Math.max(2, box.left - margin.left + 4), em + 1);
-    return { box, toX, toY, xLow, xHigh, yLow, yHigh };
+    return { box, toX, toY };
+  }
+
+  /** A sentence in the middle of the frame, or at another height, in as many lines as it needs. */
+  say(text, box, part = 0.5) {
+    const { context } = this;
+    Object.assign(context, { font: font(0.85), fillStyle: colours.quiet, textAlign: 'center', textBaseline: 'middle' });
+    const lines = [''];
+    for (const word of text.split(' ')) {
+      const longer = `${lines.at(-1)} ${word}`.trim();
+      if (context.measureText(longer).width > box.width - 16 && lines.at(-1)) lines.push(word);
+      else lines[lines.length - 1] = longer;
+    }
+    const height = 1.3 * colours.size * 0.85;
+    // The rig's own dot may be behind it.
+    Object.assign(context, { strokeStyle: colours.page, lineWidth: 4 });
+    lines.slice(0, 5).forEach((line, n) => {
+      const place = [box.left + box.width / 2, box.top + part * box.height + (n - (Math.min(5, lines.length) - 1) / 2) * height];
+      context.strokeText(line, ...place);
+      context.fillText(line, ...place);
+    });
   }
 
   /** A point that moves, with a rim. */

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The WebSocket: joins a rig or a recording, reads frames, comes back by itself.
 
-import { IMPACT, SAMPLE } from './history.js';
+import { ACT, IMPACT, MEASURED, SAMPLE } from './history.js';
 
-const HEADER = 28;
+const HEADER = 32;
 /** Code of a connection to a rig or recording that is not there. */
 const NOT_THERE = 4404;
 const FIRST_WAIT = 400;
@@ -12,23 +12,23 @@ const LONGEST_WAIT = 5000;
 /** Read a binary frame; its layout is in frames.py. */
 export function readFrame(buffer) {
   const view = new DataView(buffer);
-  if (buffer.byteLength < HEADER || view.getUint8(0) !== 2) return null;
+  if (buffer.byteLength < HEADER || view.getUint8(0) !== 3) return null;
   const flags = view.getUint8(1);
   let place = HEADER;
-  const parts = [SAMPLE, IMPACT, SAMPLE, IMPACT].map((fields, n) => {
+  const parts = [SAMPLE, IMPACT, MEASURED, ACT, SAMPLE, IMPACT].map((fields, n) => {
     const count = fields.length * view.getUint16(2 + 2 * n, true);
     const rows = new Float32Array(buffer, place, count);
     place += 4 * count;
     return rows;
   });
-  const [samples, impacts, ghostSamples, ghostImpacts] = parts;
+  const [samples, impacts, measured, acts, ghostSamples, ghostImpacts] = parts;
   return {
     paused: (flags & 1) !== 0,
     replace: (flags & 2) !== 0,
     replaceGhost: (flags & 4) !== 0,
-    end: view.getFloat64(12, true),
-    epoch: view.getFloat64(20, true),
-    samples, impacts, ghostSamples, ghostImpacts,
+    end: view.getFloat64(16, true),
+    epoch: view.getFloat64(24, true),
+    samples, impacts, measured, acts, ghostSamples, ghostImpacts,
     bytes: buffer.byteLength,
   };
 }

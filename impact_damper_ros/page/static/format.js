@@ -70,18 +70,20 @@ export function clock(seconds, exact = false) {
 /** Return a size in bytes. */
 export const bytes = (size) => withUnit(size, 'B', 2);
 
+/** How many decimals numbers need that are a step apart. */
+export const decimalsOf = (step) => Math.max(0, -Math.floor(Math.log10(Math.abs(step)) + 1e-9));
+
 /** Steps of 1, 2 or 5 that cut a range into about so many parts. */
 export function ticks(low, high, about) {
   const rough = (high - low) / Math.max(1, about);
   if (!(rough > 0) || !Number.isFinite(rough)) return { values: [], decimals: 0 };
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = power * [1, 2, 5, 10].find((n) => n * power >= rough * 0.999);
-  const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   const values = [];
   for (let n = Math.ceil(low / step - 1e-9); n * step <= high + 1e-9 * step; n += 1) {
     values.push(n === 0 ? 0 : n * step);
   }
-  return { values, decimals, step };
+  return { values, decimals: decimalsOf(step), step };
 }
 
 /** The least of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below a value. */

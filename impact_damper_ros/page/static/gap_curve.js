@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Xmax/A over the gap by theory, with the rig's own dot on it; a click sets the gap.
 
-import { Axes, colours, dashes, font } from './chart.js';
+import { Axes, colours, dashes, font, strokeLines } from './chart.js';
 import { mark } from './dom.js';
 import { digits, lengthUnit, niceAbove, withUnit } from './format.js';
 import { TERMS } from './glossary.js';
@@ -75,14 +75,10 @@ export class GapCurve extends Axes {
     if (!this.begin()) return;
     const { curve } = this.theory;
     const branches = curve?.branches ?? [];
-    let [low, high, most] = [Infinity, 0, 0];
-    for (const branch of branches) {
-      for (let n = 0; n < branch.gap.length; n += 1) {
-        if (branch.gap[n] < low) low = branch.gap[n];
-        if (branch.gap[n] > high) high = branch.gap[n];
-        if (branch.x_max_ratio[n] > most) most = branch.x_max_ratio[n];
-      }
-    }
+    const gaps = branches.flatMap((branch) => branch.gap);
+    let low = Math.min(Infinity, ...gaps);
+    let high = Math.max(0, ...gaps);
+    let most = Math.max(0, ...branches.flatMap((branch) => branch.x_max_ratio));
     // A rig far beyond the curve stands at its end.
     this.beyond = high > 0 && (this.gap > 4 * high || this.gap < low / 20);
     if (this.gap > 0 && !this.beyond) {
@@ -110,28 +106,19 @@ export class GapCurve extends Axes {
     const toX = (gap) => axes.toX(gap * factor);
     const { toY, box } = axes;
     this.inside(box, (context) => {
-      if (curve?.optimum) {
-        context.strokeStyle = colours.good;
-        context.globalAlpha = 0.5;
-        context.lineWidth = 1;
-        context.setLineDash([2, 3]);
-        context.beginPath();
-        context.moveTo(toX(curve.optimum.gap), box.top);
-        context.lineTo(toX(curve.optimum.gap), box.top + box.height);
-        context.stroke();
+      const upright = (gap, stroke, alpha, dash = []) => {
+        Object.assign(context, { strokeStyle: stroke, globalAlpha: alpha, lineWidth: 1 });
+        context.setLineDash(dash);
+        strokeLines(context, [[toX(gap), box.top], [toX(gap), box.top + box.height]]);
         context.setLineDash([]);
         context.globalAlpha = 1;
-      }
+      };
+      if (curve?.optimum) upright(curve.optimum.gap, colours.good, 0.5, [2, 3]);
       for (const branch of branches) this.branch(context, branch, toX, toY);
       context.font = font(0.68);
       this.specials(context, curve?.special ?? [], toX, toY, box);
       if (this.aim !== null && this.settable) {
-        context.strokeStyle = colours.link;
-        context.lineWidth = 1;
-        context.beginPath();
-        context.moveTo(toX(this.aim), box.top);
-        context.lineTo(toX(this.aim), box.top + box.height);
-        context.stroke();
+        upright(this.aim, colours.link, 1);
         context.fillStyle = colours.link;
         context.font = font(0.75);
         context.textBaseline = 'bottom';
@@ -148,27 +135,14 @@ export class GapCurve extends Axes {
         const said = `the rig is at ${withUnit(this.gap, 'm')}`;
         context.fillText(right ? `${said} →` : `← ${said}`, box.left + (right ? box.width - 4 : 4), box.top + 4);
       } else if (this.gap > 0) {
-        context.strokeStyle = colours.primary;
-        context.lineWidth = 1;
-        context.globalAlpha = 0.55;
-        context.beginPath();
-        context.moveTo(toX(this.gap), box.top);
-        context.lineTo(toX(this.gap), box.top + box.height);
-        context.stroke();
-        context.globalAlpha = 1;
+        upright(this.gap, colours.primary, 0.55);
         if (Number.isFinite(this.measured)) {
           this.dot(toX(this.gap), Math.max(toY(this.measured), box.top + 2), colours.primary, 6);
         }
       }
     });
     if (!branches.length) {
-      const { context } = this;
-      context.font = font(0.85);
-      context.fillStyle = colours.quiet;
-      context.textAlign = 'center';
-      context.textBaseline = 'middle';
-      const said = curve?.text || this.theory.failed || (curve?.done ? 'no periodic motion found' : 'computing…');
-      this.wrapped(said, box);
+      this.say(curve?.text || this.theory.failed || (curve?.done ? 'no periodic motion found' : 'computing…'), box);
     }
     const label = this.gap > 0 ? `${digits(this.gap * factor, 4)} ${unit}` : 'unknown';
     const { canvas } = this;
@@ -227,33 +201,10 @@ export class GapCurve extends Axes {
       context.strokeStyle = shown === 'stable' ? colours.theory : colours.quiet;
       context.lineWidth = shown === 'stable' ? 2 : 1.2;
       context.setLineDash(dashes({ stable: shown === 'stable', viable: shown !== 'not viable' }));
-      context.beginPath();
-      context.moveTo(toX(gap[n]), toY(ratio[n]));
-      while (n < gap.length - 1 && piece(n) === shown) {
-        n += 1;
-        context.lineTo(toX(gap[n]), toY(ratio[n]));
-      }
-      context.stroke();
+      const from = n;
+      while (n < gap.length - 1 && piece(n) === shown) n += 1;
+      strokeLines(context, gap.slice(from, n + 1).map((one, k) => [toX(one), toY(ratio[from + k])]));
     }
     context.setLineDash([]);
-  }
-
-  /** A sentence in the middle of the frame, in as many lines as it needs. */
-  wrapped(text, box) {
-    const { context } = this;
-    const lines = [''];
-    for (const word of text.split(' ')) {
-      const longer = `${lines.at(-1)} ${word}`.trim();
-      if (context.measureText(longer).width > box.width - 16 && lines.at(-1)) lines.push(word);
-      else lines[lines.length - 1] = longer;
-    }
-    const height = 1.3 * colours.size * 0.85;
-    // The rig's own dot may be behind it.
-    context.strokeStyle = colours.page;
-    context.lineWidth = 4;
-    lines.slice(0, 5).forEach((line, n) => {
-      context.strokeText(line, box.left + box.width / 2, box.top + box.height / 2 + (n - (Math.min(5, lines.length) - 1) / 2) * height);
-      context.fillText(line, box.left + box.width / 2, box.top + box.height / 2 + (n - (Math.min(5, lines.length) - 1) / 2) * height);
-    });
   }
 }

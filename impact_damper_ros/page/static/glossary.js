@@ -36,6 +36,7 @@ export const TERMS = {
   'phase': ['phase', 'Where in its cycle the force is, from 0 to 1; at 0 it passes zero, rising.'],
   'impulse': ['impulse', 'What an impact transfers from one mass to the other: mass times change of velocity.'],
   'stop': ['stop 1, stop 2', 'The ends of the gap: stop 1 is the lower one, at Y = d/2, stop 2 the upper one, at Y = −d/2. Impacts at stop 1 are squares in the colour of that stop, those at stop 2 dots in the colour of the other.'],
+  'fault': ['fault', 'A failure to try a controller under: sensors that repeat, lose or distort what they measure, or stops that do not move as they are told. Press once more to end it; it is recorded like any change.'],
   'stretch': ['stretch', 'A part of a run with constant parameters.'],
   'rig-time': ['rig time', 'The time of the simulated rig; it stands still while the rig is paused.'],
   'what-if': ['what-if', 'The recorded run once more with other parameters from the same state on, drawn as an outlined ghost and by thin lines.'],

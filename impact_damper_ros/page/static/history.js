@@ -8,6 +8,9 @@ const AT_ONCE = 0.5;
 /** A state is known for so long after the last sample, s. */
 const HELD = 0.1;
 export const SAMPLE = ['time', 'x', 'xv', 'z', 'zv', 'stop1', 'stop2', 'angle', 'phase'];
+/** What the sensors measure, and acts of the control. */
+export const MEASURED = ['time', 'x', 'z'];
+export const ACT = ['time', 'command', 'stop1', 'stop2', 'force', 'energy'];
 export const IMPACT = ['time', 'stop', 'x', 'y', 'xvBefore', 'xv', 'zvBefore', 'zv', 'impulse', 'phase'];
 
 /** Rows of numbers of which the oldest are dropped; one typed array for each field. */
@@ -72,16 +75,17 @@ function between([t0, x0, v0], [t1, x1, v1], t) {
   return x0 * rest ** 2 * (1 + 2 * share) + x1 * share ** 2 * (1 + 2 * rest) + length * share * rest * (v0 * rest - v1 * share);
 }
 
-/** Samples and impacts of one rig. */
+/** What is known of the motion of one rig. */
 class Motion {
   constructor() {
     this.samples = new Rows(SAMPLE, ROOM);
     this.impacts = new Rows(IMPACT, IMPACTS);
+    this.measured = new Rows(MEASURED, ROOM);
+    this.acts = new Rows(ACT, IMPACTS);
   }
 
   clear() {
-    this.samples.clear();
-    this.impacts.clear();
+    for (const rows of Object.values(this)) rows.clear();
   }
 
   /** The state at an instant: between samples and impacts by cubics through places and velocities. */
@@ -143,8 +147,7 @@ export class History {
     const { end } = frame;
     if (frame.replace) this.own.clear();
     if (frame.replaceGhost) this.other.clear();
-    this.own.samples.push(frame.samples, end);
-    this.own.impacts.push(frame.impacts, end);
+    for (const kind of ['samples', 'impacts', 'measured', 'acts']) this.own[kind].push(frame[kind], end);
     this.other.samples.push(frame.ghostSamples, end);
     this.other.impacts.push(frame.ghostImpacts, end);
     const [from, to] = frame.replace ? [0, 0] : [this.own.impacts.after(this.end), this.own.impacts.after(end)];

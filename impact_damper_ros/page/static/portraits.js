@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Phase portrait of m in the gap, impact map, multipliers on the unit circle.
 
-import { Axes, Canvas, colours, dashes, font, SteadyRange, stopColour } from './chart.js';
+import { Axes, Canvas, colours, dashes, SteadyRange, SteadySpan, stopColour, strokeLines } from './chart.js';
 import { digits, lengthUnit, niceAbove, velocityUnit } from './format.js';
 
 const BANDS = 6;
@@ -39,7 +39,7 @@ export class PhasePortrait extends Axes {
 
   /** Choose the scales anew. */
   rescale() {
-    this.across = new SteadyRange();
+    this.across = new SteadySpan();
     this.up = new SteadyRange();
   }
 
@@ -52,15 +52,17 @@ export class PhasePortrait extends Axes {
     const orbit = y.map((value, n) => [value, rate[n]]);
     const stops = [ghost, state].map((one) => (one ? [one.stop1 - one.x, one.stop2 - one.x].filter(Number.isFinite) : []));
     const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
-    const moved = largest([...line, ...ghostLine].map(([place]) => place));
+    const places = [...line, ...ghostLine].map(([place]) => place);
+    const moved = largest(places);
     // Stops far beyond all that moves are not in view.
-    const far = largest(stops.flat().filter((place) => !(moved > 0) || Math.abs(place) < 20 * moved).concat(moved));
+    const ends = stops.flat().filter((place) => !(moved > 0) || Math.abs(place) < 20 * moved);
+    const [least, most] = [...places, ...ends].reduce(([low, high], place) => [Math.min(low, place), Math.max(high, place)], [0, 0]);
     const fast = largest([...line, ...ghostLine, ...orbit].map(([, speed]) => speed));
-    const width = this.across.fit(far > 0 ? niceAbove(1.08 * far) : 0, now);
+    const [left, right] = this.across.fit(1.08 * least, 1.08 * most, now);
     const height = this.up.fit(fast > 0 ? niceAbove(1.05 * fast) : 0, now);
-    const [length, speed] = [lengthUnit(width), velocityUnit(height)];
+    const [length, speed] = [lengthUnit(Math.max(-left, right)), velocityUnit(height)];
     const axes = this.axes({
-      x: [-width * length.factor, width * length.factor],
+      x: [left * length.factor, right * length.factor],
       y: [-height * speed.factor, height * speed.factor],
       xName: `Y (${length.unit})`,
       yName: `Y′ (${speed.unit})`,
@@ -71,9 +73,7 @@ export class PhasePortrait extends Axes {
       const draw = (points, stroke, wide) => {
         context.strokeStyle = stroke;
         context.lineWidth = wide;
-        context.beginPath();
-        for (const [a, b] of points) context.lineTo(toX(a), toY(b));
-        context.stroke();
+        if (points.length) strokeLines(context, points.map(([a, b]) => [toX(a), toY(b)]));
       };
       stops.forEach((places, n) => {
         for (const place of places) draw([[place, -height], [place, height]], n ? stopColour(place > 0 ? 1 : 2) : colours.special, n + 1);
@@ -162,14 +162,7 @@ export class ImpactMap extends Axes {
         this.dot(axes.toX(phase[n]), toY(damper[n]), stopColour(stop[n]), 4);
       }
     });
-    if (!impacts.length) {
-      const { context } = this;
-      context.font = font(0.85);
-      context.fillStyle = colours.quiet;
-      context.textAlign = 'center';
-      context.textBaseline = 'middle';
-      context.fillText('no impact yet', axes.box.left + axes.box.width / 2, axes.box.top + axes.box.height * 0.75);
-    }
+    if (!impacts.length) this.say('no impact yet', axes.box, 0.75);
   }
 }
 
@@ -184,12 +177,7 @@ export class Multipliers extends Canvas {
     const unit = (Math.min(cx, cy) - 3) / most;
     context.lineWidth = 1;
     context.strokeStyle = colours.grid;
-    context.beginPath();
-    context.moveTo(3, cy);
-    context.lineTo(this.width - 3, cy);
-    context.moveTo(cx, 3);
-    context.lineTo(cx, this.height - 3);
-    context.stroke();
+    strokeLines(context, [[3, cy], [this.width - 3, cy]], [[cx, 3], [cx, this.height - 3]]);
     context.strokeStyle = colours.steel;
     context.lineWidth = 1.3;
     context.beginPath();

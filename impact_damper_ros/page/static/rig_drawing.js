@@ -5,7 +5,7 @@
 // as long as `slug` on either side of its position, and both stops are that much farther apart, so
 // that contact is seen exactly where it is.
 
-import { colours, font, Canvas, SteadyRange, stopColour } from './chart.js';
+import { colours, font, Canvas, SteadyRange, stopColour, strokeLines } from './chart.js';
 import { digits, lengthUnit, minus, niceAbove, ticks } from './format.js';
 import { reducedMotion } from './dom.js';
 
@@ -91,15 +91,10 @@ export class RigDrawing extends Canvas {
     const left = -(body + reach + spring + wall);
     const right = body + reach + 0.8 * em;
     const geometry = { scale, slug, rod, thick, cavity, body, reach, tall, left, right, wall, angle, swing, spread, up, down };
-    const target = [scale, geometry.reach, body];
     const before = this.shown;
-    if (before && !reducedMotion() && now - before.now < 200) {
-      const part = 1 - Math.exp(-(now - before.now) / 90);
-      // Another scale is gone to smoothly.
-      if (Math.abs(before.scale / target[0] - 1) > 1e-3) {
-        const mixed = before.scale * (target[0] / before.scale) ** part;
-        geometry.scale = mixed;
-      }
+    // Another scale is gone to smoothly.
+    if (before && !reducedMotion() && now - before.now < 200 && Math.abs(before.scale / scale - 1) > 1e-3) {
+      geometry.scale = before.scale * (scale / before.scale) ** (1 - Math.exp(-(now - before.now) / 90));
     }
     this.shown = { scale: geometry.scale, now };
     return geometry;
@@ -148,46 +143,27 @@ export class RigDrawing extends Canvas {
     this.base = base;
     context.strokeStyle = colours.steel;
     context.lineWidth = 1.5;
-    context.beginPath();
-    context.moveTo(g.left, base);
-    context.lineTo(g.right, base);
-    context.stroke();
-    // the wall
-    context.beginPath();
-    context.moveTo(g.left + g.wall, base);
-    context.lineTo(g.left + g.wall, -g.tall / 2);
-    context.stroke();
+    const wall = g.left + g.wall;
+    strokeLines(context, [[g.left, base], [g.right, base]], [[wall, base], [wall, -g.tall / 2]]);
     context.lineWidth = 1;
     context.strokeStyle = colours.stop;
-    context.beginPath();
     const step = Math.max(6, 0.55 * em);
-    for (let v = -g.tall / 2 + step; v <= base + 0.1; v += step) {
-      context.moveTo(g.left + g.wall, v - step);
-      context.lineTo(g.left, v);
-    }
-    context.stroke();
+    const hatches = Array.from({ length: Math.floor((base + 0.1 + g.tall / 2) / step) }, (_, n) => n * step - g.tall / 2);
+    strokeLines(context, ...hatches.map((v) => [[wall, v], [g.left, v + step]]));
     const { factor, unit } = lengthUnit(g.swing + g.spread);
     const reach = Math.min(g.right, g.body + g.reach) / g.scale;
     const { values, decimals, step: apart } = ticks(-reach * factor, reach * factor, 8);
     context.strokeStyle = colours.steel;
-    context.beginPath();
-    for (const value of values) {
-      const place = (value / factor) * g.scale;
-      context.moveTo(place, base);
-      context.lineTo(place, base + 6);
-      for (let n = 1; n < 5; n += 1) {
-        const minor = ((value + (n * apart) / 5) / factor) * g.scale;
-        if (minor > g.right) break;
-        context.moveTo(minor, base);
-        context.lineTo(minor, base + 3);
-      }
-    }
-    context.stroke();
+    const marks = values.flatMap((value) => [0, 1, 2, 3, 4].map((n) => [((value + (n * apart) / 5) / factor) * g.scale, n ? 3 : 6]));
+    strokeLines(context, ...marks.filter(([place]) => place <= g.right).map(([place, high]) => [[place, base], [place, base + high]]));
     context.font = font(0.75);
     context.fillStyle = colours.quiet;
     for (const value of values) {
       const name = value === values.at(-1) ? `${minus(value.toFixed(decimals))} ${unit}` : minus(value.toFixed(decimals));
-      this.upright(g, name, (value / factor) * g.scale, base + 6 + 0.72 * em);
+      // As far from the line as its letters need
+      const [high, wide] = [Math.abs(Math.cos(g.angle)), Math.abs(Math.sin(g.angle))];
+      const half = Math.max(0.55 * em * high, 0.5 * wide * context.measureText(name).width);
+      this.upright(g, name, (value / factor) * g.scale, base + 6 + 0.17 * em + half);
     }
   }
 
@@ -214,35 +190,22 @@ export class RigDrawing extends Canvas {
     const lead = Math.min(10, 0.15 * span);
     context.strokeStyle = colours.ink;
     context.lineWidth = 1.6;
-    context.beginPath();
-    context.moveTo(from, upper);
-    context.lineTo(from + lead, upper);
     const pitch = (span - 2 * lead) / COILS;
-    for (let n = 0; n < COILS; n += 1) {
-      context.lineTo(from + lead + (n + 0.25) * pitch, upper - radius);
-      context.lineTo(from + lead + (n + 0.75) * pitch, upper + radius);
-    }
-    context.lineTo(to - lead, upper);
-    context.lineTo(to, upper);
-    context.stroke();
+    const coils = Array.from({ length: 2 * COILS }, (_, n) => [from + lead + (0.5 * n + 0.25) * pitch, upper + (n % 2 ? radius : -radius)]);
+    strokeLines(context, [[from, upper], [from + lead, upper], ...coils, [to - lead, upper], [to, upper]]);
     // Dashpot: the cylinder is fixed to the wall, the piston to M.
     const cylinder = Math.max(10, 0.5 * (g.reach + 0.3 * (g.body - g.cavity) + 30));
     const start = from + lead;
     const bore = Math.min(cylinder, 0.72 * span);
     const piston = start + Math.max(4, Math.min(bore - 3, 0.5 * bore + 0.35 * (state.x * g.scale)));
     context.lineWidth = 1.4;
-    context.beginPath();
-    context.moveTo(from, lower);
-    context.lineTo(start, lower);
-    context.moveTo(start + bore, lower - radius);
-    context.lineTo(start, lower - radius);
-    context.lineTo(start, lower + radius);
-    context.lineTo(start + bore, lower + radius);
-    context.moveTo(piston, lower - radius + 3);
-    context.lineTo(piston, lower + radius - 3);
-    context.moveTo(piston, lower);
-    context.lineTo(to, lower);
-    context.stroke();
+    strokeLines(
+      context,
+      [[from, lower], [start, lower]],
+      [[start + bore, lower - radius], [start, lower - radius], [start, lower + radius], [start + bore, lower + radius]],
+      [[piston, lower - radius + 3], [piston, lower + radius - 3]],
+      [[piston, lower], [to, lower]],
+    );
   }
 
   /** M with its stops, m, wheels; or the outline of another rig. */
@@ -279,10 +242,8 @@ export class RigDrawing extends Canvas {
       context.fill();
       context.stroke();
       const turned = x / Math.max(1, wheel);
-      context.beginPath();
-      context.moveTo(axle, this.base - wheel);
-      context.lineTo(axle + 0.75 * wheel * Math.cos(turned), this.base - wheel + 0.75 * wheel * Math.sin(turned));
-      context.stroke();
+      const hub = this.base - wheel;
+      strokeLines(context, [[axle, hub], [axle + 0.75 * wheel * Math.cos(turned), hub + 0.75 * wheel * Math.sin(turned)]]);
     }
     // the frame of M, with the space for m cut out
     context.beginPath();
@@ -376,10 +337,7 @@ export class RigDrawing extends Canvas {
     context.strokeStyle = colours.force;
     context.fillStyle = colours.force;
     context.lineWidth = 2.5;
-    context.beginPath();
-    context.moveTo(at, height);
-    context.lineTo(tip - side * head, height);
-    context.stroke();
+    strokeLines(context, [[at, height], [tip - side * head, height]]);
     context.beginPath();
     context.moveTo(tip, height);
     context.lineTo(tip - side * head, height - 0.6 * head);
@@ -399,15 +357,13 @@ export class RigDrawing extends Canvas {
     const degrees = (g.angle * 180) / Math.PI;
     const radius = Math.min(3.2 * em, 0.16 * this.width);
     const side = g.angle > 0 ? 1 : -1;
-    const [left, low] = [1.2 * em, this.height - 1.1 * em - (side > 0 ? radius * Math.sin(Math.min(1.2, Math.abs(g.angle))) : 0)];
+    // Where a steep rig has no ruler
+    const free = g.angle > 0.8 ? this.width - 6.6 * em : 0;
+    const [left, low] = [free + 1.2 * em, this.height - 1.1 * em - (side > 0 ? radius * Math.sin(Math.min(1.2, Math.abs(g.angle))) : 0)];
     context.strokeStyle = colours.quiet;
     context.fillStyle = colours.quiet;
     context.lineWidth = 1;
-    context.beginPath();
-    context.moveTo(left + radius + 6, low);
-    context.lineTo(left, low);
-    context.lineTo(left + (radius + 6) * Math.cos(g.angle), low + (radius + 6) * Math.sin(g.angle));
-    context.stroke();
+    strokeLines(context, [[left + radius + 6, low], [left, low], [left + (radius + 6) * Math.cos(g.angle), low + (radius + 6) * Math.sin(g.angle)]]);
     context.beginPath();
     context.arc(left, low, radius, 0, g.angle, side < 0);
     context.stroke();
@@ -415,7 +371,7 @@ export class RigDrawing extends Canvas {
     context.textAlign = 'left';
     context.textBaseline = 'middle';
     // Beside the arc, or above it where there is no room
-    const narrow = this.width < 26 * em;
+    const narrow = this.width < 26 * em || free > 0;
     const [beside, height] = narrow ? [left, low - side * 0.9 * em] : [left + radius + 10, low + (side * radius * Math.sin(Math.abs(g.angle))) / 2];
     context.fillText(`θ = ${digits(degrees, 3)}°`, beside, height);
   }

@@ -3,9 +3,9 @@
 
 /* global uPlot */
 
-import { colours, dashes, font, SteadyRange, stopColour } from './chart.js';
+import { colours, dashes, font, SteadySpan, stopColour, strokeLines } from './chart.js';
 import { byId, element, write } from './dom.js';
-import { digits, lengthUnit, minus, niceAbove } from './format.js';
+import { decimalsOf, digits, lengthUnit, minus } from './format.js';
 
 const MOST_DOTS = 1200;
 /** Stops so many times farther away than anything moves are not in view. */
@@ -19,7 +19,7 @@ export class Traces {
     this.history = history;
     this.theory = theory;
     this.place = byId('plot');
-    this.range = new SteadyRange();
+    this.range = new SteadySpan();
     this.unit = lengthUnit(1);
     this.showTheory = true;
     this.legend = this.makeLegend();
@@ -35,9 +35,11 @@ export class Traces {
       ['z', 'Z', 'Displacement of m'],
       ['stop', 'stops', 'Places of the stops, which ride on M; here their distance, the gap'],
       ['ghost', 'what if', 'X and Z of the rig with other parameters'],
+      ['measured', 'measured', 'X and Z as the sensors measure them'],
+      ['commands', 'commands', 'Where the stops are to go, by command; below, the active force on M'],
     ]) {
       const value = element('dd', {});
-      list.append(element('div', { title, 'data-series': key, hidden: key === 'ghost' }, element('dt', { text: name }), value));
+      list.append(element('div', { title, 'data-series': key, hidden: !['x', 'z', 'stop'].includes(key) }, element('dt', { text: name }), value));
       made[key] = value;
     }
     return made;
@@ -63,7 +65,7 @@ export class Traces {
     this.chart = new uPlot(
       {
         ...this.size(),
-        padding: [Math.round(1.9 * em), Math.round(0.9 * em), 0, 0],
+        padding: [Math.round(1.9 * em), Math.round(1.4 * em), 0, 0],
         legend: { show: false },
         cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
         select: { show: false },
@@ -77,14 +79,14 @@ export class Traces {
             size: Math.round(2.6 * em),
             gap: 3,
             space: 5 * em,
-            values: (_, values) => this.times(values),
+            values: (_, values) => this.numbers(values),
           },
           {
             ...axis,
             size: Math.round(3.9 * em),
             gap: 4,
             space: 2.6 * em,
-            values: (_, values) => this.lengths(values),
+            values: (_, values) => this.numbers(values, this.unit.factor),
           },
         ],
         series: [
@@ -104,7 +106,7 @@ export class Traces {
 
   /** Choose the scale anew. */
   rescale() {
-    this.range = new SteadyRange();
+    this.range = new SteadySpan();
   }
 
   /** Colours or text size have changed. */
@@ -125,33 +127,28 @@ export class Traces {
   /** The range: all that moves, the what-if too, and the stops unless they are far beyond it. */
   reach() {
     const from = Math.max(this.span()[0], this.history.begun);
-    let most = 0;
-    let stops = 0;
+    let [low, high, lower, upper] = [0, 0, 0, 0];
     for (const { samples } of [this.history.own, this.history.other]) {
       const [x, z, stop1, stop2] = ['x', 'z', 'stop1', 'stop2'].map((name) => samples.field(name));
       for (let n = samples.after(from); n < samples.end; n += 1) {
-        most = Math.max(most, Math.abs(x[n]), Math.abs(z[n]));
+        low = Math.min(low, x[n], z[n]);
+        high = Math.max(high, x[n], z[n]);
         // Without stop 2 it is NaN.
-        stops = Math.max(stops, Math.abs(stop1[n]), Math.abs(stop2[n]) || 0);
+        lower = Math.min(lower, stop1[n], stop2[n] || 0);
+        upper = Math.max(upper, stop1[n], stop2[n] || 0);
       }
     }
-    if (!(most > 0) || stops < FAR * most) most = Math.max(most, stops);
-    const range = this.range.fit(most > 0 ? niceAbove(1.04 * most) : 0, performance.now());
-    this.unit = lengthUnit(range);
-    return [-range, range];
+    const moved = Math.max(-low, high);
+    if (!(moved > 0) || Math.max(-lower, upper) < FAR * moved) [low, high] = [Math.min(low, lower), Math.max(high, upper)];
+    const range = this.range.fit(1.04 * low, 1.04 * high, performance.now());
+    this.unit = lengthUnit(Math.max(-range[0], range[1]));
+    return range;
   }
 
-  times(values) {
-    const step = values.length > 1 ? values[1] - values[0] : 1;
-    const decimals = Math.max(0, Math.min(4, -Math.floor(Math.log10(step) + 1e-9)));
-    return values.map((value) => minus(value.toFixed(decimals)));
-  }
-
-  lengths(values) {
-    const scaled = values.map((value) => value * this.unit.factor);
-    const step = scaled.length > 1 ? scaled[1] - scaled[0] : 1;
-    const decimals = Math.max(0, -Math.floor(Math.log10(Math.abs(step)) + 1e-9));
-    return scaled.map((value) => minus((value + 0).toFixed(decimals)));
+  /** Numbers of an axis, with the decimals that their step needs. */
+  numbers(values, factor = 1) {
+    const decimals = decimalsOf(values.length > 1 ? factor * (values[1] - values[0]) : 1);
+    return values.map((value) => minus((value * factor + 0).toFixed(decimals)));
   }
 
   /** The samples in the window, and the one before it. */
@@ -197,10 +194,7 @@ export class Traces {
       if (time < from || time > to) continue;
       const place = u.valToPos(time, 'x', true);
       context.setLineDash([4 * ratio, 3 * ratio]);
-      context.beginPath();
-      context.moveTo(place, bbox.top - 1.3 * em);
-      context.lineTo(place, bbox.top + bbox.height);
-      context.stroke();
+      strokeLines(context, [[place, bbox.top - 1.3 * em], [place, bbox.top + bbox.height]]);
       context.setLineDash([]);
       const { width } = context.measureText(text);
       const left = Math.max(bbox.left, Math.min(place + 0.35 * em, bbox.left + bbox.width - width));
@@ -243,7 +237,39 @@ export class Traces {
       context.fill();
     }
     if (this.showTheory && this.theory.orbit?.t) this.predicted(u, context, ratio, from, to);
+    this.controlled(u, context, ratio, from);
     context.restore();
+  }
+
+  /** What the sensors measured as dots; a command as dashes where the stops are to go, and its force. */
+  controlled(u, context, ratio, from) {
+    const { measured, acts, samples } = this.history.own;
+    const { top, height, width } = u.bbox;
+    const [time, x, z] = ['time', 'x', 'z'].map((name) => measured.field(name));
+    const first = Math.max(measured.after(from), measured.end - MOST_DOTS);
+    const dot = ((measured.end - first) * 6 < width / ratio ? 1.8 : 0.8) * ratio;
+    context.fillStyle = colours.ink;
+    for (let n = first; n < measured.end; n += 1) {
+      const place = u.valToPos(time[n], 'x', true) - dot;
+      for (const value of [x[n], z[n]]) context.fillRect(place, u.valToPos(value, 'y', true) - dot, 2 * dot, 2 * dot);
+    }
+    const shown = Math.max(acts.after(from), acts.end - MOST_DOTS);
+    const [at, command, force] = ['time', 'command', 'force'].map((name) => acts.field(name));
+    let largest = 0;
+    for (let n = shown; n < acts.end; n += 1) if (force[n]) largest = Math.max(largest, Math.abs(force[n]));
+    for (let n = shown; n < acts.end; n += 1) {
+      if (!command[n]) continue;
+      const place = u.valToPos(at[n], 'x', true);
+      // Places in M, which is here by then
+      const rest = samples.field('x')[Math.max(samples.after(at[n]) - 1, samples.start)];
+      for (const stop of [1, 2]) {
+        context.fillStyle = stopColour(stop);
+        const level = u.valToPos(rest + acts.field(`stop${stop}`)[n], 'y', true);
+        if (Number.isFinite(level)) context.fillRect(place - 4 * ratio, level - 1.25 * ratio, 8 * ratio, 2.5 * ratio);
+      }
+      context.fillStyle = colours.force;
+      if (force[n]) context.fillRect(place - ratio, top + height, 2 * ratio, (-0.12 * height * Math.abs(force[n])) / largest);
+    }
   }
 
   /** X and Z of the what-if, as far as they are known: thin lines, X the stronger one. */
@@ -312,7 +338,9 @@ export class Traces {
   /** Values at the cursor, or now. */
   readOut() {
     const { own, other } = this.history;
-    this.legend.ghost.parentElement.hidden = !other.samples.length;
+    for (const [key, rows] of [['ghost', other.samples], ['measured', own.measured], ['commands', own.acts]]) {
+      this.legend[key].parentElement.hidden = rows.after(this.span()[0]) === rows.end;
+    }
     const { left } = this.chart.cursor;
     const time = left >= 0 ? Math.min(this.chart.posToVal(left, 'x'), this.history.end) : this.history.end;
     const state = own.at(time);

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+// What moves the stops: the controller's last command, its score, and faults to try it under.
+
+import { byId, element, mark, write } from './dom.js';
+import { digits, withUnit } from './format.js';
+
+const SCORE = [
+  ['rms_x', 'rms X', (value) => withUnit(value, 'm')],
+  ['largest_x', 'largest |X|', (value) => withUnit(value, 'm')],
+  ['impacts', 'impacts', (value) => digits(value, 3)],
+  ['energy', 'stop energy', (value) => withUnit(value, 'J')],
+];
+const FAULTS = [['sensor_fault', 'Sensors'], ['actuator_fault', 'Stops']];
+
+export class Controller {
+  /** `turn` sets parameters. */
+  constructor(turn) {
+    this.turn = turn;
+    this.score = SCORE.map(([, name]) => {
+      const value = element('dd', { text: '–' });
+      byId('score').append(element('div', {}, element('dt', { text: name }), value));
+      return value;
+    });
+  }
+
+  /** Make a switch for each fault of a rig. */
+  make(descriptors) {
+    byId('faults').replaceChildren(...FAULTS.flatMap(([name, title]) => {
+      const { choices = [], description } = descriptors.find((one) => one.name === name) ?? {};
+      const switches = choices.filter((choice) => choice !== 'none').map((choice) => element('button', {
+        type: 'button', value: choice, text: choice.replace('stop_', '').replace(/_/g, ' '), title: choice.replace(/_/g, ' '), 'aria-pressed': 'false',
+        onclick: ({ currentTarget }) => this.turn({ [name]: currentTarget.ariaPressed === 'true' ? 'none' : choice }),
+      }));
+      const legend = element('legend', { text: title });
+      return switches.length ? [element('fieldset', { 'data-fault': name, title: description }, legend, ...switches)] : [];
+    }));
+  }
+
+  /** Show the faults and the law that are in force. */
+  take({ gap_control: law = 'off', ...values }) {
+    document.body.classList.toggle('controlled', law !== 'off');
+    for (const button of byId('faults').querySelectorAll('button')) {
+      mark(button, 'aria-pressed', String(values[button.parentElement.dataset.fault] === button.value));
+    }
+  }
+
+  /** Show what the node reports of a controller outside of it. */
+  report(report) {
+    const place = byId('command-age');
+    const age = report?.age ?? NaN;
+    write(place, report ? `Controller: ${report.text}${Number.isFinite(age) ? `, ${withUnit(age, 's', 2)} ago` : ''}` : '');
+    mark(place, 'data-level', report?.level ?? 'ok');
+  }
+
+  /** Show what has been achieved in the last minute. */
+  numbers({ score }) {
+    write(byId('score-title'), score ? `Last ${digits(score.seconds, 2)} s` : 'Last minute');
+    SCORE.forEach(([key, , said], n) => write(this.score[n], score ? said(score[key]) : '–'));
+  }
+}

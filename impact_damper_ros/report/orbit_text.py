@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Periodic motions and their branches as text and as a table."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Sequence
+
+from impact_damper_ros.orbits import Branch, PeriodicOrbit
+from impact_damper_ros.rig.quoting import counted
+
+from .csv_tables import row
+
+
+def _multipliers(multipliers: Sequence[complex]) -> str:
+    """Return the multipliers as text: real ones, and modulus and angle of each pair."""
+    words = []
+    for value in multipliers:
+        if value.imag < 0.0:
+            continue
+        if value.imag > 0.0:
+            degrees = math.degrees(cmath.phase(value))
+            words.append(f'{abs(value):.6f} (pair at +-{degrees:.2f} deg)')
+        else:
+            words.append(f'{value.real:.6f}')
+    return ', '.join(words)
+
+
+def orbit_text(number: int, orbit: PeriodicOrbit) -> str:
+    """Return a motion with its impacts, multipliers and why it is not viable, if it is not."""
+    stops = ','.join(map(str, orbit.stops))
+    lines = [
+        f'motion {number}: stops {stops} in {counted(orbit.cycles, "cycle")} '
+        f'({orbit.period:.9g} s), {orbit.stability}, '
+        + ('viable' if orbit.viable else 'NOT VIABLE'),
+        "  stop  phase [cycles]         X [m]   X' before    X' after   Z' before    Z' after "
+        '[m/s]',
+    ]
+    lines.extend(
+        f'  {stop:4d}  {phase:14.9f}  {x:12.7f} {vb:12.7f} {va:12.7f} {ub:12.7f} {ua:12.7f}'
+        for stop, phase, x, vb, va, ub, ua in zip(
+            orbit.stops,
+            orbit.phases,
+            orbit.x,
+            orbit.primary_velocity_before,
+            orbit.primary_velocity_after,
+            orbit.damper_velocity_before,
+            orbit.damper_velocity_after,
+            strict=True,
+        )
+    )
+    lines.extend(
+        f'        {node.phase:14.9f}  {node.kind.name.lower()}'
+        + (f' on stop {node.stop}' if node.stop else '')
+        for node in orbit.events
+    )
+    swing = f'  largest |X|  {orbit.x_max:.9g} m'
+    amplitude = orbit.parameters.response_amplitude
+    if 0.0 < amplitude < math.inf:
+        swing += f', {orbit.amplitude_ratio:.7f} of the {amplitude:.7g} m without impacts'
+    lines.append(swing)
+    lines.append(f'  multipliers  {_multipliers(orbit.multipliers)}')
+    steps = len(orbit.residual_history) - 1
+    lines.append(f'  residual     {orbit.residual:.1e} (relative) after {steps} Newton steps')
+    if orbit.reason:
+        lines.append(f'  not viable   {orbit.reason}')
+    return '\n'.join(lines)
+
+
+def branch_text(branch: Branch) -> str:
+    """Return the extent of a branch, its special points, its best motion and how it ends."""
+    if not branch.points:
+        return f'  {branch.ended}'
+    swings = [orbit.x_max for orbit in branch.orbits]
+    lines = [
+        f'  {branch.name} from {branch.values[0]:.9g} to {branch.values[-1]:.9g}: '
+        f'{counted(len(swings), "motion")}, largest |X| between {min(swings):.6g} and '
+        f'{max(swings):.6g} m',
+    ]
+    lines.extend(
+        f'  {point.kind.value} {"at" if point.converged else "near"} {branch.name} = '
+        f'{point.value:.9g}' + (f': {point.reason}' if point.reason else '')
+        for point in branch.special
+    )
+    if (best := branch.best()) is not None:
+        limit = best.limit.value + (f', {best.beyond}' if best.beyond else '')
+        lines.append(
+            f'  least largest |X| of a stable motion: {best.orbit.x_max:.9g} m at {branch.name} = '
+            f'{best.value:.9g} ({limit})'
+        )
+    ends = [f'  end: {end}' for end in (branch.began, branch.ended) if end]
+    return '\n'.join([*lines, *ends])
+
+
+def branch_table(followed: Sequence[tuple[str, Branch]]) -> str:
+    """Return the motions of titled branches as CSV; the lists within a column by spaces."""
+    columns = (
+        *('branch', 'x_max', 'x_max_ratio', 'largest_multiplier', 'stable', 'viable', 'special'),
+        *('stops', 'phases', 'x'),
+    )
+    lines = [row((followed[0][1].name, *columns))]
+    for title, branch in followed:
+        special = {point.value: point.kind.value for point in branch.special}
+        for value, orbit in branch.points:
+            numbers = (orbit.x_max, orbit.amplitude_ratio, abs(orbit.multipliers[0]))
+            kind = (int(orbit.stable), int(orbit.viable), special.get(value, ''))
+            lists = (orbit.stops, orbit.phases, orbit.x)
+            joined = (' '.join(f'{v:.17g}' for v in column) for column in lists)
+            lines.append(row((float(value), title, *map(float, numbers), *kind, *joined)))
+    return ''.join(lines)
