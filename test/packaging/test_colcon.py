@@ -13,19 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from impact_damper_ros import entry_points
+
 ROOT = Path(__file__).parents[2]
 NAME = 'impact_damper_ros'
-COMMANDS = [
-    'compare_run',
-    'recover_run',
-    'replay_run',
-    'rig_page',
-    'set_rig',
-    'sim_node',
-    'simulate_rig',
-    'solve_periodic',
-    'sweep_rig',
-]
+COMMANDS = sorted(entry_points.__all__)
 NOT_SOURCES = ('.git', '.venv', '.*_cache', '__pycache__', 'build', 'dist', 'install', 'log')
 NOT_SOURCES += ('_build', 'made', 'demo_run')
 
