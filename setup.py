@@ -29,6 +29,12 @@ setup(
     author_email='maintainers@example.com',
     maintainer='Impact Damper ROS maintainers',
     maintainer_email='maintainers@example.com',
+    # As in package.xml, where they stand for the address at which the repository is published
+    project_urls={
+        'Homepage': 'https://example.com/impact_damper_ros',
+        'Source': 'https://example.com/impact_damper_ros',
+        'Issues': 'https://example.com/impact_damper_ros/issues',
+    },
     license='Apache-2.0',
     license_files=['LICENSE'],
     keywords=['ROS', 'impact damper', 'vibro-impact', 'digital twin', 'MCAP'],
@@ -38,6 +44,7 @@ setup(
         'Programming Language :: Python :: 3',
         'Programming Language :: Python :: 3.11',
         'Programming Language :: Python :: 3.12',
+        'Programming Language :: Python :: 3.13',
         'Topic :: Scientific/Engineering :: Physics',
         'Typing :: Typed',
     ],

@@ -15,6 +15,8 @@ from impact_damper_ros.rig import load_parameters
 
 plt.style.use('print.mplstyle')  # beside this script
 
+COLORS = {1: '#00848c', 2: '#7a4fb5'}  # of the stops
+
 parameters, _, _ = load_parameters('bench_rig')
 cycle = 2.0 * np.pi / parameters.force_frequencies[0]  # s
 
@@ -23,11 +25,11 @@ for gap in np.linspace(0.004, 0.04, 181):
     rig = Rig(parameters.replace(gap=gap))
     rig.run(150 * cycle, record=False)
     impacts = rig.run(190 * cycle).impacts()
-    for stop, color in ((1, 'C0'), (2, 'C1')):
+    for stop, color in COLORS.items():
         phases = impacts['time'][impacts['stop'] == stop] / cycle % 1.0
         axes.plot(np.full(len(phases), 1e3 * gap), phases, '.', color=color, ms=1.4, mew=0.0)
-axes.plot([], [], 's', color='C0', label='stop 1')
-axes.plot([], [], 's', color='C1', label='stop 2')
+for stop, color in COLORS.items():
+    axes.plot([], [], 's', color=color, label=f'stop {stop}')
 axes.set(xlabel='gap d, mm', ylabel='phase of the impacts, cycles', ylim=(0.0, 1.0))
 axes.legend(loc='upper center')
 plt.show()

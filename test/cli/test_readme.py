@@ -117,7 +117,7 @@ def test_parameter_tables_are_current():
 
 
 def test_readme_is_short():
-    assert len(README.read_bytes()) <= 12_000
+    assert len(README.read_bytes()) <= 8_000
 
 
 def anchors(page):

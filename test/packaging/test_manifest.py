@@ -4,16 +4,18 @@ import ast
 import re
 import sys
 from importlib.metadata import packages_distributions
+from modulefinder import ModuleFinder
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 import yaml
+from setup_file import requirements, setup_says
 
 import impact_damper_ros
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / 'impact_damper_ros'
-SETUP = (ROOT / 'setup.py').read_text(encoding='utf-8')
 
 
 @pytest.fixture(scope='module')
@@ -23,11 +25,6 @@ def manifest():
     package = catkin_package.parse_package(ROOT / 'package.xml', warnings=warnings)
     assert warnings == []
     return package
-
-
-def setup_says(name: str) -> str:
-    """Return a text that `setup()` is given."""
-    return re.search(rf"^    {name}='(.*)',$", SETUP, re.MULTILINE)[1]
 
 
 def third_party_imports(folder: Path) -> set[str]:
@@ -87,7 +84,22 @@ def test_a_machine_without_a_screen_needs_less(headless, left_out):
 
 
 def test_addresses(manifest):
+    """Of a ROS package and of one of PyPI."""
     assert {url.type for url in manifest.urls} == {'website', 'repository', 'bugtracker'}
+    assert set(setup_says('project_urls').values()) == {url.url for url in manifest.urls}
+
+
+def test_files_of_xml_are_well_formed():
+    """What ament_xmllint asks, but for the schema of package.xml: catkin_pkg checks that."""
+    found = [
+        path
+        for folder in ('config', 'docs/start', 'launch', 'layouts')
+        for path in (ROOT / folder).rglob('*')
+        if path.suffix in ('.svg', '.urdf', '.xml')
+    ]
+    assert len(found) > 2
+    for path in [ROOT / 'package.xml', *found]:
+        ElementTree.parse(path)
 
 
 def test_every_import_is_declared(manifest):
@@ -104,52 +116,24 @@ def test_every_import_is_declared(manifest):
     }  # rosdep knows no key for some of them
     declared = {dependency.name for dependency in manifest.exec_depends}
     distribution_of = packages_distributions()
+    for_pip = requirements(setup_says('install_requires'), *setup_says('extras_require').values())
     ros_wheels = {'ament_index_python', 'rclpy'}
     for module in sorted(third_party_imports(PACKAGE) - optional):
         assert declared & {module, f'python3-{module}', key_of.get(module)}, module
         if module in ros_wheels or module.endswith(('_msgs', '_srvs', '_interfaces')):
             continue
-        assert any(
-            f"'{name.lower()}" in SETUP.lower() for name in distribution_of.get(module, [module])
-        ), module
-
-
-def _needed_by(script: Path, places: list[Path]) -> set[str]:
-    """Return the top-level modules that a script imports, itself or by modules in some places."""
-    waiting, seen, found = [script], set(), set()
-    while waiting:
-        path = waiting.pop()
-        seen.add(path)
-        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                base = ('.' * node.level + (node.module or '')).lstrip('.')
-                names = [base, *(f'{base}.{alias.name}' for alias in node.names)]
-                if node.level:
-                    names = [f'{path.parent.name}.{name}' for name in names]
-            else:
-                continue
-            for name in names:
-                files = [place / f'{name.replace(".", "/")}.py' for place in places]
-                local = [file for file in files if file.is_file()]
-                waiting += [file for file in local if file not in seen]
-                if not local:
-                    found.add(name.split('.')[0])
-    return found
+        assert for_pip & {n.lower() for n in distribution_of.get(module, [module])}, module
 
 
 def test_extra_of_the_peers_is_what_their_benchmark_imports():
     """`pip install '.[peers]'` is all that benchmarks/peers.py needs."""
-    places = [ROOT / 'benchmarks', ROOT / 'test']
-    needed = _needed_by(ROOT / 'benchmarks' / 'peers.py', places)
+    finder = ModuleFinder([str(ROOT / 'benchmarks'), str(ROOT / 'test')])
+    finder.run_script(str(ROOT / 'benchmarks' / 'peers.py'))
+    needed = {name.split('.')[0] for name in finder.badmodules} - set(sys.stdlib_module_names)
+    extra = requirements(setup_says('install_requires'), setup_says('extras_require')['peers'])
     assert 'mpmath' in needed
-    extra = re.search(r"'peers': \[(.*?)\]", SETUP, re.DOTALL)[1]
-    always = re.search(r'install_requires=\[(.*?)\]', SETUP, re.DOTALL)[1]
-    local = {path.stem for place in places for path in place.iterdir()} | {'impact_damper_ros'}
     # Its figure is asked for with --docs, and needs the extra [plot]
-    for module in needed - set(sys.stdlib_module_names) - local - {'matplotlib'}:
-        assert f"'{module}" in extra + always, module
+    assert needed <= {*extra, 'impact_damper_ros', 'matplotlib'}
 
 
 def test_every_file_of_the_package_names_its_licence(manifest):
