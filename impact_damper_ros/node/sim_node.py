@@ -53,7 +53,6 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.messages import Parameter as RecordedParameter
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.topics import LATCHED, QosProfile
-from impact_damper_ros.control import OwnLaw
 from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
 from impact_damper_ros.rig.quoting import printable, shown
@@ -68,7 +67,7 @@ from .commands import (
     read_stop_command,
 )
 from .diagnostics import Diagnostics
-from .engine import Done, Engine, EngineCallbacks, EngineSettings, Request
+from .engine import Done, Engine, EngineCallbacks, Request
 from .motion_report import MotionMonitor
 from .pacing import EndRequest, take_priority
 from .parameters import (
@@ -237,7 +236,7 @@ class SimNode(Node):
         node = self.get_fully_qualified_name()
         self._topic_publishers = self._advertise(parameters)
         self._woken = self.create_guard_condition(lambda: None)
-        priority = parameters.real_time_priority if parameters.real_time_factor else 0
+        priority = parameters.priority
         # Of this thread and those that it starts. One lower than that of the engine, so that they
         # never keep it waiting, but those of other programs do not keep them from releasing the
         # interpreter.
@@ -247,17 +246,8 @@ class SimNode(Node):
         self._begun = self.create_guard_condition(self._begin_course)
         self._course: Mapping[str, Any] = {}
         self.engine = Engine(
-            parameters.rig,
-            parameters.initial,
+            parameters,
             self._topic_publishers,
-            EngineSettings(
-                parameters.state_rate,
-                parameters.real_time_factor,
-                parameters.simulated_time,
-                priority,
-                node,
-                parameters,
-            ),
             EngineCallbacks(
                 self.context.ok,
                 self.wake,
@@ -265,9 +255,8 @@ class SimNode(Node):
                 self._warn_of_trouble,
                 self.create_guard_condition(self._record_anew).trigger,
             ),
-            parameters.control,
+            node,
             self._command_inbox(),
-            None if parameters.control_law == 'none' else OwnLaw.from_text(parameters.control_law),
         )
         self._monitor = MotionMonitor(self.engine.trace, self._theory, parameters.state_rate)
         broken = self.create_guard_condition(self._end_broken_recording)
@@ -443,14 +432,14 @@ class SimNode(Node):
         control = after.control if after.control != before.control else None
         listing = self._listing() if self._recorder.splits else b''
         initial = after.initial if after.initial != before.initial else None
-        self.engine.change(rig, encode(event), control, initial, listing)
+        self.engine.ask(self.engine.change, rig, encode(event), control, initial, listing)
         self.engine.controller.settings = after
         self._describe(after)
         turned = rig is not None and rig.force_frequencies != before.rig.force_frequencies
         if turned and (hint := frequency_hint(after.rig)):
             self.get_logger().warning(hint)
         if after.real_time_factor != before.real_time_factor:
-            self.engine.set_pace(after.real_time_factor)
+            self.engine.ask(self.engine.set_pace, after.real_time_factor)
             self._diagnostics.factor = after.real_time_factor
         if after.predict_motion != before.predict_motion:
             self._theory.enable(after.predict_motion)
@@ -482,7 +471,7 @@ class SimNode(Node):
         """Publish a message from the executor's thread; the engine records it."""
         publisher = self._topic_publishers[key]
         publisher.publish(content)
-        self.engine.record(publisher.topic, content)
+        self.engine.ask(self.engine.record, publisher.topic, content)
 
     # Services
 
@@ -494,12 +483,14 @@ class SimNode(Node):
             f'{initial.initial_damper_offset:g} m in the gap with '
             f'{initial.initial_damper_velocity:g} m/s'
         )
-        self._answer(response, self.engine.reset(initial), f'reset to {where}')
+        self._answer(response, self.engine.ask(self.engine.reset, initial), f'reset to {where}')
         return response
 
     def _on_pause(self, request: Any, response: Any) -> Any:
         done = self._answer(
-            response, self.engine.pause(request.data), 'paused' if request.data else 'running on'
+            response,
+            self.engine.ask(self.engine.pause, request.data),
+            'paused' if request.data else 'running on',
         )
         if done is not None and not done.result:
             state = 'paused' if request.data else 'running'
@@ -507,7 +498,9 @@ class SimNode(Node):
         return response
 
     async def _on_step(self, _request: Any, response: Any) -> Any:
-        done = self._answer(response, self.engine.step(), 'on the way to the next joint states')
+        done = self._answer(
+            response, self.engine.ask(self.engine.step), 'on the way to the next joint states'
+        )
         if done is not None:
             # The caller may rely on the rig being paused again; others are served meanwhile.
             end = time.monotonic() + STEP_TIMEOUT_S
@@ -521,7 +514,7 @@ class SimNode(Node):
     def _on_step_to_impact(self, _request: Any, response: Any) -> Any:
         # There may be none for a long time.
         text = 'running on until after the next impact'
-        self._answer(response, self.engine.step(to_impact=True), text)
+        self._answer(response, self.engine.ask(self.engine.step, to_impact=True), text)
         return response
 
     def _answer(self, response: Any, request: Request, text: str) -> Done | None:
