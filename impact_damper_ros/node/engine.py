@@ -210,6 +210,11 @@ class Engine:
         if self._thread.is_alive():
             self._thread.join(timeout)
 
+    @property
+    def paused(self) -> bool:
+        """Whether the rig is paused."""
+        return self._paused
+
     def trace(self) -> MotionTrace:
         """Return the motion of the rig since its last change or reset."""
         return self._motion.trace

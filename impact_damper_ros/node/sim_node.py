@@ -15,17 +15,16 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from shutil import which
-from types import coroutine
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
@@ -39,7 +38,6 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String as StringMessage
-from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag.messages import (
@@ -67,7 +65,7 @@ from .commands import (
     read_stop_command,
 )
 from .diagnostics import Diagnostics
-from .engine import Done, Engine, EngineCallbacks, Request
+from .engine import Engine, EngineCallbacks
 from .motion_report import MotionMonitor
 from .pacing import EndRequest, take_priority
 from .parameters import (
@@ -78,6 +76,7 @@ from .parameters import (
     parameters_from_overrides,
 )
 from .publishing import Recorder, RigPublishers, TopicPublisher
+from .services import RigServices
 
 USAGE = """usage: sim_node [-h] [--version]
                 [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
@@ -177,10 +176,6 @@ def _pace(factor: float) -> str:
 REPORT_PERIOD_S = 1.0
 #: Time after which the process of the theory is asked for more, while more is to come.
 THEORY_PERIOD_S = 0.1
-#: Longest wait of a service call for the engine.
-ANSWER_TIMEOUT_S = 10.0
-#: Longest wait for the end of a step.
-STEP_TIMEOUT_S = 2.0
 #: Least time between two warnings of a rig that falls behind.
 WARNING_PERIOD_S = 5.0
 
@@ -196,12 +191,6 @@ class _NoCallbacks(CallbackGroup):
 
     def ending_execution(self, _entity: Any) -> None:
         pass
-
-
-@coroutine
-def _turn() -> Generator[None, None, None]:
-    """Let the executor serve something else first."""
-    yield
 
 
 class SimNode(Node):
@@ -282,12 +271,7 @@ class SimNode(Node):
             event_callbacks=listeners,
             qos_overriding_options=self._qos_overrides('theory'),
         )
-        self.create_service(Trigger, '~/reset', self._on_reset)
-        self.create_service(SetBool, '~/pause', self._on_pause)
-        # In a group of its own, which lets others begin before its end
-        others = ReentrantCallbackGroup()
-        self.create_service(Trigger, '~/step', self._on_step, callback_group=others)
-        self.create_service(Trigger, '~/step_to_impact', self._on_step_to_impact)
+        RigServices(self, self.engine, lambda: self._parameters_now.initial)
         if parameters.record:
             self._open_recording(parameters)
             self._recorder.begin(self._listing(), encode(self._description))
@@ -472,65 +456,6 @@ class SimNode(Node):
         publisher = self._topic_publishers[key]
         publisher.publish(content)
         self.engine.ask(self.engine.record, publisher.topic, content)
-
-    # Services
-
-    def _on_reset(self, _request: Any, response: Any) -> Any:
-        initial = self._parameters_now.initial
-        where = (
-            f'primary at {initial.initial_primary_position:g} m with '
-            f'{initial.initial_primary_velocity:g} m/s, damper at '
-            f'{initial.initial_damper_offset:g} m in the gap with '
-            f'{initial.initial_damper_velocity:g} m/s'
-        )
-        self._answer(response, self.engine.ask(self.engine.reset, initial), f'reset to {where}')
-        return response
-
-    def _on_pause(self, request: Any, response: Any) -> Any:
-        done = self._answer(
-            response,
-            self.engine.ask(self.engine.pause, request.data),
-            'paused' if request.data else 'running on',
-        )
-        if done is not None and not done.result:
-            state = 'paused' if request.data else 'running'
-            response.message = f'was {state} already'
-        return response
-
-    async def _on_step(self, _request: Any, response: Any) -> Any:
-        done = self._answer(
-            response, self.engine.ask(self.engine.step), 'on the way to the next joint states'
-        )
-        if done is not None:
-            # The caller may rely on the rig being paused again; others are served meanwhile.
-            end = time.monotonic() + STEP_TIMEOUT_S
-            done.result.add_done_callback(lambda _: self.wake())
-            while not done.result.done() and time.monotonic() < end:
-                await _turn()
-            if done.result.done():
-                self._answer(response, done.result, 'paused after a step')
-        return response
-
-    def _on_step_to_impact(self, _request: Any, response: Any) -> Any:
-        # There may be none for a long time.
-        text = 'running on until after the next impact'
-        self._answer(response, self.engine.ask(self.engine.step, to_impact=True), text)
-        return response
-
-    def _answer(self, response: Any, request: Request, text: str) -> Done | None:
-        """Fill in the response to a request; return what was done, or None if it failed."""
-        response.success = False
-        try:
-            done = request.result(ANSWER_TIMEOUT_S)
-        except TimeoutError:
-            response.message = f'the rig has not answered within {ANSWER_TIMEOUT_S:g} s'
-        except Exception as error:
-            response.message = str(error)
-        else:
-            response.success = True
-            response.message = f'{text}, at rig time {done.time_ns * 1e-9:.9g} s'
-            return done
-        return None
 
     # Reports
 
