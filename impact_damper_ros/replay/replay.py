@@ -225,6 +225,7 @@ class Replay:
             for matcher, table in zip(self._matchers, rows[1:], strict=True):
                 matcher.take(table)
         findings, states = self.findings, rows.states
+        self._orders += orders_of(rows.acts, findings.offset_ns)
         stamps_ns = states['log_ns' if self.recorded.stamped else 'stamp_ns']
         times_ns = stamps_ns - findings.offset_ns
         usable = self._usable(times_ns)
@@ -233,7 +234,6 @@ class Replay:
         if not len(states):
             return Part(NO_SAMPLES, NO_EVENTS)
         instants = times_ns / 1e9
-        self._orders += orders_of(rows.acts, findings.offset_ns)
         if self._shadowing is not None:
             samples, events, numbers, differs = self._shadowing.follow(states, instants)
             tried = _Stretch(samples, events, [], numbers, differs)

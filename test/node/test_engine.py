@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import NamedTuple
 from unittest.mock import patch
 
+import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
@@ -17,8 +18,9 @@ from std_msgs.msg import String
 
 from impact_damper_ros.bag import RunWriter
 from impact_damper_ros.bag.rig_topics import JOINTS, PAUSED_ACT, recorded_topics
-from impact_damper_ros.control import Rig
+from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.node import engine
+from impact_damper_ros.node.commands import CommandInbox, CommandTopic, read_stop_command
 from impact_damper_ros.node.engine import LOG_BACKLOG, Engine, EngineCallbacks
 from impact_damper_ros.node.motion_ahead import ticks_ahead
 from impact_damper_ros.node.pacing import CATCH_UP_NS
@@ -44,7 +46,15 @@ class Bench:
     """An engine whose messages are kept, and which is always stopped."""
 
     def __init__(
-        self, parameters=LIVELY, initial=None, *, factor=0.0, rate=100.0, clock=True, priority=0
+        self,
+        parameters=LIVELY,
+        initial=None,
+        *,
+        factor=0.0,
+        rate=100.0,
+        clock=True,
+        control=None,
+        inbox=None,
     ):
         self.sent = []
         self.failed = threading.Event()
@@ -62,7 +72,7 @@ class Bench:
             state_rate=rate,
             real_time_factor=factor,
             publish_clock=clock,
-            real_time_priority=priority,
+            control=control or GapControlParameters(),
         )
         # Stamps count from 0 only where a test wants them to, at any pace.
         with patch.object(NodeParameters, 'simulated_time', clock):
@@ -72,6 +82,7 @@ class Bench:
                 EngineCallbacks(
                     lambda: self.alive, self.failed.set, on_trouble=self.troubles.append
                 ),
+                inbox=inbox,
             )
 
     def ask(self, name, *arguments, **named):
@@ -708,6 +719,37 @@ def test_changes_between_two_far_ticks_are_replayed(tmp_path):
     replay = Replay(RecordedRun(tmp_path / 'bag'))
     assert sum(len(part.samples) for part in replay) >= 5
     assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
+
+
+def test_an_order_between_the_start_of_a_recording_and_a_slip_is_replayed(tmp_path):
+    """No sample comes between the two."""
+    log, waiting = recording(tmp_path / 'bag'), []
+    topic = CommandTopic(
+        'stop_commands',
+        'stop_commands',
+        lambda: (waiting.pop(), None) if waiting else None,
+        lambda: 1,
+        read_stop_command,
+    )
+    external = GapControlParameters(gap_control='external')
+    inbox = CommandInbox([topic])
+    with Bench(factor=1.0, rate=1.0, clock=False, control=external, inbox=inbox) as bench:
+        bench.engine.start()
+        until(lambda: bench.engine.status().time_ns > 0)
+        done(bench.ask('record_to', log, event_bytes()))
+        waiting.append(serialize_message(JointState(name=['stop_1'], position=[0.3])))
+        until(lambda: bench.messages('gap_control'))
+        done(bench.engine.ask(lambda: time.sleep(1.0 + 2.0 * CATCH_UP_NS * 1e-9)))
+        until(lambda: [s for s in bench.snapshots() if s['reason'] == 'slip'])
+        count = len(bench.samples())
+        until(lambda: len(bench.samples()) > count + 1)
+        done(bench.ask('stop_recording'))
+    assert log.close().error is None
+    replay = Replay(RecordedRun(tmp_path / 'bag'))
+    samples = np.concatenate([part.samples for part in replay])
+    assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
+    # Until the watchdog parks it
+    assert 0.3 in np.round(samples['stop_1'] - samples['x'], 9)
 
 
 def test_paused_states_that_were_missed_are_not_made_up_for(monkeypatch):
