@@ -449,24 +449,22 @@ class Engine:
             target_ns = min(target_ns, max(next_ns, self._time_ns + 1))
         offset_ns = self._stamps.offset_ns
         try:
-            moved = self._motion.move_to(self._time_ns, target_ns, self._tick + 1, offset_ns)
+            reached_ns, messages = self._motion.move_to(
+                self._time_ns, target_ns, self._tick + 1, offset_ns
+            )
         except RIG_FAILURES as error:
             self._give_up(error)
             return False
-        for message in moved.messages:
+        for message in messages:
             self._pacer.pause_until(message.stamp_ns - offset_ns)
             self._out.emit(*message)
-        if moved.time_ns == due_ns:
+        if reached_ns == due_ns:
             return True
-        self._pacer.pause_until(moved.time_ns)
-        self._time_ns = moved.time_ns
+        self._pacer.pause_until(reached_ns)
+        self._time_ns = reached_ns
         self._serve()
         self._attend()
         return False
-
-    def _interrupted(self) -> bool:
-        self._serve()
-        return self._paused or self._stopping.is_set()
 
     def _hold(self) -> None:
         """
@@ -555,7 +553,8 @@ class Engine:
     def _wait_for_log(self) -> None:
         while self._out.log is not None and self._out.log.backlog > LOG_BACKLOG:
             time.sleep(PAUSED_NAP_S)
-            if self._interrupted():
+            self._serve()
+            if self._paused or self._stopping.is_set():
                 break
 
     def _serve(self) -> None:

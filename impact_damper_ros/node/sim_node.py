@@ -220,8 +220,7 @@ class SimNode(Node):
                 'other nodes use_sim_time'
             )
         self._warned_s = -math.inf
-        # Conflicts with other nodes that were warned of
-        self._conflicts: set[str] = set()
+        self._warned_of_clock = False
         node = self.get_fully_qualified_name()
         self._topic_publishers = self._advertise(parameters)
         self._woken = self.create_guard_condition(lambda: None)
@@ -469,19 +468,10 @@ class SimNode(Node):
         self._warn_of_others()
 
     def _warn_of_others(self) -> None:
-        """Warn once if another node has the same name or also publishes the clock."""
-        name, clock = self.get_fully_qualified_name(), self._topic_publishers.get('clock')
-        nodes = self.get_node_names_and_namespaces()
-        count = sum(f'{space.rstrip("/")}/{other}' == name for other, space in nodes)
-        if count > 1 and 'name' not in self._conflicts:
-            self._conflicts.add('name')
-            self.get_logger().warning(
-                f'there are {count} nodes with the name {name}: their messages are mixed on the '
-                'same topics, and which one answers is left to chance; stop the others, or start '
-                'this one with --ros-args -r __ns:=/rig1'
-            )
-        if clock and self.count_publishers(clock.topic) > 1 and 'clock' not in self._conflicts:
-            self._conflicts.add('clock')
+        """Warn once if another node publishes the clock as well."""
+        clock = self._topic_publishers.get('clock')
+        if clock and not self._warned_of_clock and self.count_publishers(clock.topic) > 1:
+            self._warned_of_clock = True
             self.get_logger().warning(
                 f'another node publishes {clock.topic}, too: the time of nodes with use_sim_time '
                 'jumps between the two; give the rigs ROS domains of their own, or '

@@ -226,27 +226,19 @@ def test_stamps_follow_a_step_of_the_system_clock(
         assert replay_run([str(bag)]) == 0, capsys.readouterr().out
 
 
-@pytest.mark.parametrize('nohup', [False, True])
-def test_a_lost_terminal_ends_the_node_with_a_whole_bag(
-    client, launch, namespace, tmp_path, nohup
-):
-    states = client.listen(JointState, f'{namespace}/joint_states')
-    code = f"""
+def test_a_node_started_by_nohup_outlives_its_terminal(recording, tmp_path):
+    process, states, _ = recording(
+        code="""
 import signal, sys
-signal.signal(signal.SIGHUP, signal.{'SIG_IGN' if nohup else 'SIG_DFL'})
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
 from impact_damper_ros.node import sim_node
 sys.exit(sim_node.main())
 """
-    process = launch(f'__ns:={namespace}', code=code, record=True, **LIVELY)
-    until(lambda: len(states) > 20, lambda: process.output)
+    )
     process.send(signal.SIGHUP)
-    if nohup:
-        count = len(states)
-        until(lambda: len(states) > count + 200)
-        assert process.running()
-        process.send(signal.SIGINT)
-    assert process.wait() == 0, process.output
-    assert 'recorded' in process.output
+    count = len(states)
+    until(lambda: len(states) > count + 200)
+    assert process.stop() == 0, process.output
     bag_of(tmp_path / 'process_0')
 
 
