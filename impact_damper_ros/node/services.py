@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 ANSWER_TIMEOUT_S = 10.0
 #: Longest wait of `~/step` for the end of a step.
 STEP_TIMEOUT_S = 2.0
+_NAP_S = 1e-3
 
 
 @coroutine
@@ -130,6 +131,8 @@ class RigServices:
         end = time.monotonic() + seconds
         step.add_done_callback(lambda _: self._wake())
         while not step.done() and time.monotonic() < end:
+            # The engine needs the interpreter as well.
+            time.sleep(_NAP_S)
             await _turn()
         return step.done()
 

@@ -150,12 +150,7 @@ def test_a_rig_with_too_many_impacts_is_held_and_comes_back_to_pace(
     # A change that is no remedy: it tries again.
     assert parameters.set(damper_mass=0.11) == ''
     wait_until_held()
-    assert parameters.set(restitution_1=0.5) == ''
-    wait_for_pace()
-    assert parameters.set(restitution_1=1.0) == ''
-    reset()
-    wait_until_held()
-    # Held still, with initial conditions that are harmless
+    # Harmless initial conditions are one.
     assert parameters.set(initial_damper_offset=0.0) == ''
     reset()
     wait_for_pace()

@@ -278,22 +278,6 @@ def test_quality_of_service_is_that_of_the_user(client, launch, namespace):
     assert process.stop() == 0
 
 
-def test_namespace_and_remapping(client, launch, namespace):
-    states = client.listen(JointState, f'{namespace}/js')
-    impacts = client.listen(JointState, f'{namespace}/impacts')
-    reports = client.listen(DiagnosticArray, '/diagnostics')
-    process = launch(f'__ns:={namespace}', '__node:=damper', 'joint_states:=js', **LIVELY)
-    until(lambda: states and impacts, lambda: process.output)
-    parameters = RigParametersClient(client, f'{namespace}/damper')
-    assert parameters.set(gap=2) == ''
-    assert parameters.get('gap') == 2.0
-    assert client.call(Trigger, f'{namespace}/damper/reset').success
-    assert client.call(SetBool, f'{namespace}/damper/pause').success
-    name = f'{namespace[1:]}/damper: rig'
-    until(lambda: any(s.name == name for r in list(reports) for s in r.status))
-    assert process.stop() == 0
-
-
 def test_simulated_clock_as_fast_as_possible(client, launch, namespace):
     best_effort = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
     clocks = client.listen(Clock, '/clock', best_effort)
