@@ -23,8 +23,8 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 from launch_ros.utilities import make_namespace_absolute, prefix_namespace
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
-from impact_damper_ros.rig import RigParameters, load_parameters
+from impact_damper_ros.node.parameters import NodeParameters
+from impact_damper_ros.rig import load_parameters
 from impact_damper_ros.rig.description import robot_description, rviz_setup
 from impact_damper_ros.rig.parameters_file import preset_file
 
@@ -42,15 +42,11 @@ TEMPORARY: list[Any] = []
 
 
 class StartedRig(NamedTuple):
-    """The rig that the node will be."""
+    """The node: its name, what it is given, and what its parameters will be."""
 
     name: str
-    params_file: str
-    settings: dict[str, Any]
-    parameters: RigParameters
-    widest_gap: float
-    bag_directory: str
-    simulated_time: bool
+    given: list[Any]
+    parameters: NodeParameters
 
 
 def started_rig(context: LaunchContext) -> StartedRig:
@@ -65,8 +61,6 @@ def started_rig(context: LaunchContext) -> StartedRig:
     )
     name = f'{(namespace or "/").rstrip("/")}/sim_node'
     params_file = str(preset_file(Path(given('params_file'))))
-    rig, _, other = load_parameters(params_file, node=name)
-    control = GapControlParameters(**{k: v for k, v in other.items() if k in GAP_CONTROL_SPECS})
     settings: dict[str, Any] = {}
     for switch in ('record', 'publish_clock'):
         if given(switch):
@@ -75,17 +69,9 @@ def started_rig(context: LaunchContext) -> StartedRig:
         settings['bag_directory'] = given('bag_directory')
     if given('real_time_factor'):
         settings['real_time_factor'] = float(given('real_time_factor'))
-    now = {'real_time_factor': 1.0, 'publish_clock': False, 'bag_directory': 'runs'}
-    now |= {name: value for name, value in {**other, **settings}.items() if name in now}
-    return StartedRig(
-        name,
-        params_file,
-        settings,
-        rig,
-        control.widest_gap,
-        str(now['bag_directory']),
-        now['publish_clock'] is True or now['real_time_factor'] != 1.0,
-    )
+    rig, initial, other = load_parameters(params_file, node=name)
+    parameters = NodeParameters(rig=rig, initial=initial).changed({**other, **settings})
+    return StartedRig(name, [params_file, *([settings] if settings else [])], parameters)
 
 
 def ends_with_launch() -> list[SomeSubstitutionsType]:
@@ -109,7 +95,7 @@ def start_rig(context: LaunchContext) -> list[Node]:
             exec_name='sim_node',
             name='sim_node',
             namespace=NAMESPACE,
-            parameters=[rig.params_file, *([rig.settings] if rig.settings else [])],
+            parameters=rig.given,
             prefix=ends_with_launch(),
             output='screen',
             emulate_tty=True,
@@ -120,8 +106,8 @@ def start_rig(context: LaunchContext) -> list[Node]:
 
 def start_frames(context: LaunchContext) -> list[Node]:
     """Return the publisher of the frames."""
-    rig = started_rig(context)
-    description = robot_description(rig.parameters, rig.widest_gap)
+    rig = started_rig(context).parameters
+    description = robot_description(rig.rig, rig.control.widest_gap)
     return [
         Node(
             package='robot_state_publisher',
@@ -148,7 +134,7 @@ def start_page(context: LaunchContext) -> list[Node]:
             package='impact_damper_ros',
             executable='rig_page',
             exec_name='rig_page',
-            arguments=['--node', rig.name, '--open', '--recordings', rig.bag_directory],
+            arguments=['--node', rig.name, '--open', '--recordings', rig.parameters.bag_directory],
             prefix=ends_with_launch(),
             output='screen',
         )
@@ -157,10 +143,11 @@ def start_page(context: LaunchContext) -> list[Node]:
 
 def start_rviz(context: LaunchContext) -> list[Node]:
     """Return RViz, its view fitted to the rig."""
-    rig = started_rig(context)
+    rig = started_rig(context).parameters
     setup = Path(PathJoinSubstitution([SHARE, 'rviz', 'rig.rviz']).perform(context))
     fitted = tempfile.NamedTemporaryFile('w', suffix='.rviz', encoding='utf-8')  # noqa: SIM115
-    fitted.write(rviz_setup(setup.read_text(encoding='utf-8'), rig.parameters, rig.widest_gap))
+    text = rviz_setup(setup.read_text(encoding='utf-8'), rig.rig, rig.control.widest_gap)
+    fitted.write(text)
     fitted.flush()
     TEMPORARY.append(fitted)
     return [

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the controllers share: each measurement is answered by a command with its stamp."""
 
+import signal
 import sys
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 
@@ -56,12 +58,25 @@ def stops(**places):
     return JointState(name=list(places), position=list(places.values()))
 
 
+def stop(*_):
+    """End on a signal; later ones are ignored, since `ros2 launch` may send several."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
 def run(controller):
     """Run a controller until it is interrupted."""
-    rclpy.init(args=sys.argv)
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    executor = SingleThreadedExecutor()
     try:
-        rclpy.spin(controller())
-    except (KeyboardInterrupt, ExternalShutdownException):
+        executor.add_node(controller())
+        while True:
+            # A signal is noticed between two waits.
+            executor.spin_once(timeout_sec=0.2)
+    except KeyboardInterrupt:
         pass
     finally:
         rclpy.try_shutdown()

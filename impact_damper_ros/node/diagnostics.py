@@ -17,7 +17,7 @@ from impact_damper_ros.bag.messages import DiagnosticArray, DiagnosticStatus
 from impact_damper_ros.report.formatting import mode_words
 from impact_damper_ros.rig.quoting import counted
 
-from .engine import ControlStatus, EngineStatus, Load
+from .engine import EngineStatus
 from .external_control import ControllerStatus
 from .motion_report import MotionReport
 from .pacing import CATCH_UP_NS
@@ -66,7 +66,7 @@ class Diagnostics:
             self._pacing(engine, elapsed),
             self._rig(engine, elapsed),
             self._recording(recording),
-            self._control(engine.control),
+            self._control(engine),
             self._controller(engine.controller),
         ]
         self._last_report, self._last = now, engine
@@ -138,12 +138,13 @@ class Diagnostics:
 
     def _burden(self, engine: EngineStatus, rig_time: float, elapsed: float) -> str:
         """Return why the rig takes so long, and a remedy; empty if it does not."""
-        now, before = engine.load, self._last.load if self._last else Load()
-        events, busy = now.events - before.events, (now.busy_ns - before.busy_ns) * 1e-9
+        last = self._last
+        events = engine.events - (last.events if last else 0)
+        busy = (engine.busy_ns - (last.busy_ns if last else 0)) * 1e-9
         if busy < AT_WORK * elapsed or busy * (self.factor or 1.0) < BUSY * rig_time:
             return ''
-        control = engine.control.parameters
-        commands = engine.control.commands - (self._last.control.commands if self._last else 0)
+        control = engine.control
+        commands = engine.commands - (last.commands if last else 0)
         if control.active and control.gap_control_rate * rig_time > SAMPLED * busy:
             often = f'the gap control samples {control.gap_control_rate:g} times per second'
             remedy = 'lower gap_control_rate'
@@ -151,15 +152,15 @@ class Diagnostics:
             often = f'the predictive law moved the stops {commands} times in {rig_time:.2g} s'
             remedy = 'choose another gap_control or a shorter gap_control_horizon'
         elif events > EVENTFUL * busy:
-            impacts = engine.impacts - (self._last.impacts if self._last else 0)
+            impacts = engine.impacts - (last.impacts if last else 0)
             kind = 'impacts' if 2 * impacts > events else 'events'
             # Rig time goes by whole nanoseconds.
             often = f'{events / max(rig_time, 1e-9):.2g} {kind} per second of rig time'
             remedy = 'lower the restitution, give a wider gap or less force'
         else:
-            often = f'the fastest of spring and force has {now.fastest / math.tau:.3g} Hz'
-            if now.harmonics > 1:
-                often = f'the force has {now.harmonics} harmonics, and {often}'
+            often = f'the fastest of spring and force has {engine.fastest / math.tau:.3g} Hz'
+            if engine.harmonics > 1:
+                often = f'the force has {engine.harmonics} harmonics, and {often}'
             remedy = 'give less stiffness, a heavier mass, or a slower force of fewer harmonics'
         return f'the rig is behind: {often}; {remedy}, or lower real_time_factor'
 
@@ -177,27 +178,27 @@ class Diagnostics:
                 'Time [s]': f'{engine.time_ns * 1e-9:.3f}',
                 'Paused': engine.paused,
                 'Held': bool(engine.held),
-                'Events': engine.load.events,
+                'Events': engine.events,
                 'Impacts': engine.impacts,
                 'Impacts per wall second': f'{impacts / elapsed:.2f}',
             },
         )
 
-    def _control(self, control: ControlStatus) -> DiagnosticStatus:
-        law, last = control.parameters.gap_control, control.last
+    def _control(self, engine: EngineStatus) -> DiagnosticStatus:
+        law, last = engine.control.gap_control, engine.last_act
         return self._status(
             'gap control',
             OK,
             law,
             {
                 'Law': law,
-                'Stops': control.parameters.gap_control_stops,
+                'Stops': engine.control.gap_control_stops,
                 'Amplitude of X [m]': f'{last.amplitude:.6g}' if last else '',
                 'Stop 1 to Y [m]': f'{last.target_1:.6g}' if last else '',
                 'Stop 2 to Y [m]': f'{last.target_2:.6g}' if last else '',
                 'Energy spent on stop 1 [J]': f'{last.energy_1:.6g}' if last else '',
                 'Energy spent on stop 2 [J]': f'{last.energy_2:.6g}' if last else '',
-                'Commands': control.commands,
+                'Commands': engine.commands,
             },
         )
 

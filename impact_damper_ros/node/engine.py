@@ -23,14 +23,14 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeAlias
 
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
 from impact_damper_ros.bag.snapshots import Snapshots
 from impact_damper_ros.control import ControlRecord, GapControlParameters, OwnLaw, Rig
 from impact_damper_ros.rig import (
     InitialConditions,
-    NodeSettings,
     ParameterError,
     RigParameters,
     RunawayError,
@@ -42,56 +42,32 @@ from .commands import CommandInbox
 from .external_control import ControllerStatus, ExternalControl
 from .motion_ahead import RIG_FAILURES, MotionAhead, MotionTrace, ticks_ahead
 from .pacing import ORDINARY, Pacer, PacingCounts, StampClock, take_priority
+from .parameters import NodeParameters
 from .publishing import Emitter, RigPublishers
 
 if TYPE_CHECKING:
     from impact_damper_ros.bag import RunWriter
 
 
-class ControlStatus(NamedTuple):
-    """State of the gap control: its parameters, the number of commands, and its last act."""
-
-    parameters: GapControlParameters = GapControlParameters()
-    commands: int = 0
-    last: ControlRecord | None = None
-
-
-class Load(NamedTuple):
-    """How much work the rig causes the engine."""
-
-    events: int = 0  # so far, impacts among them
-    busy_ns: int = 0  # computing time of the engine's thread so far
-    fastest: float = 0.0  # circular frequency of the fastest of spring and harmonics, rad/s
-    harmonics: int = 1  # how many the force has
-
-
 class EngineStatus(NamedTuple):
-    """State of the engine, for other threads; `held` is the reason why the rig cannot continue."""
+    """State of the engine, for other threads; all numbers are counted from its start."""
 
     time_ns: int
     paused: bool
     mode: str
     impacts: int
-    recorded: int
+    recorded: int  # messages given to the recording
     pacing: PacingCounts
-    control: ControlStatus = ControlStatus()
+    control: GapControlParameters = GapControlParameters()
+    commands: int = 0  # of the gap control
+    last_act: ControlRecord | None = None
     scheduling: str = ORDINARY
-    held: str = ''
-    load: Load = Load()
+    held: str = ''  # the reason why the rig cannot continue
+    events: int = 0  # impacts among them
+    busy_ns: int = 0  # computing time of the engine's thread
+    fastest: float = 0.0  # circular frequency of the fastest of spring and harmonics, rad/s
+    harmonics: int = 1  # how many the force has
     controller: ControllerStatus = ControllerStatus()
-
-
-class EngineSettings(NamedTuple):
-    """Pace and stamps of an engine."""
-
-    state_rate: float  # ticks per second of rig time
-    real_time_factor: float  # rig seconds per wall second; 0 runs as fast as possible
-    #: Publish /clock and count stamps from 0, as a simulator does. Otherwise stamps count from the
-    #: system time at the start, and a pause, a slip or a step of the system clock moves them.
-    publish_clock: bool
-    real_time_priority: int = 0  # of the thread, if it is permitted; 0: ordinary scheduling
-    node: str = ''  # full name of the node, for its snapshots
-    controller: NodeSettings = NodeSettings()  # what a controller outside sees, and its limits
 
 
 class EngineCallbacks(NamedTuple):
@@ -121,6 +97,7 @@ class Done(NamedTuple):
 
 #: A request to the engine; it fails with the reason why it had no effect.
 Request: TypeAlias = 'Future[Done]'
+_Arguments = ParamSpec('_Arguments')
 
 
 PAUSED_NAP_S = 0.02
@@ -139,20 +116,16 @@ class Engine:
 
     Parameters
     ----------
-    parameters, initial : RigParameters, InitialConditions
-        The rig and where it starts.
+    parameters : NodeParameters
+        The rig, its control and where it starts; pace and stamps.
     publishers : mapping of str to TopicPublisher
         Where to publish; see `publishing.RigPublishers`.
-    settings : EngineSettings
-        Pace and stamps.
     callbacks : EngineCallbacks
         What to call.
-    control : GapControlParameters, optional
-        The control of the gap; off, if not given.
+    node : str, optional
+        Full name of the node, for its snapshots.
     inbox : CommandInbox, optional
         Where the commands of an external control come from.
-    law : OwnLaw, optional
-        A law of the user's own, in place of that of the control.
 
     Attributes
     ----------
@@ -167,27 +140,31 @@ class Engine:
 
     def __init__(
         self,
-        parameters: RigParameters,
-        initial: InitialConditions,
+        parameters: NodeParameters,
         publishers: RigPublishers,
-        settings: EngineSettings,
         callbacks: EngineCallbacks,
-        control: GapControlParameters | None = None,
+        node: str = '',
         inbox: CommandInbox | None = None,
-        law: OwnLaw | None = None,
     ) -> None:
         self.failure: Exception | None = None
-        self._rig = Rig(parameters, initial, control=control or GapControlParameters(), law=law)
-        self.controller = ExternalControl(self._rig, inbox or CommandInbox(), settings.controller)
+        law = parameters.control_law
+        self._rig = Rig(
+            parameters.rig,
+            parameters.initial,
+            control=parameters.control,
+            law=None if law == 'none' else OwnLaw.from_text(law),
+        )
+        self.controller = ExternalControl(self._rig, inbox or CommandInbox(), parameters)
         self._publishers = publishers
         self._callbacks = callbacks
-        self._grid = TickGrid(settings.state_rate)
-        self._priority = settings.real_time_priority
+        rate, factor = parameters.state_rate, parameters.real_time_factor
+        self._grid = TickGrid(rate)
+        self._priority = parameters.priority
         self._scheduling = ORDINARY
-        self._pacer = Pacer(self._grid.instant(1), settings.real_time_factor, on_slip=self._slip)
-        self._stamps = StampClock(simulated=settings.publish_clock)
+        self._pacer = Pacer(self._grid.instant(1), factor, on_slip=self._slip)
+        self._stamps = StampClock(simulated=parameters.simulated_time)
         topics = {key: publisher.topic for key, publisher in publishers.items()}
-        self._snapshots = Snapshots(settings.node, topics, initial.as_dict(), settings.state_rate)
+        self._snapshots = Snapshots(node, topics, parameters.initial.as_dict(), rate)
         self._time_ns = 0
         self._tick = 0
         # Between a tick and its joint states
@@ -206,10 +183,10 @@ class Engine:
             self._rig,
             publishers,
             self._grid,
-            MotionTrace.at(parameters, self._rig.snapshot()),
+            MotionTrace.at(parameters.rig, self._rig.snapshot()),
             most=1,
         )
-        self._run_at(settings.real_time_factor)
+        self._run_at(factor)
         # Whether the rig has another motion since the last snapshot; also at the start
         self._new_course = True
         # All parameters, as an encoded ParameterEvent, while there is a recording
@@ -233,6 +210,11 @@ class Engine:
         if self._thread.is_alive():
             self._thread.join(timeout)
 
+    @property
+    def paused(self) -> bool:
+        """Whether the rig is paused."""
+        return self._paused
+
     def trace(self) -> MotionTrace:
         """Return the motion of the rig since its last change or reset."""
         return self._motion.trace
@@ -243,18 +225,25 @@ class Engine:
 
     def status(self) -> EngineStatus:
         """Return the state of the engine, and restart the search for the worst lateness."""
+        rig, motion = self._rig, self._motion
+        amplitudes, _, _ = rig.parameters.harmonics
         return EngineStatus(
-            self._time_ns,
-            self._paused,
-            self._rig.mode.name,
-            self._motion.impacts,
-            self._out.recorded,
-            self._pacer.counts(),
-            ControlStatus(self._rig.control, self._motion.commands, self._motion.last_act),
-            self._scheduling,
-            self._held,
-            self._load(),
-            self.controller.status(self._time_ns),
+            time_ns=self._time_ns,
+            paused=self._paused,
+            mode=rig.mode.name,
+            impacts=motion.impacts,
+            recorded=self._out.recorded,
+            pacing=self._pacer.counts(),
+            control=rig.control,
+            commands=motion.commands,
+            last_act=motion.last_act,
+            scheduling=self._scheduling,
+            held=self._held,
+            events=motion.events,
+            busy_ns=self._busy_ns(),
+            fastest=fastest_rate(rig.parameters),
+            harmonics=sum(amplitude != 0.0 for amplitude in amplitudes),
+            controller=self.controller.status(self._time_ns),
         )
 
     def _busy_ns(self) -> int:
@@ -263,66 +252,16 @@ class Engine:
             return 0
         return time.clock_gettime_ns(time.pthread_getcpuclockid(self._thread.ident))
 
-    def _load(self) -> Load:
-        parameters = self._rig.parameters
-        harmonics = sum(amplitude != 0.0 for amplitude in parameters.harmonics[0])
-        return Load(self._motion.events, self._busy_ns(), fastest_rate(parameters), harmonics)
-
-    def change(
-        self,
-        parameters: RigParameters | None,
-        event: bytes,
-        control: GapControlParameters | None = None,
-        initial: InitialConditions | None = None,
-        listing: bytes = b'',
+    def ask(
+        self, act: Callable[_Arguments, Any], *args: _Arguments.args, **kwargs: _Arguments.kwargs
     ) -> Request:
         """
-        Change the rig, its control or the conditions of a reset, and record the event.
+        Ask for something that the engine's thread has to do, one of the methods below.
 
-        What is not given stays as it is.
+        It does so at the next instant at which the rig may be changed, in the order of asking.
         """
-        return self._submit(lambda: self._change(parameters, event, control, initial, listing))
-
-    def reset(self, initial: InitialConditions) -> Request:
-        """Reset the rig to initial conditions; rig time continues."""
-        return self._submit(lambda: self._reset(initial))
-
-    def pause(self, paused: bool) -> Request:
-        """Pause the rig, or resume it; the result is whether that changed anything."""
-        return self._submit(lambda: self._pause(paused))
-
-    def set_pace(self, real_time_factor: float) -> Request:
-        """Run at another pace; stamps that count from the system time do not go back for it."""
-        return self._submit(lambda: self._set_pace(real_time_factor))
-
-    def step(self, *, to_impact: bool = False) -> Request:
-        """
-        Let a paused rig run on to its next joint states, at its pace, and pause it again there.
-
-        With `to_impact`, to the first joint states after its next impact. The result is a second
-        request, done when the rig is paused again.
-        """
-        return self._submit(lambda: self._step(to_impact))
-
-    def record_to(self, log: RunWriter, event: bytes) -> Request:
-        """
-        Record from now on; `event` is an encoded ParameterEvent with all parameters.
-
-        The log may ask for a new file. That begins with a tick, as the recording did.
-        """
-        return self._submit(lambda: self._record_to(log, event))
-
-    def stop_recording(self) -> Request:
-        """End the recording; the result is its log, if any."""
-        return self._submit(self._stop_recording)
-
-    def record(self, topic: str, data: bytes) -> Request:
-        """Record an encoded message that another thread has published."""
-        return self._submit(lambda: self._out.record(topic, data, self.stamp_ns()))
-
-    def _submit(self, action: Callable[[], Any]) -> Request:
         request: Request = Future()
-        self._requests.append((request, action))
+        self._requests.append((request, partial(act, *args, **kwargs)))
         if self._closed.is_set():
             self._turn_away()
         return request
@@ -334,6 +273,125 @@ class Engine:
             while True:
                 request, _ = self._requests.popleft()
                 request.set_exception(NotNowError('the rig is shutting down'))
+
+    # Asked for by other threads, carried out by the engine's
+
+    def change(
+        self,
+        parameters: RigParameters | None,
+        event: bytes,
+        control: GapControlParameters | None = None,
+        initial: InitialConditions | None = None,
+        listing: bytes = b'',
+    ) -> None:
+        """
+        Change the rig, its control or the conditions of a reset, and record the event.
+
+        What is not given stays as it is.
+        """
+        self._listing = listing or self._listing
+        # First the cause, then its effects
+        self._record_event(event)
+        self._snapshots.move_stamps(self._stamps.offset_ns)
+        rig = self._rig
+        before = {**rig.parameters.as_dict(), **rig.control.as_dict()}
+        if parameters is not None or control is not None:
+            self._motion.discard()
+            events = rig.change(parameters or rig.parameters, control)
+            for message in self._motion.passed(events, rig.records, self._stamps.offset_ns):
+                self._out.emit(*message)
+            self._release()
+            self._news = self._news or 'change'
+            self._new_course = True
+        after = {**rig.parameters.as_dict(), **rig.control.as_dict()}
+        if initial is not None:
+            after |= initial.as_dict()
+        if self._snapshots.change(before, after):
+            self._news = self._news or 'change'
+
+    def reset(self, initial: InitialConditions) -> None:
+        """Reset the rig to initial conditions; rig time continues."""
+        initial.check_within(self._rig.parameters)
+        self._motion.discard()
+        self._rig.reset(initial)
+        self._snapshots.reset(initial.as_dict())
+        self._motion.last_act = None
+        self._release()
+        self._news = 'reset'
+        self._new_course = True
+
+    def pause(self, paused: bool) -> bool:
+        """Pause the rig, or resume it; return whether that changed anything."""
+        stepping, self._step_done = self._step_done, None
+        if stepping is not None:
+            self._stepping.set_exception(
+                NotNowError('the step was ended by a pause or by running on')
+            )
+        if paused == self._paused:
+            return stepping is not None
+        # The messages made ahead have other stamps.
+        self._motion.discard()
+        self._paused = paused
+        if not paused:
+            if not self._held:
+                self._go_on()
+            self._news = 'resume'
+        return True
+
+    def set_pace(self, real_time_factor: float) -> None:
+        """Run at another pace; stamps that count from the system time do not go back for it."""
+        # The messages made ahead may have other stamps.
+        self._motion.discard()
+        self._run_at(real_time_factor)
+        if not self._paused and not self._held:
+            before_ns = self._stamps.offset_ns
+            self._go_on()
+            if self._stamps.offset_ns != before_ns:
+                self._news = self._news or 'slip'
+
+    def step(self, *, to_impact: bool = False) -> Request:
+        """
+        Let a paused rig run on to its next joint states, at its pace, and pause it again there.
+
+        With `to_impact`, to the first joint states after its next impact. The rig runs on as
+        after a pause, so that nothing of the motion depends on the steps. Returns another
+        request, done when the rig is paused again.
+        """
+        if self._step_done is not None:
+            raise NotNowError('a step is under way')
+        if self._held:
+            raise NotNowError(f'the rig is held: {self._held}')
+        if not self._paused:
+            raise NotNowError('only a paused rig makes single steps: pause it first')
+        self.pause(False)
+        motion, tick, impacts = self._motion, self._tick, self._motion.impacts
+        self._step_done = lambda: motion.impacts > impacts if to_impact else self._tick > tick
+        self._stepping = Future()
+        return self._stepping
+
+    def record_to(self, log: RunWriter, event: bytes) -> None:
+        """
+        Record from now on; `event` is an encoded ParameterEvent with all parameters.
+
+        The log may ask for a new file. That begins with a tick, as the recording did.
+        """
+        self._out.log, self._out.recorded, self._listing = log, 0, event
+        self._announce('record')
+        self._record_event(event)
+
+    def stop_recording(self) -> RunWriter | None:
+        """End the recording; return its log, if any."""
+        if self._within_tick:
+            # A bag ends with a whole tick.
+            data = self._motion.states(self._time_ns, self._stamps.offset_ns)
+            self._out.record(self._publishers['joint_states'].topic, data, self.stamp_ns())
+        log, self._out.log = self._out.log, None
+        self._follow_clock()
+        return log
+
+    def record(self, topic: str, data: bytes) -> None:
+        """Record an encoded message that another thread has published."""
+        self._out.record(topic, data, self.stamp_ns())
 
     # The engine's thread
 
@@ -391,24 +449,22 @@ class Engine:
             target_ns = min(target_ns, max(next_ns, self._time_ns + 1))
         offset_ns = self._stamps.offset_ns
         try:
-            moved = self._motion.move_to(self._time_ns, target_ns, self._tick + 1, offset_ns)
+            reached_ns, messages = self._motion.move_to(
+                self._time_ns, target_ns, self._tick + 1, offset_ns
+            )
         except RIG_FAILURES as error:
             self._give_up(error)
             return False
-        for message in moved.messages:
+        for message in messages:
             self._pacer.pause_until(message.stamp_ns - offset_ns)
             self._out.emit(*message)
-        if moved.time_ns == due_ns:
+        if reached_ns == due_ns:
             return True
-        self._pacer.pause_until(moved.time_ns)
-        self._time_ns = moved.time_ns
+        self._pacer.pause_until(reached_ns)
+        self._time_ns = reached_ns
         self._serve()
         self._attend()
         return False
-
-    def _interrupted(self) -> bool:
-        self._serve()
-        return self._paused or self._stopping.is_set()
 
     def _hold(self) -> None:
         """
@@ -497,7 +553,8 @@ class Engine:
     def _wait_for_log(self) -> None:
         while self._out.log is not None and self._out.log.backlog > LOG_BACKLOG:
             time.sleep(PAUSED_NAP_S)
-            if self._interrupted():
+            self._serve()
+            if self._paused or self._stopping.is_set():
                 break
 
     def _serve(self) -> None:
@@ -558,71 +615,6 @@ class Engine:
             for message in self._motion.passed(events, records, self._stamps.offset_ns):
                 self._out.emit(*message)
 
-    def _change(
-        self,
-        parameters: RigParameters | None,
-        event: bytes,
-        control: GapControlParameters | None,
-        initial: InitialConditions | None,
-        listing: bytes,
-    ) -> None:
-        self._listing = listing or self._listing
-        # First the cause, then its effects
-        self._record_event(event)
-        self._snapshots.move_stamps(self._stamps.offset_ns)
-        rig = self._rig
-        before = {**rig.parameters.as_dict(), **rig.control.as_dict()}
-        if parameters is not None or control is not None:
-            self._motion.discard()
-            events = rig.change(parameters or rig.parameters, control)
-            for message in self._motion.passed(events, rig.records, self._stamps.offset_ns):
-                self._out.emit(*message)
-            self._release()
-            self._news = self._news or 'change'
-            self._new_course = True
-        after = {**rig.parameters.as_dict(), **rig.control.as_dict()}
-        if initial is not None:
-            after |= initial.as_dict()
-        if self._snapshots.change(before, after):
-            self._news = self._news or 'change'
-
-    def _reset(self, initial: InitialConditions) -> None:
-        initial.check_within(self._rig.parameters)
-        self._motion.discard()
-        self._rig.reset(initial)
-        self._snapshots.reset(initial.as_dict())
-        self._motion.last_act = None
-        self._release()
-        self._news = 'reset'
-        self._new_course = True
-
-    def _pause(self, paused: bool) -> bool:
-        stepping, self._step_done = self._step_done, None
-        if stepping is not None:
-            self._stepping.set_exception(
-                NotNowError('the step was ended by a pause or by running on')
-            )
-        if paused == self._paused:
-            return stepping is not None
-        # The messages made ahead have other stamps.
-        self._motion.discard()
-        self._paused = paused
-        if not paused:
-            if not self._held:
-                self._go_on()
-            self._news = 'resume'
-        return True
-
-    def _set_pace(self, real_time_factor: float) -> None:
-        # The messages made ahead may have other stamps.
-        self._motion.discard()
-        self._run_at(real_time_factor)
-        if not self._paused and not self._held:
-            before_ns = self._stamps.offset_ns
-            self._go_on()
-            if self._stamps.offset_ns != before_ns:
-                self._news = self._news or 'slip'
-
     def _run_at(self, real_time_factor: float) -> None:
         period_ns = self._grid.instant(1)
         self._pacer.set_pace(period_ns, real_time_factor)
@@ -632,36 +624,17 @@ class Engine:
         measured = self.controller.settings.measurement_rate > 0.0
         self._motion.most = 1 if measured else ticks_ahead(period_ns, real_time_factor)
 
-    def _step(self, to_impact: bool) -> Request:
-        """Run on as after a pause, so that nothing of the motion depends on the steps."""
-        if self._step_done is not None:
-            raise NotNowError('a step is under way')
-        if self._held:
-            raise NotNowError(f'the rig is held: {self._held}')
-        if not self._paused:
-            raise NotNowError('only a paused rig makes single steps: pause it first')
-        self._pause(False)
-        motion, tick, impacts = self._motion, self._tick, self._motion.impacts
-        self._step_done = lambda: motion.impacts > impacts if to_impact else self._tick > tick
-        self._stepping = Future()
-        return self._stepping
-
     def _end_step(self, failure: str = '') -> None:
         """Pause the rig at the end of its step."""
         if self._step_done is None:
             return
         self._step_done = None
         self._motion.stand_at(self._time_ns)
-        self._pause(True)
+        self.pause(True)
         if failure:
             self._stepping.set_exception(NotNowError(failure))
         else:
             self._stepping.set_result(Done(self._time_ns))
-
-    def _record_to(self, log: RunWriter, event: bytes) -> None:
-        self._out.log, self._out.recorded, self._listing = log, 0, event
-        self._announce('record')
-        self._record_event(event)
 
     def _split(self, log: RunWriter) -> None:
         """Begin a new file of the recording, with all that a reader of it alone needs."""
@@ -669,15 +642,6 @@ class Engine:
             self._motion.stand_at(self._time_ns)
             self._announce('record')
             self._record_event(self._listing)
-
-    def _stop_recording(self) -> RunWriter | None:
-        if self._within_tick:
-            # A bag ends with a whole tick.
-            data = self._motion.states(self._time_ns, self._stamps.offset_ns)
-            self._out.record(self._publishers['joint_states'].topic, data, self.stamp_ns())
-        log, self._out.log = self._out.log, None
-        self._follow_clock()
-        return log
 
     # Publishing
 

@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from math import ceil, inf, nextafter, tau
 from time import monotonic_ns, thread_time_ns
-from typing import Any, NamedTuple
+from typing import Any
 
 from impact_damper_ros.bag.rig_topics import RigMessages
 from impact_damper_ros.control import Action, ControlRecord, Rig
@@ -149,22 +149,6 @@ def ticks_ahead(period_ns: int, real_time_factor: float) -> int:
     return max(1, min(MOST_TICKS, int(SPAN_NS * (real_time_factor or 1.0) / period_ns)))
 
 
-class Moved(NamedTuple):
-    """
-    A move of the rig.
-
-    Attributes
-    ----------
-    time_ns : int
-        Rig time that it has reached: the next tick, or an instant before it.
-    messages : list of OutgoingMessage
-        Impacts and acts of the gap control, to be sent before the joint states of that tick.
-    """
-
-    time_ns: int
-    messages: list[OutgoingMessage]
-
-
 def _slice() -> Callable[[], bool]:
     """Begin a slice; return a function that returns whether it is over."""
     end, grace_end = monotonic_ns() + SLICE_NS, 0
@@ -222,11 +206,14 @@ class MotionAhead:
         # Of the events on the way to the next tick
         self._budget = EventBudget(MOST_TO_TICK)
 
-    def move_to(self, time_ns: int, target_ns: int, tick: int, offset_ns: int) -> Moved:
+    def move_to(
+        self, time_ns: int, target_ns: int, tick: int, offset_ns: int
+    ) -> tuple[int, list[OutgoingMessage]]:
         """
         Move the rig to an instant, at most by one slice.
 
         The instant is that of the next tick whose joint states are not known, or an earlier one.
+        Returns the rig time reached, ns, and the impacts and acts of the gap control on the way.
         """
         mark = self._rig.mark()
         try:
@@ -242,7 +229,7 @@ class MotionAhead:
         tick: int,
         offset_ns: int,
         interrupted: Callable[[], bool],
-    ) -> Moved:
+    ) -> tuple[int, list[OutgoingMessage]]:
         rig = self._rig
         events, records = rig.advance(target_ns / 1e9, interrupted=interrupted), rig.records
         reached_ns = target_ns
@@ -271,7 +258,7 @@ class MotionAhead:
         deflection, angle = rig.parameters.static_deflection, rig.parameters.angle
         for instant, sample in zip(instants, samples, strict=False):
             self.known.append(self._encoded(offset_ns + instant, sample, deflection, angle))
-        return Moved(reached_ns, messages)
+        return reached_ns, messages
 
     def passed(
         self, events: Sequence[Event], records: Sequence[ControlRecord], offset_ns: int

@@ -76,6 +76,11 @@ class NodeParameters(NodeSettings):
         """Whether stamps count from 0 and /clock is published: rig time is no wall time."""
         return self.publish_clock or self.real_time_factor != 1.0 or self.lock_step != 'off'
 
+    @property
+    def priority(self) -> int:
+        """The real-time priority of a rig that keeps a pace; 0 for ordinary scheduling."""
+        return self.real_time_priority if self.real_time_factor else 0
+
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> NodeParameters:
         """Check values and fill in the defaults."""

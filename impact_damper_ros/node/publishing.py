@@ -141,15 +141,15 @@ class Recorder:
     def begin(self, listing: bytes, description: bytes) -> None:
         """Let the engine record, beginning with all parameters and the robot description."""
         if self._writer is not None:
-            self._engine.record_to(self._writer, listing)
-            self._engine.record(self._names['robot_description'], description)
+            self._engine.ask(self._engine.record_to, self._writer, listing)
+            self._engine.ask(self._engine.record, self._names['robot_description'], description)
 
     def finish(self) -> str:
         """End the recording, finish the bag, and return a summary for the user."""
         writer, self._writer = self._writer, None
         if writer is None:
             return ''
-        wait([self._engine.stop_recording()], RELEASE_TIMEOUT_S)
+        wait([self._engine.ask(self._engine.stop_recording)], RELEASE_TIMEOUT_S)
         writer.close()
         if writer.error is not None:
             self.error = str(writer.error)

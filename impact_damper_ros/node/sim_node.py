@@ -15,17 +15,16 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from shutil import which
-from types import coroutine
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
@@ -39,7 +38,6 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String as StringMessage
-from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag.messages import (
@@ -53,7 +51,6 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.messages import Parameter as RecordedParameter
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.topics import LATCHED, QosProfile
-from impact_damper_ros.control import OwnLaw
 from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
 from impact_damper_ros.rig.quoting import printable, shown
@@ -68,7 +65,7 @@ from .commands import (
     read_stop_command,
 )
 from .diagnostics import Diagnostics
-from .engine import Done, Engine, EngineCallbacks, EngineSettings, Request
+from .engine import Engine, EngineCallbacks
 from .motion_report import MotionMonitor
 from .pacing import EndRequest, take_priority
 from .parameters import (
@@ -79,6 +76,7 @@ from .parameters import (
     parameters_from_overrides,
 )
 from .publishing import Recorder, RigPublishers, TopicPublisher
+from .services import RigServices
 
 USAGE = """usage: sim_node [-h] [--version]
                 [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
@@ -178,10 +176,6 @@ def _pace(factor: float) -> str:
 REPORT_PERIOD_S = 1.0
 #: Time after which the process of the theory is asked for more, while more is to come.
 THEORY_PERIOD_S = 0.1
-#: Longest wait of a service call for the engine.
-ANSWER_TIMEOUT_S = 10.0
-#: Longest wait for the end of a step.
-STEP_TIMEOUT_S = 2.0
 #: Least time between two warnings of a rig that falls behind.
 WARNING_PERIOD_S = 5.0
 
@@ -197,12 +191,6 @@ class _NoCallbacks(CallbackGroup):
 
     def ending_execution(self, _entity: Any) -> None:
         pass
-
-
-@coroutine
-def _turn() -> Generator[None, None, None]:
-    """Let the executor serve something else first."""
-    yield
 
 
 class SimNode(Node):
@@ -232,12 +220,11 @@ class SimNode(Node):
                 'other nodes use_sim_time'
             )
         self._warned_s = -math.inf
-        # Conflicts with other nodes that were warned of
-        self._conflicts: set[str] = set()
+        self._warned_of_clock = False
         node = self.get_fully_qualified_name()
         self._topic_publishers = self._advertise(parameters)
         self._woken = self.create_guard_condition(lambda: None)
-        priority = parameters.real_time_priority if parameters.real_time_factor else 0
+        priority = parameters.priority
         # Of this thread and those that it starts. One lower than that of the engine, so that they
         # never keep it waiting, but those of other programs do not keep them from releasing the
         # interpreter.
@@ -247,17 +234,8 @@ class SimNode(Node):
         self._begun = self.create_guard_condition(self._begin_course)
         self._course: Mapping[str, Any] = {}
         self.engine = Engine(
-            parameters.rig,
-            parameters.initial,
+            parameters,
             self._topic_publishers,
-            EngineSettings(
-                parameters.state_rate,
-                parameters.real_time_factor,
-                parameters.simulated_time,
-                priority,
-                node,
-                parameters,
-            ),
             EngineCallbacks(
                 self.context.ok,
                 self.wake,
@@ -265,9 +243,8 @@ class SimNode(Node):
                 self._warn_of_trouble,
                 self.create_guard_condition(self._record_anew).trigger,
             ),
-            parameters.control,
+            node,
             self._command_inbox(),
-            None if parameters.control_law == 'none' else OwnLaw.from_text(parameters.control_law),
         )
         self._monitor = MotionMonitor(self.engine.trace, self._theory, parameters.state_rate)
         broken = self.create_guard_condition(self._end_broken_recording)
@@ -293,12 +270,7 @@ class SimNode(Node):
             event_callbacks=listeners,
             qos_overriding_options=self._qos_overrides('theory'),
         )
-        self.create_service(Trigger, '~/reset', self._on_reset)
-        self.create_service(SetBool, '~/pause', self._on_pause)
-        # In a group of its own, which lets others begin before its end
-        others = ReentrantCallbackGroup()
-        self.create_service(Trigger, '~/step', self._on_step, callback_group=others)
-        self.create_service(Trigger, '~/step_to_impact', self._on_step_to_impact)
+        RigServices(self, self.engine, lambda: self._parameters_now.initial)
         if parameters.record:
             self._open_recording(parameters)
             self._recorder.begin(self._listing(), encode(self._description))
@@ -443,14 +415,14 @@ class SimNode(Node):
         control = after.control if after.control != before.control else None
         listing = self._listing() if self._recorder.splits else b''
         initial = after.initial if after.initial != before.initial else None
-        self.engine.change(rig, encode(event), control, initial, listing)
+        self.engine.ask(self.engine.change, rig, encode(event), control, initial, listing)
         self.engine.controller.settings = after
         self._describe(after)
         turned = rig is not None and rig.force_frequencies != before.rig.force_frequencies
         if turned and (hint := frequency_hint(after.rig)):
             self.get_logger().warning(hint)
         if after.real_time_factor != before.real_time_factor:
-            self.engine.set_pace(after.real_time_factor)
+            self.engine.ask(self.engine.set_pace, after.real_time_factor)
             self._diagnostics.factor = after.real_time_factor
         if after.predict_motion != before.predict_motion:
             self._theory.enable(after.predict_motion)
@@ -482,62 +454,7 @@ class SimNode(Node):
         """Publish a message from the executor's thread; the engine records it."""
         publisher = self._topic_publishers[key]
         publisher.publish(content)
-        self.engine.record(publisher.topic, content)
-
-    # Services
-
-    def _on_reset(self, _request: Any, response: Any) -> Any:
-        initial = self._parameters_now.initial
-        where = (
-            f'primary at {initial.initial_primary_position:g} m with '
-            f'{initial.initial_primary_velocity:g} m/s, damper at '
-            f'{initial.initial_damper_offset:g} m in the gap with '
-            f'{initial.initial_damper_velocity:g} m/s'
-        )
-        self._answer(response, self.engine.reset(initial), f'reset to {where}')
-        return response
-
-    def _on_pause(self, request: Any, response: Any) -> Any:
-        done = self._answer(
-            response, self.engine.pause(request.data), 'paused' if request.data else 'running on'
-        )
-        if done is not None and not done.result:
-            state = 'paused' if request.data else 'running'
-            response.message = f'was {state} already'
-        return response
-
-    async def _on_step(self, _request: Any, response: Any) -> Any:
-        done = self._answer(response, self.engine.step(), 'on the way to the next joint states')
-        if done is not None:
-            # The caller may rely on the rig being paused again; others are served meanwhile.
-            end = time.monotonic() + STEP_TIMEOUT_S
-            done.result.add_done_callback(lambda _: self.wake())
-            while not done.result.done() and time.monotonic() < end:
-                await _turn()
-            if done.result.done():
-                self._answer(response, done.result, 'paused after a step')
-        return response
-
-    def _on_step_to_impact(self, _request: Any, response: Any) -> Any:
-        # There may be none for a long time.
-        text = 'running on until after the next impact'
-        self._answer(response, self.engine.step(to_impact=True), text)
-        return response
-
-    def _answer(self, response: Any, request: Request, text: str) -> Done | None:
-        """Fill in the response to a request; return what was done, or None if it failed."""
-        response.success = False
-        try:
-            done = request.result(ANSWER_TIMEOUT_S)
-        except TimeoutError:
-            response.message = f'the rig has not answered within {ANSWER_TIMEOUT_S:g} s'
-        except Exception as error:
-            response.message = str(error)
-        else:
-            response.success = True
-            response.message = f'{text}, at rig time {done.time_ns * 1e-9:.9g} s'
-            return done
-        return None
+        self.engine.ask(self.engine.record, publisher.topic, content)
 
     # Reports
 
@@ -551,19 +468,10 @@ class SimNode(Node):
         self._warn_of_others()
 
     def _warn_of_others(self) -> None:
-        """Warn once if another node has the same name or also publishes the clock."""
-        name, clock = self.get_fully_qualified_name(), self._topic_publishers.get('clock')
-        nodes = self.get_node_names_and_namespaces()
-        count = sum(f'{space.rstrip("/")}/{other}' == name for other, space in nodes)
-        if count > 1 and 'name' not in self._conflicts:
-            self._conflicts.add('name')
-            self.get_logger().warning(
-                f'there are {count} nodes with the name {name}: their messages are mixed on the '
-                'same topics, and which one answers is left to chance; stop the others, or start '
-                'this one with --ros-args -r __ns:=/rig1'
-            )
-        if clock and self.count_publishers(clock.topic) > 1 and 'clock' not in self._conflicts:
-            self._conflicts.add('clock')
+        """Warn once if another node publishes the clock as well."""
+        clock = self._topic_publishers.get('clock')
+        if clock and not self._warned_of_clock and self.count_publishers(clock.topic) > 1:
+            self._warned_of_clock = True
             self.get_logger().warning(
                 f'another node publishes {clock.topic}, too: the time of nodes with use_sim_time '
                 'jumps between the two; give the rigs ROS domains of their own, or '

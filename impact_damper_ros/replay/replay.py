@@ -223,13 +223,13 @@ class Replay:
             for matcher, table in zip(self._matchers, rows[1:], strict=True):
                 matcher.take(table)
         findings, states = self.findings, rows.states
+        self._orders += orders_of(rows.acts, findings.offset_ns)
         stamp = 'log_ns' if self.recorded.stamped else 'stamp_ns'
         states = states[self._usable(states[stamp] - findings.offset_ns)]
         times_ns = states[stamp] - findings.offset_ns
         if not len(states):
             return Part(NO_SAMPLES, NO_EVENTS)
         instants = times_ns / 1e9
-        self._orders += orders_of(rows.acts, findings.offset_ns)
         if self._shadowing is not None:
             part = self._note_rows(self._shadowing.follow(states, instants), states, times_ns)
         else:

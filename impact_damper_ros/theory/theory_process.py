@@ -85,9 +85,6 @@ class TheoryProcess:
         self._number = 0
         self._state: Mapping[str, Any] | None = None
         self._measured: ObservedMotion | None = None
-        # While the process is switched off: the request that it had done, and what it found
-        self._known: tuple[Mapping[str, Any] | None, bool] | None = None
-        self._answers: tuple[Prediction | None, str] = None, self.document
         self._documented = False
         self._began = 0.0
         self._pause, self._due = BACK_OFF_S, 0.0
@@ -121,17 +118,10 @@ class TheoryProcess:
             return
         self.enabled, self.trouble = enabled, ''
         self._pause, self._due = BACK_OFF_S, 0.0
+        self._forget()
+        self._request()
         if not enabled:
-            self._known = (self._state, self._documented) if self.done else None
-            self._answers = self.prediction, self.document
             self.close()
-            self._forget()
-            self.done = True
-        elif self._known == (self._state, self._documents):
-            self.prediction, self.document = self._answers
-        else:
-            self._forget()
-            self._request()
 
     def poll(self) -> bool:
         """Take the answers that have come; return whether there are any, or a new trouble."""

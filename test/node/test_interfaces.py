@@ -12,6 +12,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag.rig_topics import PAUSED_ACT
+from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import EventKind, RigParameters
 from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
@@ -155,6 +156,52 @@ def test_pause(rig):
     assert {(m.header.frame_id, m.name[-1]) for m in meanwhile} == {('', PAUSED_ACT)}
 
 
+def test_simulation_interfaces_where_they_are_installed(client, launch, namespace, tmp_path):
+    srv = pytest.importorskip('simulation_interfaces.srv')
+    msg = pytest.importorskip('simulation_interfaces.msg')
+    process = launch(f'__ns:={namespace}', predict_motion=False, record=True, **LIVELY)
+    states = client.listen(JointState, f'{namespace}/joint_states')
+    until(lambda: states or not process.running(), lambda: process.output)
+
+    def call(name, **fields):
+        kind = getattr(srv, name)
+        words = ''.join(f'_{c.lower()}' if c.isupper() else c for c in name)
+        service = client.node.create_client(kind, f'{namespace}/sim_node/{words[1:]}')
+        until(service.service_is_ready, name)
+        future = service.call_async(kind.Request(**fields))
+        return until(lambda: future.done() and future.result(), name)
+
+    def put(state):
+        answer = call('SetSimulationState', state=msg.SimulationState(state=state)).result
+        return answer.result, answer.error_message
+
+    ok = msg.Result.RESULT_OK
+    state, reset = msg.SimulationState, srv.ResetSimulation.Request
+    features = set(call('GetSimulatorFeatures').features.features)
+    assert {20, 22, 24, 25, 26, 31, 32} == features
+    assert call('GetSimulationState').state.state == state.STATE_PLAYING
+    assert put(state.STATE_PLAYING)[0] == srv.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
+    refused = call('StepSimulation', steps=1).result
+    assert (refused.result, 'pause it first' in refused.error_message) == (4, True)
+    assert put(state.STATE_PAUSED) == (ok, '')
+    assert call('GetSimulationState').state.state == state.STATE_PAUSED
+    count = len(samples_of(states))
+    assert call('StepSimulation', steps=7).result.result == ok
+    until(lambda: len(samples_of(states)) == count + 7, lambda: len(samples_of(states)) - count)
+    assert put(state.STATE_STOPPED)[0] == msg.Result.RESULT_FEATURE_UNSUPPORTED
+    for scope in (reset.SCOPE_DEFAULT, reset.SCOPE_TIME, reset.SCOPE_ALL):
+        assert 'SCOPE_STATE' in call('ResetSimulation', scope=scope).result.error_message
+    assert call('ResetSimulation', scope=reset.SCOPE_STATE).result.result == ok
+    assert put(state.STATE_QUITTING) == (ok, '')
+    assert process.wait() == 0, process.output
+    assert replay_run([str(next((tmp_path / 'process_0' / 'runs').iterdir()))]) == 0
+
+
+def samples_of(states):
+    """Return the joint states that are samples of the motion, not of a paused rig."""
+    return [m for m in list(states) if m.name[-1] != PAUSED_ACT]
+
+
 def test_diagnostics(rig):
     reports = rig.client.listen(DiagnosticArray, '/diagnostics')
 
@@ -228,22 +275,6 @@ def test_quality_of_service_is_that_of_the_user(client, launch, namespace):
     assert states.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     parameters = RigParametersClient(client, f'{namespace}/sim_node')
     assert parameters.get(name) == 'best_effort'
-    assert process.stop() == 0
-
-
-def test_namespace_and_remapping(client, launch, namespace):
-    states = client.listen(JointState, f'{namespace}/js')
-    impacts = client.listen(JointState, f'{namespace}/impacts')
-    reports = client.listen(DiagnosticArray, '/diagnostics')
-    process = launch(f'__ns:={namespace}', '__node:=damper', 'joint_states:=js', **LIVELY)
-    until(lambda: states and impacts, lambda: process.output)
-    parameters = RigParametersClient(client, f'{namespace}/damper')
-    assert parameters.set(gap=2) == ''
-    assert parameters.get('gap') == 2.0
-    assert client.call(Trigger, f'{namespace}/damper/reset').success
-    assert client.call(SetBool, f'{namespace}/damper/pause').success
-    name = f'{namespace[1:]}/damper: rig'
-    until(lambda: any(s.name == name for r in list(reports) for s in r.status))
     assert process.stop() == 0
 
 

@@ -4,51 +4,26 @@ import json
 import math
 
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.msg import Parameter, ParameterValue
 
 from impact_damper_ros.cli.simulate_rig import main
+from impact_damper_ros.node.parameters import descriptor
 from impact_damper_ros.rig import ALL_SPECS, load_parameters
 from node.rig_client import until
 
-TYPES = {
-    'bool': ParameterType.PARAMETER_BOOL,
-    'double': ParameterType.PARAMETER_DOUBLE,
-    'double_array': ParameterType.PARAMETER_DOUBLE_ARRAY,
-    'integer': ParameterType.PARAMETER_INTEGER,
-    'string': ParameterType.PARAMETER_STRING,
-}
-
 
 def test_every_parameter_is_declared_and_described(rig):
+    """By the descriptors of `test_rig_parameters`."""
     assert set(ALL_SPECS) <= set(rig.parameters.names())
-    descriptors = rig.parameters.describe(*ALL_SPECS)
-    for spec, described in zip(ALL_SPECS.values(), descriptors, strict=True):
-        assert described.name == spec.name
-        assert described.type == TYPES[spec.kind]
-        assert spec.description in described.description
-        assert spec.unit in described.description
-        assert described.read_only == (spec.effect == 'start')
-        if spec.low is not None:
-            ranges = described.integer_range or described.floating_point_range
-            (limits,) = ranges
-            assert (limits.from_value, limits.to_value) == (spec.low, spec.high)
+    assert rig.parameters.describe(*ALL_SPECS) == [descriptor(s) for s in ALL_SPECS.values()]
 
 
 @pytest.mark.parametrize(
     ('name', 'given', 'stored'),
     [
-        ('gap', 0.02, 0.02),
-        ('gap', 2, 2.0),
         ('gap', '5e-3', 0.005),
-        ('one_sided', True, True),
         ('force_amplitudes', [7], [7.0]),
-        ('force_amplitudes', 7, [7.0]),
-        ('force_amplitudes', 7.5, [7.5]),
-        ('bag_directory', 'elsewhere', 'elsewhere'),
         ('multisine_lines', 37.0, 37),
-        ('multisine_lines', '12', 12),
-        ('multisine_level', 1, 1.0),
-        ('sweep_mode', 'up', 'up'),
         ('sweep_mode', False, 'off'),
     ],
 )
@@ -60,22 +35,11 @@ def test_accepted_values_are_stored(rig, name, given, stored):
 @pytest.mark.parametrize(
     ('name', 'given', 'words'),
     [
-        ('gap', -1.0, ['gap', '-1.0 m', 'from']),
         ('gap', math.nan, ['nan']),
-        ('gap', math.inf, ['inf']),
-        ('gap', True, ['True', 'number']),
-        ('gap', 'wide', ["'wide'", 'number']),
         ('force_phases', [math.nan], ['force_phases[0]', 'nan']),
-        ('one_sided', 1, ['true or false']),
-        ('damping', 1000.0, ['underdamped']),
-        ('initial_damper_offset', 1.0, ['between the stops']),
         ('state_rate', 100.0, ['fixed', 'start']),
-        ('publish_clock', True, ['fixed', 'start']),
         ('stifness', 1.0, ['did you mean stiffness?']),
         ('bag_directory', '', ['bag_directory']),
-        ('multisine_lines', 12.5, ['12.5', 'whole number from 1 to 512']),
-        ('multisine_lines', 513, ['513', 'from 1 to 512']),
-        ('sweep_mode', 'sideways', ["'sideways'", 'off, up, down, up_down']),
     ],
 )
 def test_rejected_values_are_explained_and_change_nothing(rig, name, given, words):

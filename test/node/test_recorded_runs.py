@@ -10,6 +10,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag import RunReader, recover_run
 from impact_damper_ros.control import Rig
@@ -188,11 +189,21 @@ def test_a_run_is_reproduced_from_its_bag(rig, tmp_path):
         assert list(same.velocity) == list(message.velocity)
 
 
-def test_names_in_a_bag_are_those_on_the_network(client, launch, namespace, tmp_path):
+def test_names_are_those_of_the_namespace_and_remapped_also_in_a_bag(
+    client, launch, namespace, tmp_path
+):
     states = client.listen(JointState, f'{namespace}/js')
+    reports = client.listen(DiagnosticArray, '/diagnostics')
     remaps = (f'__ns:={namespace}', '__node:=damper', 'joint_states:=js')
     process = launch(*remaps, record=True, **LIVELY)
     until(lambda: len(states) > 10, lambda: process.output)
+    parameters = RigParametersClient(client, f'{namespace}/damper')
+    assert parameters.set(gap=2) == ''
+    assert parameters.get('gap') == 2.0
+    assert client.call(Trigger, f'{namespace}/damper/reset').success
+    assert client.call(SetBool, f'{namespace}/damper/pause').success
+    name = f'{namespace[1:]}/damper: rig'
+    until(lambda: any(status.name == name for r in list(reports) for status in r.status))
     assert process.stop() == 0
     (directory,) = (tmp_path / 'process_0' / 'runs').iterdir()
     bag = Bag(directory)

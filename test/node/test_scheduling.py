@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from sensor_msgs.msg import JointState
 
-from impact_damper_ros.node.pacing import CATCH_UP_NS, ORDINARY, Pacer, take_priority
+from impact_damper_ros.node.pacing import ORDINARY, take_priority
+from impact_damper_ros.node.parameters import NodeParameters
 from node.rig_client import until
-from node.test_engine import Bench
 
 
 def in_a_thread(action):
@@ -56,30 +56,13 @@ def test_a_priority_is_taken_where_it_is_permitted(priority):
         assert (text, policy) == (f'{ORDINARY}: no permission for SCHED_FIFO 2', os.SCHED_OTHER)
 
 
-@pytest.mark.parametrize('priority', [3, 0])
-def test_the_engine_takes_the_priority_that_it_is_given(priority):
-    with Bench(factor=5.0, priority=priority) as bench:
-        bench.engine.start()
-        until(lambda: bench.engine.stamp_ns() > 1e9)
-        fifo = priorities()
-        status = bench.engine.status()
-    if priority and permitted():
-        assert (status.scheduling, fifo) == ('SCHED_FIFO 3', [3])
-    else:
-        assert status.scheduling.startswith(ORDINARY)
-        assert fifo == []
-
-
-@pytest.mark.parametrize(('factor', 'paced'), [(1.0, True), (0.0, False)])
-def test_the_threads_of_a_node(client, launch, namespace, factor, paced):
+def test_the_threads_of_a_node(client, launch, namespace):
     """The engine comes first; the process of the theory has no priority."""
     states = client.listen(JointState, f'{namespace}/joint_states')
-    process = launch(
-        f'__ns:={namespace}', record=True, real_time_priority=3, real_time_factor=factor
-    )
+    process = launch(f'__ns:={namespace}', record=True, real_time_priority=3)
     until(lambda: len(states) > 2, lambda: process.output)
     found = priorities(process.pid)
-    if paced and permitted():
+    if permitted():
         assert found[-1] == 3
         assert set(found[:-1]) == {2}
     else:
@@ -87,20 +70,12 @@ def test_the_threads_of_a_node(client, launch, namespace, factor, paced):
     (child,) = until(lambda: children(process.pid))
     until(lambda: priorities(child) == [])
     assert process.stop() == 0, process.output
+    # Without a pace the priority would keep the processor from all others.
+    free = NodeParameters(real_time_priority=3, real_time_factor=0.0)
+    assert free.priority == 0
 
 
 def children(process):
     """Return the processes that a process has started."""
     paths = Path(f'/proc/{process}/task').glob('*/children')
     return [int(number) for path in paths for number in path.read_text().split()]
-
-
-def test_a_slip_is_told_in_the_waiting_thread():
-    now = [0]
-    slips = []
-    pacer = Pacer(10**6, 1.0, clock=lambda: now[0], on_slip=lambda: slips.append(now[0]))
-    pacer.anchor(0)
-    for late_ns in (0, CATCH_UP_NS, CATCH_UP_NS + 1):
-        now[0] = 10**6 + late_ns
-        pacer.wait(10**6)
-    assert slips == [10**6 + CATCH_UP_NS + 1]

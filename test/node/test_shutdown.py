@@ -17,19 +17,28 @@ def run_directory(process_directory):
     return directory
 
 
+#: As a terminal starts it, however the tests were started.
+TERMINAL = """
+import signal, sys
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+from impact_damper_ros.node import sim_node
+sys.exit(sim_node.main())
+"""
+
+
 @pytest.mark.parametrize(
     'signals',
     [
         (signal.SIGINT,),
-        (signal.SIGTERM,),
-        (signal.SIGINT, signal.SIGINT),
+        (signal.SIGTERM, signal.SIGTERM),
+        (signal.SIGHUP,),
         (signal.SIGINT, signal.SIGTERM, signal.SIGINT),
     ],
     ids=lambda signals: '+'.join(s.name for s in signals),
 )
 def test_signals_end_the_node_with_a_complete_bag(client, launch, namespace, tmp_path, signals):
     states = client.listen(JointState, f'{namespace}/joint_states')
-    process = launch(f'__ns:={namespace}', record=True, **LIVELY)
+    process = launch(f'__ns:={namespace}', code=TERMINAL, record=True, **LIVELY)
     until(lambda: len(states) > 20, lambda: process.output)
     for number in signals:
         process.send(number)
@@ -102,6 +111,7 @@ def test_a_signal_during_start_up_ends_the_node_quietly(launch, namespace):
 
 
 def test_service_calls_during_shutdown(client, launch, namespace):
+    """Of a node that is paused."""
     states = client.listen(JointState, f'{namespace}/joint_states')
     process = launch(f'__ns:={namespace}')
     until(lambda: states, lambda: process.output)
@@ -112,15 +122,6 @@ def test_service_calls_during_shutdown(client, launch, namespace):
         client.request(f'{namespace}/sim_node/pause', SetBool.Request(data=True))
     assert process.stop(signal.SIGINT) == 0, process.output
     assert 'Traceback' not in process.output
-
-
-def test_a_paused_node_ends_too(client, launch, namespace):
-    states = client.listen(JointState, f'{namespace}/joint_states')
-    process = launch(f'__ns:={namespace}')
-    until(lambda: states, lambda: process.output)
-    pause = SetBool.Request(data=True)
-    assert client.call(SetBool, f'{namespace}/sim_node/pause', pause).success
-    assert process.stop() == 0, process.output
 
 
 FAILING_ENGINE = """

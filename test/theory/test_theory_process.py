@@ -226,21 +226,6 @@ def test_switched_off_and_on(start):
     assert (process.prediction, warnings) == (None, [])
 
 
-def test_switched_on_again_for_the_same_rig_nothing_is_computed_anew(start):
-    process, _ = start()
-    process.ask(state_of(HORIZONTAL))
-    found = answer(process)
-    known = process.document
-    process.enable(False)
-    process.enable(True)
-    assert (process.done, process.prediction, process.document) == (True, found, known)
-    assert process.process == 0
-    process.enable(False)
-    process.ask(state_of(THREE))
-    process.enable(True)
-    assert answer(process).expected.stops == (1, 1, 2)
-
-
 def test_a_stopped_process_holds_up_neither_the_requests_nor_the_end(start):
     process, _ = start()
     process.ask(state_of(HORIZONTAL))
