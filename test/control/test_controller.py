@@ -24,7 +24,6 @@ from impact_damper_ros.rig import (
     GAP_CONTROL_SPECS,
     EventKind,
     InitialConditions,
-    ParameterError,
     RigParameters,
 )
 
@@ -66,13 +65,6 @@ def test_snapshot_of_a_plain_simulator_means_off():
     rig = Rig.restore(plain.snapshot())
     assert rig.control == GapControlParameters()
     assert rig.advance(80.0) == plain.advance(80.0)
-
-
-def test_snapshot_that_lacks_something():
-    snapshot = Rig(TRIAL, control=control('timed')).snapshot()
-    del snapshot['gap_control']['state']['observer']
-    with pytest.raises(ValueError, match='observer'):
-        Rig.restore(snapshot)
 
 
 def test_off_sends_the_stops_back_by_the_actuators():
@@ -132,8 +124,6 @@ def test_reset_begins_anew():
     assert rig.energies == (0.0, 0.0)
     assert rig.amplitude == 0.0
     assert rig.stops == (10.0, -10.0)
-    with pytest.raises(ParameterError):
-        rig.reset(InitialConditions(initial_damper_offset=11.0))
     rig.advance(90.0)
     assert rig.amplitude > 0.0
 

@@ -10,7 +10,6 @@ from impact_damper_ros.rig import (
     GapControlParameters,
     InitialConditions,
     Mode,
-    ParameterError,
     RigParameters,
 )
 
@@ -137,38 +136,3 @@ def test_a_rig_with_too_many_events_stops_alone():
     assert found.event_counts[0] == 10
     assert found.times[0] < found.times[1] == 200.0
     assert np.isnan(found.samples['x'][0, 0])
-
-
-@pytest.mark.parametrize(
-    ('rig', 'values', 'error', 'message'),
-    [
-        ({}, {'gap': [1.0, -2.0]}, ParameterError, 'gap is -2.0'),
-        ({}, {'gap': [1.0, math.nan]}, ParameterError, 'gap is nan'),
-        ({}, {'damping': [0.1, 1.9], 'stiffness': [1.0, 0.5]}, ParameterError, 'underdamped'),
-        ({}, {'force_amplitudes': [1.0, 2.0]}, ParameterError, 'does not vary in this ensemble'),
-        ({}, {'gap': [1.0, 2.0], 'angle': [0.1]}, ValueError, 'lists of one length'),
-        ({}, {'gap': 1.0}, ValueError, 'lists of one length'),
-        ({}, {}, ValueError, 'at least one parameter'),
-        ({'sweep_mode': 'up'}, {'gap': [1.0]}, ParameterError, 'no stepped sine'),
-        ({}, {'gap_min': [1.0, 2.0]}, ParameterError, 'gap_min does not vary in this ensemble'),
-    ],
-)
-def test_what_no_ensemble_can_be_is_refused(rig, values, error, message):
-    with pytest.raises(error, match=message):
-        run_ensemble(RigParameters(**rig), values, 10.0)
-
-
-def test_parameters_of_the_control_are_checked():
-    control = GapControlParameters(gap_control='timed', gap_max=3.0)
-    for values, message in (
-        ({'gap_min': [1.0, 3.0]}, 'gap_m'),
-        ({'gap_control_rate': [10.0, -1.0]}, 'gap_control_rate is -1'),
-    ):
-        with pytest.raises(ParameterError, match=message):
-            run_ensemble(RigParameters(), values, 10.0, control=control)
-
-
-def test_m_must_start_within_every_gap():
-    start = InitialConditions(initial_damper_offset=2.0)
-    with pytest.raises(ParameterError, match='initial_damper_offset'):
-        run_ensemble(RigParameters(), {'gap': [9.0, 3.0, 8.0]}, 10.0, initial=start)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.control import Action, GapControlParameters, Order, Rig
-from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, RigParameters
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 FREE = RigParameters(gravity=0.0, gap=1000.0, force_amplitudes=(0.0,))
 EXTERNAL = GapControlParameters(
@@ -100,35 +100,6 @@ def test_stops_go_by_the_actuators():
     (arrival,) = [e for e in events if e.kind is EventKind.STOP_ARRIVED and e.stop == 2]
     assert arrival.time == pytest.approx(12.5)
     assert [r.action for r in rig.records].count(Action.ARRIVED) == len(events)
-
-
-@pytest.mark.parametrize(
-    ('order', 'words'),
-    [
-        (Order(stop_1=600.0), 'half of gap_max, 500 m'),
-        (Order(stop_1=-500.0), 'above stop_2'),
-        (Order(stop_1=1.0, stop_2=2.0), 'stop_1 at 1 m and stop_2 at 2 m'),
-        (Order(stop_1=1.0, speed_1=-1.0), 'speed_1 is -1.0'),
-        (Order(stop_1=math.inf), 'stop_1 is inf'),
-        (Order(force=math.inf), 'force is inf'),
-    ],
-)
-def test_refused_orders_change_nothing(order, words):
-    rig = Rig(FREE, control=EXTERNAL)
-    before = rig.snapshot()
-    with pytest.raises(ParameterError, match=words):
-        rig.order(order)
-    assert rig.snapshot() == before
-
-
-def test_orders_need_the_external_control():
-    for law in ('off', 'timed'):
-        rig = Rig(FREE, control=GapControlParameters(gap_control=law))
-        with pytest.raises(ParameterError, match='set gap_control to external'):
-            rig.order(Order(force=1.0))
-    one_sided = Rig(FREE.replace(one_sided=True), control=EXTERNAL)
-    with pytest.raises(ParameterError, match='one-sided'):
-        one_sided.order(Order(stop_2=-1.0))
 
 
 def test_a_law_takes_over_from_orders():

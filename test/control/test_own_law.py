@@ -107,40 +107,6 @@ def test_a_law_that_fails_is_named_with_its_value(law, words, compiled):
         assert all(word in str(error.value) for word in compiled)
 
 
-@pytest.mark.parametrize(
-    ('text', 'words'),
-    [
-        ('follow', 'give MODULE:FUNCTION'),
-        ('no_such_module:law', "No module named 'no_such_module'"),
-        ('control.laws:missing', 'has no missing'),
-        ('control.laws:number', 'is 3: give the name of a function'),
-        ('control.laws:one_argument', 'define it as law(seen, memory)'),
-    ],
-)
-def test_a_law_that_cannot_be_used(text, words):
-    with pytest.raises(LawError) as error:
-        OwnLaw.from_text(text)
-    assert words in str(error.value)
-    assert text in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ('code', 'words'),
-    [
-        ('import sys; sys.exit(4)', 'SystemExit: 4'),
-        ('raise AttributeError("mine")', 'AttributeError: mine'),
-        ('def f(:', 'SyntaxError: invalid syntax'),
-    ],
-)
-def test_a_module_that_cannot_be_imported(tmp_path, monkeypatch, code, words):
-    """The first once ended the command without a word, the second was taken for a missing name."""
-    name = f'law_{len(code)}'
-    (tmp_path / f'{name}.py').write_text(code)
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(LawError, match=f'the law {name}:law: {words}'):
-        OwnLaw.from_text(f'{name}:law')
-
-
 def test_a_law_of_the_present_directory(tmp_path, monkeypatch):
     (tmp_path / 'my_own_laws.py').write_text('def hold(seen, memory):\n    return 5.0, -5.0\n')
     monkeypatch.chdir(tmp_path)

@@ -138,19 +138,6 @@ def test_a_number_of_events_is_rounded_up(go, control):
     assert rig.time == 500.0
 
 
-@pytest.mark.parametrize('go', WAYS)
-@pytest.mark.parametrize('control', CONTROLS)
-@pytest.mark.parametrize('most', [math.nan, -1, -math.inf])
-def test_what_is_no_number_of_events_is_refused(go, control, most):
-    rig = Rig(LEVEL, control=control)
-    before = rig.snapshot()
-    with pytest.raises(ValueError, match=rf'most_events is {most!r}: give a number from 0 on'):
-        go(rig, 100.0, most_events=most)
-    assert rig.snapshot() == before
-    go(rig, 100.0, most_events=0)
-    assert rig.time < 100.0
-
-
 @pytest.mark.parametrize(
     ('changes', 'rate'),
     [
