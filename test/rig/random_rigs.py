@@ -176,7 +176,7 @@ def compiled_law() -> Any:
     return numba.njit(laws.push)
 
 
-def rig_of(kind: str, seed: int, **fixed: Any) -> Rig:
+def rig_of(kind: str, seed: int, times: Sequence[float] = (0.0, 1234.5), **fixed: Any) -> Rig:
     """Return a rig of a kind that sees much; elastic stops would keep it busy for ever."""
     rng = random.Random(f'{kind} {seed}')
     parameters, initial = random_rig(f'{kind} {seed}', **fixed)
@@ -198,7 +198,7 @@ def rig_of(kind: str, seed: int, **fixed: Any) -> Rig:
     if kind not in ('free', 'stops', 'swept', 'multisine', 'off'):
         control = _control_of(kind, rng, 'timed' if kind == 'own' else kind)
     law = compiled_law() if kind == 'own' else None
-    return Rig(parameters, initial, rng.choice([0.0, 1234.5]), control, law)
+    return Rig(parameters, initial, rng.choice(times), control, law)
 
 
 def _control_of(kind: str, rng: random.Random, mode: str) -> GapControlParameters:
