@@ -83,15 +83,6 @@ class TestGoldenValues:
         assert len(motion.run(1100 * period).impacts()) == count * 100
 
 
-KINDS = {
-    'impact': EventKind.IMPACT,
-    'rest': EventKind.REST,
-    'stick': EventKind.STICK,
-    'release': EventKind.RELEASE,
-    'reversal': EventKind.REVERSAL,
-}
-
-
 def without_last_bounces(events, reference):
     """Leave out the bounces of the reference that the simulator sums in closed form."""
     left = list(reference)
@@ -123,7 +114,7 @@ def test_30_digit_runs_of_the_oracle(reference):
     events = [e for e, keep in zip(events, mask, strict=True) if keep]
     expected = without_last_bounces(events, reference.events)
     for got, want in zip(events, expected, strict=False):
-        assert got.kind == KINDS[want.kind]
+        assert got.kind.name.lower() == want.kind
         assert got.stop == want.stop
         blur = 64 * EPS * (1 + want.condition)
         if blur > 1e-3:
@@ -208,9 +199,8 @@ class TestLimits:
             a, b = rig.sample(), free.sample()
             assert a.x == pytest.approx(b.x, abs=2e3 * mu)
 
-    @pytest.mark.parametrize('restitution', [0.2, 0.75, 0.95])
-    @pytest.mark.parametrize('height', [1e-6, 1.0])
-    def test_bouncing_ball(self, restitution, height):
+    @pytest.mark.parametrize(('height', 'restitution'), [(1e-6, 0.2), (1e-6, 0.95), (1.0, 0.75)])
+    def test_bouncing_ball(self, height, restitution):
         """On a nearly still M a chatter ends at sqrt(2h/g) (1+R)/(1-R)."""
         p = RigParameters(
             primary_mass=1e9,
