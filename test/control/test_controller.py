@@ -2,8 +2,6 @@
 
 import itertools
 import json
-from dataclasses import asdict, fields
-from math import nan
 
 import pytest
 
@@ -17,9 +15,7 @@ from impact_damper_ros.control.controller import (
     LAW_STATES,
     PARTS,
     Control,
-    forget_all,
 )
-from impact_damper_ros.control.state import as_stored, read_stored
 from impact_damper_ros.rig import (
     GAP_CONTROL_SPECS,
     EventKind,
@@ -117,17 +113,6 @@ def test_the_gap_below_the_threshold():
     assert rig.stops == (10.0, -10.0)
 
 
-def test_reset_begins_anew():
-    rig = Rig(TRIAL, control=control('timed', actuator_speed=30.0))
-    rig.advance(77.7)
-    rig.reset(InitialConditions(initial_primary_velocity=2.0))
-    assert rig.energies == (0.0, 0.0)
-    assert rig.amplitude == 0.0
-    assert rig.stops == (10.0, -10.0)
-    rig.advance(90.0)
-    assert rig.amplitude > 0.0
-
-
 def test_one_sided_rigs_move_their_only_stop():
     parameters = RigParameters(
         one_sided=True, gap=4.0, gravity=0.3, angle=1.0, damper_mass=0.1, force_amplitudes=[0.2]
@@ -196,63 +181,3 @@ def test_the_kind_of_every_number_is_known():
             numbers = {n for n, v in part.items() if v is None or isinstance(v, float | list)}
             assert numbers - known <= set(PARTS[name].KINDS)
             assert set(PARTS[name].KINDS) <= set(part)
-
-
-@pytest.mark.parametrize('part', PARTS.values())
-def test_lists_name_fields_in_a_row(part):
-    names = [field.name for field in fields(part)]
-    for listed in getattr(part, 'LISTS', {}).values():
-        first = names.index(listed[0])
-        assert tuple(names[first : first + len(listed)]) == listed
-
-
-def test_the_state_goes_through_json():
-    control = start()
-    control.controller.sample_index, control.controller.roused = 3, True
-    control.observer.time = 1.0
-    for k, name in enumerate(('x', 'x_rate', 'y', 'y_rate', 'stop_1', 'stop_2')):
-        setattr(control.observer, name, 2.0 + k)
-    text = json.dumps(control.as_dict(), allow_nan=False)
-    stored = json.loads(text)
-    assert stored['observer']['last'] == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
-    assert stored['observer']['crossed'] is None
-    assert stored['observer']['hit_1'] == stored['timing']['places'] == []
-    again = start().restored(stored)
-    assert json.dumps(again.as_dict()) == text
-    # NaN stands for the same in both
-    assert repr(again.states()) == repr(control.states())
-    assert list(stored) == [
-        'sample_index',
-        'trigger_index',
-        'observer',
-        'search',
-        'timing',
-        'timed',
-        'actuators',
-        'roused',
-        'returning',
-    ]
-
-
-def test_what_is_forgotten_is_as_at_the_start():
-    rig = Rig(TRIAL, control=control('timed'))
-    rig.advance(100.0)
-    there = rig._control.copied()
-    assert repr(there.states()) != repr(start().states())
-    forget_all(there)
-    # How far the tables are written is nothing to forget.
-    there.controller.recorded = there.controller.room = 0
-    for name, part in there.states().items():
-        if name != 'actuators':
-            assert repr(part) == repr(type(part)())
-
-
-def test_a_state_of_another_shape_is_refused():
-    part = as_stored(PARTS['search']())
-    with pytest.raises(TypeError, match='missed has 3 entries, not 2'):
-        read_stored(PARTS['search'], {**part, 'missed': [0, 0, 0]})
-    with pytest.raises(TypeError, match='lost'):
-        read_stored(PARTS['search'], {**part, 'lost': 1})
-    assert read_stored(PARTS['timing'], {'places': [1.0, 2.0]}).place_2 == 2.0
-    assert repr(read_stored(PARTS['timing'], {}).place_1) == repr(nan)
-    assert asdict(read_stored(PARTS['timed'], {})) == asdict(PARTS['timed']())

@@ -16,7 +16,7 @@ from impact_damper_ros.rig import (
 numba = pytest.importorskip('numba')
 
 RNG = np.random.default_rng(5)
-COUNT = 70
+COUNT = 40
 NINE = {
     'force_amplitudes': (1.0,) + (0.05,) * 8,
     'force_frequencies': tuple(0.6 + 0.1 * k for k in range(9)),

@@ -6,11 +6,11 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from rig.random_rigs import KINDS, act, rig_of, rows, through_json, without_mode
+from rig.random_rigs import KINDS, act, random_initial, rig_of, rows, through_json, without_mode
 
-from impact_damper_ros.control import Outcome
+from impact_damper_ros.control import Outcome, Rig
 from impact_damper_ros.rig import EventKind, Mode
 
 SEEN = {}
@@ -78,6 +78,25 @@ def test_however_it_is_run(kind, seed):
         found, *others = act(kind, rng, (whole, pieces, plain, compiled))
         SEEN[kind].update(e.kind for e in found[0])
         assert others == [found] * 3
+
+
+@pytest.mark.parametrize('kind', KINDS)
+@settings(max_examples=5)
+@given(seed=st.integers(0, 10**9))
+def test_a_reset_begins_anew(kind, seed):
+    """As a new rig of that time does: nothing is left of what was before."""
+    rng = random.Random(seed)
+    rig = rig_of(kind, seed)
+    for _ in range(3):
+        rig.advance(rig.time + rng.expovariate(0.5))
+        act(kind, rng, [rig])
+    initial = random_initial(rng, rig.parameters)
+    rig.reset(initial)
+    new = Rig(rig.parameters, initial, rig.time, rig.control, rig.own_law)
+    assert rig.snapshot() == new.snapshot()
+    end = rig.time + 5.0
+    assert (rig.advance(end), rig.records) == (new.advance(end), new.records)
+    assert rig.snapshot() == new.snapshot()
 
 
 def test_much_was_seen():
