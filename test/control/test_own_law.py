@@ -14,11 +14,6 @@ def follow_rig(**values):
     return Rig(TRIAL, control=control('timed', **values), law=laws.follow)
 
 
-def acts(rig, until):
-    rig.advance(until)
-    return [tuple(record) for record in rig.records], rig.sample()
-
-
 @pytest.mark.parametrize('values', [{}, {'actuator_delay': 0.3, 'actuator_speed': 20.0}])
 def test_it_moves_the_stops_as_the_built_in_law_that_it_copies(values):
     """The symmetric amplitude law, but for its dead band and its search for m."""
@@ -45,16 +40,13 @@ def test_a_law_may_keep_the_smallest_gap():
 def test_its_memory_goes_through_snapshots():
     rig = follow_rig(actuator_speed=20.0)
     rig.advance(100.0)
-    text = json.dumps(rig.snapshot(), allow_nan=False)
-    held = json.loads(text)['gap_control']['law']
-    assert held['name'] == 'control.laws:follow'
-    assert held['memory'][:3] in ([30.0, 'nan', 0.0], [31.0, 'inf', 0.0], [30.0, 'inf', 0.0])
-    twin = Rig.restore(json.loads(text), laws.follow)
-    assert json.dumps(twin.snapshot()) == text
-    assert acts(twin, 200.0) == acts(rig, 200.0)
-    assert json.dumps(twin.snapshot()) == json.dumps(rig.snapshot())
+    held = json.loads(json.dumps(rig.snapshot(), allow_nan=False))
+    law = held['gap_control']['law']
+    assert law['name'] == 'control.laws:follow'
+    assert law['memory'][:3] in ([30.0, 'nan', 0.0], [31.0, 'inf', 0.0], [30.0, 'inf', 0.0])
+    assert Rig.restore(held, laws.follow).snapshot() == held
     with pytest.raises(ValueError, match=r'the law control\.laws:follow, .* give the law'):
-        Rig.restore(json.loads(text))
+        Rig.restore(held)
 
 
 def test_it_is_on_by_itself_and_can_be_switched_off():

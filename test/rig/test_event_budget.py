@@ -64,22 +64,6 @@ def test_the_steps_of_a_run_do_not_matter(step):
     assert rig.time == pytest.approx(MOST * 1e-8, rel=3e-3)
 
 
-def test_the_motion_goes_on_from_there():
-    parameters, initial = ENDLESS['weight']
-    whole, cut = Rig(parameters, initial), Rig(parameters, initial)
-    end = 1e-5
-    events = []
-    for _ in range(100):
-        try:
-            for portion in EventBudget(MOST).portions(cut, end):
-                events += portion
-            break
-        except EndlessEventsError:
-            assert cut.time < end
-    assert events == whole.advance(end)
-    assert cut.snapshot() == whole.snapshot()
-
-
 def test_a_long_run_may_have_more_if_they_come_one_by_one():
     rig, plain = (Rig(RigParameters(gravity=0.0)) for _ in range(2))
     budget = EventBudget(20)
