@@ -100,6 +100,7 @@ setup(
         'test': [
             'colcon-common-extensions>=0.3',
             'distributed>=2024.1',
+            'hypothesis>=6.100',
             'mcap-ros2-support>=0.5',
             'mpmath>=1.3',
             'numba>=0.59',

@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 # 1..101: above that, the ports of a domain reach into Linux's range of ephemeral ports.
 DOMAINS = 101
@@ -38,6 +39,13 @@ LONGEST = (
     'cli/test_sweep_rig.py',
     'page/test_live_page.py',
 )
+
+# Properties of random rigs: the same few ones each time, or, to look for rigs that break them,
+# other ones each time: pytest --hypothesis-profile=search test/control/test_rig.py
+SEARCH = {'deadline': None, 'suppress_health_check': list(HealthCheck)}
+settings.register_profile('few', max_examples=15, derandomize=True, **SEARCH)
+settings.register_profile('search', max_examples=1000, print_blob=True, **SEARCH)
+settings.load_profile('few')
 
 # Kept open while the tests run; if they are killed, the kernel gives the name back.
 _domain_lock: socket.socket | None = None

@@ -2,11 +2,10 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from impact_damper_ros.control import Action, GapControlParameters, Order, Rig
-from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, RigParameters
+from impact_damper_ros.rig import EventKind, RigParameters
 
 FREE = RigParameters(gravity=0.0, gap=1000.0, force_amplitudes=(0.0,))
 EXTERNAL = GapControlParameters(
@@ -61,26 +60,6 @@ def test_a_force_moves_m_that_friction_held():
     assert sample.primary_velocity == pytest.approx((1.01 * limit - 0.5 * m) / M * 1e-3, rel=1e-5)
 
 
-@pytest.mark.parametrize('seed', range(3))
-def test_a_run_of_orders_does_not_depend_on_how_it_is_cut_or_stored(seed):
-    rng = np.random.default_rng(seed)
-    parameters = RigParameters(friction=0.3, gravity=1.0, angle=0.3, gap=20.0)
-    start = InitialConditions(initial_primary_velocity=2.0)
-    rigs = [Rig(parameters, start, control=EXTERNAL) for _ in range(2)]
-    for time in np.cumsum(rng.uniform(0.05, 1.0, 60)):
-        half = rng.uniform(5.0, 15.0)
-        order = Order(half, -half, rng.uniform(0.5, 8.0), math.nan, rng.uniform(-2.0, 2.0))
-        for k in range(1, 4):
-            rigs[1].advance(rigs[0].time + (time - rigs[0].time) * k / 4)
-        for k, rig in enumerate(rigs):
-            rig.advance(time)
-            rig.order(order)
-            if k:
-                rigs[k] = Rig.restore(rig.snapshot())
-    assert rigs[0].snapshot() == rigs[1].snapshot()
-    assert rigs[0].energies[0] > 0.0
-
-
 def test_stops_go_by_the_actuators():
     rig = Rig(FREE, control=EXTERNAL)
     rig.advance(1.0)
@@ -100,46 +79,3 @@ def test_stops_go_by_the_actuators():
     (arrival,) = [e for e in events if e.kind is EventKind.STOP_ARRIVED and e.stop == 2]
     assert arrival.time == pytest.approx(12.5)
     assert [r.action for r in rig.records].count(Action.ARRIVED) == len(events)
-
-
-@pytest.mark.parametrize(
-    ('order', 'words'),
-    [
-        (Order(stop_1=600.0), 'half of gap_max, 500 m'),
-        (Order(stop_1=-500.0), 'above stop_2'),
-        (Order(stop_1=1.0, stop_2=2.0), 'stop_1 at 1 m and stop_2 at 2 m'),
-        (Order(stop_1=1.0, speed_1=-1.0), 'speed_1 is -1.0'),
-        (Order(stop_1=math.inf), 'stop_1 is inf'),
-        (Order(force=math.inf), 'force is inf'),
-    ],
-)
-def test_refused_orders_change_nothing(order, words):
-    rig = Rig(FREE, control=EXTERNAL)
-    before = rig.snapshot()
-    with pytest.raises(ParameterError, match=words):
-        rig.order(order)
-    assert rig.snapshot() == before
-
-
-def test_orders_need_the_external_control():
-    for law in ('off', 'timed'):
-        rig = Rig(FREE, control=GapControlParameters(gap_control=law))
-        with pytest.raises(ParameterError, match='set gap_control to external'):
-            rig.order(Order(force=1.0))
-    one_sided = Rig(FREE.replace(one_sided=True), control=EXTERNAL)
-    with pytest.raises(ParameterError, match='one-sided'):
-        one_sided.order(Order(stop_2=-1.0))
-
-
-def test_a_law_takes_over_from_orders():
-    parameters = RigParameters(gravity=0.0)
-    rig = Rig(parameters, control=EXTERNAL)
-    rig.order(Order(stop_1=10.0, stop_2=-10.0, force=0.5))
-    rig.advance(40.0)
-    rig.change(parameters, EXTERNAL.replace(gap_control='timed'))
-    rig.advance(100.0)
-    twin = Rig.restore(rig.snapshot())
-    assert rig.amplitude > 0.0
-    for one in (rig, twin):
-        one.advance(150.0)
-    assert rig.snapshot() == twin.snapshot()

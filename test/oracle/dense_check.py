@@ -29,6 +29,8 @@ from oracle.flight_cases import (
 NONE, STOP_1, STOP_2, REVERSAL = 0, 1, 2, 3
 OK, MISSED, FALSE = 0, 1, 2
 OCTAVES = 60
+#: Samples per fastest period
+DENSITY = 24
 CHUNK = 40_000
 BLOCK = 20_000
 
@@ -38,19 +40,16 @@ class Verdict:
     """
     What became of each claim.
 
-    `status` is OK, MISSED (an earlier event, at `missed_at`, of kind `missed_kind`) or FALSE (no
-    event where one is claimed).  `margin` is the lowest value of any watched function before the
-    claimed instant, in units of round-off (inf where none came near zero; below -tolerance is a
-    miss); `residual` is the value at the claimed instant in the same units; `time_error` is the
-    value over the slope there.
+    `status` is OK, MISSED (an earlier event, at `missed_at`) or FALSE (no event where one is
+    claimed).  `margin` is the lowest value of any watched function before the claimed instant, in
+    units of round-off (inf where none came near zero; below -tolerance is a miss); `residual` is
+    the value at the claimed instant in the same units.
     """
 
     status: Array
     margin: Array
     residual: Array
-    time_error: Array
     missed_at: Array
-    missed_kind: Array
 
     @property
     def missed(self) -> int:
@@ -101,9 +100,6 @@ class Check:
         In units of round-off.
     unit : {'local', 'position'}
         Of round-off, see `flight_cases.round_off`.
-    density : int
-        Samples per fastest period.
-
     """
 
     def __init__(
@@ -113,14 +109,12 @@ class Check:
         tau: Array,
         tolerance: float = 64.0,
         unit: str = 'local',
-        density: int = 24,
     ) -> None:
         n = len(cases)
         self.cases, self.kind, self.tau = cases, np.asarray(kind), np.asarray(tau, dtype=float)
-        self.tolerance, self.unit, self.density = tolerance, unit, density
+        self.tolerance, self.unit = tolerance, unit
         self.margin = np.full(n, np.inf)
         self.missed_at = np.full(n, np.inf)
-        self.missed_kind = np.zeros(n, dtype=np.int8)
         self.valid = np.isfinite(self.tau) & (self.tau > 0)
         self.series = taylor_series(cases)
         # (kind, flight, time) to examine, (kind, flight, before, after) to find a minimum in.
@@ -131,18 +125,18 @@ class Check:
         """Check everything."""
         cells = np.ones(len(self.cases), dtype=int)
         cells[self.valid] = np.maximum(
-            16, np.ceil((self.tau * self.cases.fastest)[self.valid] / (2 * np.pi) * self.density)
+            16, np.ceil((self.tau * self.cases.fastest)[self.valid] / (2 * np.pi) * DENSITY)
         )
         self.step = self.tau / cells
         for index, count in self._groups(cells):
             self._sweep(index, count)
         self._starts()
         self._flush()
-        residual, error = self._residuals()
+        residual = self._residuals()
         status = np.where(self.missed_at < np.inf, MISSED, OK)
         false = ~self.valid | ((self.kind != NONE) & ~(residual <= self.tolerance))
         status[(status == OK) & false] = FALSE
-        return Verdict(status, self.margin, residual, error, self.missed_at, self.missed_kind)
+        return Verdict(status, self.margin, residual, self.missed_at)
 
     def _groups(self, cells: Array) -> Iterator[tuple[Array, int]]:
         """Group flights of like length, so that a sweep is a rectangle (finer, never coarser)."""
@@ -278,16 +272,14 @@ class Check:
         value = (g / scale).astype(float)
         np.minimum.at(self.margin, index, value)
         gone = value < -self.tolerance
-        i, when = index[gone], t[gone].astype(float)
-        np.minimum.at(self.missed_at, i, when)
-        self.missed_kind[i[self.missed_at[i] == when]] = kind
+        np.minimum.at(self.missed_at, index[gone], t[gone].astype(float))
 
     def _scale(self, kind: int, index: Array, t: Array, slope: Array) -> Array:
         unit = round_off(self.cases, index, t, self.unit)[1 if kind == REVERSAL else 0]
         return np.asarray(unit + EPS * np.abs(slope * t) + 1e-300)
 
-    def _residuals(self) -> tuple[Array, Array]:
-        residual, error = np.zeros(len(self.cases)), np.zeros(len(self.cases))
+    def _residuals(self) -> Array:
+        residual = np.zeros(len(self.cases))
         for kind in (STOP_1, STOP_2, REVERSAL):
             index = np.flatnonzero((self.kind == kind) & self.valid)
             t = self.tau[index].astype(REAL)
@@ -295,69 +287,19 @@ class Check:
             on = watches(self.cases, index, kind)
             scale = self._scale(kind, index, t, slope)
             residual[index] = np.where(on, np.abs(g) / scale, np.inf).astype(float)
-            with np.errstate(divide='ignore', invalid='ignore'):
-                error[index] = np.abs(g / slope).astype(float)
-        return residual, error
+        return residual
 
 
 def check(
-    cases: FlightCases,
-    kind: Array,
-    tau: Array,
-    tolerance: float = 64.0,
-    unit: str = 'local',
-    density: int = 24,
+    cases: FlightCases, kind: Array, tau: Array, tolerance: float = 64.0, unit: str = 'local'
 ) -> Verdict:
     """Check claimed first events; see `Check` for the arguments and `Verdict` for the result."""
     kind, tau = np.asarray(kind), np.asarray(tau, dtype=float)
     parts = []
     for k in range(0, max(len(cases), 1), BLOCK):
         block = slice(k, k + BLOCK)
-        run = Check(cases.take(block), kind[block], tau[block], tolerance, unit, density)
+        run = Check(cases.take(block), kind[block], tau[block], tolerance, unit)
         parts.append(run.run())
     return Verdict(
         **{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Verdict)}
     )
-
-
-def dense_first_event(cases: FlightCases, density: int = 24) -> tuple[Array, Array]:
-    """Return kind and instant of the first event before the horizon, by the dense search alone."""
-    kind = np.zeros(len(cases), dtype=np.int8)
-    tau = np.asarray(cases.horizon, dtype=float).copy()
-    work = np.arange(len(cases))
-    for _ in range(30):
-        part = cases.take(work)
-        verdict = check(part, np.zeros(len(part)), tau[work], tolerance=16.0, density=density)
-        found = verdict.missed_at < np.inf
-        if not found.any():
-            break
-        work, part = work[found], part.take(found)
-        kind[work] = verdict.missed_kind[found]
-        earlier = verdict.missed_at[found]
-        for k in (STOP_1, STOP_2, REVERSAL):
-            _step_back(part, k, np.flatnonzero(kind[work] == k), earlier)
-        tau[work] = earlier
-    return kind, tau
-
-
-def _step_back(cases: FlightCases, kind: int, index: Array, tau: Array) -> None:
-    """Move from instants where a watched function is negative back to where it became so."""
-    series = taylor_series(cases)
-    high = tau[index].astype(REAL)
-    low = high.copy()
-    todo = np.ones(len(index), dtype=bool)
-    stride = np.minimum(high / 16, 0.26 / cases.fastest[index])
-    for _ in range(400):
-        i = index[todo]
-        if not len(i):
-            break
-        lower = np.maximum(low[todo] - stride[todo], low[todo] / 2)
-        high[todo] = low[todo]
-        low[todo] = lower
-        g = watched(cases, i, kind, precise(cases, i, lower, series))[0]
-        todo[np.flatnonzero(todo)[g > 0]] = False
-
-    def falling(i: Array, t: Array) -> Array:
-        return -watched(cases, i, kind, precise(cases, i, t, series))[0]
-
-    tau[index] = bracketed_root(falling, index, low, high, 1e-18).astype(float)

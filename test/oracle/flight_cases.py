@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
+
 Array = NDArray[Any]
 REAL = np.longdouble
 EPS = float(np.finfo(np.float64).eps)
@@ -266,3 +268,15 @@ def round_off(cases: FlightCases, index: Array, t: Array, unit: str) -> tuple[Ar
     elif unit != 'position':
         raise ValueError(f"unit is 'local' or 'position', not {unit!r}")
     return EPS * position, EPS * velocity
+
+
+def exact_motion(cases: FlightCases, i: int) -> Motion:
+    """Return X of one flight in multiprecision."""
+    omega, zeta, x, v, push = (
+        mp.mpf(float(a[i]))
+        for a in (cases.omega0, cases.zeta, cases.x0, cases.v0, cases.const_acc)
+    )
+    rows = zip(cases.force_acc[i], cases.force_freq[i], cases.force_phase0[i], strict=True)
+    harmonics = [Harmonic(*map(mp.mpf, map(float, row))) for row in rows if row[0]]
+    oscillator = Oscillator(mp.mpf(1), 2 * zeta * omega, omega * omega, harmonics)
+    return Motion(oscillator, mp.mpf(0), x, v, push)

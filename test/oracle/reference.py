@@ -18,7 +18,7 @@ PATH = Path(__file__).with_name('reference.json')
 
 class ReferenceEvent(NamedTuple):
     """
-    One event; `digits` holds time, x and the velocities as strings of 30 digits.
+    One event, rounded to double precision; `digits` are the strings of 30 digits it is made of.
 
     An input error of relative size e moves the time by about e * condition * time, and position
     and velocities by e * state_condition * (their largest value so far).
@@ -26,39 +26,15 @@ class ReferenceEvent(NamedTuple):
 
     kind: str
     stop: int
-    digits: tuple[str, ...]
+    time: float
+    x: float
+    primary_velocity_before: float
+    primary_velocity_after: float
+    damper_velocity_before: float
+    damper_velocity_after: float
     condition: float
     state_condition: float
-
-    @property
-    def time(self) -> float:
-        """Return the instant, rounded to double precision."""
-        return float(self.digits[0])
-
-    @property
-    def x(self) -> float:
-        """Return the position of M."""
-        return float(self.digits[1])
-
-    @property
-    def primary_velocity_before(self) -> float:
-        """Return the velocity of M just before."""
-        return float(self.digits[2])
-
-    @property
-    def primary_velocity_after(self) -> float:
-        """Return the velocity of M just after."""
-        return float(self.digits[3])
-
-    @property
-    def damper_velocity_before(self) -> float:
-        """Return the velocity of m just before."""
-        return float(self.digits[4])
-
-    @property
-    def damper_velocity_after(self) -> float:
-        """Return the velocity of m just after."""
-        return float(self.digits[5])
+    digits: tuple[str, ...]
 
 
 class ReferenceState(NamedTuple):
@@ -92,7 +68,7 @@ def load_reference(path: Path = PATH) -> list[ReferenceRun]:
     runs = []
     for run in json.loads(path.read_text(encoding='utf-8'))['runs']:
         events = tuple(
-            ReferenceEvent(row[0], row[1], tuple(row[2:8]), row[8], row[9])
+            ReferenceEvent(*row[:2], *map(float, row[2:]), tuple(row[2:8]))
             for row in run.pop('events')
         )
         states = tuple(ReferenceState(*map(float, row)) for row in run.pop('states'))

@@ -12,7 +12,6 @@ multipliers are those of its map from there to there, by differences.
 from __future__ import annotations
 
 import argparse
-from collections import Counter
 from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
@@ -140,25 +139,23 @@ def main() -> int:
     parser.add_argument('--rigs', type=int, default=200)
     parser.add_argument('--seed', type=int, default=0, help='the first one')
     options = parser.parse_args()
-    count, bad = 0, 0
-    events: Counter[str] = Counter()
+    count, bad, kinds = 0, 0, set()
     for seed in range(options.seed, options.seed + options.rigs):
         found = trial(seed)
         if found is None:
             continue
         orbit = found.orbit
-        kinds = Counter(event.kind.name.lower() for event in orbit.events)
         count, bad = count + 1, bad + (not found.good)
-        events.update(kinds.keys())
+        own = sorted({event.kind.name.lower() for event in orbit.events})
+        kinds |= set(own)
         print(
             f'{seed:5d}  {orbit.impacts:3d} impacts in {orbit.cycles:2d} cycles, multiplier '
             f'{abs(orbit.multipliers[0]):.6f}, phases to {found.phases:.0e}, multipliers to '
-            f'{found.multipliers:.0e}, {found.extra} more impacts'
-            + ''.join(f', {n} {kind}' for kind, n in kinds.items())
-            + ('' if found.good else '  DISAGREE'),
+            f'{found.multipliers:.0e}, {found.extra} more impacts, {own}'
+            f'{"" if found.good else "  DISAGREE"}',
             flush=True,
         )
-    print(f'{count} settled motions of {options.rigs} rigs, {bad} disagree; with {dict(events)}')
+    print(f'{count} settled motions of {options.rigs} rigs, {bad} disagree; with {sorted(kinds)}')
     return int(bad > 0)
 
 

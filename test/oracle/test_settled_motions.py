@@ -13,16 +13,13 @@ STICKS = {EventKind.STICK, EventKind.RELEASE, EventKind.REVERSAL}
     ('seed', 'impacts', 'cycles', 'events'),
     [
         (11, 7, 1, RESTS),
-        (15, 8, 1, RESTS | STICKS),
         (19, 2, 1, set()),
         (555, 2, 2, set()),
-        (396, 3, 2, set()),
         # With friction
         (193, 4, 2, TURNS),
         (1569, 7, 2, RESTS),
         (793, 2, 3, TURNS),
         (1797, 2, 3, STICKS),
-        (2459, 7, 4, RESTS | TURNS),
         (1074, 4, 6, STICKS),
     ],
 )

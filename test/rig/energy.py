@@ -100,7 +100,10 @@ class Account:
                 t = start + (k + 0.5 + 0.5 * node) * length
                 if not rig.time <= t < end:
                     t = max(rig.time, min(t, math.nextafter(end, 0.0)))
-                assert rig.advance(t) == []
+                # An event of a command may be stamped a round-off before the instant it is due.
+                late = rig.advance(t)
+                assert all(event.time <= start for event in late)
+                self.impacts(late)
                 v = rig.sample().primary_velocity
                 amplitude, frequency, phase = self.force
                 force = float(np.sum(amplitude * np.sin(frequency * t + phase)))

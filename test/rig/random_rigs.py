@@ -5,11 +5,16 @@ from __future__ import annotations
 import json
 import math
 import random
+from collections.abc import Sequence
+from functools import cache
+from math import nan
 from typing import Any
 
 import numpy as np
+import pytest
+from control import laws
 
-from impact_damper_ros.control import Rig
+from impact_damper_ros.control import GapControlParameters, Order, Rig
 from impact_damper_ros.rig import EVENT_TYPE, Event, InitialConditions, RigParameters
 
 #: Events to the last field, as the tables of `Rig.run` have them but for the mode.
@@ -88,6 +93,31 @@ def random_command(rng: random.Random, rig: Rig) -> tuple[float | None, float | 
     return first, second, rng.choice([math.inf, 10 ** rng.uniform(-2, 1.5)])
 
 
+def random_control(rng: random.Random, **fixed: Any) -> GapControlParameters:
+    """Return a control of any kind."""
+    gap_min = 10 ** rng.uniform(-3, 0)
+    drawn: dict[str, Any] = {
+        'gap_control': rng.choice(['amplitude', 'timed', 'timed', 'predictive']),
+        'gap_control_stops': rng.choice(['symmetric', 'independent']),
+        'gap_control_gain': rng.uniform(0.2, 1.2),
+        'gap_control_park': rng.uniform(0.5, 3),
+        'gap_control_lead': rng.choice([0.0, 0.05, 0.3]),
+        'gap_control_timing_gain': rng.choice([0.1, 0.5]),
+        'gap_control_smoothing': rng.choice([0.1, 0.3, 1.0]),
+        'gap_control_threshold': rng.choice([0.0, 0.0, 0.5]),
+        'gap_min': gap_min,
+        'gap_max': gap_min * 10 ** rng.uniform(0.2, 3),
+        'gap_control_rate': rng.choice([1.0, 4.0, 10.0]),
+        'gap_control_noise_position': rng.choice([0.0, 0.02]),
+        'gap_control_noise_velocity': rng.choice([0.0, 0.02]),
+        'gap_control_seed': rng.randrange(1000),
+        'actuator_delay': rng.choice([0.0, 0.0, 0.1, 1.0]),
+        'actuator_speed': rng.choice([0.0, 0.3, 3.0, 30.0]),
+        'actuator_mass': rng.choice([0.0, 0.01]),
+    }
+    return GapControlParameters(**{**drawn, **fixed})
+
+
 def through_json(rig: Rig) -> Rig:
     """Return the rig after a journey of its snapshot through a JSON text."""
     text = json.dumps(rig.snapshot(), allow_nan=False)
@@ -133,3 +163,75 @@ def any_rig(seed: int) -> RigParameters:
         force_frequencies=(between(0.6, 1.6),),
         damping=between(0.01, 0.2),
     )
+
+
+KINDS = ('free', 'stops', 'swept', 'multisine', 'off', 'amplitude', 'timed', 'predictive', 'own')
+KINDS += ('external',)
+
+
+@cache
+def compiled_law() -> Any:
+    """Return a law of one's own that moves one stop after the other, compiled once."""
+    numba = pytest.importorskip('numba')
+    return numba.njit(laws.push)
+
+
+def rig_of(kind: str, seed: int, times: Sequence[float] = (0.0, 1234.5), **fixed: Any) -> Rig:
+    """Return a rig of a kind that sees much; elastic stops would keep it busy for ever."""
+    rng = random.Random(f'{kind} {seed}')
+    parameters, initial = random_rig(f'{kind} {seed}', **fixed)
+    parameters = parameters.replace(restitution_1=min(0.9, parameters.restitution_1))
+    if kind == 'predictive' and 'air_force' not in fixed:
+        # What the law foresees depends on the stop that was hit last.
+        parameters = parameters.replace(air_force=rng.choice([0.0, 0.1]))
+    elif kind == 'swept':
+        parameters = parameters.replace(
+            sweep_mode=rng.choice(['up', 'down', 'up_down']),
+            sweep_low=0.5,
+            sweep_high=2.5,
+            sweep_step=rng.choice([0.05, 0.3]),
+            sweep_dwell=rng.choice([0.05, 0.31]),
+        )
+    elif kind == 'multisine':
+        parameters = parameters.replace(multisine_level=0.4, multisine_lines=8)
+    control = None
+    if kind not in ('free', 'stops', 'swept', 'multisine', 'off'):
+        control = _control_of(kind, rng, 'timed' if kind == 'own' else kind)
+    law = compiled_law() if kind == 'own' else None
+    return Rig(parameters, initial, rng.choice(times), control, law)
+
+
+def _control_of(kind: str, rng: random.Random, mode: str) -> GapControlParameters:
+    wide = {'gap_min': 1e-3, 'gap_max': 1e3} if kind == 'own' else {}
+    return random_control(rng, gap_control=mode).replace(**wide)
+
+
+def act(kind: str, rng: random.Random, rigs: Sequence[Rig]) -> list[tuple[list[Event], list[str]]]:
+    """Let the same happen to all the rigs; return the events and the records of each."""
+    rig = rigs[0]
+    if rig.control.gap_control == 'external' and rng.random() < 0.8:
+        low, high = 0.5 * rig.control.gap_min, 0.5 * rig.control.gap_max
+        stop_1, stop_2 = (rng.choice([nan, rng.uniform(low, high)]) for _ in range(2))
+        stop_2 = nan if rig.parameters.one_sided else stop_2
+        speeds = rng.choice([(nan, 2.0), (0.5, 0.5), (nan, nan)])
+        order = Order(stop_1, -stop_2, *speeds, rng.choice([nan, 0.0, rng.gauss(0.0, 1.0)]))
+        return [_seen(one, one.order(order)) for one in rigs]
+    other = 'command' if kind in ('stops', 'swept') else 'control'
+    chosen = rng.choice(['nothing', 'change', other])
+    if chosen == 'change':
+        changed = random_change(rng, rig.parameters)
+        if kind == 'swept':
+            changed = rig.parameters.replace(sweep_dwell=rng.choice([0.05, 0.31]))
+        changed = changed.replace(restitution_1=min(0.9, changed.restitution_1))
+        return [_seen(one, one.change(changed)) for one in rigs]
+    if chosen == 'command':
+        command = random_command(rng, rig)
+        return [_seen(one, one.move_stops(*command)) for one in rigs]
+    if chosen == 'control' and rig.control.active and rng.random() < 0.5:
+        control = _control_of(kind, rng, rng.choice(['off', rig.control.gap_control]))
+        return [_seen(one, one.change(rig.parameters, control)) for one in rigs]
+    return [([], []) for _ in rigs]
+
+
+def _seen(rig: Rig, events: list[Event]) -> tuple[list[Event], list[str]]:
+    return events, list(map(str, rig.records))

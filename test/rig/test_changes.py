@@ -4,6 +4,8 @@ import math
 import random
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters
@@ -32,45 +34,20 @@ def y_of(rig):
     return sample.z - sample.x
 
 
-#: Offset and velocity of m, changes of the gap with their times, the end, and what happens.
-GAPS = {
-    'opening': ((0.0, 1.0), {3.0: 16.0}, 9.0, [(IMPACT, 1, 8.0)]),
-    'closing short of m': ((0.0, 1.0), {1.0: 4.0}, 3.0, [(IMPACT, 1, 2.0)]),
-    # The stop comes up to m and is hit there; then it follows m inwards.
-    'closing onto m that moves outwards': (
-        (0.0, 1.0),
-        {3.0: 4.0},
-        6.0,
-        [(IMPACT, 1, 3.0), (ARRIVED, 1, 3.0 + 1.0 / 0.75)],
-    ),
-    # It follows without doing work; the other stop was closed at once.
-    'closing onto m that moves inwards': (
-        (4.0, -1.0),
-        {0.5: 4.0},
-        6.5,
-        [(ARRIVED, 1, 2.0), (IMPACT, 2, 6.0)],
-    ),
-    'opening while the stop follows': (
-        (4.0, -1.0),
-        {0.0: 2.0, 0.5: 10.0},
-        9.5,
-        [(IMPACT, 2, 9.0)],
-    ),
-    'closing while the stop follows': (
-        (4.0, -1.0),
-        {0.0: 6.0, 0.5: 2.0},
-        4.5,
-        [(ARRIVED, 1, 3.0)],
-    ),
-}
-
-
 @pytest.mark.parametrize('side', [1, -1])
-@pytest.mark.parametrize('case', GAPS)
-def test_gap(case, side):
-    """The stops are at half the gap at once, but for one that would pass m."""
-    thrown, changes, end, expected = GAPS[case]
-    rig, told = mirrored(side, QUIET, *thrown), []
+@pytest.mark.parametrize(
+    ('place', 'changes', 'end', 'expected'),
+    [
+        # It follows m without doing work; the other stop was closed at once.
+        (4.0, {0.5: 4.0}, 6.5, [(ARRIVED, 1, 2.0), (IMPACT, 2, 6.0)]),
+        (4.0, {0.0: 2.0, 0.5: 10.0}, 9.5, [(IMPACT, 2, 9.0)]),
+        (4.0, {0.0: 6.0, 0.5: 2.0}, 4.5, [(ARRIVED, 1, 3.0)]),
+    ],
+    ids=['closing', 'opening on the way', 'closing on the way'],
+)
+def test_gap_while_m_moves_inwards(place, changes, end, expected, side):
+    """What holds of commands to both stops holds of a gap (test_stops); here one after another."""
+    rig, told = mirrored(side, QUIET, place, -1.0), []
     for time, gap in changes.items():
         told += rig.advance(time)
         told += rig.change(rig.parameters.replace(gap=gap))
@@ -79,13 +56,6 @@ def test_gap(case, side):
     want = [(kind, stop[n], pytest.approx(t, rel=1e-8)) for kind, n, t in expected]
     assert [(e.kind, e.stop, e.time) for e in told] == want
     assert rig.stops == (0.5 * gap, -0.5 * gap)
-    for e in told:
-        if e.kind == IMPACT:
-            speed = e.damper_velocity_before - e.primary_velocity_before
-            assert e.damper_velocity_after == pytest.approx(-0.75 * speed, rel=1e-8)
-            assert e.impulse == pytest.approx(1.75 * abs(speed), rel=1e-8)
-        else:
-            assert e.damper_velocity_before == e.damper_velocity_after
 
 
 @pytest.mark.parametrize('side', [1, -1])
@@ -104,53 +74,11 @@ def test_reversing_while_the_stop_follows(side):
     assert rig.stops == (1.0, -1.0)
 
 
-@pytest.mark.parametrize('side', [1, -1])
-@pytest.mark.parametrize(
-    ('angle', 'friction', 'offset'), [(math.pi / 2, 0.0, 5.0), (0.0, 5.0, 4.0)]
-)
-def test_m_at_rest_holds_the_stop(angle, friction, offset, side):
-    """By its weight, or by friction in the gap."""
-    held = RigParameters(
-        gap=10.0, angle=angle, friction=friction, gravity=1.0, force_amplitudes=[0.01]
-    )
-    rig = mirrored(side, held, offset)
-    assert rig.advance(3.0) == []
-    assert rig.change(rig.parameters.replace(gap=2.0)) == []
-    assert rig.mode >= Mode.STICK
-    assert max(rig.stops[0], -rig.stops[1]) == pytest.approx(offset, rel=4 * EPS)
-    assert rig.advance(30.0) == []
-    assert y_of(rig) == pytest.approx(side * offset, rel=1e-13)
-
-
 def shaken():
     """Return a rig on the way, m in flight."""
     rig = Rig(RigParameters(angle=0.6, gravity=1.0, friction=0.1, gap=8.0, damping=0.1))
     rig.advance(20.0)
     return rig
-
-
-@pytest.mark.parametrize(
-    'change',
-    [
-        {'angle': -0.3},
-        {'gravity': 4.0},
-        {'stiffness': 2.5},
-        {'primary_mass': 3.0},
-        {'angle': 0.1, 'gravity': 2.0, 'stiffness': 0.5},
-    ],
-)
-def test_lab_position_is_continuous(change):
-    """X and Z shift by the change of the static deflection; Y and the velocities do not."""
-    rig = shaken()
-    before, old = rig.sample(), rig.parameters
-    assert rig.change(old.replace(**change)) == []
-    after, new = rig.sample(), rig.parameters
-    lab = (old.static_deflection, new.static_deflection)
-    assert before.x + lab[0] == pytest.approx(after.x + lab[1], rel=8 * EPS)
-    assert before.z + lab[0] == pytest.approx(after.z + lab[1], rel=8 * EPS)
-    assert after.primary_velocity == before.primary_velocity
-    assert after.damper_velocity == pytest.approx(before.damper_velocity, rel=4 * EPS)
-    assert after.z - after.x == pytest.approx(before.z - before.x, rel=8 * EPS)
 
 
 def test_lab_position_of_an_impact_that_a_reset_begins_with():
@@ -237,25 +165,33 @@ def test_one_sided_while_resting_on_stop_2():
     assert y_of(rig) == pytest.approx(-7.0, rel=1e-5)
 
 
-@pytest.mark.parametrize('seed', [*range(30), 2869, 3323, 4879, 5369, 6203, 6217])
+@given(seed=st.integers(0, 10**9))
+@example(2869)
+@example(3323)
+@example(4879)
+@example(5369)
+@example(6203)
+@example(6217)
 def test_changes_keep_the_state(seed):
-    """Y and the velocities are continuous but for an impact; m is never outside the stops."""
+    """Y, the velocities and places in the laboratory are continuous but for an impact."""
     rng = random.Random(f'journey {seed}')
     parameters, initial = random_rig(seed, damping=0.1)
     rig, events = Rig(parameters, initial), []
-    for _ in range(25):
+    for _ in range(20):
         new = run(rig, rig.time + rng.choice([0.01, rng.uniform(0, 3)]), 300)
-        before = rig.sample()
+        before, old = rig.sample(), rig.parameters
         hits = rig.change(random_change(rng, rig.parameters))
         sample, (stop_1, stop_2), half = rig.sample(), rig.stops, rig.parameters.gap / 2
         y = sample.z - sample.x
-        blur = 8 * EPS * (abs(sample.x) + abs(sample.z) + stop_1)
+        lab = old.static_deflection, rig.parameters.static_deflection
+        blur = 8 * EPS * (sum(map(abs, (sample.x, sample.z, *lab))) + stop_1)
         if not hits:
             assert y == pytest.approx(before.z - before.x, abs=2 * blur + 1e-14 * abs(before.x))
+            assert sample.x + lab[1] == pytest.approx(before.x + lab[0], abs=blur)
             assert sample[2:5:2] == pytest.approx(before[2:5:2], rel=1e-13, abs=1e-13)
+        # No stop is passed; one is beyond its place only where m holds it back.
         assert half <= stop_1
         assert y <= stop_1 + blur
-        # A stop is beyond its place only where m holds it back.
         assert stop_1 == half or y == pytest.approx(stop_1, abs=blur)
         if not rig.parameters.one_sided:
             assert stop_2 - blur <= y

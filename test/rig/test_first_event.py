@@ -26,10 +26,10 @@ from rig.break_contact import GENERATORS, TOLERANCE, claims, flights_of, launcha
 EPS = 2.0**-52
 
 
-@pytest.mark.parametrize('name', GENERATORS)
-def test_none_is_missed_and_none_is_false(name):
-    verdict = trial(name, 2_000, 42)
-    assert len(verdict.status) > 1950
+@pytest.mark.parametrize(('name', 'count'), [('random', 2_000), ('near-grazing', 1_000)])
+def test_none_is_missed_and_none_is_false(name, count):
+    verdict = trial(name, count, 42)
+    assert len(verdict.status) > 0.97 * count
     assert verdict.missed == 0
     assert verdict.false == 0
     hits = verdict.residual[np.isfinite(verdict.margin) | (verdict.residual > 0)]

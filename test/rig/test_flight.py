@@ -9,9 +9,9 @@ import pytest
 from impact_damper_ros.rig.first_event import next_point
 from impact_damper_ros.rig.flight import begin_flight, motion_at, starting_motion
 from impact_damper_ros.rig.oscillator import POINTS, free_bound
-from oracle.flight_cases import EPS, REAL, precise, round_off
+from oracle.flight_cases import EPS, REAL, exact_motion, precise, round_off
 from oracle.flight_generators import random_flights
-from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
+from oracle.precise_motion import mp
 from rig.break_contact import flights_of, launchable, plain
 
 RNG = np.random.default_rng
@@ -105,24 +105,12 @@ def test_at_the_origin_nothing_is_rounded():
         )
 
 
-def precise_motion(cases, i):
-    """Return X of a flight with 110 digits."""
-    omega, zeta, x, v, push = (
-        mp.mpf(float(a[i]))
-        for a in (cases.omega0, cases.zeta, cases.x0, cases.v0, cases.const_acc)
-    )
-    rows = zip(cases.force_acc[i], cases.force_freq[i], cases.force_phase0[i], strict=True)
-    harmonics = [Harmonic(*map(mp.mpf, map(float, row))) for row in rows if row[0]]
-    oscillator = Oscillator(mp.mpf(1), 2 * zeta * omega, omega * omega, harmonics)
-    return Motion(oscillator, mp.mpf(0), x, v, push)
-
-
 def test_derivatives_are_those_of_the_motion():
     """And the grid has the points of the closed form."""
     rng = RNG(5)
     cases = random_flights(60, rng)
     for i, (rig, lines, run, waves) in enumerate(begun(cases)):
-        exact, free = precise_motion(cases, i), rig.free
+        exact, free = exact_motion(cases, i), rig.free
         base = float(rng.choice([0.0, 10 ** rng.uniform(-2, 1)])) / free.fastest
         motion = motion_at(rig, lines, run, waves, base)
         offset, velocity = motion.x - run.constant / free.omega_squared, motion.velocity

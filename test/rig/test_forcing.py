@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from impact_damper_ros.control import Outcome, Rig
-from impact_damper_ros.orbits import OrbitError, find_orbits
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from impact_damper_ros.rig.forcing import frequency_at, frequency_steps, mixed, multisine
-from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
-from rig.random_rigs import random_rig, rows, through_json, without_mode
+from rig.random_rigs import random_rig, rows, without_mode
 
 PHASES_OF_SEED_1 = [
     '0x1.c7a7e617bba41p+1',
@@ -61,7 +61,7 @@ def test_lines_fill_the_band_evenly():
     assert multisine(1.0, 1.0, 2.0, 1, 3)[1] == (1.5,)
 
 
-@pytest.mark.parametrize('lines', [1, 2, 64, 512])
+@pytest.mark.parametrize('lines', [1, 2, 64])
 def test_the_level_is_the_effective_value(lines):
     """Compared with the mean square of samples over a period of the sum."""
     amplitudes, frequencies, phases = map(np.array, multisine(0.7, 1.0, 3.0, lines, 5))
@@ -81,7 +81,7 @@ def test_it_is_added_to_the_harmonics():
     assert NOISY.replace(multisine_level=0.0).harmonics == ((0.3,), (1.0,), (0.0,))
 
 
-@pytest.mark.parametrize('seed', range(6))
+@given(seed=st.integers(0, 10**9))
 def test_it_moves_the_rig_as_plain_arrays_do(seed):
     """Bit for bit."""
     parameters, initial = random_rig(f'multisine {seed}')
@@ -89,27 +89,9 @@ def test_it_moves_the_rig_as_plain_arrays_do(seed):
     names = ('force_amplitudes', 'force_frequencies', 'force_phases')
     plain = parameters.replace(**dict(zip(names, noisy.harmonics, strict=True)))
     one, other = Rig(noisy, initial), Rig(plain, initial)
-    for k in range(1, 9):
-        assert one.advance(k * 1.0) == other.advance(k * 1.0)
+    for time in (0.7, 4.0):
+        assert one.advance(time) == other.advance(time)
         assert one.sample() == other.sample()
-    assert through_json(one).advance(12.0) == one.advance(12.0)
-
-
-def test_it_agrees_with_110_digits():
-    free = NOISY.replace(gap=1e6, multisine_lines=40)
-    rig = Rig(free, InitialConditions(initial_primary_position=0.5))
-    oscillator = Oscillator(
-        mp.mpf(1),
-        mp.mpf(free.damping),
-        mp.mpf(1),
-        [Harmonic(*map(mp.mpf, row)) for row in zip(*free.harmonics, strict=True)],
-    )
-    motion = Motion(oscillator, mp.mpf(0), mp.mpf(0.5), mp.mpf(0), mp.mpf(0))
-    for time in (1.0, 17.0, 63.0):
-        rig.advance(time)
-        exact = [float(v) for v in motion.derivatives(mp.mpf(time))[:2]]
-        sample = rig.sample()
-        assert (sample.x, sample.primary_velocity) == pytest.approx(exact, rel=1e-11, abs=1e-12)
 
 
 def angles(rig):
@@ -156,15 +138,6 @@ def test_harmonics_and_lines_keep_their_angles_apart():
     turned(angles(rig), [13.0, *[0.0] * 6])
 
 
-@pytest.mark.parametrize(
-    ('changes', 'words'),
-    [({'multisine_level': 0.25}, 'multisine_level is 0.25 N'), ({'sweep_mode': 'up'}, "is 'up'")],
-)
-def test_the_periodic_theory_refuses_it(changes, words):
-    with pytest.raises(OrbitError, match=words):
-        find_orbits(RigParameters(gravity=0.0, **changes), (1, 2))
-
-
 STEP = EventKind.FREQUENCY_STEP
 SWEPT = RigParameters(
     gravity=0.0,
@@ -206,10 +179,10 @@ def test_a_whole_number_of_steps_ends_with_the_last():
 @pytest.mark.parametrize('start', [0.0, 1e6 / 3])
 def test_steps_are_at_exact_instants(start):
     """Start + n dwell, rounded once, however far along."""
-    rig = Rig(SWEPT.replace(sweep_step=0.0005), time=start)
+    rig = Rig(SWEPT.replace(sweep_step=0.005), time=start)
     assert rig.force_frequency == 0.8
     events = rig.advance(start + 200.0)
-    assert [e.time for e in events] == [start + k * 0.1 for k in range(1, 1001)]
+    assert [e.time for e in events] == [start + k * 0.1 for k in range(1, 101)]
     assert {e.kind for e in events} == {STEP}
     assert rig.force_frequency == 1.3
     assert rig.parameters.force_frequencies == (1.0,)
@@ -219,18 +192,21 @@ def test_steps_are_at_exact_instants(start):
 
 
 def test_a_sweep_is_a_series_of_changes():
-    """Of the frequency alone, at the same instants: the phase is continuous."""
-    swept = Rig(SWEPT.replace(sweep_mode='up_down', sweep_step=0.01, sweep_dwell=0.37))
-    hand = Rig(SWEPT.replace(sweep_mode='off', force_frequencies=[0.8]))
+    """Of the first frequency alone, at the same instants: the phases are continuous."""
+    own = {'force_amplitudes': [1, 1], 'force_frequencies': [1, 3], 'force_phases': [0, 0]}
+    rig = SWEPT.replace(**own, multisine_level=0.1, multisine_lines=3, sweep_dwell=0.37)
+    swept = Rig(rig.replace(sweep_mode='up_down', sweep_step=0.01))
+    hand = Rig(rig.replace(sweep_mode='off', force_frequencies=[0.8, 3]))
     for k in range(1, 101):
         (event,) = swept.advance(k * 0.37)
         assert event.kind == STEP
         hand.advance(k * 0.37)
         frequency = frequency_at(swept.parameters, k)
         assert swept.force_frequency == frequency
-        hand.change(hand.parameters.replace(force_frequencies=[frequency]))
+        hand.change(hand.parameters.replace(force_frequencies=[frequency, 3]))
         a, b = swept.sample(), hand.sample()
         assert (a.x, a.primary_velocity) == pytest.approx((b.x, b.primary_velocity), abs=1e-13)
+    turned(swept.snapshot()['origin']['angles'], hand.snapshot()['origin']['angles'])
     assert swept.advance(60.0) == []
     assert swept.force_frequency == 0.8
 
@@ -257,43 +233,23 @@ def test_changes_on_the_way():
     assert [e.time for e in rig.advance(10.6)] == [10.5]
 
 
-def test_other_harmonics_and_the_multisine_are_left_alone():
-    rig = Rig(
-        SWEPT.replace(
-            force_amplitudes=[1, 1],
-            force_frequencies=[1, 3],
-            force_phases=[0, 0],
-            multisine_level=0.1,
-            multisine_lines=3,
-        )
-    )
-    rig.advance(0.75)
-    origin = rig.snapshot()['origin']
-    since = 0.75 - origin['time']
-    want = [0.1 * (0.8 + 1.0 + 1.2) + 0.45 * 1.3, 0.75 * 3.0]
-    want += [0.75 * w for w in rig.parameters.harmonics[1][2:]]
-    frequencies = (rig.force_frequency, *rig.parameters.harmonics[1][1:])
-    got = [a + w * since for a, w in zip(origin['angles'], frequencies, strict=True)]
-    assert got == pytest.approx(want, abs=1e-13)
-
-
 def test_the_budget_of_events_holds_across_steps():
     """Steps count; the rig stops short of one it may not have any more, and goes on from there."""
-    rig = SWEPT.replace(sweep_step=0.0005)
+    rig = SWEPT.replace(sweep_step=0.005)
     run = Rig(rig)
-    stretch = run.run(200.0, [0.0, 0.7, 0.71, 9.0], most_events=7)
+    stretch = run.run(20.0, [0.0, 0.7, 0.71, 9.0], most_events=7)
     assert stretch.outcome == Outcome.TOO_MANY_EVENTS
     assert stretch.reason.startswith('7 events from 0.0 s to 0.8 s')
     assert stretch.event_count == len(stretch.events) == 7
     assert stretch.samples['time'].tolist() == [0.0, 0.7, 0.71]
     assert run.time == 0.8
-    rest = run.run(200.0)
-    assert rest.event_count == 1000 - 7
+    rest = run.run(20.0)
+    assert rest.event_count == 100 - 7
     alone = Rig(rig)
-    assert rows(alone.advance(200.0)) == without_mode(stretch.events) + without_mode(rest.events)
+    assert rows(alone.advance(20.0)) == without_mode(stretch.events) + without_mode(rest.events)
     assert run.snapshot() == alone.snapshot()
     silent = Rig(rig)
-    assert silent.run(200.0, record=False).event_count == 1000
+    assert silent.run(20.0, record=False).event_count == 100
     assert silent.snapshot() == alone.snapshot()
 
 

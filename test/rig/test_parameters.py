@@ -1,7 +1,6 @@
-"""The tables of parameters: ranges, kinds of values, refusals, and what holds between values."""
+"""The tables of parameters: ranges, kinds of values, and what holds between values."""
 
 import dataclasses
-import itertools
 import json
 import math
 
@@ -137,90 +136,11 @@ def test_taken(table, name, value, want):
     assert not isinstance(got, tuple) or {type(entry) for entry in got} == {float}
 
 
-TWO, THREE = [1.0, 2.0], {'force_frequencies': [1, -1], 'force_phases': [0, 0]}
-NOISE = {'multisine_level': 0.1}
-#: Table, values, the parameter that is blamed, and parts of the message.
-REFUSED = [
-    *(
-        (RigParameters, {'one_sided': value}, 'one_sided', ['one_sided is', 'true or false'])
-        for value in (1, 0, 'true', None, [True])
-    ),
-    *(
-        (RigParameters, {'multisine_lines': value}, 'multisine_lines', ['whole number from 1 to'])
-        for value in (37.5, [37], '37')
-    ),
-    *(
-        (RigParameters, {'sweep_mode': value}, 'sweep_mode', ['one of off, up, down, up_down'])
-        for value in ('sideways', '', True, None, 1, ['up'], b'up')
-    ),
-    *(
-        (RigParameters, {'force_phases': value}, 'force_phases', ['force_phases'])
-        for value in ([], 'abc', None, {1.0: 2.0}.items(), TWO)
-    ),
-    (RigParameters, {'force_frequencies': TWO}, 'force_frequencies', ['2 entries', 'has 1']),
-    (RigParameters, {'force_amplitudes': TWO}, 'force_frequencies', ['the same length']),
-    (RigParameters, {'force_amplitudes': [1.0] * 2000}, 'force_amplitudes', ['has 2000 entries']),
-    (RigParameters, {'force_amplitudes': itertools.count()}, 'force_amplitudes', ['or more']),
-    (RigParameters, {'force_amplitudes': [1, 1], **THREE}, 'force_frequencies', ['[1] is -1.0']),
-    *(
-        (RigParameters, {'damping': value}, 'damping', ['underdamped, give at most 1.9998'])
-        for value in (1.99981, 2.0, 5.0)
-    ),
-    (
-        RigParameters,
-        {**NOISE, 'multisine_low': 2.0},
-        'multisine_high',
-        ['multisine_low is 2.0 rad/s', 'multisine_high 1.5 rad/s', 'more than 2', 'both'],
-    ),
-    (
-        RigParameters,
-        {'sweep_mode': 'up', 'sweep_high': 0.5},
-        'sweep_high',
-        ['sweep_low is 0.5 rad/s', 'sweep_high 0.5 rad/s', 'less than 0.5'],
-    ),
-    (
-        RigParameters,
-        {'sweep_mode': 'down', 'sweep_step': 1e-6},
-        'sweep_step',
-        ['sweep_step is 1e-06 rad/s', '1e+06 steps', 'at least 1e-05 rad/s'],
-    ),
-    (GapControlParameters, {'gap_min': 0.5, 'gap_max': 0.5}, 'gap_min', ['gap_max', 'below']),
-    (GapControlParameters, {'gap_min': 2.0, 'gap_max': 1.0}, 'gap_min', ['2.0', 'both at once']),
-    (GapControlParameters, {'gap_control': 'on'}, 'gap_control', ['off, amplitude, timed']),
-    (
-        GapControlParameters,
-        {'actuator_speed': 1e-9},
-        'actuator_speed',
-        ['actuator_speed is 1e-09 m/s: give 0 (at once) or a number from 1e-06 to 1e+09 m/s'],
-    ),
-    (NodeSettings, {'bag_directory': ' '}, 'bag_directory', ["bag_directory is ' ': give a text"]),
-]
-
-
-@pytest.mark.parametrize(('table', 'values', 'name', 'words'), REFUSED)
-def test_refused(table, values, name, words):
-    with pytest.raises(ParameterError) as caught:
-        table(**values)
-    assert caught.value.name == name
-    for word in words:
-        assert word in str(caught.value)
-    # Where the mode is off, the numbers of the multisine and the sweep can be set one by one.
-    if 'multisine_level' in values or values.get('sweep_mode') in ('up', 'down'):
-        table(**{n: v for n, v in values.items() if n not in ('multisine_level', 'sweep_mode')})
-
-
 def test_replace():
     """All at once or not at all; the tables are frozen."""
     rig = RigParameters()
     # Each of the two alone is not admissible.
     assert rig.replace(stiffness=0.01, damping=0.001).damping == 0.001
-    with pytest.raises(ParameterError):
-        RigParameters(damping=1.5).replace(stiffness=0.1)
-    with pytest.raises(ParameterError):
-        rig.replace(gap=10.0, friction=-1.0)
-    with pytest.raises(ParameterError, match='gapp is not a parameter of the rig') as caught:
-        rig.replace(gapp=1.0)
-    assert caught.value.name == 'gapp'
     for table in TABLES:
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(table(), next(iter(TABLES[table])), 2.0)
@@ -264,10 +184,6 @@ def test_initial_conditions_within_the_gap():
     rig = RigParameters(gap=2.0)
     for offset in (-1.0, 0.0, 1.0):
         InitialConditions(initial_damper_offset=offset).check_within(rig)
-    for offset in (math.nextafter(1.0, 2.0), math.nextafter(-1.0, -2.0)):
-        with pytest.raises(ParameterError, match='from -1 to 1 m') as caught:
-            InitialConditions(initial_damper_offset=offset).check_within(rig)
-        assert caught.value.name == 'initial_damper_offset'
     InitialConditions(initial_damper_offset=-50.0).check_within(rig.replace(one_sided=True))
 
 
@@ -277,10 +193,10 @@ def test_initial_conditions_within_the_gap():
         ({}, True),
         ({'force_amplitudes': [0.0]}, False),
         ({'force_frequencies': [0.0]}, False),
-        (NOISE, False),
+        ({'multisine_level': 0.1}, False),
         ({'sweep_mode': 'up'}, False),
-        ({'force_amplitudes': [1, 0], 'force_frequencies': [1, 2], 'force_phases': TWO}, True),
-        ({'force_amplitudes': [1, 1], 'force_frequencies': [1, 2], 'force_phases': TWO}, False),
+        ({'force_amplitudes': [1, 0], 'force_frequencies': [1, 2], 'force_phases': [0, 0]}, True),
+        ({'force_amplitudes': [1, 1], 'force_frequencies': [1, 2], 'force_phases': [0, 0]}, False),
     ],
 )
 def test_periodic_force(changes, periodic):

@@ -6,6 +6,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import (
@@ -21,7 +23,6 @@ from rig.random_rigs import random_rig, run, through_json
 
 EPS = 2.0**-52
 SLOPE = {'angle': math.pi / 4, 'gravity': 1.0, 'force_frequencies': [1.02]}
-SEEDS = range(40)
 
 
 class TestGoldenValues:
@@ -71,9 +72,7 @@ class TestGoldenValues:
             top = np.abs(result.samples['x']).max()
             assert top / parameters.response_amplitude == pytest.approx(ratio, abs=3e-7)
 
-    @pytest.mark.parametrize(
-        ('gap', 'count'), [(8.0, 4), (16.0, 3), (18.0, 3), (24.0, 2), (30.0, 2), (37.0, 2)]
-    )
+    @pytest.mark.parametrize(('gap', 'count'), [(8.0, 4), (18.0, 3), (30.0, 2)])
     def test_attractors(self, gap, count):
         """Impacts per cycle of the frictionless horizontal rig at r = 1.02, from X = 1."""
         parameters = RigParameters(gravity=0.0, gap=gap, force_frequencies=[1.02])
@@ -82,15 +81,6 @@ class TestGoldenValues:
         period = 2 * math.pi / 1.02
         motion.run(1000 * period)
         assert len(motion.run(1100 * period).impacts()) == count * 100
-
-
-KINDS = {
-    'impact': EventKind.IMPACT,
-    'rest': EventKind.REST,
-    'stick': EventKind.STICK,
-    'release': EventKind.RELEASE,
-    'reversal': EventKind.REVERSAL,
-}
 
 
 def without_last_bounces(events, reference):
@@ -124,7 +114,7 @@ def test_30_digit_runs_of_the_oracle(reference):
     events = [e for e, keep in zip(events, mask, strict=True) if keep]
     expected = without_last_bounces(events, reference.events)
     for got, want in zip(events, expected, strict=False):
-        assert got.kind == KINDS[want.kind]
+        assert got.kind.name.lower() == want.kind
         assert got.stop == want.stop
         blur = 64 * EPS * (1 + want.condition)
         if blur > 1e-3:
@@ -151,66 +141,48 @@ def grip_of(parameters):
     return parameters.friction * parameters.gravity * max(0.0, math.cos(parameters.angle))
 
 
-class TestProperties:
-    @pytest.mark.parametrize('seed', SEEDS)
-    def test_samples_and_events(self, seed):
-        """In order, between the stops, and continuous but for the velocities at an impact."""
-        parameters, initial = random_rig(seed)
-        rig = Rig(parameters, initial)
-        half = parameters.gap / 2
-        last, step = 0.0, 0
-        while rig.time < 40.0 and step < 2000:
-            step += 1
-            events = rig.advance(rig.time + 0.02)
-            if len(events) > 500:
-                break
-            sample = rig.sample()
-            y, blur = sample.z - sample.x, 2 * EPS * (abs(sample.x) + abs(sample.z))
-            assert y <= half + blur
-            assert parameters.one_sided or y >= -half - blur
-            assert all(map(math.isfinite, sample))
-            for e in events:
-                assert last <= e.time <= rig.time
-                last = e.time
-                assert e.y <= half
-                assert parameters.one_sided or e.y >= -half
-                if e.kind == EventKind.IMPACT:
-                    assert e.y == (half if e.stop == 1 else -half)
-                else:
-                    before, after = e.primary_velocity_before, e.primary_velocity_after
-                    assert e.impulse == 0.0
-                    assert abs(after - before) <= 1e-14 * (abs(before) + abs(after))
-
-    @pytest.mark.parametrize('seed', SEEDS)
-    def test_thresholds(self, seed):
-        """At a release |n| is the grip, to round-off; at a rest or sticking n is within."""
-        p, initial = random_rig(seed)
-        rig, air = Rig(p, initial), 0.0
-        grip, pull = grip_of(p), p.gravity * math.sin(p.angle)
-        together = p.primary_mass + p.damper_mass
-        for e in run(rig, 40.0, 1500):
+@given(seed=st.integers(0, 10**9))
+def test_what_holds_at_every_instant(seed):
+    """Samples and events in order, m between the stops, and the thresholds of its support."""
+    p, initial = random_rig(seed)
+    rig, last, air, half = Rig(p, initial), 0.0, 0.0, p.gap / 2
+    grip, pull = grip_of(p), p.gravity * math.sin(p.angle)
+    together = p.primary_mass + p.damper_mass
+    while rig.time < 30.0 and (events := rig.advance(rig.time + 0.05, 500)) is not None:
+        if len(events) == 500:
+            break
+        sample = rig.sample()
+        y, blur = sample.z - sample.x, 2 * EPS * (abs(sample.x) + abs(sample.z))
+        assert y <= half + blur
+        assert p.one_sided or y >= -half - blur
+        assert all(map(math.isfinite, sample))
+        for e in events:
+            assert last <= e.time <= rig.time
+            last = e.time
+            assert e.y <= half
+            assert p.one_sided or e.y >= -half
             if e.kind == EventKind.IMPACT:
+                assert e.y == (half if e.stop == 1 else -half)
                 air = p.air_force / p.damper_mass * (-1 if e.stop == 1 else 1)
-            if e.kind not in (EventKind.RELEASE, EventKind.REST, EventKind.STICK):
                 continue
+            before, after = e.primary_velocity_before, e.primary_velocity_after
+            assert e.impulse == 0.0
+            assert abs(after - before) <= 1e-14 * (abs(before) + abs(after))
+            if e.kind is EventKind.REVERSAL:
+                continue
+            # What m needs to go with M: the grip at a release, within it at a rest or sticking
             assert e.damper_velocity_after == pytest.approx(e.primary_velocity_after, abs=1e-15)
-            terms = (
-                force(p, e.time),
-                p.damper_mass * pull,
-                -p.damping * e.primary_velocity_after,
-                -p.stiffness * e.x,
-            )
+            drag, spring = p.damping * e.primary_velocity_after, p.stiffness * e.x
+            terms = force(p, e.time), p.damper_mass * pull, -drag, -spring
             need = sum(terms) / together - pull - air
             # A REST after a chatter is known to the chatter's tolerance.
             blur = 1e-12 * (sum(map(abs, terms)) / together + abs(pull) + abs(air) + grip)
-            if e.kind == EventKind.RELEASE:
-                if e.time == 0.0:
-                    continue
+            if e.kind == EventKind.RELEASE and e.time > 0.0:
                 limit = {1: grip, 2: -grip}.get(e.stop, math.copysign(grip, need))
                 assert need == pytest.approx(limit, abs=blur)
             elif e.kind == EventKind.STICK:
                 assert abs(need) <= grip + blur
-            else:
+            elif e.kind == EventKind.REST:
                 assert (need <= grip + blur) if e.stop == 1 else (need >= -grip - blur)
 
 
@@ -227,9 +199,8 @@ class TestLimits:
             a, b = rig.sample(), free.sample()
             assert a.x == pytest.approx(b.x, abs=2e3 * mu)
 
-    @pytest.mark.parametrize('restitution', [0.2, 0.75, 0.95])
-    @pytest.mark.parametrize('height', [1e-6, 1.0])
-    def test_bouncing_ball(self, restitution, height):
+    @pytest.mark.parametrize(('height', 'restitution'), [(1e-6, 0.2), (1e-6, 0.95), (1.0, 0.75)])
+    def test_bouncing_ball(self, height, restitution):
         """On a nearly still M a chatter ends at sqrt(2h/g) (1+R)/(1-R)."""
         p = RigParameters(
             primary_mass=1e9,
@@ -296,9 +267,9 @@ def mirrored(rig, initial):
     return other, InitialConditions(**{k: -v for k, v in initial.as_dict().items()})
 
 
-@pytest.mark.parametrize('seed', SEEDS)
+@given(seed=st.integers(0, 10**9))
 @pytest.mark.parametrize('units', [(8.0, 0.25, 1024.0), (0.3048, 60.0, 0.45359237), None])
-def test_symmetries(seed, units):
+def test_symmetries(units, seed):
     """Powers of two and signs change no digit, other units the last ones."""
     own = random_rig(seed, **({} if units else {'one_sided': False}))
     other = mirrored(*own) if units is None else [scaled(table, units) for table in own]

@@ -73,23 +73,6 @@ def test_momentum_restitution_and_energy():
         )
 
 
-@pytest.mark.parametrize(
-    ('given', 'velocities'),
-    [
-        # Plastic: one common velocity; equal masses, elastic: exchanged; m cannot move M;
-        # M bounces off m with twice its velocity.
-        ((1.0, 0.0, 3.0, 2.0), (4.0, 4.0)),
-        ((1.0, 1.0, 0.0, 1.0), (1.0, 0.0)),
-        ((1e-9, 0.75, 1.0, 5.0), (1.0, -2.75)),
-        ((1e9, 1.0, 0.0, 1.0), (2.0, 1.0)),
-    ],
-)
-def test_limits(given, velocities):
-    event = impact(*given)
-    after = event.primary_velocity_after, event.damper_velocity_after
-    assert after == pytest.approx(velocities, abs=1e-8)
-
-
 def summed(speed, press, grip, restitution):
     """Sum the flights of a chatter one by one, in 60 digits."""
     up, down = mp.mpf(press) + grip, mp.mpf(press) - grip
@@ -187,8 +170,8 @@ def pressed_rig(seed):
 
 @pytest.mark.parametrize(
     'params',
-    [*LIGHT.values(), *(pressed_rig(seed) for seed in range(5))],
-    ids=[*LIGHT, *(f'seed {seed}' for seed in range(5))],
+    [*LIGHT.values(), *(pressed_rig(seed) for seed in range(3))],
+    ids=[*LIGHT, *(f'seed {seed}' for seed in range(3))],
 )
 def test_rest_is_where_the_bounces_end(params):
     """Its instant to 1e-12/omega; X and X' to 1e-12 of the amplitude."""
