@@ -1089,7 +1089,7 @@ def _restored(held: dict[str, Any] | None, rig: Rig) -> tuple[GapControlParamete
                 )
             control.memory[:] = map(float, kept['memory'])
         index = control.controller.sample_index
-        whole_number('sample_index', index, 0, 2**63 - 1)
+        whole_number('sample_index', index, -(2**63), 2**63 - 1)
         if next_sample(control) < rig.time - SAME_TIME:
             raise ValueError(
                 f'sample_index is {index}, a sample at {index / parameters.gap_control_rate!r} '
