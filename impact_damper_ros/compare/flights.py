@@ -326,7 +326,7 @@ class Flights:
         covered = total = squares = 0.0
         force = active = dashpot = math.nan
         if self.drive is not None:
-            force = dashpot = 0.0
+            force = active = dashpot = 0.0
             index, begin, step = self._pieces(most)
             covered = float(step.sum())
             points = begin[:, None] + step[:, None] * _PLACES
@@ -337,7 +337,8 @@ class Flights:
             total = float(np.sum(weights * x))
             squares = float(np.sum(weights * x * x))
             force = float(np.sum(weights * push * velocity))
-            active = float(np.sum(weights * self.active[flat] * velocity))
+            if self.active.any():
+                active = float(np.sum(weights * self.active[flat] * velocity))
             dashpot = rig.damping * float(np.sum(weights * velocity * velocity))
             largest = max(largest, self._turning(flat, points.ravel(), x, largest))
         rise = np.diff(rows['y'])
