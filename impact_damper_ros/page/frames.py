@@ -46,7 +46,7 @@ class _Sent:
         parts = [samples[-_MOST:]]
         for n, rows in enumerate((motion.impacts, motion.measured, motion.acts)):
             # They may come after the sample that follows them.
-            new = between(rows, self._others[n], max(self._sample, end))
+            new = between(rows, self._others[n], max(self._sample, end)) if len(rows) else rows
             if len(new):
                 self._others[n] = float(new[-1, 0])
             parts.append(new[-_MOST:])

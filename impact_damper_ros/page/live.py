@@ -172,12 +172,13 @@ class LiveRig(Source):
                 self.motion.add_samples(era.samples(table))
                 self._came = time.monotonic()
             self._show_held()
-            for era, table in self._tables('impacts', messages['impacts']):
-                self.motion.add_impacts(era.impacts(table))
-            for era, table in self._tables('measurements', messages['measurements']):
-                self.motion.add_measured(era.measured(table))
-            for era, table in self._tables('gap_control', messages['gap_control']):
-                self.motion.add_acts(era.acts(table))
+            for topic, rows, add in (
+                ('impacts', Era.impacts, self.motion.add_impacts),
+                ('measurements', Era.measured, self.motion.add_measured),
+                ('gap_control', Era.acts, self.motion.add_acts),
+            ):
+                for era, table in self._tables(topic, messages[topic]):
+                    add(rows(era, table))
         for content in messages['parameter_events']:
             self._take_event(content)
         for content in messages['diagnostics']:

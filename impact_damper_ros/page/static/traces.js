@@ -284,11 +284,9 @@ export class Traces {
     for (const [name, width] of [['z', 0.8], ['x', 1.3]]) {
       const values = samples.field(name);
       context.lineWidth = width * ratio;
-      context.beginPath();
-      for (let n = first; n < samples.end; n += stride) {
-        context.lineTo(u.valToPos(time[n], 'x', true), u.valToPos(values[n], 'y', true));
-      }
-      context.stroke();
+      const points = [];
+      for (let n = first; n < samples.end; n += stride) points.push([u.valToPos(time[n], 'x', true), u.valToPos(values[n], 'y', true)]);
+      if (points.length) strokeLines(context, points);
     }
     context.globalAlpha = 1;
   }
@@ -301,15 +299,14 @@ export class Traces {
     context.strokeStyle = colours.theory;
     context.lineWidth = 0.8 * ratio;
     context.setLineDash(dashes(orbit).map((length) => length * ratio));
-    context.beginPath();
+    const lines = [];
     const perPeriod = (orbit.period / (to - from)) * (u.bbox.width / ratio);
     if (perPeriod < 36) {
       // Too dense to be seen as a line: how far M is predicted to move.
       const most = orbit.x.reduce((far, value) => Math.max(far, Math.abs(value)), 0);
       for (const value of [most, -most]) {
         const height = u.valToPos(value, 'y', true);
-        context.moveTo(u.valToPos(begin, 'x', true), height);
-        context.lineTo(u.bbox.left + u.bbox.width, height);
+        lines.push([[u.valToPos(begin, 'x', true), height], [u.bbox.left + u.bbox.width, height]]);
       }
     } else {
       const zero = orbit.t_zero;
@@ -317,21 +314,17 @@ export class Traces {
       // No more points than pixels.
       const stride = Math.max(1, Math.floor(count / perPeriod));
       for (const values of [orbit.x, orbit.z]) {
-        let pen = false;
+        const points = [];
         for (let turn = first; zero + orbit.t[0] + turn * orbit.period < to; turn += 1) {
           for (let n = 0; n < count; n += stride) {
             const time = zero + orbit.t[n] + turn * orbit.period;
-            if (time < begin || time > to) continue;
-            const place = u.valToPos(time, 'x', true);
-            const height = u.valToPos(values[n], 'y', true);
-            if (pen) context.lineTo(place, height);
-            else context.moveTo(place, height);
-            pen = true;
+            if (time >= begin && time <= to) points.push([u.valToPos(time, 'x', true), u.valToPos(values[n], 'y', true)]);
           }
         }
+        if (points.length) lines.push(points);
       }
     }
-    context.stroke();
+    strokeLines(context, ...lines);
     context.setLineDash([]);
   }
 
