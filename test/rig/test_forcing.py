@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from impact_damper_ros.control import Outcome, Rig
+from impact_damper_ros.orbits import OrbitError, find_orbits
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from impact_damper_ros.rig.forcing import frequency_at, frequency_steps, mixed, multisine
+from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
 from rig.random_rigs import random_rig, rows, without_mode
 
 PHASES_OF_SEED_1 = [
@@ -92,6 +94,28 @@ def test_it_moves_the_rig_as_plain_arrays_do(seed):
     for time in (0.7, 4.0):
         assert one.advance(time) == other.advance(time)
         assert one.sample() == other.sample()
+
+
+def test_it_agrees_with_110_digits():
+    free = NOISY.replace(gap=1e6, multisine_lines=40)
+    rig = Rig(free, InitialConditions(initial_primary_position=0.5))
+    lines = [Harmonic(*map(mp.mpf, row)) for row in zip(*free.harmonics, strict=True)]
+    oscillator = Oscillator(mp.mpf(1), mp.mpf(free.damping), mp.mpf(1), lines)
+    motion = Motion(oscillator, mp.mpf(0), mp.mpf(0.5), mp.mpf(0), mp.mpf(0))
+    for time in (1.0, 17.0, 63.0):
+        rig.advance(time)
+        exact = [float(v) for v in motion.derivatives(mp.mpf(time))[:2]]
+        sample = rig.sample()
+        assert (sample.x, sample.primary_velocity) == pytest.approx(exact, rel=1e-11, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [({'multisine_level': 0.25}, 'multisine_level is 0.25 N'), ({'sweep_mode': 'up'}, "is 'up'")],
+)
+def test_the_periodic_theory_refuses_it(changes, words):
+    with pytest.raises(OrbitError, match=words):
+        find_orbits(RigParameters(gravity=0.0, **changes), (1, 2))
 
 
 def angles(rig):
