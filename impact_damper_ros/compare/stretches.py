@@ -380,7 +380,8 @@ def builder_at(state: Mapping[str, Any], start: float = -math.inf) -> StretchBui
 
 def _spent(state: Mapping[str, Any]) -> float:
     """Return the energy that the actuators of the stops have spent up to a snapshot, J."""
-    return math.fsum(state['gap_control']['state']['actuators']['energies'])
+    actuators = state['gap_control']['state']['actuators']
+    return float(actuators['energy_1'] + actuators['energy_2'])
 
 
 def _state_row(state: Mapping[str, Any]) -> Events:

@@ -6,6 +6,7 @@ import signal
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
@@ -244,7 +245,8 @@ def test_what_is_recorded_first_is_on_the_disk_at_once(recording, tmp_path):
     process.kill()
     (bag,) = (tmp_path / 'process_0' / 'runs').iterdir()
     reader = RunReader(bag)
-    snapshots = [d.message.data for d in reader.messages([reader.custom['snapshot']])]
+    records = reader.records([reader.custom['snapshot']])
+    snapshots = [deserialize_message(record.content, String).data for record in records]
     found = [json.loads(text)['reason'] for text in snapshots]
     assert found[:2] == ['record', 'start']
 
