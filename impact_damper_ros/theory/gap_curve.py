@@ -24,7 +24,7 @@ from impact_damper_ros.rig.quoting import counted
 _SPAN = 4.0
 _MOST_FURTHER, _FURTHER = 4, 2.0
 #: Points in each direction of a first look, and of a whole branch.
-PREVIEW_POINTS, MOST_POINTS = 16, 150
+PREVIEW_POINTS, MOST_POINTS = 10, 150
 #: Longest step along a branch; half of it finds the same points with special motions, and takes
 #: twice as long.
 _STEP = 0.1

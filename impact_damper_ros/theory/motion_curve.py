@@ -16,6 +16,8 @@ from impact_damper_ros.orbits.solved_orbits import after_impact
 
 #: Points per cycle of the force, and the most in a period, but for the ends of its flights.
 _PER_CYCLE, _MOST = 250, 1500
+#: Relative error of the end of a period.
+_ROUND_OFF = 1e-9
 #: Most events of a period.
 _MOST_EVENTS = 2000
 
@@ -73,8 +75,15 @@ def orbit_curve(orbit: PeriodicOrbit) -> Array | None:
         count = max(2, math.ceil(per_cycle * (end - start) / orbit.cycle))
         instants += np.linspace(start, end, count)[1:-1].tolist()
     samples = _begun(orbit, late).run(orbit.period, [*instants, orbit.period]).samples
-    sides = [_moments(events, side) for side in ('_before', '_after')]
-    rows = np.concatenate([_moments(samples), *sides])
+    # The impact that ends the period may, by round-off, be within it
+    ends = events['time'] > (1.0 - _ROUND_OFF) * orbit.period
+    rows = np.concatenate(
+        [
+            _moments(samples[:-1] if ends.any() else samples),
+            _moments(events, '_before'),
+            _moments(events[~ends], '_after'),
+        ]
+    )
     rows = rows[np.argsort(rows[:, 0], kind='stable')]
     first = orbit.phases[0] + late
     rows[:, 0] = first + rows[:, 0] / orbit.cycle

@@ -35,6 +35,7 @@ from impact_damper_ros.replay.what_if import WhatIf
 from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError
 from impact_damper_ros.rig.event import events_of_table
 from impact_damper_ros.rig.snapshot import ARITHMETIC
+from impact_damper_ros.rig.snapshot import FORMAT as STATE_FORMAT
 
 sys.path.append(str(Path(__file__).parents[2] / 'benchmarks'))
 verdicts = import_module('verdicts')
@@ -332,7 +333,7 @@ def test_other_formats_are_refused(tmp_path, messages):
         ('state', None),
     ):
         others = [of_format(messages[0], version, name), *messages[1:]]
-        read = 5 if name == 'state' else FORMAT
+        read = STATE_FORMAT if name == 'state' else FORMAT
         words = f'of format {version}; this version reads format {read}'
         with pytest.raises(RecordingError, match=words) as caught:
             replayed(samples.record(tmp_path / f'{name}_{version}', others, custom=NOTES))

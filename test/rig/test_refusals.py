@@ -269,7 +269,7 @@ STATES = [
     ('gap_control.state.sample_index', -(2**62), 'sample_index is -4611686018427387904, a'),
     ('gap_control.state.sample_index', 2**64, 'sample_index is 18446744073709551616: give'),
     ('gap_control.state.sample_index', nan, 'sample_index is nan: give a whole'),
-    ('gap_control.state', {}, 'observer'),
+    ('gap_control.state', {}, 'sample_index'),
 ]
 
 
