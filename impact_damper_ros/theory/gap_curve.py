@@ -24,10 +24,7 @@ from impact_damper_ros.rig.quoting import counted
 _SPAN = 4.0
 _MOST_FURTHER, _FURTHER = 4, 2.0
 #: Points in each direction of a first look, and of a whole branch.
-PREVIEW_POINTS, MOST_POINTS = 10, 150
-#: Longest step along a branch; half of it finds the same points with special motions, and takes
-#: twice as long.
-_STEP = 0.1
+PREVIEW_POINTS, MOST_POINTS = 16, 150
 #: Largest number of branches that are followed.
 _MOST_BRANCHES = 4
 #: Relative difference of the largest |X| of two solutions for one motion, or its mirror image.
@@ -96,7 +93,7 @@ class GapBranch:
         assert best is not None
         gap = best.value
         ends = (gap, _FURTHER * gap) if self.bound == 'at least' else (gap / _FURTHER, gap)
-        beyond = follow(best.orbit, 'gap', *ends, largest_step=_STEP, most_points=self.points)
+        beyond = follow(best.orbit, 'gap', *ends, most_points=self.points)
         if ends[1] == gap:
             beyond = beyond.reversed()
         if best.orbit is self.branch.orbits[0]:
@@ -126,9 +123,7 @@ def follow_gap(orbit: PeriodicOrbit, points: int = MOST_POINTS) -> GapBranch | N
     """
     gap = orbit.parameters.gap
     try:
-        branch = follow(
-            orbit, 'gap', gap / _SPAN, gap * _SPAN, largest_step=_STEP, most_points=points
-        )
+        branch = follow(orbit, 'gap', gap / _SPAN, gap * _SPAN, most_points=points)
         found = GapBranch(orbit, branch, points)
         for _ in range(_MOST_FURTHER if points == MOST_POINTS else 0):
             if found.bound:
