@@ -30,7 +30,7 @@ def test_the_demonstration(tmp_path):
     done = subprocess.run(
         [
             *(sys.executable, '-c', FASTER, str(tmp_path / 'run')),
-            *('--duration', '5'),
+            *('--duration', '8'),
         ],
         cwd=ROOT,
         env={**os.environ, 'PYTHONPATH': str(ROOT)},
