@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 from math import ceil, inf, nan
@@ -226,15 +227,36 @@ def own_law_of(law: Law | None) -> OwnLaw | None:
     return law if law is None or isinstance(law, OwnLaw) else OwnLaw(law)
 
 
-class _EventTable:
-    """The events of a run while it goes on."""
+class _EventList:
+    """The events of an `advance`, and the acts of its control."""
 
-    def __init__(self, *, keep: bool) -> None:
-        self._keep = keep
+    def __init__(self, unreported: list[Event], acts: list[ActRow]) -> None:
+        self.events = list(unreported)
+        self.acts = acts
+        self.records: list[ControlRecord] = []
+
+    def add(self, event: Event, _mode: int) -> None:
+        """Add an event."""
+        self.events.append(event)
+
+    def take(self, rows: Sequence[EventRow], count: int, acted: int) -> None:
+        """Add the first rows of a table, and of that of the acts."""
+        self.events += events_of(rows, count)
+        if acted:
+            records = ControlRecord.of(self.acts[:acted])
+            # The first one may be the last one of the stretch before.
+            self.records += records[self.records[-1:] == records[:1] :]
+
+
+class _EventTable:
+    """The events of a `run`; whether to `keep` them, and from when to when it goes."""
+
+    acts: Sequence[ActRow] = ()
+
+    def __init__(self, *, keep: bool, since: float, end: float) -> None:
+        self._keep, self._since, self._end = keep, since, end
         self._rows: Any = np.empty(_ROWS if keep else 0, dtype_of(EventRow))
         self._written = 0
-        #: The part of the run that is done.
-        self.done = 0.0
 
     @property
     def events(self) -> Events:
@@ -242,25 +264,28 @@ class _EventTable:
         events: Events = self._rows[: self._written].view(EVENT_TYPE)
         return events
 
-    def add(self, events: Sequence[Event], mode: int) -> None:
-        """Add events, all of them followed by one mode."""
-        if self._keep and events:
-            self.take([(event.time, *event[3:], event.kind, event.stop, mode) for event in events])
+    def add(self, event: Event, mode: int) -> None:
+        """Add an event, which is followed by a mode."""
+        if self._keep:
+            row = event.time, *event[3:], event.kind, event.stop, mode
+            self.room(event.time, 1)[:1] = [row]
+            self.wrote(1)
 
-    def take(self, rows: Sequence[tuple[Any, ...]]) -> None:
-        """Add rows."""
-        if self._keep and rows:
-            self.room(len(rows))[: len(rows)] = rows
-            self._written += len(rows)
+    def take(self, rows: Sequence[EventRow], count: int, _acted: int) -> None:
+        """Add the first rows of another table."""
+        if self._keep and count:
+            self.room(rows[count - 1].time, count)[:count] = list(map(_row_fields, rows[:count]))
+            self.wrote(count)
 
     def wrote(self, count: int) -> None:
         """Count rows that have been written into the room."""
         self._written += count if self._keep else 0
 
-    def room(self, least: int = ROWS_AT_ONCE) -> Any:
+    def room(self, now: float, least: int = ROWS_AT_ONCE) -> Any:
         """Return the free rows, some at least."""
         if self._keep and self._written + least > len(self._rows):
-            wanted = 1.1 * self._written / self.done if self.done > 0.0 else inf
+            done = now - self._since
+            wanted = 1.1 * self._written * (self._end - self._since) / done if done > 0.0 else inf
             double = max(2 * len(self._rows), self._written + least)
             size = int(min(max(wanted, double), double + _MOST_AHEAD))
             # numpy asks for large pages from 4 MB on; small ones cost as much as the run.
@@ -486,8 +511,8 @@ class Rig:
         time : float
             Time to reach, s, from the present one on.
         most_events : float, optional
-            After so many events (rounded up; under control, about so many) the rig stops, at an
-            event, if more are due before that time; it may go on from there.
+            After so many transitions (rounded up; an impact that ends in rest is one) the rig
+            stops, at an event, if more are due before that time; it may go on from there.
         interrupted : callable, optional
             Called now and then; once it returns true, the rig stops.
 
@@ -507,91 +532,94 @@ class Rig:
         LawError
             If a law of the user's own fails; the rig is then where it was.
         """
-        time = later_time(time, self.time)
-        most = most_of(most_events)
+        time, most = later_time(time, self.time), most_of(most_events)
         before = self.mark() if self._law is not None else None
-        events, self._unreported, self._records = list(self._unreported), [], []
+        found = _EventList(self._unreported, self._scratch[1])
         try:
-            self._go_on(time, most, interrupted, events)
+            status, *_ = self._go_on(time, most, found, interrupted)
         except LawError:
             assert before is not None
             self.go_back(before)
             raise
-        return events
+        self._records = found.records
+        if status == RUNAWAY:
+            raise RunawayError(MOST_AT_ONCE, self._run.instant)
+        return found.events
 
     def _go_on(
         self,
         time: float,
         most: int,
-        interrupted: Callable[[], bool] | None,
-        events: list[Event],
-    ) -> None:
-        """Run in plain Python, and add the events."""
+        found: _EventList | _EventTable,
+        interrupted: Callable[[], bool] | None = None,
+        when: Sequence[float] | npt.NDArray[np.float64] = (),
+        samples: Any = (),
+        in_mode: Any = None,
+    ) -> tuple[int, int, int]:
+        """Run to a time; return why it stopped, the number of events, and that of samples."""
+        self._unreported, self._records = [], []
+        in_mode = [0.0] * len(Mode) if in_mode is None else in_mode
+        compiled = self.compiled and isinstance(found, _EventTable)
+        go: Any = self._go_compiled if compiled else self._go_plain
+        happened = sampled = 0
         while True:
-            run, (rows, acts), controlled = self._run, self._scratch, self.acts
-            run.most, run.happened = min(most - len(events), _PLAIN_ROWS), 0
+            due, end, until = self._step_due, time, when
+            if due <= time:
+                # A sample at the instant of a step shows what comes after it.
+                end, until = due, when[: bisect_left(when, due)]
+            run = self._run
+            run.most, run.happened = most - happened, 0
             run.steps = ALL_STEPS if interrupted is None else _STEPS_AT_A_STRETCH
-            end, in_mode = min(time, self._step_due), [0.0] * len(Mode)
-            status, _ = self._go_plain(acts, end, (), 0, (), in_mode)
-            if controlled:
-                records = ControlRecord.of(acts[: self._control.controller.recorded])
-                again = bool(records) and self._records[-1:] == records[:1]
-                self._records += records[again:]
-            self._after(status)
-            events += events_of(rows, run.written)
-            if status == RUNAWAY:
-                raise RunawayError(MOST_AT_ONCE, self._run.instant)
-            if status == PAUSED:
-                assert interrupted is not None
+            status, sampled = go(end, until, sampled, samples, in_mode, found)
+            happened += run.happened
+            if status == COMMANDS_FULL:
+                self._control = self._control.enlarged()
+            if status == LAW_FAILED:
+                assert self._law is not None
+                raise self._law.refused(self._control)
+            if status in (FULL, COMMANDS_FULL, PAUSED):
                 if self.time == time:
                     # All events of an instant that has been reached belong to it.
                     interrupted = None
-                elif interrupted():
-                    return
-            elif status in (SPENT, FULL, COMMANDS_FULL) and len(events) < most:
-                if interrupted is not None and self.time < time and interrupted():
-                    return
-            elif status != DONE or self._step_due > time or len(events) >= most:
-                return
-            else:
-                events.append(self._step_frequency())
+                if interrupted is None or not interrupted():
+                    continue
+            count_modes(run, in_mode)
+            if status != DONE or due > time:
+                return status, happened, sampled
+            if happened >= most:
+                return SPENT, happened, sampled
+            found.add(self._step_frequency(), self.mode)
+            happened += 1
 
     def _go_plain(
         self,
-        acts: Sequence[ActRow],
         end: float,
         when: Sequence[float],
         sampled: int,
         samples: Any,
         in_mode: Any,
+        found: _EventList | _EventTable,
     ) -> tuple[int, int]:
         """Run up to an instant; return why it stopped, and the number of samples taken."""
-        run, (rows, _) = self._run, self._scratch
+        run, (rows, _), controller = self._run, self._scratch, self._control.controller
         run.room, run.written = len(rows), 0
-        self._control.controller.recorded, self._control.controller.room = 0, len(acts)
-        control = self._control if self.acts else None
-        found: tuple[int, int] = run_through(
+        controller.recorded, controller.room = 0, len(found.acts)
+        status, sampled = run_through(
             self._rig,
             self._lines,
             run,
             self._waves,
             rows,
             in_mode,
-            control,
-            acts,
+            self._control if self.acts else None,
+            found.acts,
             end,
             when,
             sampled,
             samples,
         )
-        return found
-
-    def _after(self, status: int) -> None:
-        if status == COMMANDS_FULL:
-            self._control = self._control.enlarged()
-        elif status == LAW_FAILED:
-            assert self._law is not None
-            raise self._law.refused(self._control)
+        found.take(rows, run.written, controller.recorded)
+        return status, sampled
 
     def _step_frequency(self) -> Event:
         """Go on to the next frequency of the stepped sine, at an exact instant."""
@@ -652,49 +680,19 @@ class Rig:
         """
         most, time, since = most_of(most_events), later_time(time, self.time), self.time
         when = times_between(since, time, instants)
+        samples = np.empty((len(when), len(Sample._fields)))
+        in_mode = np.zeros(len(Mode))
+        table = _EventTable(keep=record, since=since, end=time)
+        for event in self._unreported:
+            table.add(event, self.mode)
         before = self.mark()
         try:
-            return self._run_through(time, when, record, most)
+            given = when if self.compiled else when.tolist()
+            ended = self._go_on(time, most, table, None, given, samples, in_mode)
         except BaseException:
             self.go_back(before)
             raise
-
-    def _run_through(
-        self, time: float, when: npt.NDArray[np.float64], record: bool, most: int
-    ) -> RunResult:
-        since, happened, sampled = self.time, 0, 0
-        samples = np.empty((len(when), len(Sample._fields)))
-        in_mode = np.zeros(len(Mode))
-        table = _EventTable(keep=record)
-        table.add(self._unreported, self.mode)
-        self._unreported, self._records = [], []
-        while True:
-            due = self._step_due
-            end, count = time, len(when)
-            if due <= time:
-                # A sample at the instant of a step shows what comes after it.
-                end, count = due, int(np.searchsorted(when, due))
-            status = FULL
-            while status in (FULL, COMMANDS_FULL):
-                run = self._run
-                run.most, run.happened, run.steps = most - happened, 0, ALL_STEPS
-                table.done = (self.time - since) / (time - since or 1.0)
-                due_instants, kept = when[:count], (sampled, samples, in_mode)
-                if self.compiled:
-                    status, sampled = self._go_compiled(end, due_instants, *kept, table)
-                else:
-                    status, sampled = self._go_plain((), end, due_instants.tolist(), *kept)
-                    table.take(list(map(_row_fields, self._scratch[0][: run.written])))
-                happened += self._run.happened
-                self._after(status)
-            if status == DONE and due <= time and happened >= most:
-                status = SPENT
-            count_modes(self._run, in_mode)  # type: ignore[arg-type]
-            if status != DONE or due > time:
-                break
-            table.add([self._step_frequency()], self.mode)
-            happened += 1
-        outcome = Outcome(status)
+        outcome, happened, sampled = Outcome(ended[0]), *ended[1:]
         return RunResult(
             outcome,
             outcome.reason(happened, since, self.time, self.mode.name.lower()),
@@ -712,7 +710,7 @@ class Rig:
         sampled: int,
         samples: Any,
         in_mode: Any,
-        table: _EventTable,
+        found: _EventTable,
     ) -> tuple[int, int]:
         """Run as `_go_plain` does, compiled; the rig changes at the end only."""
         run, control, controlled = self._run, self._control, self.acts
@@ -720,7 +718,7 @@ class Rig:
             harmonics = packed_rows(self._lines, Line)
             self._packed = packed_rows([self._rig], RigConstants), harmonics[np.newaxis]
         rigs, lines = self._packed
-        rows = table.room()
+        rows = found.room(run.now)
         if controlled and not len(rows):
             # What the stops do is read from the events.
             rows = np.empty(_ROWS, dtype_of(EventRow))
@@ -747,7 +745,7 @@ class Rig:
         self._waves = [Wave(*row) for row in waves.tolist()]
         if acting is not None:
             self._control = control.unpacked(acting)
-        table.wrote(run.written)
+        found.wrote(run.written)
         return int(outcomes[0]), int(counts[0])
 
     def change(
