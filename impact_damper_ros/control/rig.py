@@ -625,7 +625,7 @@ class Rig:
         """Go on to the next frequency of the stepped sine, at an exact instant."""
         run, side = self._run, self._run.crossing_side
         move_to(self._rig, self._lines, run, self._waves, self._step_due)
-        run.time, run.time_low, run.now = self._step_due, 0.0, self._step_due
+        run.now = self._step_due
         if side:
             set_side(self._rig, self._lines, run, self._waves, side)
         self._sweep = SteppedSine(self._sweep.start, self._sweep.step + 1)

@@ -715,3 +715,6 @@ def move_to(rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float
     move_origin(
         lines, run, waves, tau, motion.x, motion.velocity, motion.travel, motion.relative_velocity
     )
+    # The same but for round-off, which would put what happens now before it
+    run.time = time
+    run.time_low = 0.0

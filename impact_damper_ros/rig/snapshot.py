@@ -24,7 +24,7 @@ FORMAT = 6
 #: the sine of a harmonic's turn in a step twice, took the nominal gap for the bound of a chatter,
 #: and began the estimate of the amplitude at 0, 8 looked for events by certified steps where the
 #: grid was in doubt.
-ARITHMETIC = 9
+ARITHMETIC = 10
 #: Latest time that a rig can reach, s; there the floats are 2 ms apart.
 LATEST = 1e13
 #: Rounding: what a state says of its time may differ by this, s.

@@ -37,6 +37,7 @@ def advance_in_pieces(rig, end, events, rng):
             acts += rig.records
             if rig.time == cut and len(new) < most:
                 break
+        assert len(got) == sum(e.time <= cut for e in events)
         assert foreseen in ([], [rig.sample()])
         if rng.random() < 0.3:
             rig = through_json(rig)

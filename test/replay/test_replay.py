@@ -350,11 +350,11 @@ def test_a_bag_of_another_arithmetic_says_so(tmp_path, messages):
     topic, content, stamp = messages[0]
     now = f'"arithmetic": {ARITHMETIC}'.encode()
     assert content.count(now) == 1
-    older = content.replace(now, b'"arithmetic": 1')
+    other = content.replace(now, f'"arithmetic": {ARITHMETIC + 1}'.encode())
     findings = replayed(
-        samples.record(tmp_path / 'older', [(topic, older, stamp), *messages[1:]], custom=NOTES)
+        samples.record(tmp_path / 'other', [(topic, other, stamp), *messages[1:]], custom=NOTES)
     )
-    assert f'recorded with arithmetic 1, this version has {ARITHMETIC}' in findings.remarks[0]
+    assert f'recorded with arithmetic {ARITHMETIC + 1}, this version has {ARITHMETIC}' in findings.remarks[0]
     same = replayed(samples.record(tmp_path / 'same', messages, custom=NOTES))
     assert same.remarks == []
 

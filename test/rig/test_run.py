@@ -309,3 +309,10 @@ def test_an_impact_at_the_start_is_reported_once():
     assert first.damper_velocity_before == 1.0
     assert rig.advance(0.0) == []
     assert other.advance(0.0) == [first]
+
+
+def test_modes_are_timed_from_where_a_run_begins():
+    """Also in the middle of a flight that an advance has begun."""
+    rig = Rig(RigParameters(gravity=0.0))
+    rig.advance(50.0)
+    assert rig.run(60.0).time_in_mode.sum() == pytest.approx(10.0, abs=1e-12)
