@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.control import GapControlParameters, Outcome, Rig
+from impact_damper_ros.control import Outcome, Rig
 from impact_damper_ros.control.nearby_rig import Scales
 from impact_damper_ros.control.rig import Events
 from impact_damper_ros.rig import EVENT_TYPE, Event, EventKind, RigParameters
 from impact_damper_ros.rig.event import events_of_table
 
-from .extremes import largest_between
-from .flights import machine_of
+from .flights import largest_between, machine_of
 from .irregularity import Indications, average_spread, quiet_phase
 from .lyapunov import (
     Deviations,
@@ -71,23 +70,12 @@ def cycle_of(parameters: RigParameters) -> float:
     return math.tau / (rates[0] if rates else parameters.omega)
 
 
-def _drive_repeats(parameters: RigParameters, cycle: float, longest: int) -> bool:
-    """Return whether the force repeats with a cycle (s), or some of them."""
-    if parameters.sweep_mode != 'off':
-        return False
-    turns = [rate * cycle / math.tau for rate in _active_rates(parameters)]
+def _repeat(turns: list[float], longest: int) -> bool:
+    """Return whether all turn whole times in some cycles, given how often they do in one."""
     return any(
         all(abs(k * turn - round(k * turn)) < 1e-9 * max(k * turn, 1.0) for turn in turns)
         for k in range(1, longest + 1)
     )
-
-
-def _samples_repeat(control: GapControlParameters, cycle: float, longest: int) -> bool:
-    """Return whether the samples of a control can repeat after some cycles, s."""
-    if control.gap_control_noise_position or control.gap_control_noise_velocity:
-        return False
-    counts = [control.gap_control_rate * cycle * k for k in range(1, longest + 1)]
-    return any(abs(count - round(count)) < 1e-9 * max(count, 1.0) for count in counts)
 
 
 def relative_states(samples: np.ndarray[Any, np.dtype[np.void]]) -> Array:
@@ -283,8 +271,12 @@ class _SettlingRig:
         )
         first = machine.lines[0].frequency
         self.turned = (self.angles[0] + first * self.start) / math.tau
-        self.driven = _drive_repeats(parameters, self.cycle, longest)
-        self.in_step = not rig.acts or _samples_repeat(rig.control, self.cycle, longest)
+        turns = [rate * self.cycle / math.tau for rate in _active_rates(parameters)]
+        self.driven = parameters.sweep_mode == 'off' and _repeat(turns, longest)
+        law = rig.control
+        noisy = law.gap_control_noise_position or law.gap_control_noise_velocity
+        samples = law.gap_control_rate * self.cycle
+        self.in_step = not rig.acts or (not noisy and _repeat([samples], longest))
         self._watch, self._most = watch, most_events
         self._quiet = 0.5
         self._size = 0.0

@@ -13,7 +13,6 @@ from impact_damper_ros.orbits import (
     Limit,
     OrbitError,
     PeriodicOrbit,
-    SpecialPoint,
     follow,
 )
 from impact_damper_ros.rig import RigParameters
@@ -38,32 +37,14 @@ def name_of(orbit: PeriodicOrbit) -> str:
 
 @dataclass(frozen=True)
 class GapBranch:
-    """
-    The branch of a motion over the gap.
+    """The branch of a motion over the gap."""
 
-    Attributes
-    ----------
-    start : PeriodicOrbit
-        The motion that was followed.
-    branch : Branch
-        All motions, with their special points.
-    points : int
-        Most points in each direction.
-    """
-
-    start: PeriodicOrbit
+    start: PeriodicOrbit  # the motion that was followed
     branch: Branch
-    points: int
+    points: int  # most of them in each direction
 
     def holds(self, orbit: PeriodicOrbit) -> bool:
-        """
-        Return whether a motion of any rig, or its mirror image, is on the branch.
-
-        Parameters
-        ----------
-        orbit : PeriodicOrbit
-            The motion.
-        """
+        """Return whether a motion of any rig, or its mirror image, is on the branch."""
         gap = orbit.parameters.gap
         if self.start.parameters.replace(gap=gap) != orbit.parameters:
             return False
@@ -105,21 +86,9 @@ class GapBranch:
 
 def follow_gap(orbit: PeriodicOrbit, points: int = MOST_POINTS) -> GapBranch | None:
     """
-    Follow a motion from a quarter to four times its gap.
+    Follow a motion from a quarter to four times its gap; None where it cannot be followed.
 
     With all points it is followed further while M moves least at an end.
-
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        The motion.
-    points : int, optional
-        Most points in each direction.
-
-    Returns
-    -------
-    GapBranch or None
-        The branch; None if there is none.
     """
     gap = orbit.parameters.gap
     try:
@@ -177,12 +146,6 @@ class GapCurve:
         self._branches[place : place + 1] = [found]
         return True
 
-    @property
-    def _special(self) -> list[SpecialPoint]:
-        """The special points with viable motions."""
-        every = (special for one in self._branches for special in one.branch.special)
-        return [special for special in every if special.orbit.viable]
-
     def _optimum(self) -> dict[str, Any] | None:
         """Return gap and Xmax/A of the lowest stable point; None where a branch goes on."""
         found = [
@@ -209,7 +172,9 @@ class GapCurve:
                     'kind': special.kind.value,
                     'stable': special.orbit.stable,
                 }
-                for special in self._special
+                for one in self._branches
+                for special in one.branch.special
+                if special.orbit.viable
             ],
             'optimum': self._optimum(),
             'done': done,
