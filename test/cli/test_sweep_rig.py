@@ -213,32 +213,6 @@ def test_a_foreign_file_is_not_overwritten(tmp_path, capsys, name):
     assert foreign.read_text() == 'mine'
 
 
-def test_csv_holds_what_parquet_does(tmp_path):
-    """With harmonics that fail, lists, texts with commas and what is not known."""
-    words = (*AT_102, '--vary', 'damping=0.01,1.9,2.1', '--jobs', 1, '--quiet')
-    text, table, found = (tmp_path / name for name in ('a.csv', 'a.parquet', 'a.json'))
-    assert run(*words, '-o', table) == 0
-    assert run(*words, '-o', text, '--json', found) == 0
-    rows, expected = pd.read_csv(text, comment='#'), pd.read_parquet(table)
-    assert list(rows.columns) == list(expected.columns)
-    for name in ('x_max', 'lyapunov_exponent', 'x_max_ratio', 'period'):
-        assert list(rows[name].fillna(-1)) == list(expected[name].astype(float).fillna(-1))
-    assert list(rows.ok) == [True, True, False]
-    assert 'damping is 2.1' in rows.reason[2]
-    lists = [json.loads(cell) for cell in rows.section_x.dropna()]
-    assert lists == [list(cell) for cell in expected.section_x.dropna()]
-    head = [line for line in text.read_text().splitlines() if line.startswith('#')]
-    assert json.loads(head[2].removeprefix('# units: '))['x_max'] == 'm'
-    assert json.loads(found.read_text())['failed'] == 1
-    # Again: nothing is run; another sweep is refused
-    written = text.stat().st_mtime_ns
-    assert run(*words, '-o', text) == 0
-    assert text.stat().st_mtime_ns == written
-    assert run(*words, '--cycles', 600, '-o', text) == 2
-    text.write_text(''.join(text.read_text().splitlines(keepends=True)[:5])[:-40])
-    assert run(*words, '-o', text) == 2
-
-
 def test_a_motion_that_settles_while_it_is_watched_is_periodic(tmp_path):
     incline = ('--set', 'angle=0.7854', '--set', 'gravity=1', '--set', 'force_frequencies=[1.02]')
     words = (*incline, '--vary', 'gap=36,37', '--jobs', 1, '--quiet', '-o', tmp_path / 'a.csv')
@@ -267,6 +241,9 @@ def test_a_table_that_is_cut_short(tmp_path, capsys, name):
     words = ('--vary', 'gap=24,37', *few, '-o', tmp_path / name, '--quiet')
     assert run(*words) == 0
     whole = (tmp_path / name).read_bytes()
+    written = (tmp_path / name).stat().st_mtime_ns
+    assert run(*words) == 0
+    assert (tmp_path / name).stat().st_mtime_ns == written
     for lost in (5, 300):
         (tmp_path / name).write_bytes(whole[:-lost])
         assert run(*words) == 2
