@@ -55,6 +55,7 @@ _FEWEST = 21
 #: Angle by which harmonics are shifted, rad; impacts from which the motion of the theory is
 #: sought, and its largest distance.
 _SHIFTED, _STARTS, _REACHED = 1e-9, 3, 1e-2
+_UNKNOWN = Exponent(math.nan, math.nan)
 
 
 def _active_rates(parameters: RigParameters) -> list[float]:
@@ -139,7 +140,7 @@ class SettledMotion:
     """
 
     kind: MotionKind
-    period: Period | None
+    period: Period | None = None
     parameters: RigParameters
     cycle: float
     start: float
@@ -148,9 +149,9 @@ class SettledMotion:
     events: Events
     event_count: int
     section: Array
-    exponent: Exponent
-    multiplier: float
-    indications: Indications | None
+    exponent: Exponent = _UNKNOWN
+    multiplier: float = math.nan
+    indications: Indications | None = None
     reason: str
     _first: Events
     _angles: tuple[float, ...]
@@ -356,8 +357,6 @@ class _SettlingRig:
     def result(self, kind: MotionKind, **found: Any) -> SettledMotion:
         """Return the motion, given what is known of it."""
         first = self.stretches[0].first if self.stretches else np.zeros(1, EVENT_TYPE)
-        none = Exponent(math.nan, math.nan)
-        known = {'period': None, 'exponent': none, 'multiplier': math.nan, 'indications': None}
         return SettledMotion(
             kind=kind,
             parameters=self.parameters,
@@ -371,7 +370,7 @@ class _SettlingRig:
             reason=self.reason,
             _first=first,
             _angles=self.angles,
-            **(known | found),
+            **found,
         )
 
     def repeating(self, period: Period) -> SettledMotion:
@@ -382,7 +381,7 @@ class _SettlingRig:
             forced = bool(_active_rates(self.parameters))
             kind = MotionKind.NO_IMPACTS if forced else MotionKind.AT_REST
         span, end = period.cycles * self.cycle, found.end
-        exponent, multiplier = Exponent(math.nan, math.nan), math.nan
+        exponent, multiplier = found.exponent, found.multiplier
         if not self.rig.acts:
             along = found.deviations(max(found.watched_from, end - 2.0 * span), end)
             exponent, multiplier = _periodic_exponent(along, span)
@@ -399,7 +398,7 @@ class _SettlingRig:
             return replace(found, kind=MotionKind.NOT_PERIODICALLY_DRIVEN)
         if watched < _FEWEST:
             return found
-        exponent = Exponent(math.nan, math.nan)
+        exponent = found.exponent
         if not self.rig.acts:
             along = found.deviations(found.watched_from, found.end)
             exponent = growth_exponent(along, self.parameters.omega)
