@@ -90,6 +90,26 @@ def test_symmetric_branch_does_not_get_lost_nearby(tilt):
                 assert orbit.x == pytest.approx(other.x, abs=3e3 * tilt + 1e-11)
 
 
+def test_two_motions_meet_and_vanish_at_a_fold():
+    """Found on one side until they are one, and neither on the other side."""
+    rig = INCLINED.replace(angle=0.3)
+
+    def count(gap):
+        return len(find_orbits(rig.replace(gap=gap), (1, 2)).orbits)
+
+    low, high = 40.0, 4000.0
+    many, few = count(low), count(high)
+    assert many > few
+    while high - low > 1e-6:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if count(middle) >= many - 1 else (low, middle)
+    # Two at once; those closer than 1e-7 to each other count as one
+    assert many - count(high + 1e-3) == 2
+    near = find_orbits(rig.replace(gap=low), (1, 2)).orbits
+    # One of the two that meet has a multiplier close to +1
+    assert min(abs(m - 1.0) for orbit in near for m in orbit.multipliers) < 1e-2
+
+
 def test_motion_without_impacts_is_none():
     """M alone satisfies the equations of one impact, with no speed at it."""
     assert find_orbits(RigParameters(gravity=0.0), (1,)).orbits == ()

@@ -1,10 +1,13 @@
-"""The boundary-value problem: against differences and the flights of the simulator."""
+"""The boundary-value problem: against differences, the simulator and the equations."""
+
+import math
 
 import numpy as np
 import pytest
 from rigs import VERTICAL
 
-from impact_damper_ros.orbits.segments import Node, Segments
+from impact_damper_ros.orbits import ImpactEquations
+from impact_damper_ros.orbits.segments import Node, Segments, impact_nodes
 from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.state import (
     CHATTER_1,
@@ -127,3 +130,26 @@ def test_the_way_of_a_short_bounce_keeps_its_digits():
     end = segments.flights(states, instants).end[0]
     motion = segments.flight(0, states[0], 0.1).motion(float(instants[1] - instants[0]))
     assert end[2] == pytest.approx(motion.travel, rel=1e-9)
+
+
+def test_flights_lead_to_where_the_impact_equations_say():
+    """X after each flight, with the velocities of the equations, is that of their linear form."""
+    rig = RIG.replace(force_amplitudes=1.0, force_frequencies=1.02, force_phases=0.3)
+    for stops, cycles, friction in (
+        ((1, 2), 1, 0.3),
+        ((1, 2, 1, 2), 2, 0.3),
+        ((1, 1, 2), 1, 0.0),
+        ((1,), 2, 0.0),
+    ):
+        there = rig.replace(friction=friction)
+        equations = ImpactEquations(there, stops, cycles)
+        segments = Segments(there, impact_nodes(stops), cycles)
+        rng = np.random.default_rng(1)
+        n = len(stops)
+        x = 3.0 * rng.normal(size=n)
+        instants = np.sort(rng.uniform(0.0, equations.period, n))
+        phase = equations.frequency * instants[0] + equations.phase
+        rows = equations.linear_system(instants - instants[0])
+        vector = np.concatenate([x, [math.cos(phase), math.sin(phase), 1.0]])
+        end = segments.flights(equations.states(x, instants), instants).end
+        assert np.roll(x, -1) - end[:, 0] == pytest.approx((rows @ vector)[:n], abs=1e-12)
