@@ -394,11 +394,8 @@ class Segments:
     def monodromy(self, after: Flights) -> Array:
         """Return the derivative of the state after a node by itself, a period later."""
         layout = self.layout
-        # At a release the relative acceleration is zero: a later one changes nothing
-        through = event_matrices(
-            *(self._jump[:, :4], layout.impact, after.rate_end[layout.last]),
-            *(after.rate_start, layout.conditions != _NEED),
-        )
+        before = after.rate_end[layout.last]
+        through = event_matrices(self._jump[:, :4], layout.impact, before, after.rate_start)
         first = self.begins_with()
         product = np.eye(4)
         for k in range(len(self.nodes)):
