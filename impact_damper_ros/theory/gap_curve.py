@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from impact_damper_ros.orbits import (
@@ -53,12 +54,12 @@ class GapBranch:
             for there in self.branch.at([gap])[0]
         )
 
-    @property
+    @cached_property
     def best(self) -> BestPoint | None:
         """The stable motion with the least Xmax/A; None if there is none."""
         return self.branch.best('amplitude_ratio')
 
-    @property
+    @cached_property
     def bound(self) -> str:
         """Where the best gap is if M moves least at an end: 'at least' there, or 'at most'."""
         best = self.best

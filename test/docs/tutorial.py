@@ -157,7 +157,7 @@ class Reader:
 
     def _start(self, words):
         said = self.place / f'{words[0]}.txt'
-        words += ['--port', '0'] if words[0] == 'rig_page' else ['-p', f'{_FASTER}:=4.0']
+        words += ['--port', '0'] if words[0] == 'rig_page' else ['-p', f'{_FASTER}:=3.0']
         with said.open('wb') as output:
             process = subprocess.Popen(
                 words,
