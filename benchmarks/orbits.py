@@ -18,7 +18,7 @@ from timing import options, say, table, write_results
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.orbits import find_orbits, follow, settle
 
-sys.path.insert(1, str(Path(__file__).resolve().parents[1] / 'test'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 from rig.random_rigs import any_rig
 
 GOLDEN = {

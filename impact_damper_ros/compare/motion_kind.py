@@ -23,13 +23,11 @@ from impact_damper_ros.orbits import (
     find_period,
     settle,
 )
-from impact_damper_ros.orbits.flights import flight_at, machine_of
+from impact_damper_ros.orbits.flights import flight_at, machine_of, rig_on
 from impact_damper_ros.orbits.irregularity import IRREGULAR_SPREAD, REGULAR_SPREAD, Indications
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, NEAR
 from impact_damper_ros.replay.rows import NO_EVENTS, Events
-from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.rig.state import REST_1, REST_2, STICK
 from impact_damper_ros.theory import counted_from_zero
 
@@ -116,8 +114,7 @@ def rig_at_end(stretch: RecordedStretch) -> Rig | None:
         resting,
         int(flights.stop[-1]),
     )
-    angles = tuple(wave.angle for wave in flight.waves)
-    return Rig.resume(Snapshot(parameters, flight.run, angles, (), SteppedSine(0.0)))
+    return rig_on(flight, parameters)
 
 
 def run_on(stretch: RecordedStretch, cycle: float, quiet: float = _QUIET) -> SettledMotion | None:

@@ -23,6 +23,7 @@ and Chaos 1 (1991).
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -43,28 +44,21 @@ _GUESSED = 0.2
 _Test = Callable[[CurvePoint], float]
 
 
-def _real_product(factors: list[complex]) -> float:
-    product = complex(1.0)
-    for factor in factors:
-        product *= factor
-    return product.real
-
-
 def _fold(point: CurvePoint) -> float:
     return float(point.tangent[-1])
 
 
 def _doubling(point: CurvePoint) -> float:
-    return _real_product([1.0 + m for m in point.orbit.multipliers])
+    return math.prod(1.0 + m for m in point.orbit.multipliers).real
 
 
 def _branching(point: CurvePoint) -> float:
-    return _real_product([1.0 - m for m in point.orbit.multipliers])
+    return math.prod(1.0 - m for m in point.orbit.multipliers).real
 
 
 def _torus(point: CurvePoint) -> float:
     pairs = itertools.combinations(point.orbit.multipliers, 2)
-    return _real_product([1.0 - a * b for a, b in pairs])
+    return math.prod(1.0 - a * b for a, b in pairs).real
 
 
 def _events(orbit: PeriodicOrbit) -> Counter[str]:

@@ -1,32 +1,41 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Single flights of a rig in plain Python, for solvers that go from flight to flight."""
+"""
+Single flights of a rig in plain Python, for solvers that go from flight to flight.
+
+Their exact extremes are the turning points, by the certified search.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import inf
 from operator import attrgetter
 from typing import NamedTuple
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.control.rig import Events
+from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.rig.first_event import first_root
 from impact_damper_ros.rig.flight import (
     NO_EVENT,
+    REVERSAL,
     Motion,
     begin_flight,
     motion_at,
     move_to,
     moving_mode,
+    oscillator_of,
     rest,
     starting_motion,
     turn_waves,
 )
 from impact_damper_ros.rig.forcing import SteppedSine
-from impact_damper_ros.rig.oscillator import Line
+from impact_damper_ros.rig.oscillator import POINTS, Line
 from impact_damper_ros.rig.run import ALL_STEPS, find_event
 from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.rig.state import (
+    CHATTER_1,
     REST_1,
     REST_2,
     STICK,
@@ -38,6 +47,9 @@ from impact_damper_ros.rig.state import (
 from impact_damper_ros.rig.transition import strike
 
 _run_fields = attrgetter(*Run.__dataclass_fields__)
+#: Where the search goes on after a turning point, in steps of the grid: displacements between two
+#: that are closer do not differ.
+_BEYOND = 1e-5
 
 
 class Machine(NamedTuple):
@@ -171,3 +183,83 @@ def flight_at_impact(
     beyond = 0.0 if stop == 1 else -2.0 * machine.constants.half_gap
     resting = STICK if relative == 0.0 else 0
     return flight_at(machine, instant, x, velocity, beyond, relative, resting, stop)
+
+
+def _turning_times(flight: Flight, duration: float, relative: bool) -> Iterator[float]:
+    """Yield the times at which X or, if `relative`, Y turns, in order, by the certified search."""
+    there = flight.copy()
+    run, waves, machine = there.run, there.waves, there.machine
+    if not relative:
+        # As seen from M, an m that hangs still moves by -X.
+        run.relative_velocity, run.relative_acceleration = -run.velocity, -run.acceleration
+    step = oscillator_of(machine.constants, run).step
+    tau, run.direction = 0.0, 0
+    while tau < duration:
+        motion = there.motion(tau)
+        if run.direction == 0:
+            rates = motion.relative_velocity, motion.relative_2, -motion.x_3
+            leading = next((rate for rate in rates if rate != 0.0), 0.0)
+            if leading == 0.0:
+                return
+            run.direction = 1 if leading > 0.0 else -1
+        end = min(tau + POINTS * step, duration)
+        root = first_root(*machine, run, waves, REVERSAL, tau, motion, end, step)
+        tau = end
+        if root < inf:
+            yield root
+            run.direction, tau = 0, root + _BEYOND * step
+
+
+def extremes(flight: Flight, duration: float, *, relative: bool) -> tuple[float, float]:
+    """Return the least and largest X of a flight or, if `relative`, of Y - Y(origin), m."""
+    times = [0.0, duration, *_turning_times(flight, duration, relative)]
+    motions = map(flight.motion, times)
+    values = [motion.travel if relative else motion.x for motion in motions]
+    return min(values), max(values)
+
+
+def largest_displacement(flights: Iterable[Flight], durations: Iterable[float]) -> float:
+    """Return the largest |X| over flights, from their turning points, m."""
+    largest = 0.0
+    for flight, duration in zip(flights, durations, strict=True):
+        low, high = extremes(flight, max(0.0, duration), relative=False)
+        largest = max(largest, -low, high)
+    return largest
+
+
+def largest_between(
+    machine: Machine, angles: Sequence[float], rows: Events, start: float, end: float
+) -> float:
+    """
+    Return the largest |X| of a run between two times, s.
+
+    The flights of M are computed from the events themselves, so that it does not matter whether
+    stops move. The first of the rows is the state at some time up to `start`, with the stop hit
+    last; the others are the events since. `angles` are those of the harmonics at time 0, rad.
+    """
+    flights, durations, last_stop = [], [], int(rows['stop'][0])
+    ends = [*rows['time'][1:].tolist(), end]
+    for row, over in zip(rows, ends, strict=True):
+        if row['kind'] == EventKind.IMPACT:
+            last_stop = int(row['stop'])
+        time = float(row['time'])
+        if over <= start or time >= end:
+            continue
+        mode, velocity = int(row['mode']), float(row['primary_velocity_after'])
+        mode = mode - CHATTER_1 + REST_1 if mode >= CHATTER_1 else mode
+        flight = flight_at(
+            machine,
+            time,
+            float(row['x']),
+            velocity,
+            -machine.constants.half_gap,
+            float(row['damper_velocity_after']) - velocity,
+            mode if mode >= STICK else 0,
+            last_stop,
+            angles,
+        )
+        flight.run.mode = mode
+        flight = flight.begun()
+        flights.append(flight.after(start - time) if time < start else flight)
+        durations.append(min(over, end) - max(time, start))
+    return largest_displacement(flights, durations)

@@ -140,7 +140,7 @@ def deviations(
         impact,
         rates(slice(0, count), 'before'),
         rates(slice(1, count + 1), 'after'),
-        impact | (halts & ~joint[:-1]),
+        impact | halts,
     )
     inside = (time > start) & (time <= end)
     first = int(np.count_nonzero(time <= start))

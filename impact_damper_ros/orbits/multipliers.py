@@ -123,13 +123,15 @@ def jumps(share: float, impact: Mask, restitution: Array) -> Array:
     return jump
 
 
-def event_matrices(jump: Array, impact: Mask, before: Array, after: Array, crosses: Mask) -> Array:
+def event_matrices(
+    jump: Array, impact: Mask, before: Array, after: Array, crosses: Mask | bool = True
+) -> Array:
     """
     Return the matrices (n, 4, 4) that carry deviations through events.
 
     At an event that is no impact, the relative velocity becomes zero. The rates are those just
-    before and after. `crosses` is False where a deviation does not move the instant of the event:
-    at a release, where the relative acceleration is zero.
+    before and after. `crosses` is False at what happens at its own time; where m was held, its
+    relative acceleration is zero, and a deviation does not move the instant either.
     """
     normal = np.where(impact, Y, U)
     across = np.where(impact, before[:, Y], before[:, U])

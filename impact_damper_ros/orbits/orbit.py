@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, Self
 
@@ -95,27 +95,6 @@ class Rhythm:
         rhythm = cls(tuple(stops), cycles, inside, tuple(x), x_max)
         turns = (i for i, stop in enumerate(stops) if stop == 1 < stops[i - 1])
         return rhythm.begun_at(next(turns, 0))
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> Self:
-        """Read what `as_dict` returns, or other entries of the same names."""
-        return cls(
-            tuple(stored['stops']),
-            stored['cycles'],
-            tuple(stored['phases']),
-            tuple(stored['x']),
-            stored['x_max'],
-        )
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the rhythm for JSON."""
-        return {
-            'stops': list(self.stops),
-            'cycles': self.cycles,
-            'phases': list(self.phases),
-            'x': list(self.x),
-            'x_max': self.x_max,
-        }
 
     @property
     def impacts(self) -> int:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
@@ -138,10 +138,13 @@ def counted_as(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | 
     return min(orbit.turned_to(stops), key=lambda orbit: orbit.phases[0], default=None)
 
 
-def _distinct(orbits: Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
-    """Return each motion once, without those that repeat within the period."""
+def _distinct(
+    orbits: Iterable[PeriodicOrbit | None], stops: tuple[int, ...]
+) -> list[PeriodicOrbit]:
+    """Return each motion with these stops once, without those that repeat within the period."""
+    turned = [orbit and counted_as(orbit, stops) for orbit in orbits]
     kept: list[PeriodicOrbit] = []
-    for orbit in sorted(orbits, key=lambda orbit: orbit.residual):
+    for orbit in sorted(filter(None, turned), key=lambda orbit: orbit.residual):
         if orbit.repeats(SAME):
             continue
         if not any(orbit.distance(other) < SAME for other in kept):
@@ -181,9 +184,7 @@ def _theory(
             starts = STARTS_PER_INSTANT * (equations.impacts - 1)
         roots, converged = many_impact_roots(equations, starts)
         report = StartReport(stops=stops, method='starts', starts=starts, converged=converged)
-    found = (orbit_of(root) for root in roots if _hits(root))
-    turned = (counted_as(orbit, stops) for orbit in found)
-    orbits = _distinct([orbit for orbit in turned if orbit is not None])
+    orbits = _distinct((orbit_of(root) for root in roots if _hits(root)), stops)
     return orbits, replace(report, distinct=len(orbits))
 
 
@@ -283,29 +284,19 @@ def _followed_orbits(
     simpler: Sequence[PeriodicOrbit],
     *,
     simulate: bool = True,
-) -> tuple[list[PeriodicOrbit], StartReport]:
-    """Find motions of one stop sequence from those of a simpler rig, and from simulation."""
+) -> tuple[list[PeriodicOrbit | None], StartReport]:
+    """Find motions from those of a simpler rig with these stops, and from simulation."""
     carried = [carried_over(orbit, parameters) for orbit in simpler]
-    orbits = [orbit for orbit in carried if orbit is not None]
-    converged = len(orbits)
-    simulated = simulated_converged = 0
-    if simulate:
-        # Impacts, as many reversals, and room for sticking
-        most_events = 4 * len(stops) + 8
-        for orbit in settled_orbits(parameters, cycles, most_events):
-            simulated += 1
-            if orbit is not None:
-                simulated_converged += 1
-                if any(orbit.turned_to(stops)):
-                    orbits.append(orbit)
-    return orbits, StartReport(
+    # Impacts, as many reversals, and room for sticking
+    most_events = 4 * len(stops) + 8
+    simulated = settled_orbits(parameters, cycles, most_events) if simulate else ()
+    return [*carried, *simulated], StartReport(
         stops=stops,
         method='events',
         starts=len(simpler),
-        converged=converged,
-        simulated=simulated,
-        simulated_converged=simulated_converged,
-        distinct=len(orbits),
+        converged=len(simpler) - carried.count(None),
+        simulated=len(simulated),
+        simulated_converged=len(simulated) - simulated.count(None),
     )
 
 
@@ -409,6 +400,5 @@ def _found(
             solved, _ = _theory(simple, stops, cycles, starts)
             known = [orbit for orbit in solved if orbit.viable]
         others, report = _followed_orbits(parameters, stops, cycles, known, simulate=simulate)
-    turned = [counted_as(orbit, stops) for orbit in others]
-    orbits = _distinct([*orbits, *(orbit for orbit in turned if orbit is not None)])
+    orbits = _distinct([*orbits, *others], stops)
     return OrbitSearch(tuple(orbits), replace(report, distinct=len(orbits)))

@@ -74,22 +74,12 @@ _NEED = 4
 
 
 class Node(NamedTuple):
-    """
-    An event of a periodic motion.
+    """An event of a periodic motion."""
 
-    Attributes
-    ----------
-    kind : EventKind
-        Impact, reversal, stick or release.
-    stop : int
-        The stop that m hits or leaves, or 0.
-    mode : int
-        The mode of the motion after it; `CHATTER_1` or `CHATTER_2` stands for the last bounces
-        and the rest after them.
-    """
-
-    kind: EventKind
-    stop: int
+    kind: EventKind  # impact, reversal, stick or release
+    stop: int  # that m hits or leaves, or 0
+    #: Of the motion after it; `CHATTER_1` or `CHATTER_2` stands for the last bounces and the rest
+    #: after them.
     mode: int
 
     @property
@@ -404,11 +394,8 @@ class Segments:
     def monodromy(self, after: Flights) -> Array:
         """Return the derivative of the state after a node by itself, a period later."""
         layout = self.layout
-        # At a release the relative acceleration is zero: a later one changes nothing
-        through = event_matrices(
-            *(self._jump[:, :4], layout.impact, after.rate_end[layout.last]),
-            *(after.rate_start, layout.conditions != _NEED),
-        )
+        before = after.rate_end[layout.last]
+        through = event_matrices(self._jump[:, :4], layout.impact, before, after.rate_start)
         first = self.begins_with()
         product = np.eye(4)
         for k in range(len(self.nodes)):
@@ -446,28 +433,14 @@ class Segments:
 
 @dataclass(frozen=True)
 class Solution:
-    """
-    A solution of the boundary-value problem.
-
-    Attributes
-    ----------
-    segments : Segments
-        The problem.
-    states : ndarray, shape (n, 4)
-        X (m), X' (m/s), Y from the stop hit last (m) and Y' (m/s) just after each node.
-    instants : ndarray, shape (n,)
-        Instants of the nodes on the force's clock, s.
-    residual : float
-        Largest residual, relative to the displacements.
-    history : tuple of float
-        The residual before each Newton step and at the end.
-    """
+    """A solution of the boundary-value problem."""
 
     segments: Segments
+    #: X (m), X' (m/s), Y from the stop hit last (m) and Y' (m/s) just after each node, (n, 4)
     states: Array
-    instants: Array
-    residual: float
-    history: tuple[float, ...]
+    instants: Array  # of the nodes on the force's clock, s
+    residual: float  # the largest, relative to the displacements
+    history: tuple[float, ...]  # the residual before each Newton step and at the end
 
     @cached_property
     def flights(self) -> Flights:

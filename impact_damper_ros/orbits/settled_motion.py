@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.control import GapControlParameters, Outcome, Rig
+from impact_damper_ros.control import Outcome, Rig
 from impact_damper_ros.control.nearby_rig import Scales
 from impact_damper_ros.control.rig import Events
 from impact_damper_ros.rig import EVENT_TYPE, Event, EventKind, RigParameters
 from impact_damper_ros.rig.event import events_of_table
 
-from .extremes import largest_between
-from .flights import machine_of
+from .flights import largest_between, machine_of
 from .irregularity import Indications, average_spread, quiet_phase
 from .lyapunov import (
     Deviations,
@@ -56,6 +55,7 @@ _FEWEST = 21
 #: Angle by which harmonics are shifted, rad; impacts from which the motion of the theory is
 #: sought, and its largest distance.
 _SHIFTED, _STARTS, _REACHED = 1e-9, 3, 1e-2
+_UNKNOWN = Exponent(math.nan, math.nan)
 
 
 def _active_rates(parameters: RigParameters) -> list[float]:
@@ -71,23 +71,12 @@ def cycle_of(parameters: RigParameters) -> float:
     return math.tau / (rates[0] if rates else parameters.omega)
 
 
-def _drive_repeats(parameters: RigParameters, cycle: float, longest: int) -> bool:
-    """Return whether the force repeats with a cycle (s), or some of them."""
-    if parameters.sweep_mode != 'off':
-        return False
-    turns = [rate * cycle / math.tau for rate in _active_rates(parameters)]
+def _repeat(turns: list[float], longest: int) -> bool:
+    """Return whether all turn whole times in some cycles, given how often they do in one."""
     return any(
         all(abs(k * turn - round(k * turn)) < 1e-9 * max(k * turn, 1.0) for turn in turns)
         for k in range(1, longest + 1)
     )
-
-
-def _samples_repeat(control: GapControlParameters, cycle: float, longest: int) -> bool:
-    """Return whether the samples of a control can repeat after some cycles, s."""
-    if control.gap_control_noise_position or control.gap_control_noise_velocity:
-        return False
-    counts = [control.gap_control_rate * cycle * k for k in range(1, longest + 1)]
-    return any(abs(count - round(count)) < 1e-9 * max(count, 1.0) for count in counts)
 
 
 def relative_states(samples: np.ndarray[Any, np.dtype[np.void]]) -> Array:
@@ -151,7 +140,7 @@ class SettledMotion:
     """
 
     kind: MotionKind
-    period: Period | None
+    period: Period | None = None
     parameters: RigParameters
     cycle: float
     start: float
@@ -160,9 +149,9 @@ class SettledMotion:
     events: Events
     event_count: int
     section: Array
-    exponent: Exponent
-    multiplier: float
-    indications: Indications | None
+    exponent: Exponent = _UNKNOWN
+    multiplier: float = math.nan
+    indications: Indications | None = None
     reason: str
     _first: Events
     _angles: tuple[float, ...]
@@ -283,8 +272,12 @@ class _SettlingRig:
         )
         first = machine.lines[0].frequency
         self.turned = (self.angles[0] + first * self.start) / math.tau
-        self.driven = _drive_repeats(parameters, self.cycle, longest)
-        self.in_step = not rig.acts or _samples_repeat(rig.control, self.cycle, longest)
+        turns = [rate * self.cycle / math.tau for rate in _active_rates(parameters)]
+        self.driven = parameters.sweep_mode == 'off' and _repeat(turns, longest)
+        law = rig.control
+        noisy = law.gap_control_noise_position or law.gap_control_noise_velocity
+        samples = law.gap_control_rate * self.cycle
+        self.in_step = not rig.acts or (not noisy and _repeat([samples], longest))
         self._watch, self._most = watch, most_events
         self._quiet = 0.5
         self._size = 0.0
@@ -364,8 +357,6 @@ class _SettlingRig:
     def result(self, kind: MotionKind, **found: Any) -> SettledMotion:
         """Return the motion, given what is known of it."""
         first = self.stretches[0].first if self.stretches else np.zeros(1, EVENT_TYPE)
-        none = Exponent(math.nan, math.nan)
-        known = {'period': None, 'exponent': none, 'multiplier': math.nan, 'indications': None}
         return SettledMotion(
             kind=kind,
             parameters=self.parameters,
@@ -379,7 +370,7 @@ class _SettlingRig:
             reason=self.reason,
             _first=first,
             _angles=self.angles,
-            **(known | found),
+            **found,
         )
 
     def repeating(self, period: Period) -> SettledMotion:
@@ -390,7 +381,7 @@ class _SettlingRig:
             forced = bool(_active_rates(self.parameters))
             kind = MotionKind.NO_IMPACTS if forced else MotionKind.AT_REST
         span, end = period.cycles * self.cycle, found.end
-        exponent, multiplier = Exponent(math.nan, math.nan), math.nan
+        exponent, multiplier = found.exponent, found.multiplier
         if not self.rig.acts:
             along = found.deviations(max(found.watched_from, end - 2.0 * span), end)
             exponent, multiplier = _periodic_exponent(along, span)
@@ -407,7 +398,7 @@ class _SettlingRig:
             return replace(found, kind=MotionKind.NOT_PERIODICALLY_DRIVEN)
         if watched < _FEWEST:
             return found
-        exponent = Exponent(math.nan, math.nan)
+        exponent = found.exponent
         if not self.rig.acts:
             along = found.deviations(found.watched_from, found.end)
             exponent = growth_exponent(along, self.parameters.omega)

@@ -19,8 +19,7 @@ from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
 
 from .arguments import check_forcing, single_harmonic
-from .extremes import largest_displacement
-from .flights import flight_at_impact, machine_of, rig_on
+from .flights import flight_at_impact, largest_displacement, machine_of, rig_on
 from .multipliers import velocities_of
 from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
 from .response import Array
@@ -28,7 +27,7 @@ from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
 from .viability import why_not_viable
 
 #: Most events of a period.
-_MOST_EVENTS = 2000
+MOST_EVENTS = 2000
 #: How often the nodes are read anew where a solution turns out to have others.
 _MOST_LOOKS = 3
 
@@ -74,7 +73,7 @@ def guess_along(rig: Rig, instant: float, period: float) -> Guess | None:
     rest if there is one, which forgets more of how far the motion still is from the periodic one.
     """
     start, first, here = rig.time, rig.mode, rig.sample()
-    run = rig.run(start + period, most_events=_MOST_EVENTS)
+    run = rig.run(start + period, most_events=MOST_EVENTS)
     if run.outcome is not Outcome.COMPLETE:
         return None
     events = run.events
@@ -90,7 +89,7 @@ def guess_along(rig: Rig, instant: float, period: float) -> Guess | None:
     best = int(longest.argmax())
     # In flight closer to its beginning, away from a reversal that may be half-way
     begin = begins[best] + spans[best] * (0.5 if rests[best] else 0.25)
-    later = rig.run(begin + period, most_events=_MOST_EVENTS)
+    later = rig.run(begin + period, most_events=MOST_EVENTS)
     if later.outcome is not Outcome.COMPLETE:
         return None
     events = np.concatenate([events[best:], later.events])
@@ -125,7 +124,7 @@ def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, instant: float
     return rig_on(there.struck(velocity, damper_velocity - velocity), parameters)
 
 
-def _first_instant(orbit: PeriodicOrbit) -> float:
+def first_instant(orbit: PeriodicOrbit) -> float:
     """
     Return the instant of the first impact on the clock of the force, s.
 
@@ -137,7 +136,7 @@ def _first_instant(orbit: PeriodicOrbit) -> float:
 
     def missed(instant: float) -> float:
         rig = after_impact(orbit, orbit.parameters, instant)
-        run = rig.run(orbit.period, [orbit.period], most_events=_MOST_EVENTS)
+        run = rig.run(orbit.period, [orbit.period], most_events=MOST_EVENTS)
         complete = run.outcome is Outcome.COMPLETE
         return abs(float(run.samples['x'][0]) - orbit.x[0]) if complete else math.inf
 
@@ -146,7 +145,7 @@ def _first_instant(orbit: PeriodicOrbit) -> float:
 
 def _guess_performed(orbit: PeriodicOrbit, parameters: RigParameters) -> Guess | None:
     """Return a guess from what a rig does after the first impact of a motion."""
-    instant = _first_instant(orbit)
+    instant = first_instant(orbit)
     return guess_along(after_impact(orbit, parameters, instant), instant, orbit.period)
 
 
@@ -162,7 +161,7 @@ def guess_on(orbit: PeriodicOrbit) -> Guess | None:
     guess = _guess_performed(orbit, orbit.parameters)
     if guess is None:
         return None
-    instant = _first_instant(orbit)
+    instant = first_instant(orbit)
     whole = np.round((guess.instants - instant) / orbit.period) * orbit.period
     late = np.abs(guess.instants - whole - instant)
     late[[node.kind is not EventKind.IMPACT for node in guess.nodes]] = np.inf
@@ -178,7 +177,7 @@ def _guess_of_impacts(orbit: PeriodicOrbit) -> Guess:
     velocity = np.array(orbit.primary_velocity_after)
     relative = np.array(orbit.damper_velocity_after) - velocity
     states = np.stack([np.array(orbit.x), velocity, 0.0 * velocity, relative], axis=-1)
-    instants = np.array(orbit.instants) + (_first_instant(orbit) - orbit.instants[0])
+    instants = np.array(orbit.instants) + (first_instant(orbit) - orbit.instants[0])
     return Guess(impact_nodes(orbit.stops), states, instants)
 
 

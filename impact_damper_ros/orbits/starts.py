@@ -294,45 +294,37 @@ def _symmetric_starts(equations: ImpactEquations) -> Iterator[tuple[Array, Array
         yield _start(equations, np.concatenate([vector[:1], -vector[:1], vector[1:]]), offsets)
 
 
-class _Scan:
+# All intervals are narrowed at once: one look at 33 instants costs little more than at one. With
+# `scipy.optimize.brentq` and `minimize_scalar`, one interval at a time, a scan takes 2 to 4 times
+# as long (15 to 26 ms for one cycle; 1.7 to 6.5 s for stops 1, 1, where round-off makes hundreds
+# of intervals).
+
+
+def _look(equations: ImpactEquations, second: Array) -> tuple[Array, Array, Array]:
     """
-    The condition C^2 + S^2 = W^2 along the second instant.
+    Return the condition C^2 + S^2 - W^2 at some second instants.
 
-    All intervals are narrowed at once: one look at 33 instants costs little more than at one.
-    With `scipy.optimize.brentq` and `minimize_scalar`, one interval at a time, a scan takes 2 to
-    4 times as long (15 to 26 ms for one cycle; 1.7 to 6.5 s for stops 1, 1, where round-off makes
-    hundreds of intervals).
+    As well the last two singular vectors and the smallest singular value there.
     """
-
-    def __init__(self, equations: ImpactEquations) -> None:
-        self.equations = equations
-
-    def look(self, second: Array) -> tuple[Array, Array, Array]:
-        """Return the condition, the last two singular vectors and the smallest singular value."""
-        offsets = np.stack([np.zeros_like(second), second], axis=-1)
-        rows = _scaled(self.equations, self.equations.linear_system(offsets))
-        _, values, vectors = np.linalg.svd(rows)
-        last = vectors[:, -1]
-        return last[:, 2] ** 2 + last[:, 3] ** 2 - last[:, 4] ** 2, vectors[:, -2:], values[:, -1]
-
-    def between(self, left: Array, right: Array) -> Array:
-        """Bisect all intervals at whose ends the condition differs in sign."""
-        sign = np.sign(self.look(left)[0])
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (left + right)
-            same = np.sign(self.look(middle)[0]) == sign
-            left, right = np.where(same, middle, left), np.where(same, right, middle)
-        return 0.5 * (left + right)
-
-    def starts(self, second: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield a start at each instant."""
-        for alpha, basis in zip(second, self.look(second)[1], strict=True):
-            vector = basis[1]
-            if abs(vector[-1]) > 1e-12:
-                yield _start(self.equations, vector / vector[-1], np.array([0.0, alpha]))
+    offsets = np.stack([np.zeros_like(second), second], axis=-1)
+    _, values, vectors = np.linalg.svd(_scaled(equations, equations.linear_system(offsets)))
+    last = vectors[:, -1]
+    return last[:, 2] ** 2 + last[:, 3] ** 2 - last[:, 4] ** 2, vectors[:, -2:], values[:, -1]
 
 
-def _closer(scan: _Scan, left: float, right: float, index: int) -> Iterator[tuple[float, Array]]:
+def _between(equations: ImpactEquations, left: Array, right: Array) -> Array:
+    """Bisect all intervals at whose ends the condition differs in sign."""
+    sign = np.sign(_look(equations, left)[0])
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (left + right)
+        same = np.sign(_look(equations, middle)[0]) == sign
+        left, right = np.where(same, middle, left), np.where(same, right, middle)
+    return 0.5 * (left + right)
+
+
+def _closer(
+    equations: ImpactEquations, left: float, right: float, index: int
+) -> Iterator[tuple[float, Array]]:
     """
     Narrow an interval around the least |condition| (index 0) or singular value (index 2).
 
@@ -342,7 +334,7 @@ def _closer(scan: _Scan, left: float, right: float, index: int) -> Iterator[tupl
     best = 0.5 * (left + right)
     for _ in range(_CLOSER_LOOKS):
         grid = np.linspace(left, right, _LOOKS)
-        values = scan.look(grid)
+        values = _look(equations, grid)
         if index == 0:
             crossing = np.flatnonzero(np.diff(np.sign(values[0])) != 0)
             if len(crossing):
@@ -369,8 +361,7 @@ def two_impact_roots(equations: ImpactEquations) -> list[Solution]:
     even = (np.arange(points) + 0.5) / points
     edge = even[0] * 0.5 ** np.arange(12, 0, -1)
     second = equations.period * np.concatenate([edge, even, 1.0 - edge[::-1]])
-    scan = _Scan(equations)
-    condition, _, rank = scan.look(second)
+    condition, _, rank = _look(equations, second)
     starts = list(_symmetric_starts(equations))
     crossing = np.flatnonzero(np.diff(np.sign(condition)) != 0)
     lefts, rights = list(second[crossing]), list(second[crossing + 1])
@@ -379,17 +370,20 @@ def two_impact_roots(equations: ImpactEquations) -> list[Solution]:
     low = np.flatnonzero((size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])) + 1
     for i in low:
         if condition[i - 1] * condition[i + 1] > 0.0 and condition[i] * condition[i + 1] > 0.0:
-            for best, bracket in _closer(scan, second[i - 1], second[i + 1], 0):
+            for best, bracket in _closer(equations, second[i - 1], second[i + 1], 0):
                 if len(bracket):
                     lefts.append(bracket[0])
                     rights.append(bracket[1])
                 else:
                     tangents.append(best)
-    roots = scan.between(np.array(lefts), np.array(rights)) if lefts else np.empty(0)
-    starts += scan.starts(np.concatenate([roots, tangents]))
+    roots = _between(equations, np.array(lefts), np.array(rights)) if lefts else np.empty(0)
+    roots = np.concatenate([roots, tangents])
+    for root, (_, vector) in zip(roots, _look(equations, roots)[1], strict=True):
+        if abs(vector[-1]) > 1e-12:
+            starts.append(_start(equations, vector / vector[-1], np.array([0.0, root])))
     for i in np.flatnonzero((rank[1:-1] <= rank[:-2]) & (rank[1:-1] <= rank[2:])) + 1:
-        best = [b for b, _ in _closer(scan, second[i - 1], second[i + 1], 2)][-1]
-        basis = scan.look(np.array([best]))[1][0]
+        best = [b for b, _ in _closer(equations, second[i - 1], second[i + 1], 2)][-1]
+        basis = _look(equations, np.array([best]))[1][0]
         starts += [_start(equations, v, np.array([0.0, best])) for v in _plane_meets_cone(basis)]
     return _solved(equations, starts)
 

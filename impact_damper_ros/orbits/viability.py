@@ -23,8 +23,7 @@ from impact_damper_ros.rig.flight import (
 )
 from impact_damper_ros.rig.state import FREE, STICK
 
-from .extremes import extremes
-from .flights import Flight
+from .flights import Flight, extremes
 from .response import Array
 from .segments import Node, Segments
 
@@ -86,18 +85,16 @@ def _in_flight(
     when = f'{since + tau:.6g} s after the former'
     if kind in (RELEASE_UP, RELEASE_DOWN):
         return f'm leaves its support {route}, {when}'
-    travel = extremes(flight, duration, relative=True)
-    # Distance beyond stop 1 and stop 2
-    beyond_1 = travel.high - flight.run.clearance_1
-    beyond_2 = -travel.low - flight.run.clearance_2
     if kind == REVERSAL:
         away = flight.run.clearance_1 if start == 1 else -flight.run.clearance_2
         return (
             f'm turns back {route}, {when} and {abs(flight.motion(tau).travel - away):.4g} m from '
             f'stop {start}: friction changes sign there'
         )
+    low, high = extremes(flight, duration, relative=True)
     hit = 1 if kind == CONTACT_1 else 2
-    beyond = max(beyond_1 if hit == 1 else beyond_2, 0.0)
+    beyond = high - flight.run.clearance_1 if hit == 1 else -low - flight.run.clearance_2
+    beyond = max(beyond, 0.0)
     return f'm would pass stop {hit} by {beyond:.4g} m {route}, first {when}: another impact'
 
 

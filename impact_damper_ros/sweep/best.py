@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from .ensemble import start_at
+from .ensemble import start_of
 from .execution import State, rig_row
 from .grid import Axis, Grid
 from .journal import Row
@@ -220,13 +220,8 @@ class _Search:
             return json.loads(text) if isinstance(text, str) else None
         if not self.table.ok[row]:
             return None
-        held = self.table.loc[row]
-        x, velocity, offset, relative = (
-            float(held[f'section_{name}'][-1])
-            for name in ('x', 'velocity', 'offset', 'relative_velocity')
-        )
         setup = self.grid.setup.vary(self.grid.settings(self.grid.values(row)))
-        start = start_at(x, velocity, offset, velocity + relative, 0.5 * setup.parameters.gap)
+        start = start_of(self.table.loc[row], 0.5 * setup.parameters.gap)
         return rig_row(setup._replace(initial=start))[1]
 
     def _run(self, values: tuple[float, ...], state: State | None) -> tuple[Row, State | None]:

@@ -13,7 +13,7 @@ from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import Branch, PeriodicOrbit, follow, orbit_near
 from impact_damper_ros.rig import EventKind, RigParameters
 
-from .ensemble import start_at
+from .ensemble import start_of
 from .grid import Grid
 
 if TYPE_CHECKING:
@@ -78,15 +78,7 @@ def branches_of(table: pd.DataFrame) -> list[Branch]:
 
 def _orbit_of(row: Any, rig: RigParameters) -> PeriodicOrbit | None:
     """Return the periodic motion that a rig has settled into."""
-    x, velocity, offset, relative = (
-        float(held[-1])
-        for held in (
-            *(row.section_x, row.section_velocity, row.section_offset),
-            row.section_relative_velocity,
-        )
-    )
-    run = Rig(rig, start_at(x, velocity, offset, velocity + relative, 0.5 * rig.gap))
-    events = run.advance(row.period * row.cycle)
+    events = Rig(rig, start_of(row, 0.5 * rig.gap)).advance(row.period * row.cycle)
     hit = next((event for event in events if event.kind is EventKind.IMPACT), None)
     if hit is None:
         return None

@@ -22,7 +22,7 @@ from impact_damper_ros.orbits.settled_motion import cycle_of, relative_states
 from impact_damper_ros.rig import PARAMETER_SPECS, InitialConditions
 
 from .grid import Axis, Grid, RigSetup
-from .steady_state import BETWEEN, ROUND_OFF, Array, Settling, comes_back
+from .steady_state import BETWEEN, ROUND_OFF, SECTION, Array, Settling, comes_back
 
 #: Parameters in which rigs of an ensemble may differ.
 _NUMBERS = [
@@ -115,6 +115,12 @@ def _ends(states: Array, omega: Array, settling: Settling, begun: int) -> NDArra
         back = comes_back(states[:, look - BETWEEN : look], omega, settling)
         ended[back & (ended == 0)] = look
     return ended
+
+
+def start_of(row: Any, half: float) -> InitialConditions:
+    """Return the last state of a row of the table, given half the gap, m."""
+    x, velocity, offset, relative = (float(getattr(row, name)[-1]) for name in SECTION)
+    return start_at(x, velocity, offset, velocity + relative, half)
 
 
 def start_at(

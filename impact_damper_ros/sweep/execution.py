@@ -176,16 +176,6 @@ class ProcessPool(ProcessPoolExecutor):
     A pool of processes that ignore Ctrl-C and end with this process.
 
     On leaving its ``with`` block it waits for calls that are under way, except after an exception.
-
-    Parameters
-    ----------
-    jobs : int
-        Number of processes, from 1 to 1024.
-
-    Raises
-    ------
-    ValueError
-        If it is another one.
     """
 
     def __init__(self, jobs: int) -> None:

@@ -91,11 +91,6 @@ def _axis_label(axis: Axis) -> str:
     return f'{first} [{unit}]' if unit else first
 
 
-def _measure_label(name: str) -> str:
-    """Return the label of a measure, with its unit."""
-    return _MEASURES.get(name, MEASURES[name].label)
-
-
 def _place_text(axis: Axis, value: float) -> str:
     """Return a value of an axis for a legend, with symbol and unit."""
     first = axis.varied[0]
@@ -433,7 +428,7 @@ def bifurcation_figure(
             axes.margins(x=0.02)
     upper.set_ylim(0.0, 1.0)
     finish_panel(upper, 'a', '', 'Phase of the impacts [cycles]')
-    finish_panel(middle, 'b', '' if exponents else _axis_label(axis), _measure_label(measure))
+    finish_panel(middle, 'b', '' if exponents else _axis_label(axis), _MEASURES[measure])
     if exponents:
         finish_panel(panels[2], 'c', _axis_label(axis), 'Lyapunov exponent\n[1/cycle]')
     own = middle.get_legend_handles_labels()[0]
@@ -592,7 +587,7 @@ def surface_figure(table: pd.DataFrame, measure: str, optimum: Optimum | None) -
             axes.set_ylabel('')
         if direction:
             axes.set_title(f'followed {direction}wards', loc='left')
-    figure.colorbar(mesh, ax=list(panels), label=_measure_label(measure), pad=0.015)
+    figure.colorbar(mesh, ax=list(panels), label=_MEASURES[measure], pad=0.015)
     handles = _legend(table, grid, optimum)
     if handles:
         legend_below(figure, handles, 2)

@@ -52,11 +52,6 @@ class Column(NamedTuple):
     unit: str
     description: str
 
-    @property
-    def label(self) -> str:
-        """Name with unit."""
-        return f'{self.name} [{self.unit}]' if self.unit else self.name
-
 
 #: Name, type, unit and meaning of all columns but those of the varied parameters.
 _COLUMNS = """\

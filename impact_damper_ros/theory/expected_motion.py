@@ -29,7 +29,7 @@ from impact_damper_ros.orbits.search import counted_as, starting_points
 from impact_damper_ros.rig import ParameterError, RigParameters
 from impact_damper_ros.rig.quoting import counted
 
-from .prediction import ObservedMotion, Prediction
+from .prediction import Basis, ObservedMotion, Prediction
 
 #: Longest run ahead, in cycles of the force, and how often its impacts are examined.
 _MOST_CYCLES_AHEAD = 1500
@@ -142,10 +142,12 @@ class _Orbits:
         motion = ObservedMotion(found.rhythm, impact, found.phase(impact.time))
         return self.like(parameters, motion)
 
-    def listed(self, reason: str) -> Prediction:
-        """Predict the first of the motions that the rig can have."""
+    def predict(self, orbit: PeriodicOrbit | None, basis: Basis, why_not: str = '') -> Prediction:
+        """Predict a motion, or without one the first that the rig can have."""
+        if orbit is not None:
+            return Prediction(tuple(self.all), orbit, basis)
         first = self.all[0] if self.all and self.all[0].viable else None
-        return Prediction(tuple(self.all), first, 'listed' if first is not None else '', reason)
+        return Prediction(tuple(self.all), first, 'listed' if first is not None else '', why_not)
 
 
 def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Prediction]:
@@ -180,18 +182,12 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
     stops = (1,) if parameters.one_sided else (1, 2)
     orbits.search(parameters, stops, period, simulate=False)
     expected = None if measured is None else orbits.like(parameters, measured)
-    if expected is not None:
-        yield Prediction(tuple(orbits.all), expected, 'measured')
-    else:
-        yield orbits.listed('')
+    yield orbits.predict(expected, 'measured')
     ahead = run_ahead(Rig.restore(rig.snapshot(), rig.own_law))
     reached = orbits.reached(parameters, ahead)
-    if expected is not None:
-        prediction = Prediction(tuple(orbits.all), expected, 'measured')
-    elif reached is not None:
-        prediction = Prediction(tuple(orbits.all), reached, 'run ahead')
-    else:
-        prediction = orbits.listed(_why_none(ahead))
+    prediction = orbits.predict(expected, 'measured')
+    if expected is None:
+        prediction = orbits.predict(reached, 'run ahead', _why_none(ahead))
     yield prediction
     for initial in starting_points(parameters):
         try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from impact_damper_ros.orbits import (
@@ -13,7 +14,6 @@ from impact_damper_ros.orbits import (
     Limit,
     OrbitError,
     PeriodicOrbit,
-    SpecialPoint,
     follow,
 )
 from impact_damper_ros.rig import RigParameters
@@ -38,32 +38,14 @@ def name_of(orbit: PeriodicOrbit) -> str:
 
 @dataclass(frozen=True)
 class GapBranch:
-    """
-    The branch of a motion over the gap.
+    """The branch of a motion over the gap."""
 
-    Attributes
-    ----------
-    start : PeriodicOrbit
-        The motion that was followed.
-    branch : Branch
-        All motions, with their special points.
-    points : int
-        Most points in each direction.
-    """
-
-    start: PeriodicOrbit
+    start: PeriodicOrbit  # the motion that was followed
     branch: Branch
-    points: int
+    points: int  # most of them in each direction
 
     def holds(self, orbit: PeriodicOrbit) -> bool:
-        """
-        Return whether a motion of any rig, or its mirror image, is on the branch.
-
-        Parameters
-        ----------
-        orbit : PeriodicOrbit
-            The motion.
-        """
+        """Return whether a motion of any rig, or its mirror image, is on the branch."""
         gap = orbit.parameters.gap
         if self.start.parameters.replace(gap=gap) != orbit.parameters:
             return False
@@ -72,12 +54,12 @@ class GapBranch:
             for there in self.branch.at([gap])[0]
         )
 
-    @property
+    @cached_property
     def best(self) -> BestPoint | None:
         """The stable motion with the least Xmax/A; None if there is none."""
         return self.branch.best('amplitude_ratio')
 
-    @property
+    @cached_property
     def bound(self) -> str:
         """Where the best gap is if M moves least at an end: 'at least' there, or 'at most'."""
         best = self.best
@@ -105,21 +87,9 @@ class GapBranch:
 
 def follow_gap(orbit: PeriodicOrbit, points: int = MOST_POINTS) -> GapBranch | None:
     """
-    Follow a motion from a quarter to four times its gap.
+    Follow a motion from a quarter to four times its gap; None where it cannot be followed.
 
     With all points it is followed further while M moves least at an end.
-
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        The motion.
-    points : int, optional
-        Most points in each direction.
-
-    Returns
-    -------
-    GapBranch or None
-        The branch; None if there is none.
     """
     gap = orbit.parameters.gap
     try:
@@ -177,12 +147,6 @@ class GapCurve:
         self._branches[place : place + 1] = [found]
         return True
 
-    @property
-    def _special(self) -> list[SpecialPoint]:
-        """The special points with viable motions."""
-        every = (special for one in self._branches for special in one.branch.special)
-        return [special for special in every if special.orbit.viable]
-
     def _optimum(self) -> dict[str, Any] | None:
         """Return gap and Xmax/A of the lowest stable point; None where a branch goes on."""
         found = [
@@ -209,7 +173,9 @@ class GapCurve:
                     'kind': special.kind.value,
                     'stable': special.orbit.stable,
                 }
-                for special in self._special
+                for one in self._branches
+                for special in one.branch.special
+                if special.orbit.viable
             ],
             'optimum': self._optimum(),
             'done': done,

@@ -12,24 +12,12 @@ from impact_damper_ros.control import Outcome, Rig
 from impact_damper_ros.control.rig import Events
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.response import Array
-from impact_damper_ros.orbits.solved_orbits import after_impact
+from impact_damper_ros.orbits.solved_orbits import MOST_EVENTS, after_impact, first_instant
 
 #: Points per cycle of the force, and the most in a period, but for the ends of its flights.
 _PER_CYCLE, _MOST = 250, 1500
 #: Relative error of the end of a period.
 _ROUND_OFF = 1e-9
-#: Most events of a period.
-_MOST_EVENTS = 2000
-
-
-def _begun(orbit: PeriodicOrbit, late: int) -> Rig:
-    """
-    Return the rig just after the first impact of a motion, some whole cycles late.
-
-    A force of several harmonics may repeat after several cycles of the first one, while the phases
-    of a motion are known up to whole cycles.
-    """
-    return after_impact(orbit, orbit.parameters, orbit.instants[0] + late * orbit.cycle)
 
 
 def _moments(rows: Events, side: str = '') -> Array:
@@ -58,15 +46,15 @@ def orbit_curve(orbit: PeriodicOrbit) -> Array | None:
     """
     if not orbit.viable or not orbit.impacts:
         return None
-    runs = {}
-    for late in range(orbit.cycles if len(orbit.parameters.force_frequencies) > 1 else 1):
-        run = _begun(orbit, late).run(orbit.period, [orbit.period], most_events=_MOST_EVENTS)
-        if run.outcome is Outcome.COMPLETE:
-            # X is the same before the first impact, a period later
-            runs[abs(run.samples['x'][0] - orbit.x[0])] = late, run.events
-    if not runs:
+    begin = first_instant(orbit)
+
+    def begun() -> Rig:
+        return after_impact(orbit, orbit.parameters, begin)
+
+    run = begun().run(orbit.period, most_events=MOST_EVENTS)
+    if run.outcome is not Outcome.COMPLETE:
         return None
-    late, events = runs[min(runs)]
+    events = run.events
     # An impact and the rest after it have one instant
     events = events[np.diff(events['time'], prepend=-1.0) > 0.0]
     per_cycle = min(_PER_CYCLE, _MOST / orbit.cycles)
@@ -74,7 +62,7 @@ def orbit_curve(orbit: PeriodicOrbit) -> Array | None:
     for start, end in pairwise([0.0, *events['time'], orbit.period]):
         count = max(2, math.ceil(per_cycle * (end - start) / orbit.cycle))
         instants += np.linspace(start, end, count)[1:-1].tolist()
-    samples = _begun(orbit, late).run(orbit.period, [*instants, orbit.period]).samples
+    samples = begun().run(orbit.period, [*instants, orbit.period]).samples
     # The impact that ends the period may, by round-off, be within it
     ends = events['time'] > (1.0 - _ROUND_OFF) * orbit.period
     rows = np.concatenate(
@@ -85,7 +73,7 @@ def orbit_curve(orbit: PeriodicOrbit) -> Array | None:
         ]
     )
     rows = rows[np.argsort(rows[:, 0], kind='stable')]
-    first = orbit.phases[0] + late
+    first = orbit.phases[0] + round((begin - orbit.instants[0]) / orbit.cycle)
     rows[:, 0] = first + rows[:, 0] / orbit.cycle
     last = max(rows[-1, 0], first + orbit.cycles), *rows[0, 1:]
     return np.vstack([rows, last])

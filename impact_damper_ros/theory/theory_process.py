@@ -169,14 +169,15 @@ class TheoryProcess:
             self._forget(answer.error)
             self.prediction = replace(answer, complete=True)
             self.done = True
-        elif answer.complete or answer.basis == 'measured' or not self._complete:
+        elif (
+            answer.complete
+            or answer.basis == 'measured'
+            or self.prediction is None
+            or not self.prediction.complete
+        ):
             # Asked for once more, a search begins with less than what is known.
             self.prediction = answer
         self.seconds = time.monotonic() - self._began
-
-    @property
-    def _complete(self) -> bool:
-        return self.prediction is not None and self.prediction.complete
 
     def _start(self) -> bool:
         """Start the process with the newest request; return whether that failed."""

@@ -21,7 +21,7 @@ ROOT = Path(impact_damper_ros.__file__).parents[1]
 PAPER = ROOT / 'config' / 'paper.yaml'
 AT_102 = ('--set', 'gravity=0', '--set', 'force_frequencies=[1.02]')
 #: Mostly chaotic: long enough to be cut short.
-LONG = (*AT_102, '--vary', 'gap=3:13:120', '--cycles', '600', '--watch', '60')
+LONG = (*AT_102, '--vary', 'gap=3:13:60', '--cycles', '600', '--watch', '60')
 BRIEF = (*AT_102, '--vary', 'gap=24:37:4', '--jobs', '1')
 
 
@@ -121,16 +121,14 @@ def test_ranges_from_a_file(tmp_path):
 
 
 def test_rigs_under_gap_control(tmp_path):
-    """By the parameters file or --set, with a parameter of the control varied."""
+    """By the parameters file, with a parameter of the control varied."""
     params = tmp_path / 'controlled.yaml'
     params.write_text(
         '/**:\n  ros__parameters:\n    gravity: 0.0\n    gap_control: timed\n'
         '    gap_control_rate: 4.0\n'
     )
     few = ('--cycles', 60, '--watch', 21, '--jobs', 1, '--quiet', '--measure', 'x_max')
-    table, other, figure, found = (
-        tmp_path / name for name in ('a.parquet', 'b.parquet', 'a.svg', 'a.json')
-    )
+    table, figure, found = (tmp_path / name for name in ('a.parquet', 'a.svg', 'a.json'))
     words = ('--vary', 'gap_control_park=1.2,1.8', *few)
     assert run(*words, '-o', table, '--figure', figure, '--json', found, params=params) == 0
     rows = pd.read_parquet(table)
@@ -141,11 +139,8 @@ def test_rigs_under_gap_control(tmp_path):
     assert json.loads(found.read_text())['optimum']['grid_measure'] == rows.x_max.min()
     assert 'gap control: timed' in figure.read_text()
     assert 'Lyapunov' in figure.read_text()
-    sets = ('--set', 'gravity=0', '--set', 'gap_control=timed', '--set', 'gap_control_rate=4')
-    assert run(*words, *sets, '-o', other) == 0
-    assert pd.read_parquet(other).equals(rows)
     # Off by --set, the stops of the same file stay where they are
-    assert run('--set', 'gap_control=off', *words, '-o', other, params=params) == 2
+    assert run('--set', 'gap_control=off', *words, '-o', table, params=params) == 2
 
 
 def test_killed_sweep_loses_nothing_and_goes_on(tmp_path):
@@ -166,7 +161,7 @@ def test_killed_sweep_loses_nothing_and_goes_on(tmp_path):
         time.sleep(0.01)
     assert not table.exists()
     kept = rigs_in(journal)
-    assert done <= kept < 120
+    assert done <= kept < 60
     assert run(*LONG, '--jobs', 1, '-o', table, '--quiet') == 0
     assert not journal.exists()
     assert run(*LONG, '--jobs', 1, '-o', whole, '--quiet') == 0
@@ -184,7 +179,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(tmp_path):
         process.kill()
     assert process.returncode == 128 + signal.SIGINT
     assert 'interrupted' in said
-    assert 'of 120 rigs are in' in said
+    assert 'of 60 rigs are in' in said
     assert 'give the same command again to resume' in said
     assert 'Traceback' not in said
     assert [path.name for path in tmp_path.iterdir()] == ['cut.parquet.part']
@@ -211,32 +206,6 @@ def test_a_foreign_file_is_not_overwritten(tmp_path, capsys, name):
     assert run(*BRIEF, '-o', foreign, '--quiet') == 2
     assert f'{name} is not the table of a sweep' in capsys.readouterr().err
     assert foreign.read_text() == 'mine'
-
-
-def test_csv_holds_what_parquet_does(tmp_path):
-    """With harmonics that fail, lists, texts with commas and what is not known."""
-    words = (*AT_102, '--vary', 'damping=0.01,1.9,2.1', '--jobs', 1, '--quiet')
-    text, table, found = (tmp_path / name for name in ('a.csv', 'a.parquet', 'a.json'))
-    assert run(*words, '-o', table) == 0
-    assert run(*words, '-o', text, '--json', found) == 0
-    rows, expected = pd.read_csv(text, comment='#'), pd.read_parquet(table)
-    assert list(rows.columns) == list(expected.columns)
-    for name in ('x_max', 'lyapunov_exponent', 'x_max_ratio', 'period'):
-        assert list(rows[name].fillna(-1)) == list(expected[name].astype(float).fillna(-1))
-    assert list(rows.ok) == [True, True, False]
-    assert 'damping is 2.1' in rows.reason[2]
-    lists = [json.loads(cell) for cell in rows.section_x.dropna()]
-    assert lists == [list(cell) for cell in expected.section_x.dropna()]
-    head = [line for line in text.read_text().splitlines() if line.startswith('#')]
-    assert json.loads(head[2].removeprefix('# units: '))['x_max'] == 'm'
-    assert json.loads(found.read_text())['failed'] == 1
-    # Again: nothing is run; another sweep is refused
-    written = text.stat().st_mtime_ns
-    assert run(*words, '-o', text) == 0
-    assert text.stat().st_mtime_ns == written
-    assert run(*words, '--cycles', 600, '-o', text) == 2
-    text.write_text(''.join(text.read_text().splitlines(keepends=True)[:5])[:-40])
-    assert run(*words, '-o', text) == 2
 
 
 def test_a_motion_that_settles_while_it_is_watched_is_periodic(tmp_path):
@@ -267,6 +236,9 @@ def test_a_table_that_is_cut_short(tmp_path, capsys, name):
     words = ('--vary', 'gap=24,37', *few, '-o', tmp_path / name, '--quiet')
     assert run(*words) == 0
     whole = (tmp_path / name).read_bytes()
+    written = (tmp_path / name).stat().st_mtime_ns
+    assert run(*words) == 0
+    assert (tmp_path / name).stat().st_mtime_ns == written
     for lost in (5, 300):
         (tmp_path / name).write_bytes(whole[:-lost])
         assert run(*words) == 2

@@ -34,6 +34,13 @@ def nearest_at(orbit, rig, stops=(1, 2), **options):
     return min(found, key=orbit.distance)
 
 
+def around(special, name, step=1e-3, **options):
+    """Return the motions nearest to a special point that the search finds on both sides of it."""
+    orbit, rig = special.orbit, special.orbit.parameters
+    rigs = (with_value(rig, name, special.value + move) for move in (-step, step))
+    return [nearest_at(orbit, rig, orbit.stops, **options) for rig in rigs]
+
+
 def only(branch, kind):
     (special,) = (special for special in branch.special if special.kind is kind)
     return special
@@ -112,10 +119,7 @@ def test_period_doubling_of_the_vertical_rig(vertical):
     assert min(abs(m + 1.0) for m in doubling.orbit.multipliers) < 1e-7
     low, high = sorted(doubling.bracket)
     assert high - low < 1e-8
-    for value, stable in ((doubling.value - 1e-4, True), (doubling.value + 1e-4, False)):
-        rig = VERTICAL.replace(force_amplitudes=(value,))
-        orbits = find_orbits(rig, (1,)).orbits
-        assert any(orbit.stable for orbit in orbits) == stable
+    assert [o.stable for o in around(doubling, 'force_amplitudes', 1e-4)] == [True, False]
 
 
 def test_branch_of_twice_the_period(vertical):
@@ -143,9 +147,8 @@ def test_twice_the_period_with_reversals():
     # The sticking phase ends as short as it began, now before a flight the other way.
     assert turning.value == pytest.approx(13.4904169, abs=1e-6)
     assert turning.reason == '1 more reversal, 1 less stick, 1 less release'
-    for gap, sticks in ((turning.value + 1e-3, True), (turning.value - 1e-3, False)):
-        nearest = nearest_at(turning.orbit, FRICTION.replace(gap=gap), (1, 1, 2))
-        assert (EventKind.STICK in {event.kind for event in nearest.events}) is sticks
+    kinds = [{event.kind for event in orbit.events} for orbit in around(turning, 'gap')]
+    assert [EventKind.STICK in found for found in kinds] == [False, True]
     doubling = only(branch, SpecialKind.PERIOD_DOUBLING)
     assert doubling.converged
     assert doubling.value == pytest.approx(13.1245463, abs=1e-6)
@@ -183,11 +186,7 @@ def test_neimark_sacker(detuned):
     assert point.value == pytest.approx(56.9469910, abs=1e-6)
     assert abs(point.orbit.multipliers[0]) == pytest.approx(1.0, abs=1e-9)
     assert point.orbit.multipliers[0].imag > 0.1
-    for gap, stable in ((point.value - 1e-3, True), (point.value + 1e-3, False)):
-        orbits = [
-            o for o in find_orbits(OFF_RESONANCE.replace(gap=gap), (1, 2)).orbits if o.viable
-        ]
-        assert any(o.stable for o in orbits) == stable
+    assert [orbit.stable for orbit in around(point, 'gap')] == [True, False]
 
 
 def test_loss_of_viability():
@@ -197,10 +196,9 @@ def test_loss_of_viability():
     assert point.orbit.viable
     assert 'friction changes sign' in point.reason
     assert point.value == pytest.approx(23.3097876, abs=1e-6)
-    for gap, viable in ((point.value + 1e-4, True), (point.value - 1e-4, False)):
-        nearest = nearest_at(point.orbit, FRICTION.replace(gap=gap), simulate=False)
-        assert nearest.distance(point.orbit) < 1e-3
-        assert nearest.viable == viable
+    nearest = around(point, 'gap', 1e-4, simulate=False)
+    assert [orbit.viable for orbit in nearest] == [False, True]
+    assert max(orbit.distance(point.orbit) for orbit in nearest) < 1e-3
     least = branch.best(lambda orbit: orbit.parameters.gap)
     assert (least.limit, least.beyond) == (Limit.VIABILITY, point.reason)
 
@@ -215,8 +213,7 @@ def test_motions_with_reversals_are_followed():
     wider = follow(orbit, 'gap', 16.0, 20.6)
     point = only(wider, SpecialKind.NEIMARK_SACKER)
     assert point.value == pytest.approx(20.3677203, abs=1e-6)
-    for gap, stable in ((point.value - 1e-3, True), (point.value + 1e-3, False)):
-        assert nearest_at(point.orbit, rig.replace(gap=gap), (1, 1, 2)).stable == stable
+    assert [orbit.stable for orbit in around(point, 'gap')] == [True, False]
 
 
 @pytest.mark.parametrize(
@@ -362,6 +359,5 @@ def test_a_window_narrower_than_a_step():
     branch = follow(orbit, 'gap', 12.5, 12.83, largest_step=0.3)
     (window,) = (branch.values[part] for status, part in branch.parts() if status == 'stable')
     assert (window[0], window[-1]) == pytest.approx((12.7705036, 12.7900414), abs=1e-6)
-    for gap, stable in ((12.7704, False), (12.7706, True), (12.7899, True), (12.7901, False)):
-        nearest = nearest_at(orbit, rig.replace(gap=gap), (1, 2, 2, 2), simulate=False)
-        assert nearest.stable is stable
+    for special, stable in zip(branch.special, ([False, True], [True, False]), strict=True):
+        assert [o.stable for o in around(special, 'gap', 1e-4, simulate=False)] == stable

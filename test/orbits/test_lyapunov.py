@@ -30,24 +30,6 @@ RIGS = {
 }
 
 
-def along_run(parameters, initial, start, end):
-    """Return a run from one instant to another, and the deviations between."""
-    run = Rig(parameters, initial, compiled=None)
-    run.run(start, record=False)
-    state = run.state()
-    stretch = run.run(end)
-    along = deviations(
-        machine_of(parameters),
-        (0.0,) * len(parameters.force_phases),
-        stretch.events,
-        state.run.mode,
-        state.run.last_stop,
-        start,
-        end,
-    )
-    return stretch, along
-
-
 def run_from(parameters, state):
     """Return a run from X, X', Z and Z'; round-off must not put m beyond a stop."""
     half = 0.5 * parameters.gap
@@ -111,15 +93,6 @@ def test_matrix_is_the_derivative_of_the_flow(name):
             ends.append(state_of(other))
         difference = (ends[0] - ends[1]) / (2.0 * step)
         assert matrix[:, column] == pytest.approx(difference, rel=2e-4, abs=2e-5), column
-
-
-def test_determinant_is_what_damping_and_impacts_leave():
-    start, end = 100.0, 160.0
-    stretch, along = along_run(CHAOTIC, None, start, end)
-    (matrix,) = monodromy_of(along, np.array([end]))
-    expected = math.exp(-2.0 * CHAOTIC.zeta * 60.0) * 0.75 ** (2 * len(stretch.impacts()))
-    assert len(stretch.impacts()) > 20
-    assert np.linalg.det(matrix) == pytest.approx(expected, rel=1e-5)
 
 
 def test_exponent_of_a_chaotic_rig_against_pairs_of_motions():

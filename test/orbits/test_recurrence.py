@@ -107,4 +107,3 @@ def test_counting_from_another_impact_changes_nothing():
         assert turn.stops == stops
         assert 0.0 <= turn.phases[0] < 1.0
         assert one.distance(turn) < 1e-12
-    assert Rhythm.from_dict(one.as_dict()) == one

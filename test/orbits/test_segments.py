@@ -1,4 +1,4 @@
-"""The boundary-value problem: against differences, the simulator, closed forms, the equations."""
+"""The boundary-value problem: against differences, the simulator and the equations."""
 
 import math
 
@@ -64,13 +64,12 @@ PATTERNS = {
 }
 
 
-def anywhere(segments, seed=1, count=None):
+def anywhere(segments):
     """Return unknowns that solve nothing, with events in order."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     n = len(segments.nodes)
-    shape = (n,) if count is None else (count, n)
-    states = 3.0 * rng.normal(size=(*shape, 4))
-    instants = np.sort(rng.uniform(0.0, segments.period, shape), axis=-1)
+    states = 3.0 * rng.normal(size=(n, 4))
+    instants = np.sort(rng.uniform(0.0, segments.period, n))
     return segments.unknowns(states, instants)
 
 

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from impact_damper_ros.control import Rig
@@ -23,19 +22,6 @@ def test_it_may_begin_at_any_instant_and_after_changes():
     assert rig.time == pytest.approx(found.end) == 97.3 + found.cycles * found.cycle
     orbit = find_orbits(HORIZONTAL, (1, 2)).orbits[0]
     assert orbit.distance(found.rhythm) < 1e-6
-
-
-def test_the_largest_displacement_is_exact():
-    """Against the largest of 100,001 samples of a period."""
-    two = DETUNED.replace(
-        force_amplitudes=(1.0, 0.4), force_frequencies=(1.02, 3.06), force_phases=(0.0, 0.3)
-    )
-    for rig in (two, two.replace(gravity=1.0, friction=0.1, angle=0.6, gap=20.0)):
-        run = Rig(rig, compiled=None)
-        found = settle(run)
-        span = found.period.cycles * found.cycle
-        dense = run.run(run.time + span, np.linspace(run.time, run.time + span, 100_001))
-        assert found.x_max == pytest.approx(np.abs(dense.samples['x']).max(), rel=1e-7)
 
 
 def test_an_unstable_motion_is_left():

@@ -1,178 +1,12 @@
-"""Motions from their events: against the impact equations, the simulator, and differences."""
+"""Motions from their events: against the simulator, and from the motions of a simpler rig."""
 
-import math
-
-import numpy as np
 import pytest
-from rigs import FRICTION, INCLINED, OFF_RESONANCE, VERTICAL
+from rigs import FRICTION, INCLINED, VERTICAL
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import find_orbits, orbit_near, settle
-from impact_damper_ros.orbits.orbit import AT_IMPACTS
+from impact_damper_ros.orbits import find_orbits, settle
 from impact_damper_ros.orbits.search import carried_over, settled_orbits
-from impact_damper_ros.orbits.segments import Segments
-from impact_damper_ros.orbits.solved_orbits import guess_on
-from impact_damper_ros.rig import Event, EventKind, InitialConditions, Mode, RigParameters
-from orbits.begun_rigs import begun_on
-
-PLASTIC = RigParameters(
-    one_sided=True,
-    angle=1.2,
-    gravity=1.0,
-    friction=0.1,
-    damping=0.2,
-    restitution_1=0.0,
-    force_amplitudes=(1.2,),
-    force_frequencies=(3.0,),
-)
-REVERSAL, RELEASE = EventKind.REVERSAL, EventKind.RELEASE
-LOSSY = FRICTION.replace(friction=1.0, gap=10.0, restitution_1=0.3, restitution_2=0.3)
-
-
-def settled_orbit(rig, cycles=1):
-    """Return the motion that simulation leads to."""
-    return next(o for o in settled_orbits(rig, cycles) if o is not None and o.stable)
-
-
-@pytest.mark.parametrize(
-    ('rig', 'stops', 'cycles'),
-    [
-        (RigParameters(gravity=0.0), (1, 2), 1),
-        (FRICTION.replace(air_force=0.02, restitution_1=0.7), (1, 2), 1),
-        (INCLINED.replace(gap=16.0), (1, 1, 2), 1),
-        (INCLINED.replace(gap=8.0), (1, 1, 1, 2), 1),
-        (PLASTIC.replace(friction=0.0, restitution_1=0.6, force_amplitudes=(1.5,)), (1,), 1),
-    ],
-)
-def test_agrees_with_the_impact_equations(rig, stops, cycles):
-    viable = [o for o in find_orbits(rig, stops, cycles, simulate=False).orbits if o.viable]
-    assert viable
-    for orbit in viable:
-        off = 1e-4 / abs(orbit.multipliers[0])
-        impact = Event(
-            *(0.0, EventKind.IMPACT, orbit.stops[0], orbit.x[0] + off, 0.0, 0.0),
-            *(
-                orbit.primary_velocity_after[0] - off,
-                0.0,
-                orbit.damper_velocity_after[0] + off,
-                0.0,
-            ),
-        )
-        near = orbit_near(rig, impact, orbit.phases[0] + 0.1 * off, cycles)
-        again, _ = near.nearest_turn(orbit)
-        assert again.phases == pytest.approx(orbit.phases, abs=1e-10)
-        for name in AT_IMPACTS:
-            assert getattr(again, name) == pytest.approx(getattr(orbit, name), rel=1e-9, abs=1e-10)
-        assert again.x_max == pytest.approx(orbit.x_max, rel=1e-10)
-        # Of a pair with hardly any imaginary part only the product is well known
-        moduli = [abs(m) for m in orbit.multipliers]
-        assert [abs(m) for m in again.multipliers] == pytest.approx(moduli, rel=1e-6, abs=1e-9)
-        assert again.events == ()
-
-
-@pytest.mark.parametrize(
-    ('rig', 'stops', 'reversals', 'stable'),
-    [
-        (FRICTION.replace(gap=16.0), (1, 1, 2), 1, True),
-        (FRICTION.replace(gap=8.0), (1, 1, 2, 2), 2, False),
-        (FRICTION.replace(gap=8.0, angle=0.0, friction=0.05), (1, 1, 2, 2), 2, True),
-        (FRICTION.replace(friction=2.0, gap=20.0), (1, 2), 2, True),
-    ],
-)
-def test_motions_in_which_friction_reverses(rig, stops, reversals, stable):
-    found = find_orbits(rig, stops, starts=200)
-    orbits = [
-        o for o in found.orbits if o.viable and o.stable == stable and len(o.events) == reversals
-    ]
-    assert orbits
-    for orbit in orbits:
-        assert orbit.stops == stops
-        assert {node.kind for node in orbit.events} == {EventKind.REVERSAL}
-        assert orbit.residual < 1e-11
-        # The simulator, begun on it, repeats it
-        run = begun_on(orbit)
-        events = [e for e in run.advance(1.01 * orbit.period) if e.time > 1e-6]
-        impacts = [e for e in events if e.kind is EventKind.IMPACT][: orbit.impacts]
-        times = np.cumsum(orbit.durations)
-        growth = max(1.0, abs(orbit.multipliers[0]))
-        assert [e.time for e in impacts] == pytest.approx(times, rel=1e-11 * growth)
-        assert [e.x for e in impacts] == pytest.approx(
-            orbit.x[1:] + orbit.x[:1], rel=1e-10 * growth
-        )
-        turns = sorted(
-            (node.phase - orbit.phases[0]) % orbit.cycles * orbit.cycle for node in orbit.events
-        )
-        seen = [e.time for e in events if e.kind is EventKind.REVERSAL][:reversals]
-        assert seen == pytest.approx(turns, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ('rig', 'modes', 'zeros', 'kinds'),
-    [
-        (FRICTION, set(Mode), 0, set()),
-        (OFF_RESONANCE.replace(gap=8.0), set(Mode), 0, set()),
-        (FRICTION.replace(gap=16.0), set(Mode), 0, {REVERSAL}),
-        (PLASTIC, {Mode.REST_1}, 2, {EventKind.REST, RELEASE, REVERSAL}),
-        (LOSSY, {Mode.STICK}, 1, {EventKind.STICK, RELEASE, REVERSAL}),
-        (
-            LOSSY.replace(gap=5.0),
-            {Mode.REST_1, Mode.REST_2},
-            2,
-            {EventKind.REST, RELEASE, REVERSAL},
-        ),
-    ],
-    ids=['friction', 'four impacts', 'reversal', 'plastic', 'sticking', 'chatter'],
-)
-def test_multipliers_are_those_of_the_simulators_map(rig, modes, zeros, kinds):
-    orbit = settled_orbit(rig)
-    assert {node.kind for node in orbit.events} == kinds
-    guess = guess_on(orbit)
-    segments = Segments(rig, guess.nodes, orbit.cycles)
-    j = segments.begins_with()
-    # From within the flight that has the fewest coordinates
-    late = 0.4 * segments.durations(guess.instants)[j]
-    instant = guess.instants[j] + late
-    flight = segments.flight(j, guess.states[j], guess.instants[j]).after(late)
-    free = 4 - zeros
-    begun = np.array(
-        [flight.run.x, flight.run.velocity, -flight.run.clearance_1, flight.run.relative_velocity]
-    )[:free]
-    mode, home = Mode(flight.run.mode), -flight.run.clearance_1
-    assert mode in modes
-    assert orbit.multipliers[free:] == (0j,) * zeros
-
-    def after_a_period(state):
-        x, velocity, beyond, relative = (*state, *(home, 0.0)[len(state) - 2 :])
-        run = Rig(
-            rig.replace(force_phases=(rig.force_frequencies[0] * instant,)),
-            InitialConditions(
-                initial_primary_position=x,
-                initial_primary_velocity=velocity,
-                initial_damper_offset=0.5 * rig.gap + beyond,
-                initial_damper_velocity=velocity + relative,
-            ),
-            compiled=None,
-        )
-        assert free == 4 or run.mode is mode
-        run.advance(orbit.period)
-        assert free == 4 or run.mode is mode
-        end = run.sample()
-        beyond, relative = (
-            end.z - end.x - 0.5 * rig.gap,
-            end.damper_velocity - end.primary_velocity,
-        )
-        return np.array((end.x, end.primary_velocity, beyond, relative)[:free])
-
-    assert after_a_period(begun) == pytest.approx(begun, rel=1e-10)
-    columns = []
-    for j in range(free):
-        move = np.zeros(free)
-        move[j] = 1e-6
-        ahead, behind = after_a_period(begun + move), after_a_period(begun - move)
-        columns.append((ahead - behind) / 2e-6)
-    values = np.linalg.eigvals(np.array(columns).T)
-    expected = sorted(abs(m) for m in orbit.multipliers[:free])
-    assert sorted(np.abs(values)) == pytest.approx(expected, abs=1e-6)
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 
 @pytest.mark.filterwarnings('error')
@@ -194,10 +28,17 @@ def test_a_chatter_that_ends_in_rest_is_found_without_friction():
 
 
 def test_newton_converges_quadratically():
-    orbit = settled_orbit(FRICTION.replace(gap=16.0))
+    found = settled_orbits(FRICTION.replace(gap=16.0), 1)
+    orbit = next(orbit for orbit in found if orbit is not None and orbit.stable)
     history = [value for value in orbit.residual_history if value > 1e-13]
     assert len(history) <= 8
     assert history[-1] < 1e3 * history[-2] ** 2 + 1e-13
+
+
+def test_nodes_are_read_anew_where_the_rig_cannot_perform_a_solution():
+    """Of 15 starts from simulation 14 converge; with the first nodes kept it would be two."""
+    report = find_orbits(FRICTION.replace(gap=12.0, friction=2.0), (1, 2)).report
+    assert report.simulated_converged > 10
 
 
 def test_a_motion_is_carried_to_friction_step_by_step():
@@ -230,25 +71,3 @@ def test_several_harmonics_with_a_common_period(friction):
     found = find_orbits(rig, rhythm.stops, rhythm.cycles)
     assert found.report.method == 'events'
     assert min(orbit.distance(rhythm) for orbit in found.orbits if orbit.stable) < 1e-9
-
-
-@pytest.mark.parametrize(
-    ('rig', 'stops'),
-    [
-        (FRICTION, (1, 2)),
-        (INCLINED.replace(air_force=0.02, restitution_1=0.6, friction=0.2), (1, 2)),
-        (OFF_RESONANCE.replace(gap=8.0), (1, 1, 2, 2)),
-        (VERTICAL, (1,)),
-    ],
-)
-def test_the_determinant_is_what_damping_and_impacts_leave(rig, stops):
-    """exp(-2 zeta omega T) times the product of all R^2."""
-    for orbit in find_orbits(rig, stops).orbits:
-        expected = math.exp(-2.0 * rig.zeta * rig.omega * orbit.period)
-        for stop in stops:
-            expected *= (rig.restitution_1 if stop == 1 else rig.restitution_2) ** 2
-        guess = guess_on(orbit)
-        segments = Segments(rig, guess.nodes, orbit.cycles)
-        matrix = segments.monodromy(segments.flights(*guess[1:]))
-        assert np.linalg.det(matrix) == pytest.approx(expected, rel=1e-8)
-        assert np.prod(orbit.multipliers) == pytest.approx(expected, rel=1e-8)

@@ -196,19 +196,6 @@ def test_a_programming_error_ends_the_sweep(monkeypatch):
             sweep(grid)
 
 
-def test_following_up_and_down_shows_hysteresis():
-    """At a gap of 52 the rig keeps two impacts per cycle, or none, whichever it had."""
-    grid = grid_of(follow='both', settling=Settling(cycles=1500), gap=[44, 52, 100])
-    table = sweep(grid).set_index(['direction', 'gap'])
-    up, down = table.loc['up'], table.loc['down']
-    assert up.stops.loc[44.0] == up.stops.loc[52.0] == '1,2'
-    assert down.motion.loc[100.0] == down.motion.loc[52.0] == 'without impacts'
-    assert down.x_max_ratio.loc[52.0] == pytest.approx(1.0, rel=1e-6)
-    assert up.x_max_ratio.loc[52.0] < 0.12
-    assert down.stops.loc[44.0] == '1,2'
-    assert down.x_max.loc[44.0] == pytest.approx(up.x_max.loc[44.0], rel=1e-6)
-
-
 @pytest.mark.parametrize('suffix', ['csv', 'parquet'])
 def test_pandas_alone_reads_the_table(tmp_path, suffix):
     path = tmp_path / f'a.{suffix}'

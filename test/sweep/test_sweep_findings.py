@@ -55,6 +55,10 @@ def test_two_mirrored_attractors_share_the_starts(tmp_path):
     json.dumps(summary_of(table, None))
 
 
+def labels_of(figure):
+    return [text.get_text() for text in figure.legends[0].texts]
+
+
 def row(x, *, motion='periodic', period=1, stops='1,2', impacts=2, offset=0.0):
     """Return the columns by which an attractor is known."""
     points = np.atleast_1d(np.array(x, dtype=float))
@@ -117,6 +121,10 @@ def hysteresis():
 
 def test_optimum_at_a_cliff_names_edge_and_coexisting_motion(hysteresis, tmp_path):
     found = find_optimum(hysteresis, 'x_max')
+    down = hysteresis[hysteresis.direction == 'down'].set_index('gap')
+    # Followed downwards, the rig keeps to what it had above
+    assert down.motion[54.0] == 'without impacts'
+    assert (down.motion[44.0], down.stops[44.0]) == ('periodic', '1,2')
     assert found.values[0] == pytest.approx(54.96, abs=0.02)
     (edge,) = found.edges
     # The two impacts are lost at 57 m, as continuation in the gap finds
@@ -138,6 +146,10 @@ def test_optimum_at_a_cliff_names_edge_and_coexisting_motion(hysteresis, tmp_pat
     assert stored['edges'][0]['ratio'] == edge.ratio
     assert stored['coexisting'][-1]['motion'] == found.coexisting[-1].motion
     assert len(stored['cautions']) == 1 + len(found.coexisting)
+    labels = labels_of(bifurcation_figure(hysteresis, 'x_max', found))
+    assert f'least: {found.value:.4g} m at d = {found.values[0]:.5g} m' in labels
+    assert f'edge at d = {edge.values[0]:.5g} m (× {edge.ratio:.3g}, chaotic)' in labels
+    assert 'followed downwards (× 9.22, without impacts)' in labels
 
 
 def test_optimum_on_the_grid_names_what_the_table_shows(hysteresis):
@@ -151,19 +163,6 @@ def test_optimum_on_the_grid_names_what_the_table_shows(hysteresis):
     # At 56 m the next value is beyond the edge: of the greatest rms no other is better
     narrow = find_optimum(hysteresis, 'x_max', 'greatest', refine=False)
     assert all(edge.ratio < 0.5 for edge in narrow.edges)
-
-
-def labels_of(figure):
-    return [text.get_text() for text in figure.legends[0].texts]
-
-
-def test_edges_are_in_the_figures(hysteresis):
-    found = find_optimum(hysteresis, 'x_max')
-    labels = labels_of(bifurcation_figure(hysteresis, 'x_max', found))
-    (edge,) = found.edges
-    assert f'least: {found.value:.4g} m at d = {found.values[0]:.5g} m' in labels
-    assert f'edge at d = {edge.values[0]:.5g} m (× {edge.ratio:.3g}, chaotic)' in labels
-    assert 'followed downwards (× 9.22, without impacts)' in labels
 
 
 def test_branches_run_through_what_has_settled(hysteresis):

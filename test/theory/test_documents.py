@@ -80,8 +80,10 @@ def test_drawn_motion_of_a_force_that_repeats_after_several_cycles():
     rig.advance(20.0)
     rig.change(INCLINED.replace(force_amplitudes=(1.0, 0.1), **force))
     rig.advance(20.0 + 600 * 2.0 * np.pi / 1.02)
-    found = (one['orbit'] for one in theory(rig.snapshot()) if not isinstance(one, Prediction))
-    last = next(orbit for orbit in found if orbit.get('basis') == 'run ahead')
+    found = (one for one in theory(rig.snapshot()) if not isinstance(one, Prediction))
+    last = next(one for one in found if one['orbit'].get('basis') == 'run ahead')
+    assert last['time'] == rig.time
+    last = last['orbit']
     assert last['cycles'] == 3
     for _ in range(7):
         rig.advance(rig.time + 0.3 * last['period'])
@@ -166,18 +168,9 @@ def test_the_curve_goes_on_where_it_falls_at_the_end_of_its_range():
     assert branch.best.value < 0.01
 
 
-@pytest.mark.parametrize(
-    ('rig', 'control', 'words'),
-    [
-        (RigParameters(multisine_level=1.0), None, 'multisine_level is 1 N'),
-        (RigParameters(sweep_mode='up'), None, "sweep_mode is 'up'"),
-        (RigParameters(), GapControlParameters(gap_control='timed'), 'gap_control is timed'),
-    ],
-    ids=['multisine', 'sweep', 'control'],
-)
-def test_where_there_is_no_theory_it_says_why(rig, control, words):
-    last = documents(rig, control)[-1]
-    assert words in last['theory_failed']['text']
+def test_where_there_is_no_theory_it_says_why():
+    last = documents(RigParameters(), GapControlParameters(gap_control='timed'))[-1]
+    assert 'gap_control is timed' in last['theory_failed']['text']
     assert (last['orbit']['found'], last['gap_curve']) == (False, None)
 
 
@@ -186,9 +179,3 @@ def test_a_one_sided_rig_has_an_orbit_but_no_curve():
     assert last['orbit']['complete']
     assert (last['gap_curve']['done'], last['gap_curve']['branches']) == (True, [])
     assert 'one-sided' in last['gap_curve']['text']
-
-
-def test_a_document_says_for_which_rig_it_is():
-    rig = Rig(LEVEL)
-    rig.advance(12.5)
-    assert next(d for d in theory(rig.snapshot()) if not isinstance(d, Prediction))['time'] == 12.5

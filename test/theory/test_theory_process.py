@@ -64,32 +64,59 @@ def start():
         assert not pid or not alive(pid)
 
 
-def test_answers_are_those_of_the_theory(start):
+def test_one_process_answers_all_that_is_asked(start):
     process, warnings = start()
-    assert (process.poll(), process.process) == (False, 0)
+    process.enable(False)
     process.ask(state_of(HORIZONTAL))
+    assert (process.poll(), process.process) == (False, 0)
+    assert 'switched off' in json.loads(process.document)['theory_failed']['text']
+    process.enable(True)
     found = answer(process)
     orbit = find_orbits(HORIZONTAL, (1, 2)).orbits[0]
     assert (found.basis, found.complete, found.error) == ('run ahead', True, '')
     assert found.expected.distance(orbit) < 1e-9
-    assert found.expected.amplitude_ratio == pytest.approx(orbit.amplitude_ratio, rel=1e-9)
     assert found.expected.multipliers == pytest.approx(orbit.multipliers, rel=1e-7)
     pid = process.process
     assert os.getpriority(os.PRIO_PROCESS, pid) >= os.getpriority(os.PRIO_PROCESS, 0) + 5
     # A Ctrl-C in the terminal is not for it.
     assert os.getpgid(pid) != os.getpgid(0)
-    process.ask(state_of(THREE))
-    assert (process.course, process.prediction) == (2, None)
-    assert answer(process).expected.stops == (1, 1, 2)
-    assert (process.process, warnings) == (pid, [])
     # No document was asked for.
     assert json.loads(process.document)['orbit'] is None
+    process.want_documents(True)
+    # What is known stays until as much is known again.
+    poll_until(process, lambda: '"gap_curve": {' in process.document)
+    assert process.prediction.expected.distance(found.expected) < 1e-9
+    answer(process)
+    document = json.loads(process.document)
+    assert document['gap_curve']['done']
+    assert document['gap_curve']['optimum']['gap'] == pytest.approx(58.3, rel=0.02)
+    assert document['orbit']['x_max_ratio'] == pytest.approx(0.104644, abs=1e-6)
+    # Switched off and on, they are not made again.
+    for wanted in (False, True):
+        process.want_documents(wanted)
+        assert process.done
+    assert json.loads(process.document) == document
+    process.ask({'format': 99, 'time': 0.0})
+    assert 'ValueError: snapshot of format 99' in answer(process).error
+    failed = json.loads(process.document)['theory_failed']
+    assert 'snapshot of format 99' in failed['text']
+    process.want_documents(False)
+    process.ask(state_of(THREE))
+    assert (process.course, process.prediction) == (3, None)
+    assert answer(process).expected.stops == (1, 1, 2)
+    assert json.loads(process.document)['gap_curve'] is None
+    process.ask_like(motion_on(find_orbits(THREE, (1, 2, 2)).orbits[0]))
+    found = answer(process)
+    assert (found.basis, found.expected.stops, process.course) == ('measured', (1, 2, 2), 3)
+    assert (process.process, warnings) == (pid, [])
+    process.enable(False)
+    assert not alive(pid)
+    assert (process.prediction, warnings) == (None, [])
 
 
 def test_only_the_newest_rig_is_answered_and_nothing_piles_up(start):
     process, _ = start(documents=True)
-    for _ in range(5):
-        process.ask(state_of(HORIZONTAL.replace(gap=8.0)))
+    process.ask(state_of(HORIZONTAL.replace(gap=8.0)))
     poll_until(process, lambda: process.prediction is not None)
     # It answers none of them before all have been asked for.
     os.kill(process.process, signal.SIGSTOP)
@@ -104,39 +131,13 @@ def test_only_the_newest_rig_is_answered_and_nothing_piles_up(start):
     assert process.prediction.orbits[0].x_max == pytest.approx(x_max, rel=1e-9)
     document = json.loads(process.document)
     assert document['gap_curve'] is None or document['gap_curve']['gap'] == gaps[-1]
-
-
-def test_documents_are_made_once_while_they_are_wanted(start):
-    process, _ = start()
-    process.ask(state_of(HORIZONTAL))
-    before = answer(process)
-    process.want_documents(True)
-    # What is known stays until as much is known again.
-    poll_until(process, lambda: '"gap_curve": {' in process.document)
-    assert process.prediction.expected.distance(before.expected) < 1e-9
-    answer(process)
-    document = json.loads(process.document)
-    assert document['gap_curve']['done']
-    assert document['gap_curve']['optimum']['gap'] == pytest.approx(58.3, rel=0.02)
-    assert document['orbit']['x_max_ratio'] == pytest.approx(0.104644, abs=1e-6)
-    # Switched off and on, they are not made again.
-    for wanted in (False, True):
-        process.want_documents(wanted)
-        assert process.done
-    assert json.loads(process.document) == document
-    process.want_documents(False)
-    process.ask(state_of(THREE))
-    answer(process)
-    assert json.loads(process.document)['gap_curve'] is None
-
-
-def test_asked_again_for_what_was_measured(start):
-    process, _ = start()
-    process.ask(state_of(THREE))
-    assert answer(process).expected.stops == (1, 1, 2)
-    process.ask_like(motion_on(find_orbits(THREE, (1, 2, 2)).orbits[0]))
-    found = answer(process)
-    assert (found.basis, found.expected.stops, process.course) == ('measured', (1, 2, 2), 1)
+    # Nor does a stopped process hold up the end.
+    pid = process.process
+    os.kill(pid, signal.SIGSTOP)
+    process.ask({'padding': 'x' * 300_000, 'time': 0.0})
+    process.poll()
+    process.close()
+    assert not alive(pid)
 
 
 def test_a_killed_process_is_followed_by_another_one(start, monkeypatch):
@@ -169,25 +170,12 @@ def test_a_process_that_cannot_live_is_tried_ever_more_rarely(start, monkeypatch
     pauses = [float(w.split('after ')[1].split()[0]) for w in warnings[:3]]
     assert pauses == [0.02, 0.04, 0.08]
     assert 'with code 3' in warnings[0]
-
-
-def test_a_process_that_cannot_be_started_is_reported(start, monkeypatch):
     monkeypatch.setattr('sys.executable', '/no/such/program')
     process, warnings = start()
     process.ask(state_of(HORIZONTAL))
     assert process.poll()
     assert 'cannot be started' in warnings[0]
     assert process.trouble
-
-
-def test_what_cannot_be_computed_is_reported(start):
-    process, _ = start(documents=True)
-    process.ask({'format': 99, 'time': 0.0})
-    assert 'ValueError: snapshot of format 99' in answer(process).error
-    failed = json.loads(process.document)['theory_failed']
-    assert 'snapshot of format 99' in failed['text']
-    process.ask(state_of(HORIZONTAL))
-    assert answer(process).error == ''
 
 
 @pytest.mark.parametrize(
@@ -210,33 +198,6 @@ def test_a_search_that_does_not_end_is_reported(start, forever, reason):
     process, _ = start(command=['-c', program])
     process.ask({'time': 0.0})
     assert reason in answer(process).error
-
-
-def test_switched_off_and_on(start):
-    process, warnings = start()
-    process.enable(False)
-    process.ask(state_of(HORIZONTAL))
-    assert (process.poll(), process.process) == (False, 0)
-    assert 'switched off' in json.loads(process.document)['theory_failed']['text']
-    process.enable(True)
-    answer(process)
-    pid = process.process
-    process.enable(False)
-    assert not alive(pid)
-    assert (process.prediction, warnings) == (None, [])
-
-
-def test_a_stopped_process_holds_up_neither_the_requests_nor_the_end(start):
-    process, _ = start()
-    process.ask(state_of(HORIZONTAL))
-    answer(process)
-    pid = process.process
-    os.kill(pid, signal.SIGSTOP)
-    for _ in range(5):
-        process.ask({'padding': 'x' * 300_000, 'time': 0.0})
-        process.poll()
-    process.close()
-    assert not alive(pid)
 
 
 def test_a_message_that_is_cut_off_is_left_out():
