@@ -258,19 +258,9 @@ class PeriodicMotion:
     def as_curve(self) -> Convergence:
         """Return the approach to the periodic motion, for a plot."""
         hidden = np.flatnonzero(self.distances < _HIDDEN * self.recurrence.floor)
-        last = min(
-            int(hidden[0]) + _PERIODS_BEYOND if len(hidden) else _MOST_SHOWN_PERIODS,
-            _MOST_SHOWN_PERIODS,
-        )
-        return Convergence(
-            time=self.times[:last],
-            distance=self.distances[:last],
-            floor=self.recurrence.floor,
-            fitted_from=min(self.decay.start, last),
-            fitted_to=min(self.decay.stop, last),
-            measured=self.decay.factor,
-            predicted=self.predicted_factor,
-        )
+        last = min([*(hidden[:1] + _PERIODS_BEYOND), _MOST_SHOWN_PERIODS])
+        times, distances = self.times[:last], self.distances[:last]
+        return Convergence(times, distances, self.decay.start, self.as_decay())
 
     def differences(self) -> list[Finding]:
         """Return the differences from the predicted period that are too large."""

@@ -41,7 +41,7 @@ from impact_damper_ros.rig.state import STICK
 
 from .drive import Drive, fitted_drive
 from .flights import SAMPLE, STATE, Flights, Integrals, rows_of_samples
-from .result import Array, Beginning, LoggedStretch, Overall, SwingEnvelope
+from .result import Array, Beginning, LoggedStretch, Overall
 
 # The rig
 
@@ -140,14 +140,14 @@ class Envelope:
             self._pieces = np.array([time[starts], _least(low, starts), _most(high, starts)])
             self._size *= 2
 
-    def finish(self) -> SwingEnvelope:
+    def finish(self) -> Array:
         """Return the ranges; what does not fill a piece belongs to the last one."""
         (time, low, high), (times, x) = self._pieces, self._rest
         if not len(time):
-            return SwingEnvelope(times[:1], x[:1], x[:1])
+            return np.array([times[:1], x[:1], x[:1]])
         if len(x):
             low[-1], high[-1] = min(low[-1], x.min()), max(high[-1], x.max())
-        return SwingEnvelope(time, low, high)
+        return self._pieces
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +157,7 @@ class RecordedStretch(LoggedStretch):
     flights: Flights  # the last ones
     samples: Samples  # the last ones
     counts: tuple[int, int, int]  # samples, missing samples, impacts
-    envelope: SwingEnvelope
+    envelope: Array  # of X, as of `StretchCurves`
     overall: Overall
     #: State of the rig at the end; empty if it was not replayed.
     at_end: Mapping[str, Any] = field(default_factory=dict)

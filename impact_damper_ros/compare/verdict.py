@@ -391,7 +391,7 @@ class _Comparison:
         settled = stretch.samples[stretch.samples['time'] >= steady]
         impacts = stretch.flights.impacts[-_MOST_IMPACTS:]
         return StretchCurves(
-            envelope=stretch.envelope if len(stretch.envelope.time) else None,
+            envelope=stretch.envelope if stretch.envelope.size else None,
             motion=motion_curve(stretch, max(stretch.start, shown), self.cycle),
             impacts=impacts if len(impacts) else None,
             phases=drive.phase(impacts['time']) % 1.0 if drive is not None and forced else None,

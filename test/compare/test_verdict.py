@@ -232,8 +232,8 @@ def test_a_force_without_a_period():
 def test_curves_are_bounded_and_whole():
     found = compared(FRICTION, 400)
     curves = found.curves
-    assert 100 < len(curves.envelope.time) <= 2000
-    assert curves.envelope.high.max() == pytest.approx(13.15, rel=0.01)
+    assert 100 < curves.envelope.shape[1] <= 2000
+    assert curves.envelope[2].max() == pytest.approx(13.15, rel=0.01)
     motion = curves.motion
     assert motion.time[-1] == pytest.approx(found.end)
     assert np.all(np.diff(motion.time) >= 0.0)

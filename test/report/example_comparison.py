@@ -18,7 +18,6 @@ from impact_damper_ros.compare.result import (
     Spectrum,
     StretchComparison,
     StretchCurves,
-    SwingEnvelope,
     Verdict,
 )
 from impact_damper_ros.control import Rig
@@ -83,6 +82,7 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
         300.0, end, orbit.x_max, 0.7 * orbit.x_max, ratio, 97, 2.0, impulse[0], impulse[0], last
     )
     periods = np.arange(90)
+    decay = Decay(0.9411, abs(orbit.multipliers[0]), 70, 2e-9, 1e-9)
     distance = np.maximum(0.9411**periods, 1e-9)
     frequency = np.linspace(0.0, 1.0, 400)
     line = np.exp(-((np.minimum(frequency % 0.1624, -frequency % 0.1624) / 0.004) ** 2))
@@ -94,12 +94,12 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
         followed.follow(orbit)
         curve = followed.message(done=True)
     curves = StretchCurves(
-        SwingEnvelope(envelope_time, -swing, swing),
+        np.array([envelope_time, -swing, swing]),
         motion,
         impacts,
         impacts['time'] / cycle % 1.0,
         _predicted(orbit),
-        Convergence(periods * cycle, distance, 1e-9, 10, 80, 0.9411, abs(orbit.multipliers[0])),
+        Convergence(periods * cycle, distance, 10, decay),
         Spectrum(frequency, orbit.x_max * line * np.exp(-3.0 * frequency), 0.1624, 0.0025, 'Hann'),
         curve,
     )
@@ -118,7 +118,7 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
         'energy': EnergyBalance(
             300.0, end, 48, 812.0, 0.0, 310.0, 201.0, 300.99, 0.01, 1e-4, 1e-3
         ),
-        'decay': Decay(0.9411, abs(orbit.multipliers[0]), 70, 2e-9, 1e-9),
+        'decay': decay,
         'curves': curves,
         'measures': {'period_mismatch': 2e-9},
     }

@@ -307,7 +307,7 @@ def test_points_and_periods_that_show_nothing_more(run):
     stretch = run.stretches[0]
     impacts, convergence = stretch.curves.impacts, stretch.curves.convergence
     again, phases = (np.tile(part[-2:], 10000) for part in (impacts, stretch.curves.phases))
-    floor = np.full(4000, 0.5 * convergence.floor)
+    floor = np.full(4000, 0.5 * convergence.decay.floor)
     settled = dataclasses.replace(
         convergence,
         time=6.16 * np.arange(4090),
@@ -588,10 +588,9 @@ def test_a_very_long_cause_is_shortened(run):
 
 def test_numbers_of_stretches_do_not_cover_each_other(run):
     """Three stretches of 10 s, 0.1 s and 10 s."""
-    envelope = run.stretches[0].curves.envelope
     stretches = []
     for number_, (start, end) in enumerate(((0.0, 10.0), (10.0, 10.1), (10.1, 20.0)), 1):
-        part = type(envelope)(np.array([start]), np.array([-1.0]), np.array([1.0]))
+        part = np.array([[start], [-1.0], [1.0]])
         curves = dataclasses.replace(run.stretches[0].curves, envelope=part)
         values = {'number': number_, 'start': start, 'end': end, 'curves': curves}
         stretches.append(dataclasses.replace(run.stretches[0], **values))
