@@ -140,12 +140,13 @@ def test_all_plots_are_there(page):
 def test_what_is_predicted_stands_beside_what_was_measured(run, page):
     rows = rows_of(section(parsed(page), 1), 'Measured and predicted')
     named = {row[0]: row for row in rows}
-    assert named['largest |X|'] == ['largest |X|', '5.072124', '5.072124', '0', 'm']
+    assert named['largest |X|'][1:3] == ['5.072124', '5.072124']
     assert named['Xmax / A'][1:3] == ['0.2113439', '0.2113439']
-    assert named['decay per period'][1:3] == ['0.9411', '0.9410652']
+    assert named['decay per period'][1:3] == ['0.9410476', '0.9410652']
     first = rows.index(['Impact 1, on stop 1'])
     phase, x = rows[first + 1], rows[first + 2]
-    assert phase == ['phase', '0.757995', '0.757995', '0', 'cycles']
+    assert phase[:3] == ['phase', '0.757995', '0.757995']
+    assert (float(phase[3].replace('−', '-')) < 1e-9, phase[4]) == (True, 'cycles')
     assert x[:3] == ['X', '4.13214', '4.13214']
     # A wrong impact is told with its sign, in the same unit.
     last = run.stretches[0].measured.last_period
@@ -310,7 +311,7 @@ def test_points_and_periods_that_show_nothing_more(run):
     floor = np.full(4000, 0.5 * convergence.decay.floor)
     settled = dataclasses.replace(
         convergence,
-        time=6.16 * np.arange(4090),
+        time=6.16 * np.arange(len(convergence.distance) + 4000),
         distance=np.concatenate([convergence.distance, floor]),
     )
     curves = dataclasses.replace(stretch.curves, impacts=again, phases=phases, convergence=settled)
@@ -322,14 +323,15 @@ def test_points_and_periods_that_show_nothing_more(run):
     assert '<image' not in svg
     assert svg.count('<use ') < 300
     assert '20000 latest impacts' in section.caption
-    # The approach takes 90 periods; the rest lies on the floor.
-    assert 500.0 < approach.figure.axes[0].get_xlim()[1] < 1000.0
+    # The approach takes less than 400 periods; the rest lies on the floor.
+    assert 1000.0 < approach.figure.axes[0].get_xlim()[1] < 6.16 * 600.0
 
 
 def test_predicted_motion_is_laid_over_any_time(run):
     stretch = run.stretches[0]
     curve, orbit = stretch.curves.predicted, stretch.predicted
-    start, end = 590.0, 590.0 + 3.0 * orbit.period
+    start = stretch.end - 5.0 * orbit.period
+    end = start + 3.0 * orbit.period
     hit, place = predicted_impacts(stretch, start, end)
     assert len(hit) == 6
     for at in stretch.curves.impacts['time']:
@@ -342,8 +344,8 @@ def test_predicted_motion_is_laid_over_any_time(run):
     assert np.abs(x).max() == pytest.approx(orbit.x_max, rel=1e-3)
     assert np.abs(y).max() == pytest.approx(37.0 / 2.0, rel=1e-9)
     measured = stretch.curves.motion
-    assert np.interp(592.0, time, x) == pytest.approx(
-        np.interp(592.0, measured.time, measured.x), abs=0.05
+    assert np.interp(start + 2.0, time, x) == pytest.approx(
+        np.interp(start + 2.0, measured.time, measured.x), abs=0.05
     )
 
 
@@ -542,7 +544,9 @@ def test_numbers_over_the_whole_run(runs):
     one = parsed(report_page(alone(runs[1], 1, overall=gone)))
     assert [row[0] for row in rows_of(one, 'Swing, impacts and energy')[1:]] == ['1']
     assert 'Samples are missing: rms and work cover' in text_of(one)
-    assert 'Swing, impacts and energy' not in text_of(parsed(report_page(alone(runs[0], 3))))
+    assert 'Swing, impacts and energy' not in text_of(
+        parsed(report_page(alone(runs[0], 3, overall=None)))
+    )
 
 
 def test_the_axis_of_points_at_one_place(run):
