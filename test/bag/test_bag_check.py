@@ -95,8 +95,7 @@ def edited(opcode, at, layout, value, number=0):
     return change
 
 
-@pytest.mark.parametrize('number', [1, 3, -1], ids=['second', 'fourth', 'last'])
-@pytest.mark.parametrize('listing', [True, False], ids=['bag', 'file'])
+@pytest.mark.parametrize(('number', 'listing'), [(1, False), (3, True), (-1, True)])
 def test_a_chunk_removed(bag, tmp_path, number, listing, capsys):
     cut = altered(bag, tmp_path / 'bag', without_chunk(number), listing=listing)
     assert replay_run([str(cut)]) == 3

@@ -59,7 +59,7 @@ def counts(messages, *topics):
     return [len(places(messages, topic)) for topic in topics]
 
 
-@pytest.mark.parametrize('late', [0, 1, 17, 200, 1000])
+@pytest.mark.parametrize('late', [0, 17, 1000])
 @pytest.mark.parametrize('run', ['messages', 'controlled'])
 def test_joined_so_many_impacts_late(tmp_path, run, late, request):
     messages = request.getfixturevalue(run)
@@ -92,7 +92,7 @@ def test_topics_joined_one_after_the_other(tmp_path, messages, first):
         assert remark.startswith(f'{unheard} messages of /impacts precede the first one')
 
 
-@pytest.mark.parametrize('lost', [1, 30, 500])
+@pytest.mark.parametrize('lost', [1, 500])
 def test_what_a_recorder_loses_in_a_row_is_counted(tmp_path, messages, lost):
     hits = places(messages, '/impacts')[200 : 200 + lost]
     kept = [m for i, m in enumerate(messages) if i not in hits]
@@ -114,10 +114,8 @@ def test_an_altered_impact_of_a_late_recorder_is_still_found(tmp_path, messages)
 
 FORMS = {
     'split': {'files': 4},
-    'file': {'file_zstd': True},
     'split_file': {'files': 3, 'file_zstd': True},
     'message': {'message_zstd': True},
-    'chunk_zstd': {'compression': CompressionType.ZSTD},
     'chunk_lz4': {'compression': CompressionType.LZ4, 'files': 2},
 }
 

@@ -1,6 +1,5 @@
 """The report as a reader sees it: opened from its file in Chromium, without a window."""
 
-import dataclasses
 import json
 import re
 import struct
@@ -135,14 +134,3 @@ def test_the_console_is_listened_to(browser, report, tmp_path):
     page.write_text(text.replace('</body>', bad), encoding='utf-8')
     done = opened(browser, page, tmp_path / 'profile', '--dump-dom')
     assert done.stderr.count('CONSOLE') >= 2
-
-
-def test_a_run_without_anything(browser, tmp_path):
-    run = example(gap_curve=False)
-    bare = {'measured': None, 'predicted': None, 'energy': None, 'decay': None}
-    curves = type(run.stretches[0].curves)()
-    empty = dataclasses.replace(run.stretches[0], curves=curves, predicted_impulse=(), **bare)
-    page = write_report(dataclasses.replace(run, stretches=(empty,)), tmp_path / 'report')
-    seen = probed(browser, page, tmp_path, 390)
-    assert seen['plots'] == []
-    assert seen['wide'] <= 390
