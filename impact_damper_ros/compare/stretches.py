@@ -298,7 +298,11 @@ class StretchBuilder:
             if row['time'][0] > self._row['time'][0]:
                 self._follow(row)
         elif self._replayed and end is not None and end > self._row['time'][0]:
-            self._go_on(end)
+            # The last flight goes on.
+            rows = np.concatenate([self._row, self._row])
+            rows['time'][1] = end
+            flights = Flights.between(self._rig.parameters, rows, self._drive, active=self._active)
+            self._follow(flights.state_at(0, end))
         end = self._end if end is None else end
         rig = self._rig.parameters
         still = Flights.between(rig, self._row, self._drive, active=self._active)
@@ -318,21 +322,6 @@ class StretchBuilder:
             overall=self._overall(end - self._start, at_end),
             at_end=at_end or {},
         )
-
-    def _go_on(self, end: float) -> None:
-        """Go on with the last flight to an instant, s."""
-        rows = np.concatenate([self._row, self._row])
-        rows['time'][1] = end
-        rig = self._rig.parameters
-        flights = Flights.between(rig, rows, self._drive, active=self._active)
-        first = np.zeros(1, np.intp)
-        x, velocity, _, _ = flights.motion(first, flights.spans)
-        y, relative = flights.damper(first, flights.spans, x, velocity)
-        for side in ('before', 'after'):
-            rows[f'primary_velocity_{side}'][1] = velocity[0]
-            rows[f'damper_velocity_{side}'][1] = velocity[0] + relative[0]
-        rows['x'][1], rows['y'][1], rows['kind'][1] = x[0], y[0], STATE
-        self._follow(rows[1:])
 
     def _overall(self, duration: float, at_end: Mapping[str, Any] | None) -> Overall:
         rig, totals = self._rig.parameters, self._totals
