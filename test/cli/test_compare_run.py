@@ -7,7 +7,7 @@ import struct
 
 import pytest
 from bag import ros2_bags, samples
-from bag.recorded_rig import NOTES, RecordedRig
+from bag.recorded_rig import NOTES, RecordedRig, params_file
 from rigs import BENCH
 
 from impact_damper_ros.cli.compare_run import main
@@ -22,12 +22,6 @@ def run(bag, tmp_path, *arguments):
     result.unlink(missing_ok=True)
     code = main([str(bag), '--json', str(result), '--quiet', *arguments])
     return code, json.loads(result.read_text()) if result.exists() else None
-
-
-def params_file(path, rig):
-    values = {n: list(v) if isinstance(v, tuple) else v for n, v in rig.as_dict().items()}
-    path.write_text(json.dumps({'/**': {'ros__parameters': values}}))
-    return path
 
 
 def verdicts(result):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bag import samples
-from bag.recorded_rig import LIVELY, NOTES, TOPICS, RecordedRig, renamed
+from bag.recorded_rig import LIVELY, NOTES, TOPICS, RecordedRig, params_file, renamed
 
 import impact_damper_ros
 from impact_damper_ros.cli.replay_run import main
@@ -94,9 +94,7 @@ def test_what_if_is_what_simulate_rig_says(tmp_path, capsys):
     code, result = run(plain, tmp_path, '--set', 'gap=0.006', *files)
     assert code == 0
     rows, hits = table(states), table(impacts)
-    params = tmp_path / 'params.yaml'
-    values = {n: list(v) if isinstance(v, tuple) else v for n, v in LIVELY.as_dict().items()}
-    params.write_text(json.dumps({'/**': {'ros__parameters': values}}))
+    params = params_file(tmp_path / 'params.yaml', LIVELY)
     words = ['--duration', '2', '--rate', '200', '--set', 'gap=0.006', *files]
     assert simulate_rig([str(params), *words]) == 0
     assert table(states) == rows

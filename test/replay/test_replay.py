@@ -263,35 +263,25 @@ def test_the_same_impact_twice_while_paused(tmp_path):
 
 
 def test_messages_twice_and_out_of_order(tmp_path, messages):
-    states = places(messages, '/joint_states')
-    doubled = [*messages[: states[20]], messages[states[20]], *messages[states[20] :]]
-    findings = replayed(samples.record(tmp_path / 'doubled', doubled, custom=NOTES))
-    assert findings.verdict is ReplayVerdict.PARTIAL
-    assert 'messages of /joint_states twice: 1' in findings.faults[0]
-    hit = places(messages, '/impacts')[3]
-    doubled = [*messages[: hit + 1], messages[hit], *messages[hit + 1 :]]
-    findings = replayed(samples.record(tmp_path / 'doubled_impact', doubled, custom=NOTES))
-    assert findings.verdict is ReplayVerdict.PARTIAL
-    assert f'/impacts twice: 1 (first at stamp {messages[hit][2]} ns)' in findings.faults[0]
-    a, b = states[30], states[31]
-    swapped = list(messages)
-    swapped[a] = (*messages[b][:2], messages[a][2])
-    swapped[b] = (*messages[a][:2], messages[b][2])
-    findings = replayed(samples.record(tmp_path / 'swapped', swapped, custom=NOTES))
-    assert findings.verdict is ReplayVerdict.DIFFERENT
-    assert (findings.first.quantity, findings.difference_count) == ('stamp', 2)
-    assert 'messages of /joint_states out of order: 1' in findings.faults[0]
-
-
-def test_messages_out_of_order_in_the_file(tmp_path, messages):
     """The reader sorts them by their stamps; the node writes them in order."""
-    states = places(messages, '/joint_states')
-    a, b = states[30], states[31]
-    swapped = [*messages[:a], *messages[a + 1 : b + 1], messages[a], *messages[b + 1 :]]
-    findings = replayed(samples.record(tmp_path / 'bag', swapped, custom=NOTES))
-    assert findings.verdict is ReplayVerdict.PARTIAL
-    stamp = messages[a][2]
-    assert f'out of order in bag_0.mcap, the first at stamp {stamp} ns' in findings.faults[0]
+    a, b = places(messages, '/joint_states')[30:32]
+    hit = places(messages, '/impacts')[3]
+    exchanged = list(messages)
+    exchanged[a], exchanged[b] = ((*messages[i][:2], messages[j][2]) for i, j in ((b, a), (a, b)))
+    moved = [*messages[:a], *messages[a + 1 : b + 1], messages[a], *messages[b + 1 :]]
+    partial, stamp, first = ReplayVerdict.PARTIAL, messages[a][2], messages[hit][2]
+    again = messages[: hit + 1] + messages[hit:]
+    for name, changed, verdict, words in (
+        ('state', messages[: a + 1] + messages[a:], partial, '/joint_states twice: 1'),
+        ('hit', again, partial, f'/impacts twice: 1 (first at stamp {first} ns)'),
+        ('stamps', exchanged, ReplayVerdict.DIFFERENT, '/joint_states out of order: 1'),
+        ('file', moved, partial, f'out of order in file_0.mcap, the first at stamp {stamp} ns'),
+    ):
+        findings = replayed(samples.record(tmp_path / name, changed, custom=NOTES))
+        assert findings.verdict is verdict
+        assert words in findings.faults[0]
+        if verdict is not partial:
+            assert (findings.first.quantity, findings.difference_count) == ('stamp', 2)
 
 
 def of_format(message, version, name='format'):
