@@ -259,10 +259,11 @@ class RunReader:
         # The messages of each block that later blocks may still precede, in the order of the bag.
         pending: list[tuple[int, int, list[RecordedMessage]]] = []
         with ExitStack() as stack:
-            opened, stream = -1, None
+            opened, stream, held = -1, None, 0
             for start, number, place, block in queue:
-                yield from _earliest(pending, start)
-                held = sum(len(m.content) + _HELD_EACH for *_, found in pending for m in found)
+                if ready := _taken(pending, start):
+                    yield from merge(*ready, key=_STAMP)
+                    held = sum(len(m.content) + _HELD_EACH for *_, found in pending for m in found)
                 file = self.files[number]
                 if stream is None or opened != number:
                     # One at a time: of a long run there are more than may be open.
@@ -284,8 +285,9 @@ class RunReader:
                     if held > _MOST_HELD:
                         self._refuse_overlap()
                 messages.sort(key=_STAMP)
-                insort(pending, (number, place, messages))
-            yield from _earliest(pending, math.inf)
+                if messages:
+                    insort(pending, (number, place, messages))
+            yield from merge(*_taken(pending, math.inf), key=_STAMP)
 
     def _plain(self, topic: str, stamp_ns: int, content: bytes) -> bytes:
         try:
@@ -302,14 +304,16 @@ class RunReader:
         raise RecordingError('read', self.path, cause, 'rewrite it with: ros2 bag convert')
 
 
-def _earliest(
+def _taken(
     pending: list[tuple[int, int, list[RecordedMessage]]], before_ns: float
-) -> Iterator[RecordedMessage]:
-    """Take out the messages from before a stamp, in order."""
+) -> list[list[RecordedMessage]]:
+    """Take out the messages from before a stamp, block by block."""
     ready = []
     for *_, messages in pending:
-        cut = bisect_left(messages, before_ns, key=_STAMP)
-        ready.append(messages[:cut])
-        del messages[:cut]
-    pending[:] = [entry for entry in pending if entry[-1]]
-    return merge(*ready, key=_STAMP)
+        if messages[0].stamp_ns < before_ns:
+            cut = bisect_left(messages, before_ns, key=_STAMP)
+            ready.append(messages[:cut])
+            del messages[:cut]
+    if ready:
+        pending[:] = [entry for entry in pending if entry[-1]]
+    return ready
