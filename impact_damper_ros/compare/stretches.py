@@ -478,16 +478,7 @@ class RecordedPieces:
 
 
 class Stretches:
-    """
-    The stretches of a run; iterate over it once.
-
-    Attributes
-    ----------
-    start, end : float
-        Rig times of the first and last sample, s; NaN without any.
-    steps : list of (int, Step)
-        Changes and resets so far, each with its rig time, ns; of a replayed run.
-    """
+    """The stretches of a run; iterate over it once."""
 
     def __init__(self, source: Replay | RecordedPieces) -> None:
         self._source = source
@@ -496,7 +487,9 @@ class Stretches:
         self._begins, self._causes = Beginning.START, ['start of the bag']
         self._cut: float | None = None
         self._rig: LoggedRig | None = None
+        #: Rig times of the first and last sample, s; NaN without any
         self.start = self.end = math.nan
+        #: Changes and resets so far, each with its rig time, ns; of a replayed run
         self.steps: list[tuple[int, Step]] = []
 
     def __iter__(self) -> Iterator[RecordedStretch]:
