@@ -257,11 +257,6 @@ def alter(message: Message, place: tuple[Any, ...], factor: float) -> Message:
     return replace(message, content=content)
 
 
-def name_of(message: Message, place: tuple[Any, ...]) -> str:
-    """Return what was altered, for the list of what went unnoticed."""
-    return f'{message.topic} ' + '.'.join(str(step) for step in place)
-
-
 def status(command: Callable[[list[str]], int], bag: Path) -> int:
     """Return the exit status of a command on a bag."""
     with contextlib.redirect_stderr(io.StringIO()):
@@ -298,30 +293,32 @@ def one_place(messages: list[Message], draw: random.Random) -> tuple[int, tuple[
     return index, draw.choice(places(messages[index]))
 
 
-def altered_bags(name: str, rate: int, factor: float, count: int) -> tuple[Counter, list[str]]:
+COMMANDS = {'compare_run': compare_run.main, 'replay_run': replay_run.main}
+
+
+def unnoticed_by(bag: Path) -> list[str]:
+    """Return the commands that end with the status 0 on a bag."""
+    return [name for name, command in COMMANDS.items() if status(command, bag) == 0]
+
+
+def altered_bags(name: str, rate: int, factor: float, count: int) -> list[str]:
     """Alter so many numbers of one run, one at a time; return what went unnoticed."""
     draw = random.Random(f'{SEED} {name} {rate} {factor}')
-    missed: Counter[str] = Counter()
-    fields = []
+    missed = []
     with tempfile.TemporaryDirectory() as directory, theory_once():
         source = record(KINDS[name], Path(directory, 'run'), rate)
         messages = read(source)
-        commands = [compare_run, replay_run]
         bag = Path(directory, 'altered')
         write(bag, source, messages)
-        for command in commands:
-            if status(command.main, bag):
-                raise RuntimeError(f'{command.__name__} refuses the bag written again')
+        if unnoticed_by(bag) != list(COMMANDS):
+            raise RuntimeError('a command refuses the bag written again')
         for _ in range(count):
             index, place = one_place(messages, draw)
             new = alter(messages[index], place, factor)
             write(bag, source, [*messages[:index], new, *messages[index + 1 :]])
-            for command in commands:
-                if status(command.main, bag) == 0:
-                    missed[command.__name__.rpartition('.')[2]] += 1
-                    tool = command.__name__.rpartition('.')[2]
-                    fields.append(f'{tool}: {name_of(messages[index], place)}')
-    return missed, fields
+            where = f'{messages[index].topic} {".".join(map(str, place))}'
+            missed += [f'{command}: {where}' for command in unnoticed_by(bag)]
+    return missed
 
 
 # Rearranged bags
@@ -404,11 +401,7 @@ def rearranged_bags(name: str, rate: int) -> tuple[int, list[str]]:
         bag = Path(directory, 'altered')
         for what, held in cases:
             write(bag, source, held)
-            unnoticed += [
-                f'{command.__name__.rpartition(".")[2]}: {what}'
-                for command in (compare_run, replay_run)
-                if status(command.main, bag) == 0
-            ]
+            unnoticed += [f'{command}: {what}' for command in unnoticed_by(bag)]
     return len(cases), unnoticed
 
 
@@ -437,14 +430,14 @@ def random_settings(kind: str, draw: random.Random) -> tuple[str, ...]:
     return common
 
 
-def untouched_bag(number: int) -> tuple[str, int, int]:
-    """Record a random rig; return its kind and the exit status of both tools."""
+def untouched_bag(number: int) -> tuple[str, list[int]]:
+    """Record a random rig; return its kind and the exit status of both commands."""
     draw = random.Random(f'{SEED} untouched {number}')
     name = sorted(KINDS)[number % len(KINDS)]
     with tempfile.TemporaryDirectory() as directory:
         rate = draw.choice(list(RATES))
         bag = record(KINDS[name], Path(directory, 'run'), rate, random_settings(name, draw))
-        return name, status(compare_run.main, bag), status(replay_run.main, bag)
+        return name, [status(command, bag) for command in COMMANDS.values()]
 
 
 # Soaks
@@ -509,17 +502,15 @@ def print_altered(pool: ProcessPoolExecutor, options: argparse.Namespace) -> Non
     total: Counter[str] = Counter()
     fields: Counter[str] = Counter()
     print(f'altered: {each} numbers of each run, one at a time; unnoticed by')
-    print(f'{"run":<14}{"rate [Hz]":>10}{"altered":>10}{"compare_run":>13}{"replay_run":>12}')
-    for (name, rate, factor), (missed, places_missed) in zip(runs, results, strict=True):
+    print(f'{"run":<14}{"rate [Hz]":>10}{"altered":>10}' + ''.join(f'{c:>13}' for c in COMMANDS))
+    for (name, rate, factor), places_missed in zip(runs, results, strict=True):
         how = 'by 1e-3' if factor < 1.0 else 'to 1e300'
+        missed = Counter(place.partition(':')[0] for place in places_missed)
         total += missed
         fields.update(places_missed)
-        print(
-            f'{name:<14}{rate:>10}{how:>10}{missed["compare_run"]:>13}{missed["replay_run"]:>12}',
-            flush=True,
-        )
-    count = each * len(runs)
-    print(f'in all {count}: compare_run {total["compare_run"]}, replay_run {total["replay_run"]}')
+        numbers = ''.join(f'{missed[command]:>13}' for command in COMMANDS)
+        print(f'{name:<14}{rate:>10}{how:>10}{numbers}', flush=True)
+    print(f'in all {each * len(runs)}: ' + ', '.join(f'{c} {total[c]}' for c in COMMANDS))
     for field, number in fields.most_common(40):
         print(f'  {number:4} {field}')
 
@@ -537,15 +528,13 @@ def print_rearranged(pool: ProcessPoolExecutor) -> None:
 def print_untouched(pool: ProcessPoolExecutor, options: argparse.Namespace) -> None:
     """Print the false alarms."""
     alarms: Counter[str] = Counter()
-    for name, compared, replayed in pool.map(untouched_bag, range(options.bags)):
-        alarms['compare_run'] += compared != 0
-        alarms['replay_run'] += replayed != 0
-        if compared or replayed:
-            print(f'  false alarm: {name}, compare_run {compared}, replay_run {replayed}')
-    print(
-        f'untouched: {options.bags} bags; false alarms of compare_run '
-        f'{alarms["compare_run"]}, of replay_run {alarms["replay_run"]}'
-    )
+    for name, found in pool.map(untouched_bag, range(options.bags)):
+        for command, code in zip(COMMANDS, found, strict=True):
+            alarms[command] += code != 0
+            if code:
+                print(f'  false alarm: {name}, {command} {code}')
+    counts = ', '.join(f'{alarms[command]} of {command}' for command in COMMANDS)
+    print(f'untouched: {options.bags} bags; false alarms: {counts}')
 
 
 def print_soaks(pool: ProcessPoolExecutor, options: argparse.Namespace) -> None:

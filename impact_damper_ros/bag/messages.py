@@ -375,31 +375,30 @@ class JointStateLayout:
         )
 
     @cached_property
-    def _fields(self) -> tuple[np.dtype[np.void], NDArray[np.int64], NDArray[np.uint8]]:
-        """The dtype of a message, and of its bytes the places of those that are the same."""
+    def _dtype(self) -> np.dtype[np.void]:
+        """The dtype of a message."""
         import numpy as np
 
         names = ('seconds', 'rest', 'position', 'velocity', 'effort')
         formats = ['<i4', '<u4', *(f'{n}<f8' for n in self.counts)]
         offsets = [_STAMP_AT, _STAMP_AT + 4, *self._begins]
-        dtype = np.dtype(
+        return np.dtype(
             {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': self.size}
         )
-        same = np.ones(self.size, dtype=np.bool_)
-        for begin, end in ((_STAMP_AT, _STAMP_END), *zip(self._begins, self._ends, strict=True)):
-            same[begin:end] = False
-        fixed = np.flatnonzero(same)
-        return dtype, fixed, np.frombuffer(self._content, np.uint8)[fixed]
 
     def fitting(self, contents: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Return which of many messages of this size, one per row, have this layout."""
-        _, fixed, same = self._fields
-        fits: NDArray[np.bool_] = (contents[:, fixed] == same).all(axis=1)
+        import numpy as np
+
+        fits = np.ones(len(contents), dtype=np.bool_)
+        for begin, same in zip([0, _STAMP_END, *self._ends], self._same, strict=True):
+            there = contents[:, begin : begin + len(same)]
+            fits &= (there == np.frombuffer(same, np.uint8)).all(axis=1)
         return fits
 
     def stamps(self, contents: NDArray[np.uint8]) -> NDArray[np.int64]:
         """Return the stamps of such messages, ns."""
-        held = contents.view(self._fields[0])[:, 0]
+        held = contents.view(self._dtype)[:, 0]
         stamps: NDArray[np.int64] = held['seconds'].astype('i8') * _NS_PER_S + held['rest']
         return stamps
 
@@ -407,7 +406,7 @@ class JointStateLayout:
         """Return the first positions, velocities and efforts of such messages."""
         import numpy as np
 
-        held = contents.view(self._fields[0])[:, 0]
+        held = contents.view(self._dtype)[:, 0]
         names = ('position', 'velocity', 'effort')
         parts = [held[name][:, :n] for name, n in zip(names, counts, strict=True)]
         return np.concatenate(parts, axis=1)

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+import math
+from bisect import bisect_left, insort
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from heapq import merge
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -46,6 +48,7 @@ class RecordedTopic:
     message_count: int
 
 
+_STAMP = itemgetter(2)
 #: Bytes of messages, with what each takes in memory, that overlap in time and are held together.
 _MOST_HELD = 512 * 1024 * 1024
 _HELD_EACH = 250
@@ -253,16 +256,14 @@ class RunReader:
             for number, file in enumerate(self.files)
             for place, block in enumerate(file.blocks)
         )
-        # Sorted by stamp and place in the bag; holds what later blocks may still precede.
-        pending: list[tuple[int, int, int, int, RecordedMessage]] = []
-        held = 0
+        # The messages of each block that later blocks may still precede, in the order of the bag.
+        pending: list[tuple[int, int, list[RecordedMessage]]] = []
         with ExitStack() as stack:
-            opened, stream = -1, None
+            opened, stream, held = -1, None, 0
             for start, number, place, block in queue:
-                ready = bisect_left(pending, start, key=itemgetter(0))
-                yield from (entry[-1] for entry in pending[:ready])
-                del pending[:ready]
-                held = sum(len(entry[-1].content) + _HELD_EACH for entry in pending)
+                if ready := _taken(pending, start):
+                    yield from merge(*ready, key=_STAMP)
+                    held = sum(len(m.content) + _HELD_EACH for *_, found in pending for m in found)
                 file = self.files[number]
                 if stream is None or opened != number:
                     # One at a time: of a long run there are more than may be open.
@@ -273,19 +274,20 @@ class RunReader:
                     for channel, described in file.channels.items()
                     if topics is None or described.topic in topics
                 }
-                messages = file.read(stream, block, wanted)
-                for index, (channel, stamp_ns, content) in enumerate(messages):
+                messages: list[RecordedMessage] = []
+                for channel, stamp_ns, content in file.read(stream, block, wanted):
                     topic, kind = wanted[channel]
                     plain = content
                     if content.startswith(ZSTD):
                         plain = self._plain(topic, stamp_ns, content)
-                    record = RecordedMessage(topic, kind, stamp_ns, plain)
-                    pending.append((stamp_ns, number, place, index, record))
+                    messages.append(RecordedMessage(topic, kind, stamp_ns, plain))
                     held += len(plain) + _HELD_EACH
                     if held > _MOST_HELD:
                         self._refuse_overlap()
-                pending.sort()
-            yield from (entry[-1] for entry in pending)
+                messages.sort(key=_STAMP)
+                if messages:
+                    insort(pending, (number, place, messages))
+            yield from merge(*_taken(pending, math.inf), key=_STAMP)
 
     def _plain(self, topic: str, stamp_ns: int, content: bytes) -> bytes:
         try:
@@ -300,3 +302,18 @@ class RunReader:
             'be needed to put their messages in order'
         )
         raise RecordingError('read', self.path, cause, 'rewrite it with: ros2 bag convert')
+
+
+def _taken(
+    pending: list[tuple[int, int, list[RecordedMessage]]], before_ns: float
+) -> list[list[RecordedMessage]]:
+    """Take out the messages from before a stamp, block by block."""
+    ready = []
+    for *_, messages in pending:
+        if messages[0].stamp_ns < before_ns:
+            cut = bisect_left(messages, before_ns, key=_STAMP)
+            ready.append(messages[:cut])
+            del messages[:cut]
+    if ready:
+        pending[:] = [entry for entry in pending if entry[-1]]
+    return ready

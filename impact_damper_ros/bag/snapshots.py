@@ -57,20 +57,10 @@ def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
 
 class Snapshots:
     """
-    Writes the snapshots of a rig.
+    Writes the snapshots of a rig, given the full names of its node and topics.
 
-    Parameters
-    ----------
-    node : str
-        Full name of the node.
-    topics : mapping of str to str
-        Full names of its topics, by those of `RIG_TOPICS`.
-    initial : mapping
-        The initial conditions to which a reset puts the rig.
-    rate : float
-        Joint states per second of rig time.
-    offset_ns : int, optional
-        Stamp of rig time 0.
+    `initial` is where a reset puts it, `rate` the joint states per second of rig time, `offset_ns`
+    the stamp of rig time 0.
     """
 
     #: Topics that a snapshot names.

@@ -278,6 +278,18 @@ class Flights:
             np.where(joint, held, speed + fall * tau - velocity),
         )
 
+    def state_at(self, place: int, time: float) -> Events:
+        """Return the state in a flight at an instant, s, as a row."""
+        index, tau = np.array([place]), np.array([time - float(self.starts[place])])
+        x, velocity, _, _ = self.motion(index, tau)
+        y, relative = self.damper(index, tau, x, velocity)
+        row = self.rows[place : place + 1].copy()
+        for side in ('before', 'after'):
+            row[f'primary_velocity_{side}'] = velocity
+            row[f'damper_velocity_{side}'] = velocity + relative
+        row['time'], row['x'], row['y'], row['kind'], row['stop'] = time, x, y, STATE, 0
+        return row
+
     def cut(self, start: float, end: float) -> Flights:
         """Return the motion from one instant to another, as far as it is known, s."""
         times = self.rows['time']
@@ -288,17 +300,8 @@ class Flights:
             return inside
         rows = inside.rows.copy()
         for place, at, row in ((0, start, 0), (len(inside) - 1, end, -1)):
-            late = at - float(inside.starts[place])
-            if not 0.0 < late < inside.spans[place]:
-                continue
-            index, tau = np.array([place]), np.array([late])
-            x, velocity, _, _ = inside.motion(index, tau)
-            y, relative = inside.damper(index, tau, x, velocity)
-            for side in ('before', 'after'):
-                rows[f'primary_velocity_{side}'][row] = velocity[0]
-                rows[f'damper_velocity_{side}'][row] = velocity[0] + relative[0]
-            rows['time'][row], rows['x'][row], rows['y'][row] = at, x[0], y[0]
-            rows['kind'][row], rows['stop'][row] = STATE, 0
+            if 0.0 < at - float(inside.starts[place]) < inside.spans[place]:
+                rows[row] = inside.state_at(place, at)
         angle = inside.angle.copy()
         angle[0] += inside.frequency[0] * (rows['time'][0] - inside.starts[0])
         columns = (inside.together, inside.stop, inside.frequency, angle, inside.active)

@@ -52,15 +52,6 @@ _MOST_SEARCHED_IMPACTS = 4
 _STARTS = 3
 
 
-@dataclass(frozen=True)
-class MatchedOrbit:
-    """The predicted motion nearest to a measured one, without the weak impacts of a chatter."""
-
-    orbit: PeriodicOrbit | None  # begun at the same impact as the measured one
-    distance: float  # largest difference of any instant (cycles) or scaled state of its impacts
-    solver: str  # what found it, or why there is none
-
-
 def impulses_of(orbit: PeriodicOrbit) -> tuple[float, ...]:
     """Return the impulses of a motion, N s."""
     mass = orbit.parameters.primary_mass
@@ -129,8 +120,13 @@ def _match_orbit(
     measured: Array,
     cycles: int,
     table: Section,
-) -> MatchedOrbit:
-    """Solve the periodic problem of a rig, counted from the zero of its force, from a period."""
+) -> tuple[PeriodicOrbit | None, float, str]:
+    """
+    Solve the periodic problem of a rig, counted from the zero of its force, from a period.
+
+    The motion begins at the same impact as the measured period; beside it are their distance and
+    what found it, or why there is none.
+    """
     best: tuple[float, PeriodicOrbit] | None = None
     how, stops = '', tuple(period['stop'].tolist())
     try:
@@ -143,11 +139,11 @@ def _match_orbit(
                 if turn[1].viable and turn[0] < _NEAR:
                     break
     except OrbitError as error:
-        return MatchedOrbit(None, np.inf, str(error))
+        return None, math.inf, str(error)
     if best is None:
         text = f'no motion with the stops {",".join(map(str, stops))} in '
-        return MatchedOrbit(None, np.inf, f'{text}{counted(cycles, "cycle")} was found')
-    return MatchedOrbit(best[1], best[0], how)
+        return None, math.inf, f'{text}{counted(cycles, "cycle")} was found'
+    return best[1], best[0], how
 
 
 # The recorded periods
@@ -182,17 +178,13 @@ _MOST_RANK = 4
 _NEGLIGIBLE = 1e-3
 
 
-@dataclass(frozen=True)
-class DecayRate:
-    """Measured factor by which deviations shrink in a period."""
+def decay_rate(states: Array, floor: float) -> tuple[float, int, int]:
+    """
+    Measure the decay of the differences of successive periods, one per row.
 
-    factor: float  # largest modulus of the eigenvalues; NaN if it could not be measured
-    start: int  # the periods on which it was measured
-    stop: int
-
-
-def decay_rate(states: Array, floor: float) -> DecayRate:
-    """Measure the decay of the differences of successive periods, one per row."""
+    Returned are the factor in a period, the largest modulus of the eigenvalues, which is NaN if it
+    could not be measured, the first of the periods on which it was, and their number.
+    """
     steps = np.diff(states, axis=0)
     sizes = np.abs(steps).max(axis=1)
     large = np.flatnonzero(sizes > _LINEAR)
@@ -202,7 +194,7 @@ def decay_rate(states: Array, floor: float) -> DecayRate:
     stop = int(small[0]) if len(small) else len(sizes)
     count = stop - start
     if count < _LEAST_PERIODS:
-        return DecayRate(math.nan, start, start)
+        return math.nan, start, 0
     steps, sizes = steps[start:stop], sizes[start:stop, None]
     before, after = (steps[:-1] / sizes[:-1]).T, (steps[1:] / sizes[:-1]).T
     modes, values, rows = np.linalg.svd(before, full_matrices=False)
@@ -210,7 +202,7 @@ def decay_rate(states: Array, floor: float) -> DecayRate:
     rank = int(min(rank, (values > _NEGLIGIBLE * values[0]).sum()))
     modes, values, rows = modes[:, :rank], values[:rank], rows[:rank]
     map_ = modes.T @ after @ rows.T / values
-    return DecayRate(float(np.abs(np.linalg.eigvals(map_)).max()), start, stop)
+    return float(np.abs(np.linalg.eigvals(map_)).max()), start, count
 
 
 #: Periods shown at most, and after the distance has reached the resolution of the stamps.
@@ -228,8 +220,14 @@ class PeriodicMotion:
 
     period: ImpactStates  # its last period
     time: float  # instant of the first impact of that, rig time, s
-    match: MatchedOrbit
-    decay: DecayRate
+    #: The predicted motion nearest to it, without the weak impacts of a chatter; None if there is
+    #: none. The largest difference of any instant (cycles) or scaled state of their impacts. What
+    #: found it, or why there is none.
+    orbit: PeriodicOrbit | None
+    distance: float
+    solver: str
+    decay: Decay
+    first: int  # of the periods on which the decay was measured
     times: Array  # beginning of each period, s
     #: Distance of each period from the predicted one; from the last, if there is no prediction.
     distances: Array
@@ -239,42 +237,16 @@ class PeriodicMotion:
     table: Section
     recurrence: Period
 
-    @property
-    def predicted_factor(self) -> float:
-        """Largest modulus of the multipliers; NaN without a prediction."""
-        orbit = self.match.orbit
-        return abs(orbit.multipliers[0]) if orbit is not None else np.nan
-
-    def as_decay(self) -> Decay:
-        """Return measured and predicted decay."""
-        return Decay(
-            measured=self.decay.factor,
-            predicted=self.predicted_factor,
-            periods=self.decay.stop - self.decay.start,
-            distance=float(self.distances[-1]),
-            floor=self.recurrence.floor,
-        )
-
     def as_curve(self) -> Convergence:
         """Return the approach to the periodic motion, for a plot."""
         hidden = np.flatnonzero(self.distances < _HIDDEN * self.recurrence.floor)
-        last = min(
-            int(hidden[0]) + _PERIODS_BEYOND if len(hidden) else _MOST_SHOWN_PERIODS,
-            _MOST_SHOWN_PERIODS,
-        )
-        return Convergence(
-            time=self.times[:last],
-            distance=self.distances[:last],
-            floor=self.recurrence.floor,
-            fitted_from=min(self.decay.start, last),
-            fitted_to=min(self.decay.stop, last),
-            measured=self.decay.factor,
-            predicted=self.predicted_factor,
-        )
+        last = min([*(hidden[:1] + _PERIODS_BEYOND), _MOST_SHOWN_PERIODS])
+        times, distances = self.times[:last], self.distances[:last]
+        return Convergence(times, distances, self.first, self.decay)
 
     def differences(self) -> list[Finding]:
         """Return the differences from the predicted period that are too large."""
-        orbit, period = self.match.orbit, self.period
+        orbit, period = self.orbit, self.period
         if orbit is None or orbit.impacts != len(period.stops):
             return []
         found = []
@@ -330,32 +302,43 @@ def periodic_motion(
     measured = rows[-1].copy()
     whole = np.floor(measured[0])
     measured[:n] -= whole
-    match = MatchedOrbit(None, np.inf, '')
+    orbit, distance, solver = None, math.inf, ''
     if rig is not None:
         rig, last = counted_from_zero(rig, drive.angles), impacts[end - n : end]
-        match = _match_orbit(rig, drive, last, measured, recurrence.cycles, table)
+        orbit, distance, solver = _match_orbit(
+            rig, drive, last, measured, recurrence.cycles, table
+        )
     reference = rows[-1]
-    if match.orbit is not None:
-        reference = _state_row(match.orbit, table)
+    if orbit is not None:
+        reference = _state_row(orbit, table)
         first = reference[0]
         reference[:n] = first + (reference[:n] - first) % recurrence.cycles
         reference[:n] += whole + round(measured[0] - first)
-    decay = decay_rate(rows, recurrence.floor)
+    factor, begin, count = decay_rate(rows, recurrence.floor)
     distances = np.abs(rows - reference).max(axis=1)
-    if match.orbit is None:
+    if orbit is None:
         distances = distances[:-1] if len(distances) > 1 else distances
     begins = end - n * np.arange(len(rows), 0, -1)
-    factor = decay.factor if decay.factor < 1.0 else recurrence.factor
+    shrinks = factor if factor < 1.0 else recurrence.factor
     recent = float(recurrence.distance[-6:].max())
-    allowed = _MARGIN * recent / (1.0 - min(factor, 0.999)) + _FLOORS * recurrence.floor + _SOLVED
+    allowed = _MARGIN * recent / (1.0 - min(shrinks, 0.999)) + _FLOORS * recurrence.floor + _SOLVED
     far = np.flatnonzero(distances > SETTLED)
     settled = int(far[-1]) + 1 if len(far) else 0
     times = impacts['time'][begins][: len(distances)]
     return PeriodicMotion(
         period=period,
         time=float(impacts['time'][end - n]),
-        match=match,
-        decay=decay,
+        orbit=orbit,
+        distance=distance,
+        solver=solver,
+        decay=Decay(
+            measured=factor,
+            predicted=abs(orbit.multipliers[0]) if orbit is not None else math.nan,
+            periods=count,
+            distance=float(distances[-1]),
+            floor=recurrence.floor,
+        ),
+        first=begin,
         times=times,
         distances=distances,
         allowed=allowed,

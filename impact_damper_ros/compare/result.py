@@ -228,16 +228,6 @@ class LogVerdict(Enum):
 
 
 @dataclass(frozen=True)
-class SwingEnvelope:
-    """Least and greatest X in consecutive pieces of a stretch."""
-
-    time: Array  # beginning of each piece, s, shape (n,)
-    #: Least and greatest sampled X in it, m, shape (n,).
-    low: Array
-    high: Array
-
-
-@dataclass(frozen=True)
 class MotionCurve:
     """The motion in detail, with both sides of each event."""
 
@@ -279,13 +269,8 @@ class Convergence:
     #: Largest difference of any displacement, velocity and instant of its impacts from those of
     #: the periodic motion, each relative to its size, shape (n,).
     distance: Array
-    floor: float  # as of `Decay`, as the last two
-    #: The periods (half-open range of indices) on which the decay was measured; equal if it
-    #: could not be.
-    fitted_from: int
-    fitted_to: int
-    measured: float
-    predicted: float
+    first: int  # of the periods on which the decay was measured
+    decay: Decay
 
 
 @dataclass(frozen=True)
@@ -303,7 +288,9 @@ class Spectrum:
 class StretchCurves:
     """The arrays of one stretch for plots, of bounded size; None for those that do not apply."""
 
-    envelope: SwingEnvelope | None = None  # X over the whole stretch
+    #: X over the whole stretch, shape (3, n): beginnings of consecutive pieces, s, and least and
+    #: greatest sampled X in each, m.
+    envelope: Array | None = None
     #: The end of the stretch in detail: the last periods, or the last cycles of the force.
     motion: MotionCurve | None = None
     #: The latest impacts, rows of EVENT_TYPE; their phases in cycles, in [0, 1), if known.

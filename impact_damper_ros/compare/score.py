@@ -136,14 +136,7 @@ class _History:
         self.compiled: bool | None = False
 
     def run(self, held: Mapping[str, Any]) -> list[RecordedStretch]:
-        """
-        Return the stretches of a run with some parameters held.
-
-        Raises
-        ------
-        EndlessEventsError
-            If the rig has more events than it may.
-        """
+        """Return the stretches of a run with some parameters held, or raise EndlessEventsError."""
         other = WhatIf(self._command, {'gap_control': 'off', **held})
         other.rig = Rig.restore(other.rig.snapshot(), self._command.law, compiled=self.compiled)
         builder, found = builder_at(other.rig.snapshot(), self._start), []
@@ -199,26 +192,7 @@ def score_bag(
     """
     Score a recorded run, beside the same run with the best fixed gap and with M alone.
 
-    Parameters
-    ----------
-    path : Path
-        A bag directory or ``.mcap`` file, with a snapshot.
-    node : str, optional
-        Name or namespace of the node, if there are several rigs in the bag.
-    law : OwnLaw, optional
-        The law that moved the stops, for a rig with one of the user's own.
-    progress : callable, optional
-        Called now and then with the rig time reached in the recording, s.
-
-    Returns
-    -------
-    RunScore
-        The scores.
-
-    Raises
-    ------
-    RecordingError
-        If the bag cannot be read, or has no snapshot.
+    The bag must have a snapshot; `progress` is called now and then with the rig time reached, s.
     """
     path = Path(path)
     recorded = RecordedRun(path, node, purpose='score', law=law)

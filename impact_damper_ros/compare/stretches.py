@@ -41,7 +41,7 @@ from impact_damper_ros.rig.state import STICK
 
 from .drive import Drive, fitted_drive
 from .flights import SAMPLE, STATE, Flights, Integrals, rows_of_samples
-from .result import Array, Beginning, LoggedStretch, Overall, SwingEnvelope
+from .result import Array, Beginning, LoggedStretch, Overall
 
 # The rig
 
@@ -140,14 +140,14 @@ class Envelope:
             self._pieces = np.array([time[starts], _least(low, starts), _most(high, starts)])
             self._size *= 2
 
-    def finish(self) -> SwingEnvelope:
+    def finish(self) -> Array:
         """Return the ranges; what does not fill a piece belongs to the last one."""
         (time, low, high), (times, x) = self._pieces, self._rest
         if not len(time):
-            return SwingEnvelope(times[:1], x[:1], x[:1])
+            return np.array([times[:1], x[:1], x[:1]])
         if len(x):
             low[-1], high[-1] = min(low[-1], x.min()), max(high[-1], x.max())
-        return SwingEnvelope(time, low, high)
+        return self._pieces
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +157,7 @@ class RecordedStretch(LoggedStretch):
     flights: Flights  # the last ones
     samples: Samples  # the last ones
     counts: tuple[int, int, int]  # samples, missing samples, impacts
-    envelope: SwingEnvelope
+    envelope: Array  # of X, as of `StretchCurves`
     overall: Overall
     #: State of the rig at the end; empty if it was not replayed.
     at_end: Mapping[str, Any] = field(default_factory=dict)
@@ -298,7 +298,11 @@ class StretchBuilder:
             if row['time'][0] > self._row['time'][0]:
                 self._follow(row)
         elif self._replayed and end is not None and end > self._row['time'][0]:
-            self._go_on(end)
+            # The last flight goes on.
+            rows = np.concatenate([self._row, self._row])
+            rows['time'][1] = end
+            flights = Flights.between(self._rig.parameters, rows, self._drive, active=self._active)
+            self._follow(flights.state_at(0, end))
         end = self._end if end is None else end
         rig = self._rig.parameters
         still = Flights.between(rig, self._row, self._drive, active=self._active)
@@ -318,21 +322,6 @@ class StretchBuilder:
             overall=self._overall(end - self._start, at_end),
             at_end=at_end or {},
         )
-
-    def _go_on(self, end: float) -> None:
-        """Go on with the last flight to an instant, s."""
-        rows = np.concatenate([self._row, self._row])
-        rows['time'][1] = end
-        rig = self._rig.parameters
-        flights = Flights.between(rig, rows, self._drive, active=self._active)
-        first = np.zeros(1, np.intp)
-        x, velocity, _, _ = flights.motion(first, flights.spans)
-        y, relative = flights.damper(first, flights.spans, x, velocity)
-        for side in ('before', 'after'):
-            rows[f'primary_velocity_{side}'][1] = velocity[0]
-            rows[f'damper_velocity_{side}'][1] = velocity[0] + relative[0]
-        rows['x'][1], rows['y'][1], rows['kind'][1] = x[0], y[0], STATE
-        self._follow(rows[1:])
 
     def _overall(self, duration: float, at_end: Mapping[str, Any] | None) -> Overall:
         rig, totals = self._rig.parameters, self._totals
@@ -489,16 +478,7 @@ class RecordedPieces:
 
 
 class Stretches:
-    """
-    The stretches of a run; iterate over it once.
-
-    Attributes
-    ----------
-    start, end : float
-        Rig times of the first and last sample, s; NaN without any.
-    steps : list of (int, Step)
-        Changes and resets so far, each with its rig time, ns; of a replayed run.
-    """
+    """The stretches of a run; iterate over it once."""
 
     def __init__(self, source: Replay | RecordedPieces) -> None:
         self._source = source
@@ -507,7 +487,9 @@ class Stretches:
         self._begins, self._causes = Beginning.START, ['start of the bag']
         self._cut: float | None = None
         self._rig: LoggedRig | None = None
+        #: Rig times of the first and last sample, s; NaN without any
         self.start = self.end = math.nan
+        #: Changes and resets so far, each with its rig time, ns; of a replayed run
         self.steps: list[tuple[int, Step]] = []
 
     def __iter__(self) -> Iterator[RecordedStretch]:

@@ -58,16 +58,15 @@ def _stability(orbit: PeriodicOrbit) -> str:
 
 def _judged_period(kind: StretchKind, motion: PeriodicMotion) -> _Judgement:
     """Judge a motion that repeats, or that settles into one that does."""
-    orbit = motion.match.orbit
-    distance = float(motion.match.distance)
+    orbit, distance, decay = motion.orbit, motion.distance, motion.decay
     if orbit is None:
-        return _Judgement(Verdict.NO_PREDICTION, motion.match.solver)
+        return _Judgement(Verdict.NO_PREDICTION, motion.solver)
     name = _motion_name(orbit)
     rate = ''
-    if not math.isnan(motion.decay.factor):
+    if not math.isnan(decay.measured):
         rate = (
-            f'; deviations shrink by {motion.decay.factor:.5g} in a period, predicted '
-            f'{motion.predicted_factor:.5g}'
+            f'; deviations shrink by {decay.measured:.5g} in a period, predicted '
+            f'{decay.predicted:.5g}'
         )
     if distance > motion.allowed:
         differences = motion.differences()
@@ -78,11 +77,11 @@ def _judged_period(kind: StretchKind, motion: PeriodicMotion) -> _Judgement:
         return _Judgement(Verdict.DIFFERS, text + rate, differences)
     near = f'{distance:.2g} of its size from {name} ({_stability(orbit)})'
     if kind.kind is MotionKind.TRANSIENT:
-        factor = motion.predicted_factor
         # If the multipliers are complex, the distance oscillates as it shrinks.
         largest = float(motion.distances[-6:].max())
-        if orbit.stable and largest > SETTLED and factor > 0.0:
-            more = math.ceil(math.log(SETTLED / largest) / math.log(factor)) * orbit.cycles
+        if orbit.stable and largest > SETTLED and decay.predicted > 0.0:
+            periods = math.log(SETTLED / largest) / math.log(decay.predicted)
+            more = math.ceil(periods) * orbit.cycles
             near += f', and within {SETTLED:g} of it after about {more} more cycles'
         return _Judgement(Verdict.NOT_SETTLED, near + rate)
     stays = orbit.stable or orbit.neutral
@@ -312,15 +311,15 @@ class _Comparison:
     def _repeating(self, drive: Drive, kind: StretchKind, recurrence: Period) -> StretchComparison:
         """Compare a motion whose recorded impacts repeat, or will."""
         motion = periodic_motion(drive, kind.impacts, recurrence, self.stretch.parameters)
-        self.motion, self.orbit, self.solver = motion, motion.match.orbit, motion.match.solver
-        if motion.match.orbit is None and kind.kind is MotionKind.TRANSIENT:
+        self.motion, self.orbit, self.solver = motion, motion.orbit, motion.solver
+        if motion.orbit is None and kind.kind is MotionKind.TRANSIENT:
             later = run_on(self.stretch, self.cycle)
             if later is not None and later.orbit is not None:
                 self.orbit, self.solver = later.orbit, 'boundary-value problem of its events'
                 text = f'run on, it comes to {_motion_name(later.orbit)} '
                 text += f'({_stability(later.orbit)})'
                 return self._result(kind, _Judgement(Verdict.NOT_SETTLED, text))
-        if kind.kind is MotionKind.TRANSIENT and motion.match.distance <= SETTLED:
+        if kind.kind is MotionKind.TRANSIENT and motion.distance <= SETTLED:
             kind = replace(kind, kind=MotionKind.PERIODIC)
         return self._result(kind, _judged_period(kind, motion))
 
@@ -333,8 +332,8 @@ class _Comparison:
             period, settled_at = recorded.period, recorded.settled_at
             cycles = recorded.recurrence.cycles
             per_cycle = recorded.recurrence.rows / cycles
-            if recorded.match.orbit is not None:
-                decay = recorded.as_decay()
+            if recorded.orbit is not None:
+                decay = recorded.decay
             if settled_at is not None:
                 steady = min(settled_at, stretch.end)
                 begin = max(steady, stretch.end - _MEASURED * cycles * self.cycle)
@@ -391,7 +390,7 @@ class _Comparison:
         settled = stretch.samples[stretch.samples['time'] >= steady]
         impacts = stretch.flights.impacts[-_MOST_IMPACTS:]
         return StretchCurves(
-            envelope=stretch.envelope if len(stretch.envelope.time) else None,
+            envelope=stretch.envelope if stretch.envelope.size else None,
             motion=motion_curve(stretch, max(stretch.start, shown), self.cycle),
             impacts=impacts if len(impacts) else None,
             phases=drive.phase(impacts['time']) % 1.0 if drive is not None and forced else None,

@@ -239,15 +239,17 @@ class RecordedRun:
             if isinstance(item, RecordedMessage):
                 if not began:
                     self.early += 1
-                elif tables.take(item) >= _MOST_AT_ONCE:
+                    continue
+                tables.waiting.append(item)
+                if len(tables.waiting) >= _MOST_AT_ONCE:
                     yield tables.rows()
                 continue
-            if tables.count:
+            if tables.waiting:
                 yield tables.rows()
             began = began or isinstance(item, Command)
             if began:
                 yield item
-        if tables.count:
+        if tables.waiting:
             yield tables.rows()
 
     def _items(self) -> Iterator[_Single]:
@@ -319,25 +321,18 @@ class _Tables:
         self._columns = {
             key: JointStateRows(joints, counts) for key, (joints, counts) in _LAYOUTS.items()
         }
-        self._waiting: dict[str, list[RecordedMessage]] = {t: [] for t in self._topics.values()}
         self._last: dict[str, tuple[int, bytes]] = {}
-        self.count = 0
-
-    def take(self, record: RecordedMessage) -> int:
-        """Take a message; return how many are waiting."""
-        self._waiting[record.topic].append(record)
-        self.count += 1
-        return self.count
+        self.waiting: list[RecordedMessage] = []
 
     def rows(self) -> Rows:
         """Return the waiting messages."""
-        self.count = 0
-        return Rows(*(self._table(key) for key in _LAYOUTS))
+        rows = Rows(*(self._table(key) for key in _LAYOUTS))
+        self.waiting.clear()
+        return rows
 
     def _table(self, key: str) -> Messages:
         columns, topic, disorder = self._columns[key], self._topics[key], self._run.disorder
-        records = self._waiting[topic] if topic else []
-        self._waiting[topic] = []
+        records = [record for record in self.waiting if record.topic == topic]
         rows, readable = columns.read([r.content for r in records], [r.stamp_ns for r in records])
         if not readable.all():
             disorder.note(UNREADABLE, topic, rows['log_ns'][~readable])

@@ -39,21 +39,7 @@ def parameter_label(name: str) -> str:
 
 @print_style()
 def branch_figure(branches: Sequence[Branch], title: str = '') -> Figure:
-    """
-    Draw the largest |X| along branches: stable, unstable, not viable, and the special points.
-
-    Parameters
-    ----------
-    branches : sequence of Branch
-        Branches along the same parameter.
-    title : str, optional
-        What it is of, over the figure.
-
-    Returns
-    -------
-    Figure
-        The figure.
-    """
+    """Draw the largest |X| along branches of one parameter, with their special points."""
     from matplotlib.lines import Line2D
 
     figure = blank_figure(6.3, 4.4)

@@ -23,7 +23,6 @@ from impact_damper_ros.compare.result import (
     MotionCurve,
     PredictedCurve,
     StretchComparison,
-    SwingEnvelope,
 )
 from impact_damper_ros.replay.rows import Events
 
@@ -144,14 +143,15 @@ def _cycles(stretch: StretchComparison) -> float:
     return (stretch.end - stretch.start) * stretch.parameters.force_frequencies[0] / math.tau
 
 
-def _coarser(stretch: StretchComparison, envelope: SwingEnvelope, most: float) -> Array:
+def _coarser(stretch: StretchComparison, envelope: Array, most: float) -> Array:
     """Return time, least and greatest X of at most so many pieces, up to the end."""
     # Equal pieces: a short one at the end would not hold a whole oscillation.
-    count = min(len(envelope.time), int(most))
-    starts = np.arange(count) * len(envelope.time) // count
-    low, high = np.fmin.reduceat(envelope.low, starts), np.fmax.reduceat(envelope.high, starts)
+    time, low, high = envelope
+    count = min(len(time), int(most))
+    starts = np.arange(count) * len(time) // count
+    low, high = np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)
     # The last piece reaches to the end of the stretch
-    rows = np.array([envelope.time[starts], low, high])
+    rows = np.array([time[starts], low, high])
     return np.hstack([rows, [[stretch.end], [low[-1]], [high[-1]]]])
 
 
@@ -173,7 +173,7 @@ def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Pi
     shown = [
         (stretch, stretch.curves.envelope)
         for stretch in stretches
-        if stretch.curves.envelope is not None and len(stretch.curves.envelope.time)
+        if stretch.curves.envelope is not None and stretch.curves.envelope.size
     ]
     if not shown:
         return None
@@ -489,15 +489,15 @@ _TAIL = 20
 def _slopes(axes: Any, curve: Convergence) -> None:
     """Draw the decay as measured and as predicted, within the axes."""
     low, high = axes.get_ylim()
-    part = slice(curve.fitted_from, curve.fitted_to)
+    part = slice(curve.first, curve.first + curve.decay.periods)
     time, distance = curve.time[part], curve.distance[part]
     count = np.arange(len(time))
     used = np.isfinite(distance) & (distance > 0.0)
     if used.sum() < 2:
         return
     for factor, color, width, label in (
-        (curve.measured, 'primary', 3.4, 'measured'),
-        (curve.predicted, 'theory', 1.2, 'predicted'),
+        (curve.decay.measured, 'primary', 3.4, 'measured'),
+        (curve.decay.predicted, 'theory', 1.2, 'predicted'),
     ):
         if math.isfinite(factor) and factor > 0.0:
             # Through the middle of the points, so that the slopes can be compared
@@ -514,25 +514,26 @@ def _draw_convergence(stretch: StretchComparison) -> Picture | None:
     curve = stretch.curves.convergence
     if curve is None:
         return None
+    floor = curve.decay.floor
     shown = np.isfinite(curve.distance) & (curve.distance > 0.0)
     if shown.sum() < 2:
         return None
-    above = np.flatnonzero(shown & (curve.distance > curve.floor))
+    above = np.flatnonzero(shown & (curve.distance > floor))
     if len(above):
         # Distances at the floor carry no information
         shown[above[-1] + 1 + max(_TAIL, len(above) // 2) :] = False
     axes = _panel('rig time [s]', 'relative distance')
     low, high = float(curve.distance[shown].min()), float(curve.distance[shown].max())
-    if curve.floor > 0.0:
-        low = min(low, curve.floor)
+    if floor > 0.0:
+        low = min(low, floor)
     _log_axis(axes, 0.2 * low, 4.0 * high)
     time, distance = curve.time[shown], curve.distance[shown]
     marks: dict[str, Any] = {'marker': 'o', 'markersize': 2.4} if shown.sum() < 150 else {}
     look = {'color': COLORS['primary'], 'linewidth': 1.0, **marks}
     axes.plot(time, distance, **look, label='as recorded')
-    if curve.floor > 0.0:
+    if floor > 0.0:
         look = {'color': COLORS['stop'], 'alpha': 0.3, 'linewidth': 0}
-        axes.axhspan(1e-3 * low, curve.floor, **look, label='below the resolution of the log')
+        axes.axhspan(1e-3 * low, floor, **look, label='below the resolution of the log')
     _slopes(axes, curve)
     axes.set_xlim(_finite_range(time, margin=0.02))
     caption = 'Distance of the impacts of each period from those of the periodic motion. The '

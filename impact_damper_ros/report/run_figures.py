@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.compare.result import SwingEnvelope
+from impact_damper_ros.compare.result import Array
 from impact_damper_ros.replay.rows import Events, Samples
 
 from .drawing import (
@@ -53,7 +53,7 @@ class Side(NamedTuple):
     """One of two runs that are compared: the title of its end, X over it, and its end close up."""
 
     title: str
-    envelope: SwingEnvelope
+    envelope: Array  # time, least and greatest X
     closeup: Motion
 
 
@@ -154,9 +154,9 @@ def _draw_envelopes(axes: Any, sides: Sequence[Side]) -> None:
     """Draw X of two runs over each other, the larger motion behind."""
     largest = 0.0
     pairs = list(zip(sides, _RUNS.values(), strict=True))
-    pairs.sort(key=lambda pair: -float(np.square(pair[0].envelope.high).sum()))
+    pairs.sort(key=lambda pair: -float(np.square(pair[0].envelope[2]).sum()))
     for (side, color), alpha in zip(pairs, (0.5, 0.75), strict=True):
-        time, low, high = side.envelope.time, side.envelope.low, side.envelope.high
+        time, low, high = side.envelope
         if not len(time):
             continue
         axes.set_xlim(time[0], max(time[-1], time[0] + 1e-9))
@@ -181,7 +181,7 @@ def draw_what_if(
     figure = blank_figure(11, 7.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.5))
     sides = (recorded, what_if)
-    largest = [edge for s in sides for edge in (s.envelope.low, s.envelope.high)]
+    largest = [s.envelope[1:] for s in sides]
     overview = figure.add_subplot(grid[0, :])
     _draw_envelopes(overview, sides)
     end = recorded.closeup.samples['time']

@@ -17,27 +17,15 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """
-    A table.
-
-    Attributes
-    ----------
-    columns : sequence of Column
-        The columns.
-    groups : sequence of (str, rows)
-        The rows, in groups with titles, which may be empty. A cell is a text; in HTML a verdict
-        or the length of a bar in per cent, where the kind of its column says so.
-    caption, note : str
-        What it shows, and how to read it.
-    links : mapping of str to str
-        Where first cells lead to, in HTML.
-    """
+    """Rows in groups with titles, which may be empty."""
 
     columns: Sequence[Column]
+    #: A cell is a text; in HTML a verdict or the length of a bar in per cent, where the kind of
+    #: its column says so.
     groups: Sequence[tuple[str, Sequence[Sequence[Any]]]]
-    caption: str = ''
-    note: str = ''
-    links: Mapping[str, str] = field(default_factory=dict)
+    caption: str = ''  # what it shows
+    note: str = ''  # how to read it
+    links: Mapping[str, str] = field(default_factory=dict)  # of first cells, in HTML
 
     @classmethod
     def of_rows(cls, head: Sequence[str], rows: Iterable[Sequence[Any]], texts: int = 1) -> Table:

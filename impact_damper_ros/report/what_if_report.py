@@ -10,10 +10,9 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_damper_ros.compare import Overall
-from impact_damper_ros.compare.result import SwingEnvelope
+from impact_damper_ros.compare.result import Array
 from impact_damper_ros.compare.stretches import RecordedStretch, builder_at
 from impact_damper_ros.control import Rig
 from impact_damper_ros.replay import Part, Replay, Setting
@@ -31,8 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-Array = NDArray[np.float64]
-
 #: Changes of a held parameter that the table and the title of a figure list.
 _MOST_IN_TABLE, _MOST_IN_FIGURE = 20, 3
 _CLOSEUP_CYCLES, _CLOSEUP_POINTS = 4, 2400
@@ -43,7 +40,7 @@ class RunTotals:
 
     def __init__(self, state: Mapping[str, Any]) -> None:
         self._done: list[Overall] = []
-        self._pieces: list[SwingEnvelope] = []
+        self._pieces: list[Array] = []
         self._builder = builder_at(state)
 
     def look(self, samples: Samples, events: Events) -> None:
@@ -66,11 +63,9 @@ class RunTotals:
     def _last(self) -> RecordedStretch:
         return self._builder.finish()
 
-    def envelope(self) -> SwingEnvelope:
+    def envelope(self) -> Array:
         """Return the range of X in consecutive pieces of the run."""
-        pieces = [*self._pieces, self._last.envelope]
-        names = ('time', 'low', 'high')
-        return SwingEnvelope(*(np.concatenate([getattr(p, n) for p in pieces]) for n in names))
+        return np.hstack([*self._pieces, self._last.envelope])
 
     def as_json(self) -> dict[str, Any]:
         """Return the totals in SI units; None where there is none."""

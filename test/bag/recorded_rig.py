@@ -202,6 +202,15 @@ class RecordedRig:
         return samples.record(directory, self.messages, **options)
 
 
+def params_file(path, *parts):
+    """Write parameters, and initial conditions, as a parameters file of ROS 2."""
+    values = {
+        n: list(v) if isinstance(v, tuple) else v for p in parts for n, v in p.as_dict().items()
+    }
+    path.write_text(json.dumps({'/**': {'ros__parameters': values}}))
+    return path
+
+
 def renamed(messages, names, node=NODE):
     """Return messages on other topics, as their snapshots name them."""
     found = []

@@ -1,10 +1,10 @@
 """What happens when the disk does not play along: said clearly, and nothing flushed is lost."""
 
 import errno
+import itertools
 import os
 import resource
 import shutil
-import time
 
 import pytest
 from bag import samples
@@ -31,28 +31,24 @@ def small_disk(tmp_path):
         yield directory
 
 
-def record_until_full(writer):
+def write_until_it_fails(writer):
     """Write incompressible messages until the writer has failed; return how many."""
-    count = 0
-    deadline = time.monotonic() + 100
-    while writer.error is None:
-        assert time.monotonic() < deadline, 'the disk did not fill'
-        content = samples.serialise(samples.STRING, samples.make(samples.STRING, noise()))
-        writer.write('/note', content, count)
-        count += 1
-        time.sleep(0.001)
-    return count
+    stamps = itertools.count()
 
+    def failed():
+        text = samples.make(samples.STRING, os.urandom(512).hex())
+        writer.write('/note', samples.serialise(samples.STRING, text), next(stamps))
+        return writer.error is not None
 
-def noise():
-    return os.urandom(512).hex()
+    samples.wait_until(failed, 0.001)
+    return next(stamps)
 
 
 def test_full_disk(small_disk, tmp_path):
     bag = small_disk / 'run'
     told = []
     writer = RunWriter(bag, [NOTE], flush_period=0.05, on_error=lambda: told.append(writer.error))
-    count = record_until_full(writer)
+    count = write_until_it_fails(writer)
     assert told == [writer.error]
     for _ in range(10):
         assert not writer.write('/note', b'', 0)
@@ -88,7 +84,7 @@ def test_a_file_that_may_not_grow(tmp_path):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
     try:
-        count = record_until_full(writer)
+        count = write_until_it_fails(writer)
         writer.close()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -105,10 +101,7 @@ def test_disk_that_fills_up_at_the_very_end(tmp_path, monkeypatch):
     writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.05)
     for stamp in range(50):
         writer.write('/note', samples.snapshot(stamp), stamp)
-    deadline = time.monotonic() + 100
-    while RunReader(tmp_path / 'bag').message_count < 50:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    samples.wait_until(lambda: RunReader(tmp_path / 'bag').message_count >= 50)
 
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -139,11 +132,7 @@ def test_a_failing_device_while_syncing(tmp_path, monkeypatch):
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr(bag_file.os, 'fsync', fail)
-    deadline = time.monotonic() + 100
-    while writer.error is None:
-        assert time.monotonic() < deadline
-        writer.write('/note', samples.snapshot(1), 1)
-        time.sleep(0.01)
+    write_until_it_fails(writer)
     writer.close()
     assert os.strerror(errno.EIO) in str(writer.error)
 
@@ -185,11 +174,7 @@ def test_directory_vanishes(tmp_path):
     writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.02)
     writer.write('/note', samples.snapshot(1), 1)
     shutil.rmtree(tmp_path / 'bag')
-    deadline = time.monotonic() + 100
-    while writer.error is None:
-        assert time.monotonic() < deadline
-        writer.write('/note', samples.snapshot(2), 2)
-        time.sleep(0.01)
+    write_until_it_fails(writer)
     writer.close()
     assert str(tmp_path / 'bag') in str(writer.error)
     assert not (tmp_path / 'bag').exists()

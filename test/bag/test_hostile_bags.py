@@ -107,7 +107,7 @@ def test_flights_that_end_before_or_take_hours_to_search(tmp_path, messages, qui
         ('long', quiet, 'takes too long'),
     ):
         path = with_snapshots(tmp_path / name, run, put('state.origin.time', -1e9))
-        said(path, words, commands=('compare_run', 'replay_run'))
+        said(path, words, commands=('replay_run',))
 
 
 @pytest.mark.parametrize(
@@ -273,7 +273,8 @@ def test_altered_bytes_end_in_one_clear_line(tmp_path, messages, bag, form):
             shutil.copytree(bag, path)
             (file,) = path.glob(kind)
             file.write_bytes(flipped(file.read_bytes(), dice))
-        for command in bounded_commands.COMMANDS:
+        # The listing of a bag is read before anything is compared.
+        for command in list(bounded_commands.COMMANDS)[form == 'listing' :]:
             assert bounded_commands.run(command, path) == '', (command, path)
 
 

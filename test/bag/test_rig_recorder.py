@@ -6,7 +6,7 @@ from math import floor
 
 import pytest
 from bag import samples
-from bag.recorded_rig import LIVELY, RecordedRig
+from bag.recorded_rig import LIVELY, RecordedRig, params_file
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -24,10 +24,7 @@ PICTURE = '/robot_description'
 
 def simulated(tmp_path, initial, *arguments, rig=LIVELY):
     """Let the command record the rig of the test driver."""
-    values = {**rig.as_dict(), **initial.as_dict()}
-    plain = {n: list(v) if isinstance(v, tuple) else v for n, v in values.items()}
-    params = tmp_path / 'params.yaml'
-    params.write_text(json.dumps({'/**': {'ros__parameters': plain}}))
+    params = params_file(tmp_path / 'params.yaml', rig, initial)
     assert main([str(params), '--bag', str(tmp_path / 'bag'), '--quiet', *arguments]) == 0
     return RunReader(tmp_path / 'bag')
 

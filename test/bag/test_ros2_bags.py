@@ -4,7 +4,7 @@ import json
 
 import pytest
 from bag import ros2_bags, samples
-from bag.recorded_rig import CONTROL, LIVELY, RecordedRig, renamed
+from bag.recorded_rig import CONTROL, RecordedRig, renamed
 from mcap.writer import CompressionType
 from replay.test_replay import places, replayed
 
@@ -59,7 +59,7 @@ def counts(messages, *topics):
     return [len(places(messages, topic)) for topic in topics]
 
 
-@pytest.mark.parametrize('late', [0, 1, 17, 200, 1000])
+@pytest.mark.parametrize('late', [0, 17, 1000])
 @pytest.mark.parametrize('run', ['messages', 'controlled'])
 def test_joined_so_many_impacts_late(tmp_path, run, late, request):
     messages = request.getfixturevalue(run)
@@ -92,7 +92,7 @@ def test_topics_joined_one_after_the_other(tmp_path, messages, first):
         assert remark.startswith(f'{unheard} messages of /impacts precede the first one')
 
 
-@pytest.mark.parametrize('lost', [1, 30, 500])
+@pytest.mark.parametrize('lost', [1, 500])
 def test_what_a_recorder_loses_in_a_row_is_counted(tmp_path, messages, lost):
     hits = places(messages, '/impacts')[200 : 200 + lost]
     kept = [m for i, m in enumerate(messages) if i not in hits]
@@ -114,10 +114,8 @@ def test_an_altered_impact_of_a_late_recorder_is_still_found(tmp_path, messages)
 
 FORMS = {
     'split': {'files': 4},
-    'file': {'file_zstd': True},
     'split_file': {'files': 3, 'file_zstd': True},
     'message': {'message_zstd': True},
-    'chunk_zstd': {'compression': CompressionType.ZSTD},
     'chunk_lz4': {'compression': CompressionType.LZ4, 'files': 2},
 }
 
@@ -139,19 +137,6 @@ def test_split_and_compressed_bags(tmp_path, messages, form, capsys):
     assert replay_run([str(tmp_path / 'saved'), '--quiet']) == 0
 
 
-def test_the_node_is_named_by_its_snapshots(tmp_path, messages, capsys):
-    rig = RecordedRig().start().run(200).run(200, ('change', {'gap': 0.007}))
-    arrived = ros2_bags.joined(rig.messages, samples.START + 5 * 10**8)
-    bag = ros2_bags.write_bag(tmp_path / 'named', arrived)
-    assert replay_run([str(bag)]) == 0
-    assert 'named, node /sim_node\n' in capsys.readouterr().out
-    assert RecordedRun(bag).topics.node == '/sim_node'
-    quiet = [m for m in ros2_bags.joined(messages, samples.START) if 'events' not in m[0]]
-    bag = ros2_bags.write_bag(tmp_path / 'quiet', quiet)
-    assert replay_run([str(bag)]) == 0
-    assert ', node /sim_node\n' in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     'remapped',
     [
@@ -166,21 +151,6 @@ def test_remapped_topics_are_named_by_the_snapshots(tmp_path, controlled, remapp
     findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
     assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:1]
     assert [findings.impacts, findings.control] == counts(controlled, '/impacts', '/gap_control')
-
-
-def test_two_rigs_with_remapped_impacts(tmp_path, messages):
-    other = RecordedRig(LIVELY.replace(gap=0.008)).start().run(300).messages
-    arrived = []
-    for space, held in (('/a', messages), ('/b', other)):
-        held = ros2_bags.joined(held, samples.START + 10**9)
-        names = {t: f'{space}{t}' for t in ('/joint_states', '/snapshot', '/gap_control')}
-        arrived += renamed(held, {**names, '/impacts': f'{space}/hits'}, f'{space}/sim_node')
-    bag = ros2_bags.write_bag(tmp_path / 'bag', sorted(arrived, key=lambda m: m[2]))
-    for space, held in (('/a/', messages), ('/b/', other)):
-        findings = replayed(bag, space)
-        assert findings.verdict is ReplayVerdict.IDENTICAL
-        late = [m for m in held if m[2] >= samples.START + 10**9]
-        assert findings.impacts == counts(late, '/impacts')[0]
 
 
 def test_a_recorder_that_runs_by_the_rig_s_clock(tmp_path, messages):

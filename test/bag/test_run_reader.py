@@ -93,22 +93,6 @@ def test_memory_does_not_grow_with_the_run(tmp_path):
     assert peaks[1] < 1.5 * peaks[0]
 
 
-@pytest.mark.parametrize(
-    ('content', 'words'),
-    [
-        (b'', 'the file is empty'),
-        (b'SQLite format 3\0' + bytes(100), 'stored in SQLite, and cannot be read'),
-        (b'\x89PNG\r\n\x1a\n', 'it is not an MCAP file'),
-    ],
-)
-def test_foreign_files(tmp_path, content, words):
-    path = tmp_path / 'some.mcap'
-    path.write_bytes(content)
-    with pytest.raises(RecordingError, match=words) as caught:
-        RunReader(path)
-    assert str(path) in str(caught.value)
-
-
 def test_an_mcap_file_not_of_ros_2(tmp_path):
     path = tmp_path / 'other.mcap'
     with path.open('wb') as stream:
@@ -120,14 +104,15 @@ def test_an_mcap_file_not_of_ros_2(tmp_path):
 
 
 def test_paths_that_hold_no_bag(tmp_path):
-    with pytest.raises(RecordingError, match='no such file or directory'):
-        RunReader(tmp_path / 'missing')
     with pytest.raises(RecordingError, match=r'there is no \.mcap file'):
         RunReader(tmp_path)
     (tmp_path / 'old_0.db3').write_bytes(b'SQLite format 3\0' + bytes(1000))
     with pytest.raises(RecordingError, match='ros2 bag convert -i ') as caught:
         RunReader(tmp_path)
     assert '"storage_id": "mcap", "all_topics": true' in str(caught.value)
+    assert f"{tmp_path}/old_0.db3': it is stored in SQLite, and cannot be read" in str(
+        caught.value
+    )
 
 
 def test_a_damaged_chunk_is_named(bag, tmp_path):

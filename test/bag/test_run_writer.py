@@ -8,12 +8,12 @@ import subprocess
 import sys
 import textwrap
 import threading
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from bag import samples
+from bag.samples import wait_until
 from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
@@ -38,11 +38,19 @@ def salvaged(path):
     return messages
 
 
-def wait_until(condition, seconds=100.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, 'waited in vain'
-        time.sleep(0.005)
+def at_once(count, work):
+    """Let so many threads work at once, each with its number."""
+    barrier = threading.Barrier(count)
+
+    def run(number):
+        barrier.wait()
+        work(number)
+
+    threads = [threading.Thread(target=run, args=(number,)) for number in range(count)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
 
 
 def test_the_first_messages_do_not_wait(tmp_path, monkeypatch):
@@ -159,11 +167,7 @@ def test_many_threads_write_at_once(tmp_path):
             assert writer.write(topics[index].name, samples.snapshot(k), 4 * k + index)
 
     with RunWriter(tmp_path / 'bag', topics, flush_period=0.02) as writer:
-        threads = [threading.Thread(target=work, args=(index,)) for index in range(4)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        at_once(4, work)
     records = list(RunReader(tmp_path / 'bag'))
     assert [record.stamp_ns for record in records] == list(range(4 * count))
     for index, topic in enumerate(topics):
@@ -191,17 +195,11 @@ def test_two_topics_of_one_name_are_refused(tmp_path):
 
 def test_directories_made_in_one_second_differ(tmp_path):
     made = []
-    barrier = threading.Barrier(8)
 
-    def make():
-        barrier.wait()
+    def make(_):
         made.extend(create_run_directory(tmp_path / 'runs', when=0.0) for _ in range(5))
 
-    threads = [threading.Thread(target=make) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    at_once(8, make)
     assert len(set(made)) == 40
     assert all(directory.is_dir() for directory in made)
     assert {directory.name[:4] for directory in made} == {'run_'}
@@ -211,22 +209,16 @@ def test_two_writers_cannot_share_a_directory(tmp_path):
     """Whichever comes second is told so, also when both come at once."""
     for attempt in range(5):
         directory = tmp_path / f'bag_{attempt}'
-        barrier = threading.Barrier(4)
         writers = []
         errors = []
 
-        def make(directory=directory, barrier=barrier):
-            barrier.wait()
+        def make(_, directory=directory, writers=writers, errors=errors):
             try:
-                writers.append(RunWriter(directory, [NOTE]))  # noqa: B023
+                writers.append(RunWriter(directory, [NOTE]))
             except RecordingError as error:
                 errors.append(error)  # noqa: B023
 
-        threads = [threading.Thread(target=make) for _ in range(4)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        at_once(4, make)
         assert (len(writers), len(errors)) == (1, 3)
         assert all('already' in str(error) for error in errors)
         writers[0].write('/note', samples.snapshot(1), 1)

@@ -7,11 +7,10 @@ import struct
 
 import pytest
 from bag import ros2_bags, samples
-from bag.recorded_rig import NOTES, RecordedRig, renamed
+from bag.recorded_rig import NOTES, RecordedRig, params_file
 from rigs import BENCH
 
 from impact_damper_ros.cli.compare_run import main
-from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
@@ -23,12 +22,6 @@ def run(bag, tmp_path, *arguments):
     result.unlink(missing_ok=True)
     code = main([str(bag), '--json', str(result), '--quiet', *arguments])
     return code, json.loads(result.read_text()) if result.exists() else None
-
-
-def params_file(path, rig):
-    values = {n: list(v) if isinstance(v, tuple) else v for n, v in rig.as_dict().items()}
-    path.write_text(json.dumps({'/**': {'ros__parameters': values}}))
-    return path
 
 
 def verdicts(result):
@@ -155,20 +148,6 @@ def test_a_recording_of_ros2_bag(messages, tmp_path):
     assert (code, verdicts(result)[:2]) == (0, ['agrees', 'agrees'])
 
 
-def test_remapped_topics(messages, tmp_path):
-    names = {'/joint_states': '/a/js', '/impacts': '/a/hits', '/snapshot': '/a/state'}
-    topics = [samples.Topic(names.get(t.name, t.name), t.type, t.qos) for t in samples.TOPICS]
-    with samples.RunWriter(tmp_path / 'bag', topics) as writer:
-        for message in renamed(messages[:6000], names, '/a/rig'):
-            writer.write(*message)
-    code, result = run(tmp_path / 'bag', tmp_path)
-    assert (code, result['node'], verdicts(result)[0]) == (
-        0,
-        '/a/rig',
-        'agrees',
-    )
-
-
 def logs(result):
     return [stretch['log'] for stretch in result['stretches']]
 
@@ -204,7 +183,7 @@ def test_faults_are_found_where_they_are(messages, tmp_path, capsys):
     assert '\n  log        DIFFERS\n  verdict    agrees: ' in out
 
 
-def test_partial_bags(bag, messages, tmp_path):
+def test_a_bag_that_was_cut(bag, tmp_path):
     (file,) = bag.glob('*.mcap')
     content = file.read_bytes()
     cut = tmp_path / 'cut.mcap'
@@ -212,18 +191,6 @@ def test_partial_bags(bag, messages, tmp_path):
     code, result = run(cut, tmp_path)
     assert (code, result['complete'], verdicts(result)[0]) == (3, False, 'agrees')
     assert 'not complete' in result['faults'][0]
-    damaged = bytearray(content)
-    damaged[len(content) * 2 // 3] ^= 0xFF
-    (tmp_path / 'damaged.mcap').write_bytes(damaged)
-    code, result = run(tmp_path / 'damaged.mcap', tmp_path)
-    assert code == 3
-    # Which part it hits depends on how the writer has cut the chunks.
-    assert 'is damaged' in result['faults'][0] or 'not whole' in result['faults'][0]
-    doubled = [*messages, *messages[3000:3010]]
-    doubled.sort(key=lambda m: m[2])
-    code, result = run(samples.record(tmp_path / 'doubled', doubled, custom=NOTES), tmp_path)
-    assert (code, verdicts(result)[:2]) == (3, ['agrees', 'agrees'])
-    assert 'twice' in result['faults'][0]
 
 
 def test_numbers_that_are_none_and_stamps_going_back(messages, tmp_path):
@@ -231,8 +198,6 @@ def test_numbers_that_are_none_and_stamps_going_back(messages, tmp_path):
     wrong = list(messages)
     for place in states[3000:3003]:
         topic, content, stamp = wrong[place]
-        wrong[place] = (topic, content[:-8] + struct.pack('<d', float('nan')), stamp)
-        # The last eight bytes are no number: an empty sequence ends the message.
         at = content.index(struct.pack('<d', samples.numbers(content)[0][0]))
         broken = content[:at] + struct.pack('<d', float('nan')) + content[at + 8 :]
         wrong[place] = (topic, broken, stamp)
@@ -301,9 +266,10 @@ def test_a_report(tmp_path, capsys):
 
 
 @pytest.mark.filterwarnings('error')
-@pytest.mark.parametrize('value', [None, 1e300, 1e12])
-@pytest.mark.parametrize('count', [1, 2, 3, 40, 600])
-def test_a_report_of_short_and_of_wrong_recordings(tmp_path, value, count):
+@pytest.mark.parametrize(
+    ('count', 'value'), [(1, None), (2, 1e300), (3, None), (40, None), (40, 1e12), (600, 1e300)]
+)
+def test_a_report_of_short_and_of_wrong_recordings(tmp_path, count, value):
     """A few messages without a snapshot, one of which may have a number that X cannot have."""
     pytest.importorskip('matplotlib')
     rig = RecordedRig(BENCH).start().run(600)
@@ -324,21 +290,6 @@ def test_a_report_of_short_and_of_wrong_recordings(tmp_path, value, count):
     assert code in (0, 1, 3)
     assert 0 <= result['samples'] + result['impacts'] <= len(few)
     assert (report / 'report.html').exists()
-
-
-def test_a_mixed_bag_is_used_up_to_the_other_version(messages, tmp_path):
-    """A snapshot of another version in the middle ends what can be used."""
-    later = places(messages, '/snapshot')[2]
-    topic, content, stamp = messages[later]
-    mixed = list(messages)
-    mixed[later] = (
-        topic,
-        content.replace(b'"format": 6, "number', b'"format": 9, "number'),
-        stamp,
-    )
-    code, result = run(samples.record(tmp_path / 'bag', mixed, custom=NOTES), tmp_path)
-    assert (code, verdicts(result)) == (3, ['agrees'])
-    assert 'is of format 9' in result['faults'][0]
 
 
 NOISE = {'multisine_level': 0.5, 'multisine_low': 20.0, 'multisine_high': 40.0}
@@ -414,12 +365,3 @@ def test_a_rig_that_is_given_to_a_bag_that_names_its_own(bag, tmp_path):
     code, result = run(bag, tmp_path, '--params', 'paper')
     assert code == 0
     assert 'the bag holds the parameters of its rig: --params was not used' in result['remarks']
-
-
-def test_the_same_rms_as_in_a_replay(tmp_path):
-    """Both are integrals along the motion, also between the samples."""
-    bag = RecordedRig(BENCH, rate=100.0).start().run(1500).save(tmp_path / 'bag')
-    result = tmp_path / 'replay.json'
-    assert replay_run([str(bag), '--set', 'gap=0.02', '--json', str(result), '--quiet']) == 0
-    replayed = json.loads(result.read_text())['what_if']['recorded']['rms_x']
-    assert run(bag, tmp_path)[1]['overall']['x_rms'] == pytest.approx(replayed, rel=1e-5)

@@ -12,13 +12,14 @@ verdicts = import_module('verdicts')
 
 @pytest.fixture(autouse=True)
 def short_runs(monkeypatch):
-    monkeypatch.setattr(verdicts, 'RATES', {50: 3.0, 200: 1.5})
+    monkeypatch.setattr(verdicts, 'RATES', {50: 2.0, 200: 1.5})
+    monkeypatch.setattr(verdicts, '_CHUNKS', 5)
 
 
 @pytest.mark.parametrize('factor', verdicts.FACTORS)
 @pytest.mark.parametrize('name', verdicts.KINDS)
 def test_altered_numbers(name, factor):
-    assert verdicts.altered_bags(name, 50, factor, 5) == ({}, [])
+    assert verdicts.altered_bags(name, 50, factor, 5) == []
 
 
 def test_messages_missing_twice_or_exchanged():
@@ -28,7 +29,7 @@ def test_messages_missing_twice_or_exchanged():
 
 @pytest.mark.parametrize('number', range(4))
 def test_untouched_bags(number):
-    assert verdicts.untouched_bag(number)[1:] == (0, 0)
+    assert verdicts.untouched_bag(number)[1] == [0, 0]
 
 
 def test_random_changes():

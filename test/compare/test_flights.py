@@ -12,7 +12,6 @@ from compare.recorded import DISPLACED, as_logged, built, recorded, replayed, si
 from rigs import BENCH, FRICTION, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.cli.compare_run import main as compare_run
-from impact_damper_ros.compare.flights import STATE, rows_of_samples
 from impact_damper_ros.compare.measures import energy_balance, measured_motion
 from impact_damper_ros.compare.result import Overall
 from impact_damper_ros.compare.stretches import LoggedRig
@@ -177,16 +176,6 @@ def test_over_several_stretches():
     assert vars(Overall.joined([none, whole])) == pytest.approx(vars(whole))
 
 
-def test_what_cannot_be_known():
-    _, samples, events, _ = simulated(BENCH, 20, AT_REST)
-    # A number that is no displacement of anything makes no warning.
-    samples['x'][100] = 1e300
-    with np.errstate(over='ignore', invalid='ignore'):
-        wild = built(LoggedRig(BENCH), samples, as_logged(events)).overall
-    assert wild.x_max >= 1e300
-    assert not math.isfinite(wild.x_rms)
-
-
 def test_memory_of_long_stretches_is_bounded(monkeypatch):
     """All is counted and added up; of flights and samples the last ones are kept."""
     whole = replayed(FRICTION, 200)
@@ -199,9 +188,9 @@ def test_memory_of_long_stretches_is_bounded(monkeypatch):
     assert 1000 <= len(few.samples) < 1400
     assert 100 <= len(few.flights) < 300
     assert few.flights.rows['time'][-1] == whole.flights.rows['time'][-1]
-    assert len(few.envelope.time) <= 2000
-    assert few.envelope.high.max() == whole.samples['x'].max()
-    assert few.envelope.low.min() == whole.samples['x'].min()
+    assert few.envelope.shape[1] <= 2000
+    assert few.envelope[2].max() == whole.samples['x'].max()
+    assert few.envelope[1].min() == whole.samples['x'].min()
 
 
 def test_the_energy_of_periods():
@@ -219,15 +208,6 @@ def test_the_energy_of_periods():
     assert (balance.air, balance.friction, balance.impacts) == (0.0, 0.0, 0.0)
     measured = measured_motion(still, 0.0, 5.0 * math.tau)
     assert measured.x_rms == pytest.approx(10.0 / math.sqrt(2.0), rel=1e-9)
-
-
-def test_a_sample_as_a_row():
-    rig = Rig(BENCH)
-    rig.advance(0.3)
-    samples = rig.run(1.0, [0.5, 0.7]).samples
-    rows = rows_of_samples(samples, STATE)
-    assert (rows['x'] + rows['y']).tolist() == pytest.approx(samples['z'].tolist())
-    assert rows['primary_velocity_before'].tolist() == rows['primary_velocity_after'].tolist()
 
 
 @pytest.mark.parametrize('friction', [0.0, 0.2])
@@ -270,11 +250,6 @@ def test_a_bag_with_changes(tmp_path, capsys):
     assert len(parts) == 4
     assert whole['duration'] == whole['covered'] == pytest.approx(15.0)
     assert whole['impacts'] == result['impacts'] == sum(part['impacts'] for part in parts)
-    assert whole['x_max'] == max(part['x_max'] for part in parts)
-    squares = sum(part['x_rms'] ** 2 * part['covered'] for part in parts)
-    assert whole['x_rms'] == pytest.approx(math.sqrt(squares / whole['covered']), rel=1e-12)
-    for name in ('impact_energy', 'dashpot_energy', 'force_work'):
-        assert whole[name] == pytest.approx(sum(part[name] for part in parts), rel=1e-12)
     for stretch in result['stretches']:
         assert abs(stretch['energy']['residual']) < stretch['energy']['tolerance']
     printed = capsys.readouterr().out

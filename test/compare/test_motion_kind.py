@@ -30,7 +30,7 @@ UNDECIDED = MotionKind.UNDECIDED
 
 @cache
 def known():
-    return {case.name: case for case in motion_kinds.cases(0)}
+    return {case.name: case for case in motion_kinds.cases(6)}
 
 
 def test_the_third_stage_of_the_demonstration():
@@ -63,6 +63,10 @@ def test_the_third_stage_of_the_demonstration():
         ('heavy at 1.1, gap 9.0', 30, UNDECIDED),
         # Locked to a period of 13 cycles, after hundreds of others
         ('heavy at 1.1, gap 9.2', 1000, PERIODIC),
+        ('random 0', 100, PERIODIC),
+        ('random 1', 100, CHAOTIC),
+        ('random 3', 100, PERIODIC),
+        ('random 5', 100, PERIODIC),
     ],
 )
 def test_short_recordings(name, cycles, kind):
@@ -141,17 +145,15 @@ def test_the_decay_of_a_linear_map():
     for _ in range(200):
         rows.append(state @ mixed)
         state = np.array([*(turn @ state[:2]), 0.5 * state[2]])
-    found = decay_rate(np.array(rows) + 7.0, 1e-12)
-    assert found.factor == pytest.approx(factor, rel=1e-6)
-    assert found.stop - found.start > 100
-    assert math.isnan(decay_rate(np.array(rows)[:4], 1e-12).factor)
+    measured, _, periods = decay_rate(np.array(rows) + 7.0, 1e-12)
+    assert measured == pytest.approx(factor, rel=1e-6)
+    assert periods > 100
+    assert math.isnan(decay_rate(np.array(rows)[:4], 1e-12)[0])
 
 
-@pytest.mark.parametrize('case', list(motion_kinds.cases(6))[-6:], ids=lambda case: case.name)
-def test_random_rigs(case):
-    """All rigs, and more random ones: `python -m compare.motion_kinds`."""
+def test_a_judgement():
+    """Of all rigs, and of more random ones: `python -m compare.motion_kinds`."""
     pytest.importorskip('numba')
-    judged = motion_kinds.judge(case, (100, 300))
+    judged = motion_kinds.judge(known()['random 2'], (100, 300))
     assert judged is not None
-    outcomes = {cut: outcome for cut, (outcome, _) in judged.found.items()}
-    assert motion_kinds.WRONG not in outcomes.values(), judged
+    assert [outcome for outcome, _ in judged.found.values()] == [motion_kinds.RIGHT] * 2, judged

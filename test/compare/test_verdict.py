@@ -130,18 +130,12 @@ def test_one_sided_and_chatter():
 @pytest.mark.parametrize(
     ('rig', 'cycles', 'kind'),
     [
-        (OFF_RESONANCE.replace(gap=20.0), 400, MotionKind.CHAOTIC),
         (OFF_RESONANCE.replace(gap=50.0), 400, MotionKind.CHAOTIC),
         (VERTICAL.replace(force_amplitudes=(2.0,)), 400, MotionKind.CHAOTIC),
         (
             SYMMETRIC.replace(
                 gap=8.757, restitution_1=0.6, restitution_2=0.6, force_frequencies=(1.1,)
             ),
-            400,
-            MotionKind.QUASI_PERIODIC,
-        ),
-        (
-            SYMMETRIC.replace(gap=10.062, restitution_1=0.6, restitution_2=0.6),
             400,
             MotionKind.QUASI_PERIODIC,
         ),
@@ -232,21 +226,14 @@ def test_a_force_without_a_period():
 def test_curves_are_bounded_and_whole():
     found = compared(FRICTION, 400)
     curves = found.curves
-    assert 100 < len(curves.envelope.time) <= 2000
-    assert curves.envelope.high.max() == pytest.approx(13.15, rel=0.01)
+    assert 100 < curves.envelope.shape[1] <= 2000
+    assert curves.envelope[2].max() == pytest.approx(13.15, rel=0.01)
     motion = curves.motion
     assert motion.time[-1] == pytest.approx(found.end)
     assert np.all(np.diff(motion.time) >= 0.0)
     assert np.all(motion.stop_1 == pytest.approx(18.5, abs=1e-10))
     assert np.abs(motion.y).max() == pytest.approx(18.5, abs=1e-10)
     assert len(curves.impacts) == len(curves.phases) == found.impacts
-    predicted = curves.predicted
-    # The prediction in rig time, over the recording
-    there = predicted.force_zero + predicted.phase * predicted.cycle
-    late = motion.time[(motion.time >= there[0]) & (motion.time <= there[-1])]
-    x = np.interp(late, there, predicted.x)
-    recorded = np.interp(late, motion.time, motion.x)
-    assert np.abs(x - recorded).max() < 2e-3 * predicted.x.max()
     assert curves.convergence.distance[-1] < 1e-9
     spectrum = curves.spectrum
     line = spectrum.amplitude[np.abs(spectrum.frequency - 1.02 / math.tau).argmin()]
