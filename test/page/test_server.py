@@ -246,7 +246,7 @@ async def test_what_cannot_be_read_is_answered_and_does_no_harm(text, tmp_path):
 @in_loop
 async def test_a_page_that_sends_too_much_waits_and_nobody_else(tmp_path, monkeypatch):
     monkeypatch.setattr('impact_damper_ros.page.client._BURST', 5.0)
-    monkeypatch.setattr('impact_damper_ros.page.client._MESSAGES_PER_S', 1.0)
+    monkeypatch.setattr('impact_damper_ros.page.client._MESSAGES_PER_S', 9.0)
     link = started(FakeLink())
     async with (
         serving(tmp_path, FakeNetwork(link)) as server,
