@@ -923,6 +923,7 @@ def recording(browser, live, parameters):
     page.click('#record')
     page.wait("document.querySelector('#record').ariaPressed === 'false'")
     until(lambda: parameters.get('record') is False)
+    assert parameters.set(gap=0.024) == ''
     page.close()
     return newest_recording(live)
 
