@@ -182,5 +182,3 @@ def test_the_predicting_process_is_there_on_request_replaced_and_ended_with_its_
     # Whoever starts a node and kills it should not find anything left.
     process.kill()
     until(lambda: not alive(second))
-
-
