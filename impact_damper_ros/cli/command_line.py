@@ -265,12 +265,21 @@ def need_matplotlib() -> None:
         )
 
 
-def check_figure(path: Path) -> None:
-    """Raise an error before the work if a figure could not be drawn after it."""
-    if path.suffix.lower() not in ('.png', '.svg', '.pdf'):
-        raise CommandError(f'{path}: give a name that ends in .png, .svg or .pdf')
-    need_matplotlib()
-    check_file(path)
+def check_outputs(arguments: argparse.Namespace) -> None:
+    """Raise an error before the work if an output could not be written after it."""
+    given = vars(arguments)
+    figures = given['figure'] if isinstance(given['figure'], list) else [given['figure']]
+    figures = [path for path in figures if path is not None]
+    paths = [given[name] for name in ('output', 'json', 'csv', 'markdown') if given.get(name)]
+    files = [path.absolute() for path in paths + figures if str(path) != '-']
+    if len(set(files)) < len(files):
+        raise ValueError('two outputs have the same name: give each its own')
+    for path in figures:
+        if path.suffix.lower() not in ('.png', '.svg', '.pdf'):
+            raise CommandError(f'{path}: give a name that ends in .png, .svg or .pdf')
+        need_matplotlib()
+    for path in paths + figures:
+        check_file(path)
 
 
 def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> tqdm[None]:

@@ -36,22 +36,16 @@ class Command(NamedTuple):
     order: Order
 
 
-#: Takes the next message of a topic: its content, and its number among those of its publisher.
-Take = Callable[[], tuple[bytes, int | None] | None]
-
-
-#: Returns stamp and order of a message; raises a ValueError that says why it is none.
-CommandReader = Callable[[bytes], tuple[int, Order]]
-
-
 class CommandTopic(NamedTuple):
     """Where commands come from: ``'stop_commands'`` or ``'force_command'``, and its name."""
 
     key: str
     topic: str
-    take: Take
+    #: Takes the next message: its content, and its number among those of its publisher
+    take: Callable[[], tuple[bytes, int | None] | None]
     publishers: Callable[[], int]  # how many there are
-    read: CommandReader
+    #: Returns stamp and order of a message; raises a ValueError that says why it is none
+    read: Callable[[bytes], tuple[int, Order]]
 
 
 def read_stop_command(content: bytes) -> tuple[int, Order]:

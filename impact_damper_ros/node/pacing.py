@@ -30,7 +30,6 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 #: Lateness, in wall time, beyond which the lost time is given up instead of made up for.
@@ -111,11 +110,6 @@ class PacingCounts(NamedTuple):
     worst_lateness_ns: int
 
 
-@dataclass
-class _Worst:
-    lateness_ns: int = 0
-
-
 class Pacer:
     """
     Wait for the ticks of one rig.
@@ -149,7 +143,7 @@ class Pacer:
         self._anchor_ns = self._anchor_rig_ns = 0
         self._stretch_began_ns = clock()
         self._ticks = self._overruns = self._slips = self._slipped_ns = 0
-        self._worst = _Worst()
+        self._worst_ns = 0
 
     def set_pace(self, period_ns: int, real_time_factor: float) -> None:
         """Go on at another pace, from the next `anchor` on."""
@@ -176,10 +170,8 @@ class Pacer:
 
     def counts(self) -> PacingCounts:
         """Return the counts; called from another thread, at a report."""
-        worst, self._worst = self._worst, _Worst()
-        return PacingCounts(
-            self._ticks, self._overruns, self._slips, self._slipped_ns, worst.lateness_ns
-        )
+        worst_ns, self._worst_ns = self._worst_ns, 0
+        return PacingCounts(self._ticks, self._overruns, self._slips, self._slipped_ns, worst_ns)
 
     def _deadline(self, rig_ns: int) -> int:
         """Return the instant on the monotonic clock at which an instant of rig time is due."""
@@ -195,9 +187,7 @@ class Pacer:
         return -left
 
     def _count_lateness(self, late_ns: int) -> None:
-        worst = self._worst
-        if late_ns > worst.lateness_ns:
-            worst.lateness_ns = late_ns
+        self._worst_ns = max(self._worst_ns, late_ns)
         if late_ns > self._late_after_ns:
             self._overruns += 1
         if late_ns > CATCH_UP_NS:

@@ -13,10 +13,13 @@ import asyncio
 import json
 import time
 from collections.abc import Awaitable, Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from .frames import View
 from .source import RequestError, Source
+
+if TYPE_CHECKING:
+    from tornado.websocket import WebSocketHandler
 
 #: Longest message of a page, bytes; Tornado closes the connection at longer ones.
 LONGEST_MESSAGE = 65_536
@@ -42,16 +45,6 @@ _LONGEST_ID = 80
 Handler = Callable[[dict[str, Any], 'Client'], Awaitable[dict[str, Any] | None]]
 
 
-class Sink(Protocol):
-    """A WebSocket."""
-
-    def write_message(self, message: str | bytes, binary: bool = False) -> Any:
-        """Write a message; the result is done when it has been sent."""
-
-    def close(self) -> None:
-        """End the connection."""
-
-
 def _refuse(name: str) -> float:
     raise ValueError(f'{name} is not a number in JSON')
 
@@ -62,7 +55,7 @@ class Client:
 
     Parameters
     ----------
-    sink : Sink
+    sink : WebSocketHandler
         Its WebSocket.
     source : Source
         The rig or recording that it shows.
@@ -73,7 +66,7 @@ class Client:
     """
 
     def __init__(
-        self, sink: Sink, source: Source, handle: Handler, *, steers: bool = True
+        self, sink: WebSocketHandler, source: Source, handle: Handler, *, steers: bool = True
     ) -> None:
         self.source = source
         self.view = View()

@@ -37,6 +37,8 @@ IMPACT_COLUMNS = (*_IMPACT, 'phase')
 #: places of the stops in M, the active force on M, the energy spent on both stops so far.
 MEASURED_COLUMNS = ('time', 'x', 'z')
 ACT_COLUMNS = ('time', 'command', 'stop_1', 'stop_2', 'force', 'energy')
+#: Largest number of samples and impacts that are read of a recording.
+MOST_SAMPLES, MOST_IMPACTS = 2_000_000, 1_000_000
 COMMANDS = tuple(action.name.lower() for action in (Action.COMMAND, Action.ORDER))
 
 

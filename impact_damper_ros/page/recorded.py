@@ -26,7 +26,7 @@ from impact_damper_ros.theory import TheoryProcess
 
 from .frames import PAUSED, View
 from .knobs import as_json, knobs_of, read_values
-from .motion import Era, ForcePhase, Motion, measured_rows
+from .motion import MOST_IMPACTS, MOST_SAMPLES, Era, ForcePhase, Motion, measured_rows
 from .numbers import numbers_of
 from .presets import preset_with
 from .source import RequestError, Source
@@ -35,8 +35,6 @@ from .what_if import WhatIfMotion
 if TYPE_CHECKING:
     from .client import Client
 
-#: Largest number of samples and impacts that are read of a recording.
-MOST_SAMPLES, MOST_IMPACTS = 2_000_000, 1_000_000
 #: Largest number of changes that are marked.
 _MOST_CHANGES = 10_000
 _SLOWEST, _FASTEST = 0.01, 100.0

@@ -243,19 +243,17 @@ class Recordings:
             raise LookupError('there is no such report')
         return path
 
-    def start_comparison(self, name: str) -> bool:
-        """Return whether a comparison may start: a bag is compared only once at a time."""
+    def start_comparison(self, name: str) -> None:
+        """Note that a bag is being compared; LookupError if it is already, or two others are."""
         if name in self._comparing or len(self._comparing) > 1:
-            return False
+            raise LookupError('it is being compared already, or two others are: wait for them')
         self._comparing[name] = None
-        return True
 
-    def cancel_comparison(self, name: str) -> bool:
-        """End a comparison; return whether there was one."""
+    def cancel_comparison(self, name: str) -> None:
+        """End a comparison, if there is one."""
         process = self._comparing.get(name)
         if process is not None and process.returncode is None:
             process.terminate()
-        return name in self._comparing
 
     async def compare(self, path: Path) -> dict[str, Any]:
         """Compare a bag with theory in a child process; return the message for the pages."""

@@ -323,10 +323,9 @@ class PageServer:
             return {'ok': True, 'reason': ''}
         try:
             path = await asyncio.to_thread(self.recordings.path, name)
+            self.recordings.start_comparison(name)
         except LookupError as error:
             raise RequestError(str(error)) from error
-        if not self.recordings.start_comparison(name):
-            raise RequestError('it is being compared already, or two others are: wait for them')
 
         async def work() -> None:
             self._send(await self.recordings.compare(path))
