@@ -66,6 +66,17 @@ def load_presets(path: Path = _FILE) -> dict[str, Preset]:
     return found
 
 
+def change_between(
+    before: Mapping[str, Any], now: Mapping[str, Any], time: float | None, kind: str = 'change'
+) -> dict[str, Any] | None:
+    """Return what the page shows of a change or reset; None where nothing has changed."""
+    values = {n: v for n, v in now.items() if before.get(n, v) != v}
+    if not values and kind == 'change':
+        return None
+    whole = {**before, **now}
+    return {'time': time, 'kind': kind, 'values': values, 'preset': preset_with(whole)}
+
+
 def preset_with(values: Mapping[str, Any]) -> str:
     """Return the title of the preset with these parameters of rig and control; empty if none."""
     for preset in load_presets().values():

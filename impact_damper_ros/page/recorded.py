@@ -28,7 +28,7 @@ from .frames import PAUSED, View
 from .knobs import as_json, knobs_of, read_values
 from .motion import MOST_IMPACTS, MOST_SAMPLES, Era, ForcePhase, Motion, measured_rows
 from .numbers import numbers_of
-from .presets import preset_with
+from .presets import change_between
 from .source import RequestError, Source
 from .what_if import WhatIfMotion
 
@@ -136,17 +136,13 @@ def load_recording(path: Path) -> Recording:
             offsets.append((item.stamp_ns, item.offset_ns))
             control = item.state['gap_control']['parameters']
             values = as_json({**rig.as_dict(), **control, **item.initial.as_dict()})
-            changed = {n: v for n, v in values.items() if before.get(n, v) != v}
-            kind = 'reset' if item.resets else 'change' if changed else ''
-            kind = kind if before else 'stretch'
+            kind = 'stretch' if not before else 'reset' if item.resets else 'change'
+            change = change_between(before, values, item.time, kind)
             before = values
-            if kind and len(changes) < _MOST_CHANGES:
-                preset = preset_with(values)
-                changes.append(
-                    {'time': item.time, 'kind': kind, 'values': changed, 'preset': preset}
-                )
+            if change is not None and len(changes) < _MOST_CHANGES:
+                changes.append(change)
                 packed.append(zlib.compress(json.dumps([item.state, values]).encode()))
-            elif kind:
+            elif change is not None:
                 remarks = [f'only the first {_MOST_CHANGES:,} changes are marked']
         if len(motion.samples) >= MOST_SAMPLES:
             remarks.append(f'only the first {MOST_SAMPLES:,} samples are shown')

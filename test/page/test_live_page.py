@@ -54,6 +54,7 @@ async def test_requests_are_answered_by_the_node(node, tmp_path):
             ({'gap': 0.02, 'friction': -1.0}, 'friction is -1.0'),
             ({'gap': 'abc'}, "gap is 'abc': give a number from"),
             ({'nonsense': 1.0}, 'not a parameter'),
+            ({'damping': 1e3}, 'underdamped'),
         ):
             ok, reason = await page.ask(type='set', values=values)
             assert (ok, words in reason) == (False, True), reason
