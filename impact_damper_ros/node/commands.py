@@ -110,18 +110,7 @@ class _Flow:
 
 
 class CommandInbox:
-    """
-    Takes the commands that have come; for the engine's thread.
-
-    Parameters
-    ----------
-    topics : sequence of CommandTopic
-        Where they come from.
-    wait : callable
-        Waits until a message comes, or for some seconds.
-    clock : callable
-        Monotonic clock in seconds, for tests.
-    """
+    """Takes the commands that have come; for the engine's thread."""
 
     def __init__(
         self,
@@ -129,6 +118,7 @@ class CommandInbox:
         wait: Callable[[float], object] = time.sleep,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        #: Waits until a command comes, or for some seconds
         self.wait = wait
         self._topics = [(topic, _Flow(clock)) for topic in topics]
         self.refused = 0

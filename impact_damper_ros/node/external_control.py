@@ -55,20 +55,10 @@ class ControllerStatus(NamedTuple):
 
 
 class ExternalControl:
-    """
-    The side of a rig that its controller sees; for the engine's thread.
-
-    Parameters
-    ----------
-    rig : Rig
-        The rig.
-    inbox : CommandInbox
-        Where the commands come from.
-    settings : NodeSettings
-        The settings of the node; may be replaced at any time.
-    """
+    """The side of a rig that its controller sees; for the engine's thread."""
 
     def __init__(self, rig: Rig, inbox: CommandInbox, settings: NodeSettings) -> None:
+        #: May be replaced at any time
         self.settings = settings
         self._rig = rig
         self._inbox = inbox

@@ -57,16 +57,11 @@ class StampClock:
 
     Simulated stamps count from 0. Others count from the system time at the start; a pause or a
     slip moves them on with the wall clock, and a step of the system clock moves them as far.
-
-    Attributes
-    ----------
-    offset_ns : int
-        Stamp of rig time 0.
     """
 
     def __init__(self, *, simulated: bool) -> None:
         """Begin at 0."""
-        self.offset_ns = 0
+        self.offset_ns = 0  # stamp of rig time 0
         self._simulated = simulated
         # Of the monotonic clock's zero
         self._zero_ns = 0
@@ -111,20 +106,7 @@ class PacingCounts(NamedTuple):
 
 
 class Pacer:
-    """
-    Wait for the ticks of one rig.
-
-    Parameters
-    ----------
-    period_ns : int
-        Rig time between two ticks.
-    real_time_factor : float
-        Rig seconds per wall second; 0 runs as fast as possible.
-    clock, sleep : callable
-        Monotonic clock in nanoseconds and sleep in seconds, for tests.
-    on_slip : callable
-        Called at each slip, in the waiting thread.
-    """
+    """Wait for the ticks of one rig; 0 for the factor runs as fast as possible."""
 
     def __init__(
         self,

@@ -194,16 +194,7 @@ class _NoCallbacks(CallbackGroup):
 
 
 class SimNode(Node):
-    """
-    The rig as a node: publishers, parameters, services and reports around an engine.
-
-    Raises
-    ------
-    ParameterError
-        If a parameter given at start is bad.
-    RecordingError
-        If `record` is set at start and the recording cannot begin.
-    """
+    """The rig as a node: publishers, parameters, services and reports around an engine."""
 
     def __init__(self) -> None:
         super().__init__('sim_node')

@@ -50,20 +50,7 @@ def _refuse(name: str) -> float:
 
 
 class Client:
-    """
-    A page.
-
-    Parameters
-    ----------
-    sink : WebSocketHandler
-        Its WebSocket.
-    source : Source
-        The rig or recording that it shows.
-    handle : callable
-        Processes a request, and returns the answer.
-    steers : bool, optional
-        Whether it may change the rig.
-    """
+    """A page; `handle` processes its requests and returns the answers."""
 
     def __init__(
         self, sink: WebSocketHandler, source: Source, handle: Handler, *, steers: bool = True

@@ -64,32 +64,16 @@ class NoAnswerError(Exception):
 
 
 class LiveRig(Source):
-    """
-    A rig of the network.
-
-    Parameters
-    ----------
-    link : RigLink
-        The connection to its node.
-    common : callable
-        See `Source`.
-
-    Attributes
-    ----------
-    motion : Motion
-        The last minutes.
-    values : dict
-        The present values of the parameters that are known.
-    state : dict or None
-        Of the last snapshot.
-    """
+    """A rig of the network."""
 
     kept_s = 30.0
 
     def __init__(self, link: RigLink, common: Callable[[], dict[str, Any]]) -> None:
         super().__init__(common)
         self.link = link
+        #: Present values of the parameters that are known
         self.values: dict[str, Any] = {}
+        #: That of the last snapshot
         self.state: dict[str, Any] | None = None
         self._reports: dict[str, DiagnosticStatus] = {}
         self._forget()

@@ -42,14 +42,7 @@ class Preset(NamedTuple):
 
 @cache
 def load_presets(path: Path = _FILE) -> dict[str, Preset]:
-    """
-    Read the presets, by name.
-
-    Raises
-    ------
-    ValueError
-        If the parameters of one are not admissible.
-    """
+    """Read the presets, by name; ValueError if the parameters of one are not admissible."""
     found = {}
     for name, entry in yaml.safe_load(path.read_text(encoding='utf-8')).items():
         values = entry['parameters']

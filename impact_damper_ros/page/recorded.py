@@ -58,22 +58,12 @@ class Setting(NamedTuple):
 
 @dataclass(frozen=True)
 class Recording:
-    """
-    A recording.
+    """A recording."""
 
-    Attributes
-    ----------
-    motion : Motion
-        The whole motion.
-    changes : list of dict
-        The changes and resets: time, kind, new values, and the preset that the rig then matches.
-    remark : str
-        What is missing from the recording; empty if nothing is.
-    """
-
-    motion: Motion
+    motion: Motion  # the whole one
+    #: Changes and resets: time, kind, new values, and the preset that the rig then matches
     changes: list[dict[str, Any]]
-    remark: str
+    remark: str  # what is missing; empty if nothing is
     #: Of each change the rig after it: what is shown of thousands of them is a few.
     packed: list[bytes]
     times: NDArray[np.float64]
@@ -93,26 +83,7 @@ class Recording:
 
 
 def load_recording(path: Path) -> Recording:
-    """
-    Read a recording.
-
-    Parameters
-    ----------
-    path : Path
-        A bag directory or a file of one, whole, cut or recovered.
-
-    Returns
-    -------
-    Recording
-        The recording.
-
-    Raises
-    ------
-    RecordingError
-        If no rig is recorded in it.
-    ValueError
-        If it holds no motion.
-    """
+    """Read a bag, whole, cut or recovered; ValueError if it holds no motion, or RecordingError."""
     run = RecordedRun(path, purpose='play')
     # Surplus samples are dropped at the end.
     count = run.reader.topics[run.topics.joint_states].message_count
@@ -172,20 +143,7 @@ def _measured(run: RecordedRun, offsets: list[tuple[int, int]]) -> NDArray[np.fl
 
 
 class Player(Source):
-    """
-    A recording that is played to one page.
-
-    Parameters
-    ----------
-    name : str
-        Name of the recording.
-    path : Path
-        The bag.
-    recorded : Recording
-        Its content.
-    common : callable
-        See `Source`.
-    """
+    """A recording that is played to one page."""
 
     def __init__(
         self, name: str, path: Path, recorded: Recording, common: Callable[[], dict[str, Any]]

@@ -32,14 +32,7 @@ class WhatIfMotion:
     """
     The motion of the other rig, as far as it has been computed.
 
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    values : mapping
-        The parameters that are held.
-    tell : callable
-        Called with each message for the page.
+    `values` are the parameters that are held; `tell` is called with each message for the page.
     """
 
     def __init__(
