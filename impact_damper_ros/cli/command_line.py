@@ -26,8 +26,6 @@ from impact_damper_ros.rig.quoting import printable
 from .completion import complete
 
 if TYPE_CHECKING:
-    import subprocess
-
     from tqdm import tqdm
 
 
@@ -230,19 +228,6 @@ def number(
 def up_to(largest: int) -> Callable[[str], float]:
     """Return a reader of whole numbers from 1 to the largest one, for `argparse`."""
     return number(1, largest, whole=True)
-
-
-def end_node(node: subprocess.Popen[bytes], patience: float) -> None:
-    """End the process of a node; kill it if it takes longer than that, s."""
-    from subprocess import TimeoutExpired
-
-    if node.poll() is None:
-        node.send_signal(signal.SIGINT)
-    try:
-        node.wait(patience)
-    except TimeoutExpired:
-        node.kill()
-        node.wait()
 
 
 def text_stream(json: Path | None) -> TextIO:

@@ -367,9 +367,8 @@ def test_texts_are_no_markup(opened, live, parameters):
     shutil.rmtree(bag)
 
 
-@pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
-def test_the_layout_at_every_size(opened, dark):
-    page = opened(dark=dark)
+def test_the_layout_at_every_size(opened):
+    page = opened(dark=True)
     for width, height in SIZES:
         page.resize(width, height)
         page.wait(f'innerWidth === {width}')
@@ -397,14 +396,15 @@ def test_the_layout_at_every_size(opened, dark):
         clipped = page.run("""[...document.querySelectorAll('#numbers dt, #numbers dd, #legend')]
             .filter(one => one.scrollWidth > one.clientWidth).map(one => one.textContent)""")
         assert clipped == []
-    shade = page.run('getComputedStyle(document.body).backgroundColor')
-    assert shade == ('rgb(15, 19, 23)' if dark else 'rgb(241, 244, 247)')
+    shade = 'getComputedStyle(document.body).backgroundColor'
+    assert page.run(shade) == 'rgb(15, 19, 23)'
+    page.shade(dark=False)
+    page.wait(f"{shade} === 'rgb(241, 244, 247)'")
 
 
-@pytest.mark.parametrize('scale', [1.0, 2.0])
-def test_letters_have_their_size_on_every_screen(opened, scale):
+def test_letters_have_their_size_on_a_dense_screen(opened):
     """Also in pictures; the size of the text of the page is 14.5 px here."""
-    page = opened(scale=scale)
+    page = opened(scale=2.0)
     page.run("""(({ prototype }) => {
         globalThis.sizes = {};
         const { fillText } = prototype;
