@@ -615,7 +615,7 @@ function draw(now) {
   const anew = history.version !== drawn;
   const driven = (rigValues.force_amplitudes?.[0] ?? 1) !== 0;
   if ((anew || rig.stale || rig.flashing) && history.state) {
-    const extent = history.extent(4);
+    const extent = history.reach(history.end - 4);
     const oneSided = !Number.isFinite(history.state.stop2);
     rig.draw(history.state, { extent, ghost: history.ghost, driven, oneSided, now });
     slow.options = { extent, oneSided };

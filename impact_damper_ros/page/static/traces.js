@@ -121,20 +121,10 @@ export class Traces {
 
   /** The range: all that moves, the what-if too, and the stops unless they are far beyond it. */
   reach() {
-    const from = Math.max(this.span()[0], this.history.begun);
-    let [low, high, lower, upper] = [0, 0, 0, 0];
-    for (const { samples } of [this.history.own, this.history.other]) {
-      const [x, z, stop1, stop2] = ['x', 'z', 'stop1', 'stop2'].map((name) => samples.field(name));
-      for (let n = samples.after(from); n < samples.end; n += 1) {
-        low = Math.min(low, x[n], z[n]);
-        high = Math.max(high, x[n], z[n]);
-        // Without stop 2 it is NaN.
-        lower = Math.min(lower, stop1[n], stop2[n] || 0);
-        upper = Math.max(upper, stop1[n], stop2[n] || 0);
-      }
-    }
+    const all = this.history.reach(this.span()[0]);
+    let { low, high } = all;
     const moved = Math.max(-low, high);
-    if (!(moved > 0) || Math.max(-lower, upper) < FAR * moved) [low, high] = [Math.min(low, lower), Math.max(high, upper)];
+    if (!(moved > 0) || Math.max(-all.lower, all.upper) < FAR * moved) [low, high] = [Math.min(low, all.lower), Math.max(high, all.upper)];
     const range = this.range.fit(1.04 * low, 1.04 * high, performance.now());
     this.unit = lengthUnit(Math.max(-range[0], range[1]));
     return range;
