@@ -256,7 +256,8 @@ def check_outputs(arguments: argparse.Namespace) -> None:
     figures = given['figure'] if isinstance(given['figure'], list) else [given['figure']]
     figures = [path for path in figures if path is not None]
     paths = [given[name] for name in ('output', 'json', 'csv', 'markdown') if given.get(name)]
-    files = [path.absolute() for path in paths + figures if str(path) != '-']
+    streams = [path for path in paths if str(path) == '-' or path.is_relative_to('/dev')]
+    files = [path.absolute() for path in paths + figures if path not in streams]
     if len(set(files)) < len(files):
         raise ValueError('two outputs have the same name: give each its own')
     for path in figures:
