@@ -317,6 +317,8 @@ def test_a_link_that_is_passed_on_is_for_watching(browser, live, parameters, tmp
         )
         assert parameters.get('gap') == 0.024
         watching.key('Escape')
+        watching.click('#reset')
+        watching.wait("document.querySelector('#toast').textContent.includes('only shows')")
         page.type('#knob-gap', '25')
         until(lambda: parameters.get('gap') == 0.025)
         watching.wait("document.querySelector('#knob-gap').value === '25'")
