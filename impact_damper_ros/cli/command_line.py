@@ -26,8 +26,6 @@ from impact_damper_ros.rig.quoting import printable
 from .completion import complete
 
 if TYPE_CHECKING:
-    import subprocess
-
     from tqdm import tqdm
 
 
@@ -232,19 +230,6 @@ def up_to(largest: int) -> Callable[[str], float]:
     return number(1, largest, whole=True)
 
 
-def end_node(node: subprocess.Popen[bytes], patience: float) -> None:
-    """End the process of a node; kill it if it takes longer than that, s."""
-    from subprocess import TimeoutExpired
-
-    if node.poll() is None:
-        node.send_signal(signal.SIGINT)
-    try:
-        node.wait(patience)
-    except TimeoutExpired:
-        node.kill()
-        node.wait()
-
-
 def text_stream(json: Path | None) -> TextIO:
     """Return where a command prints its text: the standard output, unless its JSON goes there."""
     return sys.stderr if str(json) == '-' else sys.stdout
@@ -265,12 +250,22 @@ def need_matplotlib() -> None:
         )
 
 
-def check_figure(path: Path) -> None:
-    """Raise an error before the work if a figure could not be drawn after it."""
-    if path.suffix.lower() not in ('.png', '.svg', '.pdf'):
-        raise CommandError(f'{path}: give a name that ends in .png, .svg or .pdf')
-    need_matplotlib()
-    check_file(path)
+def check_outputs(arguments: argparse.Namespace) -> None:
+    """Raise an error before the work if an output could not be written after it."""
+    given = vars(arguments)
+    figures = given['figure'] if isinstance(given['figure'], list) else [given['figure']]
+    figures = [path for path in figures if path is not None]
+    paths = [given[name] for name in ('output', 'json', 'csv', 'markdown') if given.get(name)]
+    streams = [path for path in paths if str(path) == '-' or path.is_relative_to('/dev')]
+    files = [path.absolute() for path in paths + figures if path not in streams]
+    if len(set(files)) < len(files):
+        raise ValueError('two outputs have the same name: give each its own')
+    for path in figures:
+        if path.suffix.lower() not in ('.png', '.svg', '.pdf'):
+            raise CommandError(f'{path}: give a name that ends in .png, .svg or .pdf')
+        need_matplotlib()
+    for path in paths + figures:
+        check_file(path)
 
 
 def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> tqdm[None]:

@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from impact_damper_ros.compare import RunComparison, compare_bag
-from impact_damper_ros.outputs import check_directory, check_file, write_text
+from impact_damper_ros.outputs import check_directory, write_text
 from impact_damper_ros.report.text_report import comparison_text
 from impact_damper_ros.rig import load_parameters
 from impact_damper_ros.rig.quoting import printable
@@ -22,7 +22,7 @@ from .command_line import (
     add_node_option,
     add_path_option,
     add_quiet_option,
-    check_figure,
+    check_outputs,
     command_parser,
     need_matplotlib,
     outcome,
@@ -154,16 +154,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     command = shlex.join(['compare_run', *(sys.argv[1:] if argv is None else argv)])
 
     def work() -> int:
-        # Before the work, not after it
-        if arguments.json is not None:
-            check_file(arguments.json)
+        check_outputs(arguments)
         if arguments.report is not None:
             need_matplotlib()
             check_directory(arguments.report)
-        if arguments.markdown is not None:
-            check_file(arguments.markdown)
-        if arguments.figure is not None:
-            check_figure(arguments.figure)
         if arguments.score:
             return _scored(arguments)
         comparison = _compared(arguments)

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
 
-from impact_damper_ros.outputs import check_file
 from impact_damper_ros.replay import RecordedRun, Replay, Setting
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.report.drawing import save_figure
@@ -30,7 +29,7 @@ from .command_line import (
     add_node_option,
     add_path_option,
     add_quiet_option,
-    check_figure,
+    check_outputs,
     command_parser,
     outcome,
     progress_bar,
@@ -146,11 +145,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
 
     def work() -> int:
-        # Before the work, not after it
-        if arguments.json is not None:
-            check_file(arguments.json)
-        if arguments.figure is not None:
-            check_figure(arguments.figure)
+        check_outputs(arguments)
         replay = Replay(RecordedRun(arguments.bag, arguments.node, law=arguments.law))
         what_if = None
         if arguments.set:

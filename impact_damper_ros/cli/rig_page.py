@@ -24,7 +24,7 @@ from pathlib import Path
 
 from impact_damper_ros.rig.parameters_file import load_parameters, preset_file
 
-from .command_line import EXIT_FAILED, CommandError, command_parser, end_node, outcome, say
+from .command_line import EXIT_FAILED, CommandError, command_parser, outcome, say
 
 COMMAND = 'rig_page'
 NODE_END_S = 10.0
@@ -130,8 +130,14 @@ class _Node:
             self._begin()
 
     def end(self) -> None:
-        """End it."""
-        end_node(self._process, NODE_END_S)
+        """End it; kill it if that takes long."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+        try:
+            self._process.wait(NODE_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
 
 
 def _open(url: str) -> None:

@@ -50,16 +50,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 class RigParameterClient:
-    """
-    The parameters of a running rig.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Of the client.
-    name : str, optional
-        Full name of the rig's node; the only rig of the network by default.
-    """
+    """The parameters of a running rig; without a name, of the only one of the network."""
 
     def __init__(self, node: Any, name: str | None = None) -> None:
         from rclpy.exceptions import NameValidationException

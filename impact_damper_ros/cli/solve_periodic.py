@@ -27,7 +27,7 @@ from impact_damper_ros.orbits import (
 )
 from impact_damper_ros.orbits.arguments import check_forcing, period_of_force, repeats_after
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD
-from impact_damper_ros.outputs import check_file, write_text
+from impact_damper_ros.outputs import write_text
 from impact_damper_ros.report.orbit_text import branch_table, branch_text, orbit_text
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.quoting import counted
@@ -36,7 +36,7 @@ from .command_line import (
     CommandError,
     add_json_option,
     add_path_option,
-    check_figure,
+    check_outputs,
     command_parser,
     discard_output,
     long_work,
@@ -328,11 +328,7 @@ def _solve(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace, parameters: RigParameters) -> None:
     """Raise an error before the work if a file could not be written, or a range is not one."""
-    for path in (arguments.json, arguments.csv):
-        if path is not None:
-            check_file(path)
-    if arguments.figure is not None:
-        check_figure(arguments.figure)
+    check_outputs(arguments)
     if arguments.follow is not None:
         name, low, high = arguments.follow
         value = value_of(parameters, name)

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, get_args
 from tqdm import tqdm
 
 from impact_damper_ros.control import OwnLaw
-from impact_damper_ros.outputs import check_file
 from impact_damper_ros.sweep import (
     MEASURES,
     Grid,
@@ -46,7 +45,7 @@ from .command_line import (
     add_json_option,
     add_path_option,
     add_quiet_option,
-    check_figure,
+    check_outputs,
     command_parser,
     outcome,
     say,
@@ -230,7 +229,6 @@ def _grid(arguments: argparse.Namespace) -> Grid:
 
 def _check_outputs(arguments: argparse.Namespace, grid: Grid) -> None:
     """Check before the work that all outputs can be written after it."""
-    figures: list[Path] = arguments.figure
     if arguments.output.suffix.lower() not in FORMATS:
         raise ValueError(
             f'{arguments.output}: give the table a name that ends in .parquet (for pandas and '
@@ -240,14 +238,8 @@ def _check_outputs(arguments: argparse.Namespace, grid: Grid) -> None:
         check_format(arguments.output)
     except ImportError as error:
         raise CommandError(str(error)) from error
-    outputs = [arguments.output, *figures, *([arguments.json] if arguments.json else [])]
-    for path in outputs:
-        check_file(path)
-    if len({path.absolute() for path in outputs}) < len(outputs):
-        raise ValueError('two outputs have the same name: give each its own')
-    for path in figures:
-        check_figure(path)
-    if figures and len(grid.axes) > 2:
+    check_outputs(arguments)
+    if arguments.figure and len(grid.axes) > 2:
         raise ValueError(
             f'a figure shows one axis or two, not {len(grid.axes)}: leave out --figure, and draw '
             'the table'

@@ -2,6 +2,5 @@
 """
 The rig as a ROS 2 node; the only part of the package that needs rclpy.
 
-`sim_node.SimNode` is the node, `engine.Engine` the thread that moves the rig. Nothing is imported
-here: the process that predicts, `prediction_worker`, must start without rclpy.
+`sim_node.SimNode` is the node, `engine.Engine` the thread that moves the rig.
 """

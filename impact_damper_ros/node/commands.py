@@ -36,22 +36,16 @@ class Command(NamedTuple):
     order: Order
 
 
-#: Takes the next message of a topic: its content, and its number among those of its publisher.
-Take = Callable[[], tuple[bytes, int | None] | None]
-
-
-#: Returns stamp and order of a message; raises a ValueError that says why it is none.
-CommandReader = Callable[[bytes], tuple[int, Order]]
-
-
 class CommandTopic(NamedTuple):
     """Where commands come from: ``'stop_commands'`` or ``'force_command'``, and its name."""
 
     key: str
     topic: str
-    take: Take
+    #: Takes the next message: its content, and its number among those of its publisher
+    take: Callable[[], tuple[bytes, int | None] | None]
     publishers: Callable[[], int]  # how many there are
-    read: CommandReader
+    #: Returns stamp and order of a message; raises a ValueError that says why it is none
+    read: Callable[[bytes], tuple[int, Order]]
 
 
 def read_stop_command(content: bytes) -> tuple[int, Order]:
@@ -116,18 +110,7 @@ class _Flow:
 
 
 class CommandInbox:
-    """
-    Takes the commands that have come; for the engine's thread.
-
-    Parameters
-    ----------
-    topics : sequence of CommandTopic
-        Where they come from.
-    wait : callable
-        Waits until a message comes, or for some seconds.
-    clock : callable
-        Monotonic clock in seconds, for tests.
-    """
+    """Takes the commands that have come; for the engine's thread."""
 
     def __init__(
         self,
@@ -135,6 +118,7 @@ class CommandInbox:
         wait: Callable[[float], object] = time.sleep,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        #: Waits until a command comes, or for some seconds
         self.wait = wait
         self._topics = [(topic, _Flow(clock)) for topic in topics]
         self.refused = 0

@@ -111,32 +111,7 @@ LOG_BACKLOG = 20_000
 
 
 class Engine:
-    """
-    Run a rig in a thread of its own.
-
-    Parameters
-    ----------
-    parameters : NodeParameters
-        The rig, its control and where it starts; pace and stamps.
-    publishers : mapping of str to TopicPublisher
-        Where to publish; see `publishing.RigPublishers`.
-    callbacks : EngineCallbacks
-        What to call.
-    node : str, optional
-        Full name of the node, for its snapshots.
-    inbox : CommandInbox, optional
-        Where the commands of an external control come from.
-
-    Attributes
-    ----------
-    controller : ExternalControl
-        What a controller outside the node sees and commands.
-
-    Raises
-    ------
-    ParameterError
-        If the rig cannot start where it is put.
-    """
+    """Run a rig in a thread of its own; ParameterError if it cannot start where it is put."""
 
     def __init__(
         self,
@@ -154,6 +129,7 @@ class Engine:
             control=parameters.control,
             law=None if law == 'none' else OwnLaw.from_text(law),
         )
+        #: What a controller outside the node sees and commands
         self.controller = ExternalControl(self._rig, inbox or CommandInbox(), parameters)
         self._publishers = publishers
         self._callbacks = callbacks
@@ -311,7 +287,6 @@ class Engine:
 
     def reset(self, initial: InitialConditions) -> None:
         """Reset the rig to initial conditions; rig time continues."""
-        initial.check_within(self._rig.parameters)
         self._motion.discard()
         self._rig.reset(initial)
         self._snapshots.reset(initial.as_dict())

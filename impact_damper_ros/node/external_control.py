@@ -14,19 +14,32 @@ command.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from math import inf, nan
 from typing import NamedTuple
 
+from impact_damper_ros.bag.rig_topics import RigMessages
 from impact_damper_ros.control import ControlRecord, Order, Rig
+from impact_damper_ros.control.sensors import mixed_bits, mixed_seed, uniform_of
 from impact_damper_ros.rig import Event, NodeSettings, ParameterError
+from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .commands import Command, CommandError, CommandInbox
-from .measurements import Measurements, Sent
 
 #: How much later or earlier than now a command may be stamped, if there is no `command_timeout`.
 _MOST_LATE_S = 10.0
 _NEVER_S = 1e9
+#: Of the random numbers of a measurement, those that are not noise.
+_LOSS, _JITTER = 5, 6
+
+
+class Sent(NamedTuple):
+    """A measurement on its way: when it is published, rig time in ns, its stamp and content."""
+
+    due_ns: int
+    stamp_ns: int
+    content: bytes
 
 
 class ControllerStatus(NamedTuple):
@@ -42,20 +55,10 @@ class ControllerStatus(NamedTuple):
 
 
 class ExternalControl:
-    """
-    The side of a rig that its controller sees; for the engine's thread.
-
-    Parameters
-    ----------
-    rig : Rig
-        The rig.
-    inbox : CommandInbox
-        Where the commands come from.
-    settings : NodeSettings
-        The settings of the node; may be replaced at any time.
-    """
+    """The side of a rig that its controller sees; for the engine's thread."""
 
     def __init__(self, rig: Rig, inbox: CommandInbox, settings: NodeSettings) -> None:
+        #: May be replaced at any time
         self.settings = settings
         self._rig = rig
         self._inbox = inbox
@@ -65,7 +68,13 @@ class ExternalControl:
         self._pushed_ns: int | None = None
         self._last_ns: int | None = None
         self._parked = False
-        self._measurements = Measurements(settings.measurement_rate)
+        rate = settings.measurement_rate
+        self._grid = TickGrid(rate) if rate else None
+        self._encoder = RigMessages()
+        # Number of the next measurement; those that are late, and the last one for a frozen sensor
+        self._index = 0
+        self._on_the_way: deque[Sent] = deque()
+        self._seen: tuple[tuple[float, ...], tuple[float, ...]] | None = None
         # In lock-step: the topics from which a command is awaited
         self._topics = {
             'off': set(),
@@ -84,15 +93,55 @@ class ExternalControl:
         return self._awaited_ns is not None
 
     def next_ns(self) -> int | None:
-        """Return the rig time at which the rig has to stop for its controller, ns."""
-        return self._measurements.next_ns()
+        """Return the rig time at which the next measurement is taken or published, ns."""
+        if self._grid is None:
+            return None
+        sample_ns = self._grid.instant(self._index)
+        return min(sample_ns, self._on_the_way[0].due_ns) if self._on_the_way else sample_ns
 
     def measurements(self, time_ns: int, offset_ns: int) -> Iterator[Sent]:
-        """Yield what is to be published now; after each the rig may have to wait."""
-        for sent in self._measurements.take(self._rig, self.settings, time_ns, offset_ns):
+        """
+        Take the measurement that is due at an instant; yield those that are published then.
+
+        After each the rig may have to wait. All that is random is a function of the seed of the
+        sensors and the number of the measurement.
+        """
+        if self._grid is None:
+            return
+        # After a start the first one may be past.
+        while (sample_ns := self._grid.instant(self._index)) <= time_ns:
+            if sample_ns == time_ns:
+                self._measure(time_ns, offset_ns)
+            self._index += 1
+        while self._on_the_way and self._on_the_way[0].due_ns <= time_ns:
+            sent = self._on_the_way.popleft()
             if self._topics and not self._given_up and self._external:
                 self._awaited_ns, self._answers = sent.stamp_ns, {}
             yield sent
+
+    def _measure(self, time_ns: int, offset_ns: int) -> None:
+        control, settings = self._rig.control, self.settings
+        late_s, jitter_s = settings.measurement_latency, settings.measurement_jitter
+        if settings.measurement_loss or jitter_s:
+            key = mixed_bits(mixed_seed(control.gap_control_seed) ^ self._index)
+            late_s += jitter_s * uniform_of(mixed_bits(key + _JITTER))
+            if uniform_of(mixed_bits(key + _LOSS)) <= settings.measurement_loss:
+                return
+        if control.sensor_fault == 'dropout':
+            return
+        if control.sensor_fault != 'frozen' or self._seen is None:
+            seen, stop_rates = self._rig.measure(self._index)
+            self._seen = (
+                (seen.x, seen.y, seen.stop_1, seen.stop_2),
+                (seen.x_rate, seen.y_rate, *stop_rates),
+            )
+        stamp_ns = offset_ns + time_ns
+        content = self._encoder.measurement(stamp_ns, *self._seen)
+        due_ns = time_ns + round(late_s * 1e9)
+        if self._on_the_way:
+            # None overtakes the one before.
+            due_ns = max(due_ns, self._on_the_way[-1].due_ns)
+        self._on_the_way.append(Sent(due_ns, stamp_ns, content))
 
     def wait(self, seconds: float) -> None:
         """Wait for a command."""

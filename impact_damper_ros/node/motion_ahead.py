@@ -38,29 +38,16 @@ class MotionTrace:
     The motion of a rig since its last change or reset, or the last step of its frequency.
 
     The engine's thread writes. Other threads may read; they copy at once.
-
-    Attributes
-    ----------
-    parameters : RigParameters
-        The rig.
-    began : float
-        Rig time at the beginning, s.
-    frequency : float
-        Circular frequency of the first harmonic, rad/s.
-    turned : float
-        Angle of the first harmonic at the beginning, in cycles since its zero.
-    step : int
-        Steps of the stepped sine done by then.
     """
 
     def __init__(
         self, parameters: RigParameters, began: float, turned: float, step: int = 0
     ) -> None:
         self.parameters = parameters
-        self.began = began
-        self.frequency = frequency_at(parameters, step)
-        self.turned = turned
-        self.step = step
+        self.began = began  # rig time, s
+        self.frequency = frequency_at(parameters, step)  # circular, of the first harmonic, rad/s
+        self.turned = turned  # its angle at the beginning, in cycles since its zero
+        self.step = step  # steps of the stepped sine done by then
         self._impacts: deque[Event] = deque(maxlen=KEPT)
         self._turns: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self._last: Sample | None = None
@@ -170,20 +157,6 @@ class MotionAhead:
     The rig itself is at the tick before the first one that is known, or earlier in the same
     flight: before a request changes it, `stand_at` moves it to the present tick, and afterwards
     `discard` drops the joint states that no longer hold.
-
-    Attributes
-    ----------
-    trace : MotionTrace
-        The motion since the last change or reset, up to the last tick that is known; to be
-        replaced at a change.
-    known : deque of bytes
-        Joint states of the next ticks, as far as they are known.
-    events, impacts, commands : int
-        How many there were so far; commands are those of the gap control.
-    most : int
-        Largest number of ticks that are made ahead.
-    last_act : ControlRecord or None
-        The last act of the gap control.
     """
 
     def __init__(
@@ -194,14 +167,18 @@ class MotionAhead:
         trace: MotionTrace,
         most: int,
     ) -> None:
+        #: Up to the last tick that is known; to be replaced at a change
         self.trace = trace
+        #: Joint states of the next ticks
         self.known: deque[bytes] = deque()
+        # So far; commands are those of the gap control
         self.events = self.impacts = self.commands = 0
         self.last_act: ControlRecord | None = None
         self._rig = rig
         self._publishers = publishers
         self._encoder = RigMessages()
         self._grid = grid
+        #: Largest number of ticks that are made ahead
         self.most = most
         # Of the events on the way to the next tick
         self._budget = EventBudget(MOST_TO_TICK)

@@ -30,7 +30,6 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 #: Lateness, in wall time, beyond which the lost time is given up instead of made up for.
@@ -58,16 +57,11 @@ class StampClock:
 
     Simulated stamps count from 0. Others count from the system time at the start; a pause or a
     slip moves them on with the wall clock, and a step of the system clock moves them as far.
-
-    Attributes
-    ----------
-    offset_ns : int
-        Stamp of rig time 0.
     """
 
     def __init__(self, *, simulated: bool) -> None:
         """Begin at 0."""
-        self.offset_ns = 0
+        self.offset_ns = 0  # stamp of rig time 0
         self._simulated = simulated
         # Of the monotonic clock's zero
         self._zero_ns = 0
@@ -111,26 +105,8 @@ class PacingCounts(NamedTuple):
     worst_lateness_ns: int
 
 
-@dataclass
-class _Worst:
-    lateness_ns: int = 0
-
-
 class Pacer:
-    """
-    Wait for the ticks of one rig.
-
-    Parameters
-    ----------
-    period_ns : int
-        Rig time between two ticks.
-    real_time_factor : float
-        Rig seconds per wall second; 0 runs as fast as possible.
-    clock, sleep : callable
-        Monotonic clock in nanoseconds and sleep in seconds, for tests.
-    on_slip : callable
-        Called at each slip, in the waiting thread.
-    """
+    """Wait for the ticks of one rig; 0 for the factor runs as fast as possible."""
 
     def __init__(
         self,
@@ -149,7 +125,7 @@ class Pacer:
         self._anchor_ns = self._anchor_rig_ns = 0
         self._stretch_began_ns = clock()
         self._ticks = self._overruns = self._slips = self._slipped_ns = 0
-        self._worst = _Worst()
+        self._worst_ns = 0
 
     def set_pace(self, period_ns: int, real_time_factor: float) -> None:
         """Go on at another pace, from the next `anchor` on."""
@@ -176,10 +152,8 @@ class Pacer:
 
     def counts(self) -> PacingCounts:
         """Return the counts; called from another thread, at a report."""
-        worst, self._worst = self._worst, _Worst()
-        return PacingCounts(
-            self._ticks, self._overruns, self._slips, self._slipped_ns, worst.lateness_ns
-        )
+        worst_ns, self._worst_ns = self._worst_ns, 0
+        return PacingCounts(self._ticks, self._overruns, self._slips, self._slipped_ns, worst_ns)
 
     def _deadline(self, rig_ns: int) -> int:
         """Return the instant on the monotonic clock at which an instant of rig time is due."""
@@ -195,9 +169,7 @@ class Pacer:
         return -left
 
     def _count_lateness(self, late_ns: int) -> None:
-        worst = self._worst
-        if late_ns > worst.lateness_ns:
-            worst.lateness_ns = late_ns
+        self._worst_ns = max(self._worst_ns, late_ns)
         if late_ns > self._late_after_ns:
             self._overruns += 1
         if late_ns > CATCH_UP_NS:

@@ -274,13 +274,9 @@ def changed_by(
     request: Iterable[Parameter], now: NodeParameters, has: Callable[[str], bool]
 ) -> NodeParameters:
     """
-    Return the parameters after a request that has been read as it is meant.
+    Return the parameters after a request that has been read as it is meant; or ParameterError.
 
-    Raises
-    ------
-    ParameterError
-        If a parameter is unknown, fixed or out of range; rclpy rejects them, too, but its reasons
-        do not name the remedy.
+    rclpy rejects what is unknown, fixed or out of range, too, but its reasons name no remedy.
     """
     values = {}
     for parameter in request:

@@ -39,18 +39,7 @@ def _turn() -> Generator[None, None, None]:
 
 
 class RigServices:
-    """
-    Serves reset, pause and single steps.
-
-    Parameters
-    ----------
-    node : SimNode
-        The node.
-    engine : Engine
-        What carries the requests out.
-    initial : callable
-        Returns where a reset puts the rig.
-    """
+    """Serves reset, pause and single steps; `initial` returns where a reset puts the rig."""
 
     def __init__(
         self, node: SimNode, engine: Engine, initial: Callable[[], InitialConditions]

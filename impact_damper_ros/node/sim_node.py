@@ -16,6 +16,7 @@ import sys
 import time
 import traceback
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from shutil import which
 from typing import Any
@@ -59,7 +60,6 @@ from impact_damper_ros.theory import TheoryProcess
 from .commands import (
     DEPTH,
     CommandInbox,
-    CommandReader,
     CommandTopic,
     read_force_command,
     read_stop_command,
@@ -194,16 +194,7 @@ class _NoCallbacks(CallbackGroup):
 
 
 class SimNode(Node):
-    """
-    The rig as a node: publishers, parameters, services and reports around an engine.
-
-    Raises
-    ------
-    ParameterError
-        If a parameter given at start is bad.
-    RecordingError
-        If `record` is set at start and the recording cannot begin.
-    """
+    """The rig as a node: publishers, parameters, services and reports around an engine."""
 
     def __init__(self) -> None:
         super().__init__('sim_node')
@@ -263,12 +254,8 @@ class SimNode(Node):
         # What the topic `theory` said last
         self._document = ''
         listeners = PublisherEventCallbacks(matched=self._on_listener)
-        self._theory_publisher = self.create_publisher(
-            StringMessage,
-            'theory',
-            _qos(LATCHED),
-            event_callbacks=listeners,
-            qos_overriding_options=self._qos_overrides('theory'),
+        self._theory_publisher = self._publisher(
+            StringMessage, 'theory', _qos(LATCHED), event_callbacks=listeners
         )
         RigServices(self, self.engine, lambda: self._parameters_now.initial)
         if parameters.record:
@@ -342,9 +329,9 @@ class SimNode(Node):
             publishers['clock'] = self._publisher(ClockMessage, '/clock', clock)
         return publishers
 
-    def _publisher(self, message_type: Any, topic: str, qos: QoSProfile) -> TopicPublisher:
+    def _publisher(self, kind: Any, topic: str, qos: QoSProfile, **more: Any) -> TopicPublisher:
         publisher = self.create_publisher(
-            message_type, topic, qos, qos_overriding_options=self._qos_overrides(topic)
+            kind, topic, qos, qos_overriding_options=self._qos_overrides(topic), **more
         )
         return TopicPublisher(publisher.topic_name, publisher.publish)
 
@@ -369,25 +356,15 @@ class SimNode(Node):
                 waiting.add_subscription(subscription.handle)
             waiting.wait(round(seconds * 1e9))
 
-        topics = [
-            self._command_topic(key, subscriptions[key], kind, read)
-            for key, (kind, read) in kinds.items()
-        ]
-        return CommandInbox(topics, wait)
-
-    @staticmethod
-    def _command_topic(
-        key: str, subscription: Any, kind: Any, read: CommandReader
-    ) -> CommandTopic:
-        handle = subscription.handle
-
-        def take() -> tuple[bytes, int | None] | None:
-            taken = handle.take_message(kind, True)
+        def take(key: str) -> tuple[bytes, int | None] | None:
+            taken = subscriptions[key].handle.take_message(kinds[key][0], True)
             return taken and (taken[0], taken[1].get('publication_sequence_number'))
 
-        return CommandTopic(
-            key, subscription.topic_name, take, subscription.get_publisher_count, read
-        )
+        topics = [
+            CommandTopic(key, one.topic_name, partial(take, key), one.get_publisher_count, read)
+            for (key, one), (_, read) in zip(subscriptions.items(), kinds.values(), strict=True)
+        ]
+        return CommandInbox(topics, wait)
 
     def _qos_overrides(self, topic: str) -> QoSOverridingOptions | None:
         """Return the options of a topic whose quality of service the user has set."""

@@ -13,10 +13,13 @@ import asyncio
 import json
 import time
 from collections.abc import Awaitable, Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from .frames import View
 from .source import RequestError, Source
+
+if TYPE_CHECKING:
+    from tornado.websocket import WebSocketHandler
 
 #: Longest message of a page, bytes; Tornado closes the connection at longer ones.
 LONGEST_MESSAGE = 65_536
@@ -42,38 +45,15 @@ _LONGEST_ID = 80
 Handler = Callable[[dict[str, Any], 'Client'], Awaitable[dict[str, Any] | None]]
 
 
-class Sink(Protocol):
-    """A WebSocket."""
-
-    def write_message(self, message: str | bytes, binary: bool = False) -> Any:
-        """Write a message; the result is done when it has been sent."""
-
-    def close(self) -> None:
-        """End the connection."""
-
-
 def _refuse(name: str) -> float:
     raise ValueError(f'{name} is not a number in JSON')
 
 
 class Client:
-    """
-    A page.
-
-    Parameters
-    ----------
-    sink : Sink
-        Its WebSocket.
-    source : Source
-        The rig or recording that it shows.
-    handle : callable
-        Processes a request, and returns the answer.
-    steers : bool, optional
-        Whether it may change the rig.
-    """
+    """A page; `handle` processes its requests and returns the answers."""
 
     def __init__(
-        self, sink: Sink, source: Source, handle: Handler, *, steers: bool = True
+        self, sink: WebSocketHandler, source: Source, handle: Handler, *, steers: bool = True
     ) -> None:
         self.source = source
         self.view = View()

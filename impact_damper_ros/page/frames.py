@@ -54,14 +54,7 @@ class _Sent:
 
 
 class View:
-    """
-    The window that one page shows of a motion, and the part of it that the page has already.
-
-    Parameters
-    ----------
-    window : float, optional
-        Length of the traces, s.
-    """
+    """The window (s) that one page shows of a motion, and the part that the page has already."""
 
     def __init__(self, window: float = 30.0) -> None:
         self.window = min(max(window, _WINDOWS[0]), _WINDOWS[1])
@@ -80,18 +73,7 @@ class View:
         """
         Return a frame with everything new up to an instant; None if there is nothing new.
 
-        Parameters
-        ----------
-        motion : Motion
-            The motion.
-        end : float
-            The instant, s.
-        epoch : float
-            Wall time of it, s.
-        flags : int, optional
-            `PAUSED`, if it is.
-        ghost : Motion, optional
-            The motion of a second rig, as far as it is known.
+        `epoch` is the wall time of the instant, `ghost` a second rig, as far as it is known.
         """
         last = end, flags
         start = end - self.window

@@ -43,29 +43,14 @@ def _split(netloc: str) -> tuple[str, int | None] | None:
 
 @dataclass
 class Gate:
-    """
-    The checks that a request must pass.
+    """The checks that a request must pass."""
 
-    Parameters
-    ----------
-    host : str
-        The address that the server listens on.
-    names : sequence of str, optional
-        Further host names of the server.
-
-    Attributes
-    ----------
-    tokens : dict
-        The token to require by what it allows, ``'steer'`` or ``'watch'``; empty on the loopback
-        interface, where everyone may steer.
-    port : int
-        Set once the server listens.
-    """
-
-    host: str
-    names: Sequence[str] = ()
+    host: str  # the address that the server listens on
+    names: Sequence[str] = ()  # further host names of the server
+    #: The token to require by what it allows, ``'steer'`` or ``'watch'``; empty on the loopback
+    #: interface, where everyone may steer
     tokens: dict[str, str] = field(default_factory=dict, init=False)
-    port: int = field(default=0, init=False)
+    port: int = field(default=0, init=False)  # set once the server listens
 
     def __post_init__(self) -> None:
         """Make tokens where they are needed."""

@@ -32,7 +32,7 @@ from .frames import PAUSED, View
 from .knobs import as_json, knobs_of, read_values
 from .motion import Era, ForcePhase, Motion
 from .numbers import numbers_of
-from .presets import load_presets, preset_with
+from .presets import change_between, load_presets
 from .source import RequestError, Source
 
 if TYPE_CHECKING:
@@ -64,32 +64,16 @@ class NoAnswerError(Exception):
 
 
 class LiveRig(Source):
-    """
-    A rig of the network.
-
-    Parameters
-    ----------
-    link : RigLink
-        The connection to its node.
-    common : callable
-        See `Source`.
-
-    Attributes
-    ----------
-    motion : Motion
-        The last minutes.
-    values : dict
-        The present values of the parameters that are known.
-    state : dict or None
-        Of the last snapshot.
-    """
+    """A rig of the network."""
 
     kept_s = 30.0
 
     def __init__(self, link: RigLink, common: Callable[[], dict[str, Any]]) -> None:
         super().__init__(common)
         self.link = link
+        #: Present values of the parameters that are known
         self.values: dict[str, Any] = {}
+        #: That of the last snapshot
         self.state: dict[str, Any] | None = None
         self._reports: dict[str, DiagnosticStatus] = {}
         self._forget()
@@ -242,13 +226,11 @@ class LiveRig(Source):
 
     def _note(self, values: Mapping[str, Any], time_: float | None, kind: str = 'change') -> None:
         """Store values, and report those that have changed, or a reset."""
-        plain = {name: as_json(value) for name, value in values.items()}
-        changed = {n: v for n, v in plain.items() if self.values.get(n, v) != v}
+        plain = as_json(dict(values))
+        change = change_between(self.values, plain, time_, kind)
         self.values |= plain
-        if changed or kind == 'reset':
-            preset = preset_with(self.values)
-            message = {'time': time_, 'kind': kind, 'values': changed, 'preset': preset}
-            self.tell({'type': 'parameters', **message})
+        if change is not None:
+            self.tell({'type': 'parameters', **change})
 
     def _tables(self, topic: str, contents: list[bytes]) -> Iterable[tuple[Era, Messages]]:
         """Return messages of a topic, those of each era together."""

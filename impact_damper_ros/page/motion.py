@@ -37,18 +37,13 @@ IMPACT_COLUMNS = (*_IMPACT, 'phase')
 #: places of the stops in M, the active force on M, the energy spent on both stops so far.
 MEASURED_COLUMNS = ('time', 'x', 'z')
 ACT_COLUMNS = ('time', 'command', 'stop_1', 'stop_2', 'force', 'energy')
+#: Largest number of samples and impacts that are read of a recording.
+MOST_SAMPLES, MOST_IMPACTS = 2_000_000, 1_000_000
 COMMANDS = tuple(action.name.lower() for action in (Action.COMMAND, Action.ORDER))
 
 
 class ForcePhase:
-    """
-    The phase of the first harmonic of the force, stepped sine included.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-        The rig at an instant; what comes after it is known.
-    """
+    """The phase of the first harmonic of the force from a snapshot on, stepped sine included."""
 
     def __init__(self, snapshot: Snapshot) -> None:
         rig = snapshot.parameters
@@ -166,10 +161,8 @@ class Motion:
     """
     What is known of the motion of a rig, each kind in the order of its instants.
 
-    Parameters
-    ----------
-    most_samples, most_impacts : int
-        How many samples and measurements are kept, and impacts and acts: the newest ones.
+    Of samples and measurements the newest `most_samples` are kept, of impacts and acts the newest
+    `most_impacts`.
     """
 
     def __init__(self, most_samples: int, most_impacts: int) -> None:

@@ -42,14 +42,7 @@ class Preset(NamedTuple):
 
 @cache
 def load_presets(path: Path = _FILE) -> dict[str, Preset]:
-    """
-    Read the presets, by name.
-
-    Raises
-    ------
-    ValueError
-        If the parameters of one are not admissible.
-    """
+    """Read the presets, by name; ValueError if the parameters of one are not admissible."""
     found = {}
     for name, entry in yaml.safe_load(path.read_text(encoding='utf-8')).items():
         values = entry['parameters']
@@ -64,6 +57,17 @@ def load_presets(path: Path = _FILE) -> dict[str, Preset]:
         )
         found[name].initial.check_within(found[name].rig)
     return found
+
+
+def change_between(
+    before: Mapping[str, Any], now: Mapping[str, Any], time: float | None, kind: str = 'change'
+) -> dict[str, Any] | None:
+    """Return what the page shows of a change or reset; None where nothing has changed."""
+    values = {n: v for n, v in now.items() if before.get(n, v) != v}
+    if not values and kind == 'change':
+        return None
+    whole = {**before, **now}
+    return {'time': time, 'kind': kind, 'values': values, 'preset': preset_with(whole)}
 
 
 def preset_with(values: Mapping[str, Any]) -> str:

@@ -26,17 +26,15 @@ from impact_damper_ros.theory import TheoryProcess
 
 from .frames import PAUSED, View
 from .knobs import as_json, knobs_of, read_values
-from .motion import Era, ForcePhase, Motion, measured_rows
+from .motion import MOST_IMPACTS, MOST_SAMPLES, Era, ForcePhase, Motion, measured_rows
 from .numbers import numbers_of
-from .presets import preset_with
+from .presets import change_between
 from .source import RequestError, Source
 from .what_if import WhatIfMotion
 
 if TYPE_CHECKING:
     from .client import Client
 
-#: Largest number of samples and impacts that are read of a recording.
-MOST_SAMPLES, MOST_IMPACTS = 2_000_000, 1_000_000
 #: Largest number of changes that are marked.
 _MOST_CHANGES = 10_000
 _SLOWEST, _FASTEST = 0.01, 100.0
@@ -60,22 +58,12 @@ class Setting(NamedTuple):
 
 @dataclass(frozen=True)
 class Recording:
-    """
-    A recording.
+    """A recording."""
 
-    Attributes
-    ----------
-    motion : Motion
-        The whole motion.
-    changes : list of dict
-        The changes and resets: time, kind, new values, and the preset that the rig then matches.
-    remark : str
-        What is missing from the recording; empty if nothing is.
-    """
-
-    motion: Motion
+    motion: Motion  # the whole one
+    #: Changes and resets: time, kind, new values, and the preset that the rig then matches
     changes: list[dict[str, Any]]
-    remark: str
+    remark: str  # what is missing; empty if nothing is
     #: Of each change the rig after it: what is shown of thousands of them is a few.
     packed: list[bytes]
     times: NDArray[np.float64]
@@ -95,26 +83,7 @@ class Recording:
 
 
 def load_recording(path: Path) -> Recording:
-    """
-    Read a recording.
-
-    Parameters
-    ----------
-    path : Path
-        A bag directory or a file of one, whole, cut or recovered.
-
-    Returns
-    -------
-    Recording
-        The recording.
-
-    Raises
-    ------
-    RecordingError
-        If no rig is recorded in it.
-    ValueError
-        If it holds no motion.
-    """
+    """Read a bag, whole, cut or recovered; ValueError if it holds no motion, or RecordingError."""
     run = RecordedRun(path, purpose='play')
     # Surplus samples are dropped at the end.
     count = run.reader.topics[run.topics.joint_states].message_count
@@ -138,17 +107,13 @@ def load_recording(path: Path) -> Recording:
             offsets.append((item.stamp_ns, item.offset_ns))
             control = item.state['gap_control']['parameters']
             values = as_json({**rig.as_dict(), **control, **item.initial.as_dict()})
-            changed = {n: v for n, v in values.items() if before.get(n, v) != v}
-            kind = 'reset' if item.resets else 'change' if changed else ''
-            kind = kind if before else 'stretch'
+            kind = 'stretch' if not before else 'reset' if item.resets else 'change'
+            change = change_between(before, values, item.time, kind)
             before = values
-            if kind and len(changes) < _MOST_CHANGES:
-                preset = preset_with(values)
-                changes.append(
-                    {'time': item.time, 'kind': kind, 'values': changed, 'preset': preset}
-                )
+            if change is not None and len(changes) < _MOST_CHANGES:
+                changes.append(change)
                 packed.append(zlib.compress(json.dumps([item.state, values]).encode()))
-            elif kind:
+            elif change is not None:
                 remarks = [f'only the first {_MOST_CHANGES:,} changes are marked']
         if len(motion.samples) >= MOST_SAMPLES:
             remarks.append(f'only the first {MOST_SAMPLES:,} samples are shown')
@@ -178,20 +143,7 @@ def _measured(run: RecordedRun, offsets: list[tuple[int, int]]) -> NDArray[np.fl
 
 
 class Player(Source):
-    """
-    A recording that is played to one page.
-
-    Parameters
-    ----------
-    name : str
-        Name of the recording.
-    path : Path
-        The bag.
-    recorded : Recording
-        Its content.
-    common : callable
-        See `Source`.
-    """
+    """A recording that is played to one page."""
 
     def __init__(
         self, name: str, path: Path, recorded: Recording, common: Callable[[], dict[str, Any]]

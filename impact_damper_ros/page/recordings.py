@@ -40,14 +40,9 @@ _PATIENCE_S = 1800.0
 
 class Recordings:
     """
-    The bags below a directory.
+    A bag or file, or the bags below a directory.
 
-    Parameters
-    ----------
-    place : Path
-        A directory of bags, or a single bag or file.
-    listed : bool, optional
-        Whether a directory without `metadata.yaml` is one of bags, whatever files are in it.
+    If `listed`, a directory without `metadata.yaml` is one of bags, whatever files are in it.
     """
 
     def __init__(self, place: Path, *, listed: bool = False) -> None:
@@ -74,27 +69,13 @@ class Recordings:
         return [path.name for path in sorted(found, key=_age)][:_MOST_LISTED]
 
     def path(self, name: str) -> Path:
-        """
-        Return the path of a bag.
-
-        Raises
-        ------
-        LookupError
-            If there is no bag of that name.
-        """
+        """Return the path of a bag; LookupError if there is none of that name."""
         if name not in self.names():
             raise LookupError(f'there is no recording {printable(name[:200])}')
         return self._place / name
 
     def file(self, name: str) -> Path:
-        """
-        Return the file to download: the only one of a bag.
-
-        Raises
-        ------
-        LookupError
-            If there is none, or the bag has several.
-        """
+        """Return the file to download; LookupError if there is none, or the bag has several."""
         try:
             files = bag_files(self.path(name))
         except RecordingError as error:
@@ -170,14 +151,7 @@ class Recordings:
         return path
 
     def rename(self, name: str, new: str) -> None:
-        """
-        Give a bag another name.
-
-        Raises
-        ------
-        LookupError
-            If there is none, or the name cannot be that of a bag or is taken.
-        """
+        """Give a bag another name; LookupError if that cannot be one or is taken."""
         path, new = self._own(name), new.strip()
         if path.is_file() and not new.endswith(_SUFFIXES):
             new += ''.join(path.suffixes)
@@ -200,14 +174,7 @@ class Recordings:
         path.rename(deleted)
 
     def restore(self, name: str) -> None:
-        """
-        Bring a deleted bag back.
-
-        Raises
-        ------
-        LookupError
-            If none of that name was deleted, or another one has it by now.
-        """
+        """Bring a deleted bag back; LookupError if another one has its name by now."""
         deleted = self._place / _BIN / name
         if '/' in name or name in ('', '.', '..') or not deleted.exists():
             raise LookupError(f'no recording {printable(name[:200])} has been deleted')
@@ -228,14 +195,7 @@ class Recordings:
     # Comparison
 
     def report(self, name: str, file: str) -> Path:
-        """
-        Return a file of a report.
-
-        Raises
-        ------
-        LookupError
-            If there is none.
-        """
+        """Return a file of a report; LookupError if there is none."""
         if self._reports is None or file not in ('report.html', 'report.json'):
             raise LookupError('there is no such report')
         path = self._reports / self.path(name).name / file
@@ -243,19 +203,17 @@ class Recordings:
             raise LookupError('there is no such report')
         return path
 
-    def start_comparison(self, name: str) -> bool:
-        """Return whether a comparison may start: a bag is compared only once at a time."""
+    def start_comparison(self, name: str) -> None:
+        """Note that a bag is being compared; LookupError if it is already, or two others are."""
         if name in self._comparing or len(self._comparing) > 1:
-            return False
+            raise LookupError('it is being compared already, or two others are: wait for them')
         self._comparing[name] = None
-        return True
 
-    def cancel_comparison(self, name: str) -> bool:
-        """End a comparison; return whether there was one."""
+    def cancel_comparison(self, name: str) -> None:
+        """End a comparison, if there is one."""
         process = self._comparing.get(name)
         if process is not None and process.returncode is None:
             process.terminate()
-        return name in self._comparing
 
     async def compare(self, path: Path) -> dict[str, Any]:
         """Compare a bag with theory in a child process; return the message for the pages."""

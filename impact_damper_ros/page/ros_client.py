@@ -95,18 +95,7 @@ class _Service:
 
 
 class RigLink:
-    """
-    The topics, services and parameters of one rig.
-
-    Parameters
-    ----------
-    node : Node
-        Of the client.
-    name : str
-        Full name of the rig's node.
-    topics : mapping of str to str
-        Full names of its `_TOPICS`.
-    """
+    """The topics, services and parameters of one rig."""
 
     def __init__(self, node: Node, name: str, topics: Mapping[str, str]) -> None:
         self.name = name

@@ -66,27 +66,7 @@ _ROWS = 5_000
 
 
 class PageServer:
-    """
-    The server.
-
-    Parameters
-    ----------
-    gate : Gate
-        Access control.
-    recordings : Recordings
-        The recordings to play and to download.
-    network : RosClient, optional
-        The ROS network; without it only recordings can be shown.
-    node : str, optional
-        The rig to show first.
-
-    Attributes
-    ----------
-    gate, recordings
-        As given.
-    sources : dict
-        The rigs that are or were shown, by name, and the recordings, by a key of their own.
-    """
+    """The server; without a network only recordings are shown, `node` is the first rig shown."""
 
     def __init__(
         self,
@@ -99,6 +79,7 @@ class PageServer:
         self.recordings = recordings
         self._network = network
         self._node = node
+        #: Rigs that are or were shown, by name, and recordings, by a key of their own
         self.sources: dict[object, Source] = {}
         self._nothing = Source(self._common)
         self._left_at: dict[object, float] = {}
@@ -116,14 +97,7 @@ class PageServer:
     # Start and end
 
     async def start(self, port: int) -> None:
-        """
-        Listen.
-
-        Raises
-        ------
-        OSError
-            If the port is taken.
-        """
+        """Listen; OSError if the port is taken."""
         sockets = bind_sockets(port, self.gate.host)
         self.gate.port = sockets[0].getsockname()[1]
         self._http = HTTPServer(_application(self), max_body_size=LONGEST_MESSAGE)
@@ -250,14 +224,7 @@ class PageServer:
         return self.sources[name]
 
     async def open(self, socket: Any, rig: str, bag: str, role: str) -> Client:
-        """
-        Open a page that shows a rig or a recording.
-
-        Raises
-        ------
-        RequestError
-            If it does not exist, or too many pages are open.
-        """
+        """Open a page that shows a rig or a recording; RequestError if that cannot be."""
         if len(self._clients) >= _MOST_PAGES:
             raise RequestError(
                 f'{counted(_MOST_PAGES, "page")} open already: close one, and reload this one'
@@ -323,10 +290,9 @@ class PageServer:
             return {'ok': True, 'reason': ''}
         try:
             path = await asyncio.to_thread(self.recordings.path, name)
+            self.recordings.start_comparison(name)
         except LookupError as error:
             raise RequestError(str(error)) from error
-        if not self.recordings.start_comparison(name):
-            raise RequestError('it is being compared already, or two others are: wait for them')
 
         async def work() -> None:
             self._send(await self.recordings.compare(path))

@@ -30,25 +30,16 @@ class Source:
     """
     A source of frames and messages; this one stands for a network without a rig.
 
-    Parameters
-    ----------
-    common : callable
-        Returns what is part of every first message: the rigs, recordings, presets and token.
-
-    Attributes
-    ----------
-    clients : set of Client
-        The pages that show it.
-    theory : dict
-        The messages of the theory of the present rig.
+    `common` returns what is part of every first message: rigs, recordings, presets and token.
     """
 
     #: Time for which it is kept without a page, s.
     kept_s = 0.0
 
     def __init__(self, common: Callable[[], dict[str, Any]]) -> None:
-        self.clients: set[Client] = set()
+        self.clients: set[Client] = set()  # the pages that show it
         self._common = common
+        #: Messages of the theory of the present rig
         self.theory = dict(_UNKNOWN)
 
     def hello(self) -> dict[str, Any]:

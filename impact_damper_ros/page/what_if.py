@@ -21,9 +21,8 @@ from impact_damper_ros.report.what_if_report import WhatIfReport
 from impact_damper_ros.rig import INITIAL_SPECS, RunawayError
 from impact_damper_ros.theory.child_process import ChildProcess, decoded, send
 
-from .motion import Era, Motion
+from .motion import MOST_IMPACTS, MOST_SAMPLES, Era, Motion
 
-_MOST_SAMPLES, _MOST_IMPACTS = 2_000_000, 1_000_000
 _NICENESS = 10
 #: Standard output
 _ANSWERS = 1
@@ -33,20 +32,13 @@ class WhatIfMotion:
     """
     The motion of the other rig, as far as it has been computed.
 
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    values : mapping
-        The parameters that are held.
-    tell : callable
-        Called with each message for the page.
+    `values` are the parameters that are held; `tell` is called with each message for the page.
     """
 
     def __init__(
         self, path: Path, values: Mapping[str, Any], tell: Callable[[dict[str, Any]], None]
     ) -> None:
-        self.motion = Motion(_MOST_SAMPLES, _MOST_IMPACTS)
+        self.motion = Motion(MOST_SAMPLES, MOST_IMPACTS)
         self._values = dict(values)
         self._tell = tell
         self._done = False

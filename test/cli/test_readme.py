@@ -1,14 +1,9 @@
 """What README.md and docs/ state of the commands is what they print, and every command runs."""
 
 import json
-import os
 import re
 import runpy
 import shlex
-import signal
-import subprocess
-import sys
-import time
 from importlib import import_module
 from pathlib import Path
 
@@ -228,43 +223,32 @@ def test_command(line, capfd):
         assert len(found['attractors']) > 1
 
 
-def check_process(module, words, started):
-    """Start a program, wait until it prints that it has started, and end it; return its output."""
-    output = Path('said.txt')
-    with output.open('wb') as said:
-        process = subprocess.Popen(
-            [sys.executable, '-m', f'impact_damper_ros.{module}', *words],
-            env={**os.environ, 'PYTHONPATH': str(ROOT)},
-            stdin=subprocess.DEVNULL,
-            stdout=said,
-            stderr=subprocess.STDOUT,
-        )
-    try:
-        deadline = time.monotonic() + 100.0
-        while started not in output.read_text():
-            assert process.poll() is None, output.read_text()
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
-        process.send_signal(signal.SIGINT)
-        assert process.wait(100.0) == 0
-    finally:
-        process.kill()
-        process.wait()
-    return output.read_text()
-
-
 def check_page(words):
-    """Run the page until it prints its address."""
-    check_process('cli.rig_page', ['--port', '0', *words], 'the page is at http://127.0.0.1:')
+    """Read the line; that such commands run is in test/page/test_live_page.py."""
+    from impact_damper_ros.cli import rig_page
+
+    given = rig_page._parser().parse_args(words)
+    assert given.bag is None or given.bag.exists()
 
 
 def check_node(words):
-    """Run the node until it prints what runs."""
-    words = [word for word in words if '$(' not in word]
-    if words[-1] in ('--params-file', '--prefix') or '--share' in words:
+    """Have ROS read the line, and the node what ROS makes of it."""
+    from rclpy.context import Context
+    from rclpy.node import Node
+
+    from impact_damper_ros.node.parameters import parameters_from_overrides
+
+    if '$(ros2' in words:
         words = ['--ros-args', '--params-file', 'config/bench_rig.yaml']
-    output = check_process('node.sim_node', words, 'runs in real time')
-    assert 'natural frequency 5.00 Hz' in output
+    context = Context()
+    context.init(words)
+    try:
+        node = Node('sim_node', context=context, enable_rosout=False)
+        overrides = {name: p.value for name, p in node._parameter_overrides.items()}
+        node.destroy_node()
+    finally:
+        context.try_shutdown()
+    assert parameters_from_overrides(overrides, (), pytest.fail).rig.gap == 0.024
 
 
 def test_parameters_that_are_set_on_the_node():

@@ -91,6 +91,7 @@ REFUSALS = {
         ('--impacts 2 --follow gap=20:', '--follow'),
         ('--impacts 2 --follow gravy=1:2', 'gravy'),
         ('--impacts 2 --csv a.csv', 'are for --follow'),
+        ('--impacts 2 --csv a.csv --json a.csv', 'two outputs have the same name'),
         ('--impacts 2 --follow gap=20:60 --figure a.bmp', FIGURE),
         ('--settled --cycles 2', 'leave out --cycles'),
         ('--settled --set force_amplitudes=[0]', 'both different from 0'),

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 import impact_damper_ros
-from impact_damper_ros.bag import RunReader
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
@@ -191,29 +190,6 @@ def test_gap_control_from_the_parameters_file(tmp_path, capsys):
     params.write_text(head + '    gap_control: off\n')
     assert run(tmp_path, '--duration', '50', params=params)[0] == 0
     assert 'gap control' not in capsys.readouterr().err
-
-
-def test_a_rig_with_events_without_end_is_said_in_a_line(tmp_path, capsys):
-    settings = {
-        'gap': 1e-9,
-        'restitution_1': 1,
-        'restitution_2': 1,
-        'gravity': 0,
-        'initial_damper_velocity': 1e9,
-    }
-    code, _ = run(
-        tmp_path,
-        *('--duration', '0.1', '--bag', str(tmp_path / 'bag')),
-        settings=[f'{name}={value}' for name, value in settings.items()],
-    )
-    said = capsys.readouterr().err
-    assert code == 1
-    # First what runs
-    rig, reason = said.splitlines()
-    assert 'natural frequency' in rig
-    assert reason.startswith('simulate_rig: the rig has more than 10000 events at once, at ')
-    assert 'give a wider gap, a restitution below 1, or a slower start' in said
-    assert RunReader(tmp_path / 'bag').complete
 
 
 def test_parameters_change_during_the_run(tmp_path):

@@ -19,12 +19,15 @@ from impact_damper_ros.node.commands import (
     DEPTH,
     CommandInbox,
     CommandTopic,
+    read_force_command,
     read_stop_command,
 )
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.node.external_control import ExternalControl
+from impact_damper_ros.rig import NodeSettings, RigParameters
 from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, stamp_ns, until
 
 SPACE = '/plant'
+RIG = RigParameters(**{name: json.loads(str(value)) for name, value in LIVELY.items()})
 ACTUATORS = {'gap_min': 0.002, 'gap_max': 0.5, 'actuator_speed': 0.5, 'actuator_delay': 0.004}
 
 
@@ -45,16 +48,11 @@ class Plant:
         for publisher in (self.stops, self.force):
             until(lambda p=publisher: p.get_subscription_count() == 1)
 
-    def send_stops(self, *places, names=('stop_1', 'stop_2'), velocity=(), stamp=None):
-        message = JointState(name=names, position=places, velocity=velocity)
-        if stamp is not None:
-            message.header.stamp = stamp
-        self.stops.publish(message)
+    def send_stops(self, *places, **more):
+        self.stops.publish(stops(*places, **more))
 
-    def send_force(self, x, y=0.0):
-        message = WrenchStamped()
-        message.wrench.force.x, message.wrench.force.y = x, y
-        self.force.publish(message)
+    def send_force(self, x):
+        self.force.publish(force(x))
 
     def orders(self, since=0):
         """Return stamp, positions, speeds and force of the orders that were carried out."""
@@ -142,34 +140,54 @@ def test_commands_are_carried_out_and_replayed_bit_for_bit(plant, capsys):
     assert replay_run([str(bag)]) == 0, capsys.readouterr()
 
 
-def test_what_cannot_be_carried_out_is_refused_with_its_reason(plant):
-    nan = math.nan
-    acts = len(plant.acts)
-    for send, words in (
-        (lambda: plant.send_stops(nan, -0.01), 'stop_1 is nan'),
-        (lambda: plant.send_stops(0.3, -0.01), 'stop_1 is 0.3 m'),
-        (lambda: plant.send_stops(-0.01, 0.01), 'stop_1 must be above stop_2'),
-        (lambda: plant.send_stops(0.01, names=['elbow']), "'elbow'"),
-        (lambda: plant.send_stops(0.01), '2 joints, 1 position'),
-        (lambda: plant.send_stops(0.01, -0.01, velocity=[nan, 0.1]), 'velocity of stop_1'),
-        (lambda: plant.send_force(nan), 'force.x is nan'),
-        (lambda: plant.send_force(1.0, 2.0), 'only force.x'),
-    ):
-        plant.refused(send, words)
-    late = plant.states[0].header.stamp
-    assert plant.parameters.set(command_timeout=0.01) == ''
-    plant.refused(lambda: plant.send_stops(0.01, -0.01, stamp=late), 'late')
-    assert plant.parameters.set(command_timeout=0.0) == ''
-    assert plant.parameters.set(gap_control='off') == ''
-    plant.refused(lambda: plant.send_stops(0.01, -0.01), 'set gap_control to external')
-    assert plant.parameters.set(gap_control='external') == ''
-    assert all(m.name[-1] != 'order' for m in plant.acts[acts:] if m.position[0] == 0.01)
-    # A controller of the same topic as well
+def stops(*places, names=('stop_1', 'stop_2'), velocity=(), stamp_s=0):
+    message = JointState(name=names, position=places, velocity=velocity)
+    message.header.stamp.sec = stamp_s
+    return message
+
+
+def force(x, y=0.0):
+    message = WrenchStamped()
+    message.wrench.force.x, message.wrench.force.y = x, y
+    return message
+
+
+@pytest.mark.parametrize(
+    ('message', 'words', 'settings'),
+    [
+        (stops(math.nan, -0.01), 'stop_1 is nan', {}),
+        (stops(0.3, -0.01), 'stop_1 is 0.3 m', {}),
+        (stops(-0.01, 0.01), 'stop_1 must be above stop_2', {}),
+        (stops(0.01, names=['elbow']), "'elbow'", {}),
+        (stops(0.01, 0.01, names=['stop_1'] * 2), "names 'stop_1' twice", {}),
+        (stops(0.01), '2 joints, 1 position', {}),
+        (stops(0.01, -0.01, velocity=[math.nan, 0.1]), 'velocity of stop_1', {}),
+        (force(math.nan), 'force.x is nan', {}),
+        (force(1.0, 2.0), 'only force.x', {}),
+        (stops(0.01, -0.01, stamp_s=90), 'late', {'command_timeout': 9.0}),
+        (stops(0.01, -0.01, stamp_s=900), 'after that of the rig', {}),
+        (stops(0.01, -0.01), 'set gap_control to external', {'gap_control': 'off'}),
+        (stops(0.01, -0.01), '2 publishers', {'publishers': 2}),
+    ],
+)
+def test_what_cannot_be_carried_out_is_refused_with_its_reason(message, words, settings):
+    control = {'gap_control': settings.pop('gap_control', 'external'), **ACTUATORS}
+    waiting, count = [(serialize_message(message), None)], settings.pop('publishers', 1)
+    read = read_force_command if isinstance(message, WrenchStamped) else read_stop_command
+    take = iter([*waiting, None]).__next__
+    inbox = CommandInbox([CommandTopic('key', 'topic', take, lambda: count, read)])
+    rig = Rig(RIG, control=GapControlParameters(**control))
+    controller = ExternalControl(rig, inbox, NodeSettings(**settings))
+    assert list(controller.obey(10**9, 100 * 10**9)) == []
+    assert (inbox.refused, inbox.reason[:7], words in inbox.reason) == (1, 'topic: ', True), inbox
+
+
+def test_refusals_are_reported_and_a_second_controller_is_one(plant):
     other = plant.client.node.create_publisher(JointState, f'{SPACE}/stop_commands', 10)
     until(lambda: other.get_subscription_count() == 1)
     plant.refused(lambda: plant.send_stops(0.01, -0.01), '2 publishers')
     plant.client.node.destroy_publisher(other)
-    plant.obeyed(lambda: plant.send_stops(0.01, -0.01), 0.01, -0.01, nan, nan, nan)
+    plant.obeyed(lambda: plant.send_stops(0.01, -0.01), 0.01, -0.01, *[math.nan] * 3)
 
 
 def test_the_watchdog_parks_the_stops(plant):
@@ -251,7 +269,7 @@ def test_measurements_in_lock_step_are_those_of_the_sensors(stepped):
     seen = client.listen(JointState, '/stepped/measurements')
     out = client.node.create_publisher(JointState, '/stepped/stop_commands', 10)
     twin = Rig(
-        RigParameters(**{name: json.loads(str(value)) for name, value in LIVELY.items()}),
+        RIG,
         control=GapControlParameters(
             gap_control='external', gap_control_noise_position=1e-4, **ACTUATORS
         ),

@@ -150,20 +150,28 @@ def event_bytes(node='/rig'):
     return serialize_message(ParameterEvent(node=node))
 
 
-def test_states_and_impacts_are_those_of_the_rig():
+@pytest.fixture(scope='module')
+def ran():
+    """Return a bench that has run freely for a minute of rig time, and its recording."""
+    log = KeptLog()
     with Bench() as bench:
+        bench.ask('record_to', log, event_bytes())
         bench.run_to(60.0)
-    states = bench.messages('states')
+    return bench, log
+
+
+def test_states_and_impacts_are_those_of_the_rig(ran):
+    bench, _ = ran
     rig = Rig(LIVELY)
     impacts = []
-    for tick, message in enumerate(states):
+    for tick, message in enumerate(bench.messages('states')):
         t_ns = tick * 10_000_000
         assert stamp_ns(message.header.stamp) == t_ns
         impacts += [e for e in rig.advance(t_ns / 1e9) if e.kind is EventKind.IMPACT]
         sample = rig.sample()
+        v = sample.primary_velocity
         assert list(message.position) == [sample.x, sample.z, sample.stop_1, sample.stop_2, 0.0]
-        assert message.velocity[0] == sample.primary_velocity
-        assert message.velocity[1] == sample.damper_velocity
+        assert list(message.velocity) == [v, sample.damper_velocity, v, v, 0.0]
     assert len(impacts) > 20
     for event, message in zip(impacts, bench.messages('impacts'), strict=True):
         assert stamp_ns(message.header.stamp) == round(event.time * 1e9)
@@ -179,28 +187,22 @@ def test_states_and_impacts_are_those_of_the_rig():
         assert message.effort[0] == -message.effort[1]
 
 
-def test_impacts_come_in_their_tick_and_before_its_states():
-    with Bench() as bench:
-        bench.run_to(20.0)
+def test_messages_come_in_order_and_are_recorded_as_they_are_published(ran):
+    """Impacts in their tick and before its states, the clock just before them."""
+    bench, log = ran
     last_ns = 0
-    impacts = 0
     for name, data in bench.sent:
         if name == 'states':
             last_ns = stamp_ns(deserialize_message(data, JointState).header.stamp)
         elif name == 'impacts':
             instant = stamp_ns(deserialize_message(data, JointState).header.stamp)
             assert last_ns <= instant <= last_ns + 10_000_000
-            impacts += 1
-    assert impacts > 3
-
-
-def test_clock_precedes_the_states_it_belongs_to():
-    with Bench() as bench:
-        bench.run_to(1.0)
     order = [name for name, _ in bench.sent if name in ('clock', 'states')]
     assert order == ['clock', 'states'] * (len(order) // 2)
     clocks = [stamp_ns(m.clock) for m in bench.messages('clock')]
     assert clocks == [stamp_ns(m.header.stamp) for m in bench.messages('states')]
+    published = [(n, d) for n, d in bench.sent if n != 'clock']
+    assert [(t, d) for t, d, _ in log.messages if t != 'events'] == published
 
 
 def test_a_burst_of_chatter_goes_out_whole():
@@ -241,20 +243,6 @@ def test_a_change_takes_effect_at_the_instant_recorded():
     assert (dump.node, stamp_ns(dump.stamp)) == ('/dump', 0)
     assert (change.node, stamp_ns(change.stamp)) == ('/change', ticket.time_ns)
     assert ticket.time_ns % 10_000_000 == 0
-    # From the bag alone: the first snapshot, the change at its instant, every sample after.
-    first = json.loads(deserialize_message(log.messages[0][1], String).data)
-    assert first['reason'] == 'record'
-    rig = Rig.restore(first['state'])
-    for topic, data, stamp in log.messages:
-        if topic != 'states':
-            continue
-        rig.advance(stamp / 1e9)
-        if stamp == ticket.time_ns:
-            rig.change(changed)
-        sample = rig.sample()
-        position = list(deserialize_message(data, JointState).position)
-        angle = rig.parameters.angle
-        assert position == [sample.x, sample.z, sample.stop_1, sample.stop_2, angle]
     reasons = [json.loads(m.data)['reason'] for m in bench.messages('snapshot')]
     assert reasons == ['record', 'start', 'change']
 
@@ -273,15 +261,6 @@ def test_a_change_takes_effect_at_the_instant_recorded():
 )
 def test_ticks_are_made_ahead_where_they_come_thick_and_fast(period_ns, factor, ticks):
     assert ticks_ahead(period_ns, factor) == ticks
-
-
-def test_what_is_recorded_is_what_is_published():
-    log = KeptLog()
-    with Bench() as bench:
-        bench.ask('record_to', log, event_bytes())
-        bench.run_to(10.0)
-    published = [(n, d) for n, d in bench.sent if n != 'clock']
-    assert [(t, d) for t, d, _ in log.messages if t != 'events'] == published
 
 
 def test_nothing_is_recorded_after_recording_has_stopped():
@@ -324,21 +303,18 @@ def test_reset_puts_the_rig_back_and_time_goes_on():
         ticket = done(bench.ask('reset', initial))
         assert ticket.error is None
         until(lambda: bench.engine.stamp_ns() > ticket.time_ns + 1e9)
+        # One to outside the gap is refused, and harmless.
+        refused = done(bench.ask('reset', InitialConditions(initial_damper_offset=5.0)))
+        assert 'between the stops' in str(refused.error)
+        reached = bench.engine.stamp_ns()
+        until(lambda: bench.engine.stamp_ns() > reached)
+        assert bench.engine.failure is None
     states = bench.messages('states')
     (index,) = [i for i, m in enumerate(states) if stamp_ns(m.header.stamp) == ticket.time_ns]
     assert list(states[index].position) == [2.0, 1.75, 2.5, 1.5, 0.0]
     steps = {stamp_ns(b.header.stamp) - stamp_ns(a.header.stamp) for a, b in pairwise(states)}
     assert steps == {10_000_000}
     assert json.loads(bench.messages('snapshot')[-1].data)['reason'] == 'reset'
-
-
-def test_a_reset_to_outside_the_gap_is_refused_and_harmless():
-    with Bench(factor=1.0).started() as bench:
-        ticket = done(bench.ask('reset', InitialConditions(initial_damper_offset=5.0)))
-        assert 'between the stops' in str(ticket.error)
-        reached = bench.engine.stamp_ns()
-        until(lambda: bench.engine.stamp_ns() > reached)
-        assert bench.engine.failure is None
 
 
 @pytest.mark.parametrize('clock', [True, False])
@@ -479,21 +455,6 @@ def test_steps_that_are_refused_or_ended():
 
 
 @pytest.mark.parametrize('clock', [True, False])
-def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
-    with Bench(factor=1.0, clock=clock).started() as bench:
-        until(lambda: len(bench.samples()) > 30)
-        done(bench.ask('pause', True))
-        until(lambda: len(bench.paused()) > 2)
-        done(bench.ask('pause', False))
-        count = len(bench.samples())
-        until(lambda: len(bench.samples()) > count + 30)
-    as_others_record(bench, tmp_path / 'bag')
-    replay = Replay(RecordedRun(tmp_path / 'bag'))
-    assert sum(len(part.samples) for part in replay) == len(bench.samples())
-    assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
-
-
-@pytest.mark.parametrize('clock', [True, False])
 def test_the_pace_changes_while_the_rig_runs(clock):
     """So slow that the next sample would come after 10 s, and as fast as possible again."""
     with Bench(factor=0.0, clock=clock) as bench:
@@ -562,7 +523,6 @@ def test_a_slip_moves_wall_stamps_on(clock):
 
 
 SLOW = {
-    'spring': ({'stiffness': 1e15}, ()),
     'force': ({'force_frequencies': 1e6, 'friction': 0.1}, ()),
     'gap': (
         {'gap': 1e-9, 'gravity': 1e4, 'angle': 0.785, 'restitution_1': 1.0, 'restitution_2': 1.0},
@@ -611,7 +571,7 @@ def test_a_rig_that_takes_ever_so_long_answers_and_ends(name, tmp_path):
 
     def stuck():
         status = bench.engine.status()
-        return status.busy_ns > busy_ns + 4e8 or status.held
+        return status.busy_ns > busy_ns + 2e8 or status.held
 
     with Bench(slow, initial, factor=1.0, rate=1000.0) as bench:
         bench.ask('record_to', log, event_bytes())
@@ -736,13 +696,13 @@ def test_an_order_between_the_start_of_a_recording_and_a_slip_is_replayed(tmp_pa
     )
     external = GapControlParameters(gap_control='external')
     inbox = CommandInbox([topic])
-    with Bench(factor=1.0, rate=1.0, clock=False, control=external, inbox=inbox) as bench:
+    with Bench(factor=1.0, rate=2.0, clock=False, control=external, inbox=inbox) as bench:
         bench.engine.start()
         until(lambda: bench.engine.status().time_ns > 0)
         done(bench.ask('record_to', log, event_bytes()))
         waiting.append(serialize_message(JointState(name=['stop_1'], position=[0.3])))
         until(lambda: bench.messages('gap_control'))
-        done(bench.engine.ask(lambda: time.sleep(1.0 + 2.0 * CATCH_UP_NS * 1e-9)))
+        done(bench.engine.ask(lambda: time.sleep(0.5 + 2.0 * CATCH_UP_NS * 1e-9)))
         until(lambda: [s for s in bench.snapshots() if s['reason'] == 'slip'])
         count = len(bench.samples())
         until(lambda: len(bench.samples()) > count + 1)

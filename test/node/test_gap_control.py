@@ -1,7 +1,5 @@
 """Gap control on the running node: switched live over DDS, published, recorded, replayed."""
 
-import json
-
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
@@ -9,8 +7,6 @@ from sensor_msgs.msg import JointState
 
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.cli.replay_run import main as replay_run
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters, Rig
-from impact_damper_ros.rig import RigParameters
 from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
 
 CONTROL = {
@@ -91,52 +87,3 @@ def test_live_switching_while_recording_is_replayed_bit_for_bit(node, tmp_path, 
     assert {m.header.frame_id for m in heard} == {''}
     assert {len(v) for m in heard for v in (m.position, m.velocity, m.effort)} == {4}
     assert process.running(), process.output
-
-
-def test_what_is_rejected_changes_nothing(node):
-    _, parameters, acts, status = node
-    for values, words in (
-        ({'gap_control': 'always'}, 'off, amplitude, timed'),
-        ({'gap_min': 2.0, 'gap_max': 1.0}, 'below gap_max'),
-        ({'gap_control': 'timed', 'actuator_speed': 1e-9}, '0 (at once)'),
-        ({'gap_control_rate': 0.0}, '0.001'),
-        ({'gap_contol': 'timed'}, 'gap_control'),
-    ):
-        assert words in parameters.set_atomically(**values)
-    names = list(GAP_CONTROL_SPECS)
-    before = [spec.default for spec in GAP_CONTROL_SPECS.values()]
-    assert parameters.get(*names) == before
-    until(lambda: status()[1])
-    assert status()[0] == 'off'
-    assert not acts
-    # `ros2 param set` hands an unquoted off over as false.
-    assert parameters.set(gap_control=False) == ''
-    assert parameters.get('gap_control') == 'off'
-
-
-def test_control_from_the_start_is_that_of_the_library(client, launch, namespace):
-    """Without a clock of its own, stamps from 0: the acts are those of a rig run offline."""
-    acts = client.listen(JointState, f'{namespace}/gap_control')
-    values = {**CONTROL, 'gap_control': 'timed'}
-    process = launch(
-        f'__ns:={namespace}', predict_motion=False, publish_clock=True, **LIVELY, **values
-    )
-    until(lambda: len(acts) > 60 or not process.running(), 'the control does not act')
-    assert process.running(), process.output
-    twin = Rig(
-        RigParameters(**{name: json.loads(str(value)) for name, value in LIVELY.items()}),
-        control=GapControlParameters(**values),
-    )
-    first = {
-        (stamp_ns(m.header.stamp), m.name[-1], *m.position, *m.velocity, *m.effort)
-        for m in list(acts)[:50]
-    }
-    records = []
-    for tick in range(1, max(stamp for stamp, *_ in first) // 5_000_000 + 2):
-        # As the node goes, on whole nanoseconds
-        twin.advance(5_000_000 * tick / 1e9)
-        records += twin.records
-    assert first <= {
-        (round(r.time * 1e9), r.act, *(v for part in r.numbers for v in part)) for r in records
-    }
-    assert process.stop() == 0

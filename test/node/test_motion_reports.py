@@ -162,8 +162,12 @@ def test_one_impact_in_three_cycles_is_recognised(node):
     assert measured['State'] == 'periodic'
 
 
-def test_the_predicting_process_is_replaced_and_does_not_outlive_its_node(node):
-    process, reports, parameters = node()
+def test_the_predicting_process_is_there_on_request_replaced_and_ended_with_its_node(node):
+    process, reports, parameters = node(predict_motion=False)
+    measured, predicted = reports.motion(lambda m, _: m['State'] == 'periodic')
+    assert (predicted['State'], predicted['Process']) == ('off', '')
+    assert measured['Stop sequence'] == '[1, 2]'
+    assert parameters.set(predict_motion=True) == ''
     _, predicted = reports.motion(lambda _, p: p['State'] == 'found')
     first = int(predicted['Process'])
     os.kill(first, signal.SIGKILL)
@@ -178,12 +182,3 @@ def test_the_predicting_process_is_replaced_and_does_not_outlive_its_node(node):
     # Whoever starts a node and kills it should not find anything left.
     process.kill()
     until(lambda: not alive(second))
-
-
-def test_switched_off_there_is_no_process(node):
-    _, reports, parameters = node(predict_motion=False)
-    measured, predicted = reports.motion(lambda m, _: m['State'] == 'periodic')
-    assert (predicted['State'], predicted['Process']) == ('off', '')
-    assert measured['Stop sequence'] == '[1, 2]'
-    assert parameters.set(predict_motion=True) == ''
-    reports.motion(lambda _, p: p['Agreement'] == 'agrees')

@@ -29,7 +29,6 @@ sys.exit(sim_node.main())
 @pytest.mark.parametrize(
     'signals',
     [
-        (signal.SIGINT,),
         (signal.SIGTERM, signal.SIGTERM),
         (signal.SIGHUP,),
         (signal.SIGINT, signal.SIGTERM, signal.SIGINT),

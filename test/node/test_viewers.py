@@ -145,6 +145,9 @@ def heard(client, launch, namespace):
         heard.look()
         values = heard.series()
         name = f'{namespace[1:]}/sim_node'
+        # A report on the motion alone may come before the first whole one.
+        if (name, f'{name}: pacing') not in heard.statuses:
+            return False
         share = f'/diagnostics/{name}/{name}: {{}} motion/Largest X / A'
         return all(values.get(share.format(kind)) for kind in ('measured', 'predicted'))
 

@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
 
@@ -49,10 +50,11 @@ class PageProcess:
         found = re.search(r'http://\S+:\d+/\S*', self._output.read_text())
         return found and found[0]
 
-    def close(self):
-        self._process.terminate()
+    def close(self, number=signal.SIGTERM):
+        """End it by a signal; return its exit code."""
+        self._process.send_signal(number)
         try:
-            self._process.wait(DEADLINE_S)
+            return self._process.wait(DEADLINE_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

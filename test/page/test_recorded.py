@@ -4,7 +4,6 @@ import asyncio
 import json
 import shutil
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ from impact_damper_ros.control import Rig
 from impact_damper_ros.page.motion import IMPACT_COLUMNS, SAMPLE_COLUMNS
 from impact_damper_ros.page.recorded import load_recording
 from impact_damper_ros.page.recordings import Recordings
-from impact_damper_ros.page.what_if import WhatIfMotion
 from impact_damper_ros.replay import RecordedRun
 from impact_damper_ros.rig import EventKind, load_parameters
 from impact_damper_ros.rig.parameters_file import presets
@@ -168,8 +166,14 @@ async def test_what_if_shows_another_rig(runs, tmp_path):
     async with serving(runs / 'run') as server, opened(server) as page:
         await page.next('hello', mode='player')
         await page.send(type='play', speed=0)
+        # Initial conditions are held as well.
+        await page.send(type='what_if', values={'initial_primary_position': 0.001})
+        await page.next('what_if', done=True)
+        (first, *_) = await page.until(lambda: [f for f in page.frames if len(f.ghost_samples)])
+        assert first.ghost_samples[0, 1] == pytest.approx(0.001, rel=0.1)
+        seen = len(page.of('what_if'))
         await page.send(type='what_if', values={'gap': 0.02})
-        end = await page.next('what_if', done=True)
+        end = await page.next('what_if', after=seen, done=True)
         assert end['on']
         assert end['until'] == pytest.approx(SECONDS)
         assert end['text'] == 'computed from its initial conditions'
@@ -238,23 +242,6 @@ async def test_a_bag_that_vanishes_while_it_is_played(runs, tmp_path):
         await page.send(type='seek', time=1.0)
         await page.next('seek_done')
         assert page.closed is None
-
-
-def test_the_motion_of_a_what_if(runs):
-    found = []
-    other = WhatIfMotion(runs / 'run', {'initial_primary_position': 0.001}, found.append)
-    try:
-        while not found[-1]['done']:
-            other.tick()
-            time.sleep(0.01)
-    finally:
-        other.close()
-    assert (found[-1]['on'], found[-1]['text']) == (True, 'computed from its initial conditions')
-    own = load_recording(runs / 'run').motion
-    assert len(own.impacts) / 2 < len(other.motion.impacts) < 2 * len(own.impacts)
-    assert set(other.motion.impacts[:, 1]) == {1.0, 2.0}
-    assert other.motion.samples[:, 0].tolist() == own.samples[:, 0].tolist()
-    assert other.motion.samples[0, 1] == pytest.approx(0.001, rel=0.1)
 
 
 @in_loop
@@ -402,14 +389,22 @@ def test_bags_that_do_not_change_are_described_once(runs, monkeypatch):
 
 
 @in_loop
-async def test_a_comparison_is_shown_in_the_page(runs):
-    async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
+async def test_a_comparison_is_cancelled_and_made_anew(tmp_path):
+    bag = str(tmp_path / 'run')
+    assert simulate_rig(['bench_rig', '--duration', '2', '--bag', bag, '--quiet']) == 0
+    async with serving(tmp_path) as server, opened(server, '/ws?bag=run') as page:
         await page.next('hello')
         ask = {'type': 'compare', 'recording': 'run', 'on': True}
         assert await page.ask(**ask) == (True, '')
         assert 'being compared already' in (await page.ask(**ask))[1]
         assert 'no recording none' in (await page.ask(**{**ask, 'recording': 'none'}))[1]
+        while server.recordings._comparing.get('run') is None:
+            await asyncio.sleep(0.01)
+        assert await page.ask(**{**ask, 'on': False}) == (True, '')
         done = await page.next('compare_done')
+        assert (done['ok'], done['text']) == (False, 'the comparison of run was cancelled')
+        assert await page.ask(**ask) == (True, '')
+        done = await page.next('compare_done', after=1)
         assert done['ok'], done['text']
         assert done['url'] == '/reports/run/report.html'
         report = await get(server, done['url'])
@@ -420,21 +415,6 @@ async def test_a_comparison_is_shown_in_the_page(runs):
         assert 'script' not in policy
         assert b'<!doctype html>' in report.body.lower()
         assert (await get(server, '/reports/run/other.html')).code == 404
-
-
-@in_loop
-async def test_a_comparison_is_cancelled(runs):
-    async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
-        await page.next('hello')
-        ask = {'type': 'compare', 'recording': 'run', 'on': True}
-        await page.ask(**ask)
-        while server.recordings._comparing.get('run') is None:
-            await asyncio.sleep(0.01)
-        assert await page.ask(**{**ask, 'on': False}) == (True, '')
-        done = await page.next('compare_done')
-        assert (done['ok'], done['text']) == (False, 'the comparison of run was cancelled')
-        assert await page.ask(**ask) == (True, '')
-        assert (await page.next('compare_done', after=1))['ok']
 
 
 @in_loop

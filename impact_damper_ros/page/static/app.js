@@ -31,15 +31,8 @@ const STEPS = ['step', 'step-to-impact'];
 const JUMP_KEYS = {
   '.': ['sample', 1], ',': ['sample', -1], ArrowRight: ['impact', 1], ArrowLeft: ['impact', -1],
 };
-const TEXTS = {
-  connecting: 'connecting',
-  running: 'running',
-  paused: 'paused',
-  lagging: 'lagging',
-  gone: 'rig gone',
-  ended: 'ended',
-  offline: 'no server',
-};
+/** Where the word for a state is not its name. */
+const TEXTS = { gone: 'rig gone', offline: 'no server' };
 
 readColours();
 const history = new History();
@@ -87,8 +80,9 @@ function setStatus(state, text = '') {
   if (status === 'paused' && state !== 'paused') reportLateImpact();
   status = state;
   const pill = byId('status');
+  const words = TEXTS[state] ?? state;
   mark(pill, 'data-state', state);
-  write(pill, TEXTS[state] ?? state);
+  write(pill, words);
   const curtain = byId('curtain');
   const shown = {
     gone: 'The node does not answer; waiting for it.',
@@ -99,8 +93,8 @@ function setStatus(state, text = '') {
   mark(curtain, 'data-state', state);
   write(curtain, shown);
   // A rig that lags says why in a tooltip and to a screen reader; it runs on.
-  mark(pill, 'title', text || shown || TEXTS[state] || '');
-  mark(pill, 'aria-label', state === 'lagging' && text ? `${TEXTS[state]}: ${text}` : TEXTS[state] ?? state);
+  mark(pill, 'title', text || shown || words);
+  mark(pill, 'aria-label', state === 'lagging' && text ? `${words}: ${text}` : words);
   const paused = state === 'paused';
   mark(byId('pause'), 'aria-pressed', String(paused));
   write(byId('pause'), paused ? 'Resume' : 'Pause');
@@ -136,6 +130,13 @@ function keepAddress(time = history.end) {
 
 // Requests
 
+/** Send a request; return whether it was carried out, and show why if not. */
+async function request(message) {
+  const { ok, reason } = await connection.ask(message);
+  if (!ok) toast(reason, 'bad');
+  return ok;
+}
+
 /** Send values to the rig, or to the ghost beside a recording. */
 async function setValues(values) {
   if (hello.mode === 'player') {
@@ -164,32 +165,21 @@ async function turn(values) {
 }
 
 async function loadPreset(name) {
-  const { ok, reason } = await connection.ask({ type: 'preset', name });
-  if (!ok) {
-    toast(reason, 'bad');
-    return;
-  }
+  if (!await request({ type: 'preset', name })) return;
   shared.preset = name;
   shared.values = {};
   showPreset();
   keepAddress();
 }
 
-async function service(name) {
-  const { ok, reason } = await connection.ask({ type: 'service', name });
-  if (!ok) toast(reason, 'bad');
-}
+const service = (name) => request({ type: 'service', name });
 
 /** Let M and m go at places of their own; the next reset is from where it was before. */
 async function letGo({ x, y }) {
   const at = { initial_primary_position: x, initial_primary_velocity: 0, initial_damper_offset: y, initial_damper_velocity: 0 };
   const now = knobs.values();
   const before = Object.fromEntries(Object.keys(at).map((name) => [name, now[name]]));
-  const { ok, reason } = await connection.ask({ type: 'set', values: at });
-  if (!ok) {
-    toast(reason, 'bad');
-    return;
-  }
+  if (!await request({ type: 'set', values: at })) return;
   await service('reset');
   await connection.ask({ type: 'set', values: before });
 }
@@ -444,9 +434,7 @@ byId('step').addEventListener('click', () => step('step'));
 byId('step-to-impact').addEventListener('click', () => step('step_to_impact'));
 byId('record').addEventListener('click', async () => {
   const on = byId('record').getAttribute('aria-pressed') !== 'true';
-  const { ok, reason } = await connection.ask({ type: 'set', values: { record: on } });
-  if (ok) takeValues({ record: on });
-  else toast(reason, 'bad');
+  if (await request({ type: 'set', values: { record: on } })) takeValues({ record: on });
 });
 byId('rig-choice').addEventListener('change', () => join({ rig: byId('rig-choice').value }));
 byId('back-live').addEventListener('click', () => join({}));
@@ -550,7 +538,7 @@ const SHADE_NAMES = { '': 'Auto', light: 'Light', dark: 'Dark' };
 function recolour() {
   globalThis.shade();
   readColours();
-  traces.restyle();
+  traces.make();
   for (const picture of [rig, portrait, map, multipliers, curve, slow.drawing]) picture.stale = true;
   player.marks();
 }
@@ -627,7 +615,7 @@ function draw(now) {
   const anew = history.version !== drawn;
   const driven = (rigValues.force_amplitudes?.[0] ?? 1) !== 0;
   if ((anew || rig.stale || rig.flashing) && history.state) {
-    const extent = history.extent(4);
+    const extent = history.reach(history.end - 4);
     const oneSided = !Number.isFinite(history.state.stop2);
     rig.draw(history.state, { extent, ghost: history.ghost, driven, oneSided, now });
     slow.options = { extent, oneSided };
@@ -641,6 +629,7 @@ function draw(now) {
     drawn = history.version;
     counted.drawn += 1;
   } else if (portrait.stale) portrait.draw(now);
+  if (player.canvas.stale) player.marks();
   if (history.impacts.end !== drawnImpacts || map.stale) {
     map.draw(now);
     drawnImpacts = history.impacts.end;

@@ -37,6 +37,22 @@ export function strokeLines(context, ...lines) {
   context.stroke();
 }
 
+/** Begin a circle; what it is filled or drawn with is up to the caller. */
+export function circle(context, x, y, radius) {
+  context.beginPath();
+  context.arc(x, y, radius, 0, 7);
+}
+
+/** Run a drawing within a box only. */
+export function within(context, { left, top, width, height }, draw) {
+  context.save();
+  context.beginPath();
+  context.rect(left, top, width, height);
+  context.clip();
+  draw(context);
+  context.restore();
+}
+
 /** A canvas that knows its size in CSS pixels and draws sharply on every screen. */
 export class Canvas {
   constructor(canvas) {
@@ -66,7 +82,7 @@ export class Canvas {
   /** Begin a picture; false if the canvas is not shown. */
   begin() {
     this.stale = false;
-    if (this.width < 8 || this.height < 8) return false;
+    if (this.width < 4 || this.height < 4) return false;
     const { context, ratio } = this;
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, this.width, this.height);
@@ -194,20 +210,8 @@ export class Axes extends Canvas {
     context.fillStyle = colour;
     context.strokeStyle = colours.page;
     context.lineWidth = 1.5;
-    context.beginPath();
-    context.arc(x, y, radius, 0, 7);
+    circle(context, x, y, radius);
     context.fill();
     context.stroke();
-  }
-
-  /** Run a drawing within the frame only. */
-  inside(box, draw) {
-    const { context } = this;
-    context.save();
-    context.beginPath();
-    context.rect(box.left, box.top, box.width, box.height);
-    context.clip();
-    draw(context);
-    context.restore();
   }
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Xmax/A over the gap by theory, with the rig's own dot on it; a click sets the gap.
 
-import { Axes, colours, dashes, font, strokeLines } from './chart.js';
+import { Axes, circle, colours, dashes, font, strokeLines, within } from './chart.js';
 import { mark } from './dom.js';
 import { digits, lengthUnit, niceAbove, withUnit } from './format.js';
 import { TERMS } from './glossary.js';
@@ -105,7 +105,7 @@ export class GapCurve extends Axes {
     this.plan = axes;
     const toX = (gap) => axes.toX(gap * factor);
     const { toY, box } = axes;
-    this.inside(box, (context) => {
+    within(this.context, box, (context) => {
       const upright = (gap, stroke, alpha, dash = []) => {
         Object.assign(context, { strokeStyle: stroke, globalAlpha: alpha, lineWidth: 1 });
         context.setLineDash(dash);
@@ -160,8 +160,7 @@ export class GapCurve extends Axes {
     context.fillStyle = colours.page;
     context.lineWidth = 1.6;
     for (const [a, b] of places) {
-      context.beginPath();
-      context.arc(a, b, 3.6, 0, 7);
+      circle(context, a, b, 3.6);
       context.fill();
       context.stroke();
     }

@@ -182,17 +182,22 @@ export class History {
     return this.changes.findLast((change) => !(change.time > this.end))?.time ?? -Infinity;
   }
 
-  /** Largest |X| and |Y| of the last seconds, those of the what-if too. */
-  extent(seconds) {
-    let [swing, apart] = [0, 0];
-    const from = Math.max(this.end - seconds, this.begun);
+  /** From where to where masses and stops were since an instant, and the largest |X| and |Y|; the what-if too. */
+  reach(since) {
+    let [low, high, lower, upper, swing, apart] = [0, 0, 0, 0, 0, 0];
+    const from = Math.max(since, this.begun);
     for (const { samples } of [this.own, this.other]) {
-      const [x, z] = [samples.field('x'), samples.field('z')];
+      const [x, z, stop1, stop2] = ['x', 'z', 'stop1', 'stop2'].map((name) => samples.field(name));
       for (let n = samples.after(from); n < samples.end; n += 1) {
+        low = Math.min(low, x[n], z[n]);
+        high = Math.max(high, x[n], z[n]);
+        // Without stop 2 it is NaN.
+        lower = Math.min(lower, stop1[n], stop2[n] || 0);
+        upper = Math.max(upper, stop1[n], stop2[n] || 0);
         swing = Math.max(swing, Math.abs(x[n]));
         apart = Math.max(apart, Math.abs(z[n] - x[n]));
       }
     }
-    return { swing, apart };
+    return { low, high, lower, upper, swing, apart };
   }
 }

@@ -3,7 +3,7 @@
 
 import { byId, element, write } from './dom.js';
 import { clock } from './format.js';
-import { colours } from './chart.js';
+import { Canvas, colours } from './chart.js';
 
 const SPEEDS = [0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10];
 const JUMPS = [['sample', 'sample'], ['impact', 'impact'], ['change', 'change'], ['stretch', 'stretch']];
@@ -45,7 +45,7 @@ export class Player {
         element('button', { type: 'button', text: '›', 'aria-label': `On to the next ${name}`, onclick: () => this.jump(to, 1) }),
       ));
     }
-    new ResizeObserver(() => this.marks()).observe(byId('marks').parentElement);
+    this.canvas = new Canvas(byId('marks'));
   }
 
   /** Begin with a recording, or end with none. */
@@ -97,20 +97,14 @@ export class Player {
 
   /** Marks of changes and resets under the slider. */
   marks() {
-    const canvas = byId('marks');
-    const box = canvas.getBoundingClientRect();
-    if (!this.on || box.width < 4) return;
-    const ratio = devicePixelRatio || 1;
-    canvas.width = Math.round(box.width * ratio);
-    canvas.height = Math.round(box.height * ratio);
-    const context = canvas.getContext('2d');
-    context.scale(ratio, ratio);
+    const { context, width, height } = this.canvas;
+    if (!this.canvas.begin() || !this.on) return;
     // The thumb of a slider never goes beyond its ends by half.
     const inset = 8;
     for (const { time, kind } of this.changes) {
-      const place = inset + ((time - this.start) / (this.duration || 1)) * (box.width - 2 * inset);
+      const place = inset + ((time - this.start) / (this.duration || 1)) * (width - 2 * inset);
       context.fillStyle = kind === 'change' ? colours.special : colours.quiet;
-      context.fillRect(place - 1, 0, 2, box.height);
+      context.fillRect(place - 1, 0, 2, height);
     }
   }
 }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Phase portrait of m in the gap, impact map, multipliers on the unit circle.
 
-import { Axes, Canvas, colours, dashes, SteadyRange, SteadySpan, stopColour, strokeLines } from './chart.js';
+import { Axes, Canvas, circle, colours, dashes, SteadyRange, SteadySpan, stopColour, strokeLines, within } from './chart.js';
+import { mark } from './dom.js';
 import { digits, lengthUnit, niceAbove, velocityUnit } from './format.js';
 
 const BANDS = 6;
@@ -69,7 +70,7 @@ export class PhasePortrait extends Axes {
     });
     const toX = (value) => axes.toX(value * length.factor);
     const toY = (value) => axes.toY(value * speed.factor);
-    this.inside(axes.box, (context) => {
+    within(this.context, axes.box, (context) => {
       const draw = (points, stroke, wide) => {
         context.strokeStyle = stroke;
         context.lineWidth = wide;
@@ -131,7 +132,7 @@ export class ImpactMap extends Axes {
       xTicks: 5,
     });
     const toY = (value) => axes.toY(value * speed.factor);
-    this.inside(axes.box, (context) => {
+    within(this.context, axes.box, (context) => {
       const dot = impacts.end - first > 400 ? 1.3 : 1.9;
       for (let n = first; n < impacts.end; n += 1) {
         if (!Number.isFinite(phase[n])) continue;
@@ -142,8 +143,7 @@ export class ImpactMap extends Axes {
         const [a, b] = [axes.toX(phase[n]), toY(damper[n])];
         if (stop[n] === 1) context.fillRect(a - dot, b - dot, 2 * dot, 2 * dot);
         else {
-          context.beginPath();
-          context.arc(a, b, 1.2 * dot, 0, 7);
+          circle(context, a, b, 1.2 * dot);
           context.fill();
         }
       }
@@ -152,8 +152,7 @@ export class ImpactMap extends Axes {
       context.lineWidth = 1.5;
       for (const one of predicted) {
         const place = ((one.phase % 1) + 1) % 1;
-        context.beginPath();
-        context.arc(axes.toX(place), toY(one.damper_velocity_after), 6.5, 0, 7);
+        circle(context, axes.toX(place), toY(one.damper_velocity_after), 6.5);
         context.stroke();
       }
       // the last impact
@@ -180,20 +179,18 @@ export class Multipliers extends Canvas {
     strokeLines(context, [[3, cy], [this.width - 3, cy]], [[cx, 3], [cx, this.height - 3]]);
     context.strokeStyle = colours.steel;
     context.lineWidth = 1.3;
-    context.beginPath();
-    context.arc(cx, cy, unit, 0, 7);
+    circle(context, cx, cy, unit);
     context.stroke();
     (multipliers ?? []).forEach(([re, im], n) => {
       const cut = Math.min(1, (0.98 * most) / sizes[n]);
       context.fillStyle = sizes[n] < 1 ? colours.good : colours.bad;
-      context.beginPath();
-      context.arc(cx + re * cut * unit, cy - im * cut * unit, 3.6, 0, 7);
+      circle(context, cx + re * cut * unit, cy - im * cut * unit, 3.6);
       context.fill();
     });
     const largest = sizes.length ? Math.max(...sizes) : NaN;
     const said = sizes.length
       ? `Stability multipliers on the unit circle; the largest modulus is ${digits(largest, 3)}`
       : 'Stability multipliers: none';
-    if (this.canvas.getAttribute('aria-label') !== said) this.canvas.setAttribute('aria-label', said);
+    mark(this.canvas, 'aria-label', said);
   }
 }

@@ -9,10 +9,7 @@ function dated(start) {
   if (typeof start !== 'number') return start;
   // A simulated run begins at zero: it has no date.
   if (start < 1e9) return null;
-  const date = new Date(1000 * start);
-  const two = (value) => String(value).padStart(2, '0');
-  const day = [date.getFullYear(), two(date.getMonth() + 1), two(date.getDate())].join('-');
-  return `${day} ${two(date.getHours())}:${two(date.getMinutes())}`;
+  return new Date(1000 * start).toLocaleString('sv-SE', { dateStyle: 'short', timeStyle: 'short' });
 }
 
 export class Recordings {

@@ -5,7 +5,7 @@
 // as long as `slug` on either side of its position, and both stops are that much farther apart, so
 // that contact is seen exactly where it is.
 
-import { colours, font, Canvas, SteadyRange, stopColour, strokeLines } from './chart.js';
+import { Canvas, circle, colours, font, SteadyRange, stopColour, strokeLines } from './chart.js';
 import { digits, lengthUnit, minus, niceAbove, ticks } from './format.js';
 import { reducedMotion } from './dom.js';
 
@@ -60,19 +60,16 @@ export class RigDrawing extends Canvas {
     const [cos, sin] = [Math.abs(Math.cos(angle)), Math.abs(Math.sin(angle))];
     // As long as the canvas allows in this direction; a shorter rig is a lower one, too.
     let [length, tall, up, down] = [0, 0, 0, 0];
+    const size = (height) => { [tall, up, down] = [height, height / 2 + 1.5 * em, 0.66 * height + 1.9 * em]; };
     for (length = Math.hypot(this.width, this.height); length > 110; length *= 0.985) {
-      tall = Math.max(2.4 * em, Math.min(length / 5.5, 10 * em));
-      up = tall / 2 + 1.5 * em;
-      down = 0.66 * tall + 1.9 * em;
+      size(Math.max(2.4 * em, Math.min(length / 5.5, 10 * em)));
       const [wide, high] = [length * cos + (up + down) * sin, length * sin + (up + down) * cos];
       if (wide <= this.width - 1.6 * em && high <= this.height - 0.3 * em) break;
       // A long one may be lower than it would like to be, but not by much.
       if (wide <= this.width - 1.6 * em) {
         const low = Math.max(2.4 * em, (this.height - 0.3 * em - length * sin) / cos - 3.4 * em) / 1.16;
         if (low >= length / 9 && low < tall) {
-          tall = low;
-          up = tall / 2 + 1.5 * em;
-          down = 0.66 * tall + 1.9 * em;
+          size(low);
           if (length * sin + (up + down) * cos <= this.height) break;
         }
       }
@@ -237,8 +234,7 @@ export class RigDrawing extends Canvas {
     context.lineWidth = 1.5;
     for (const side of [-0.62, 0.62]) {
       const axle = x + side * g.body;
-      context.beginPath();
-      context.arc(axle, this.base - wheel, wheel - 0.5, 0, 7);
+      circle(context, axle, this.base - wheel, wheel - 0.5);
       context.fill();
       context.stroke();
       const turned = x / Math.max(1, wheel);
@@ -283,8 +279,7 @@ export class RigDrawing extends Canvas {
           glow.addColorStop(0.35, colours.open);
           glow.addColorStop(1, `${colours.open}00`);
           context.fillStyle = glow;
-          context.beginPath();
-          context.arc(face, centre, radius, 0, 7);
+          circle(context, face, centre, radius);
           context.fill();
         }
         context.restore();
@@ -343,8 +338,7 @@ export class RigDrawing extends Canvas {
     context.lineTo(tip - side * head, height - 0.6 * head);
     context.lineTo(tip - side * head, height + 0.6 * head);
     context.fill();
-    context.beginPath();
-    context.arc(at, height, 2.5, 0, 7);
+    circle(context, at, height, 2.5);
     context.fill();
     context.font = font(0.85, 'italic 600');
     this.upright(g, 'F', at - (side || 1) * 0.75 * em, height);

@@ -3,7 +3,7 @@
 
 /* global uPlot */
 
-import { colours, dashes, font, SteadySpan, stopColour, strokeLines } from './chart.js';
+import { colours, dashes, font, SteadySpan, stopColour, strokeLines, within } from './chart.js';
 import { byId, element, write } from './dom.js';
 import { decimalsOf, digits, lengthUnit, minus } from './format.js';
 
@@ -109,11 +109,6 @@ export class Traces {
     this.range = new SteadySpan();
   }
 
-  /** Colours or text size have changed. */
-  restyle() {
-    this.make();
-  }
-
   resize() {
     const { width, height } = this.size();
     if (width !== this.chart.width || height !== this.chart.height) this.chart.setSize({ width, height });
@@ -126,20 +121,10 @@ export class Traces {
 
   /** The range: all that moves, the what-if too, and the stops unless they are far beyond it. */
   reach() {
-    const from = Math.max(this.span()[0], this.history.begun);
-    let [low, high, lower, upper] = [0, 0, 0, 0];
-    for (const { samples } of [this.history.own, this.history.other]) {
-      const [x, z, stop1, stop2] = ['x', 'z', 'stop1', 'stop2'].map((name) => samples.field(name));
-      for (let n = samples.after(from); n < samples.end; n += 1) {
-        low = Math.min(low, x[n], z[n]);
-        high = Math.max(high, x[n], z[n]);
-        // Without stop 2 it is NaN.
-        lower = Math.min(lower, stop1[n], stop2[n] || 0);
-        upper = Math.max(upper, stop1[n], stop2[n] || 0);
-      }
-    }
+    const all = this.history.reach(this.span()[0]);
+    let { low, high } = all;
     const moved = Math.max(-low, high);
-    if (!(moved > 0) || Math.max(-lower, upper) < FAR * moved) [low, high] = [Math.min(low, lower), Math.max(high, upper)];
+    if (!(moved > 0) || Math.max(-all.lower, all.upper) < FAR * moved) [low, high] = [Math.min(low, all.lower), Math.max(high, all.upper)];
     const range = this.range.fit(1.04 * low, 1.04 * high, performance.now());
     this.unit = lengthUnit(Math.max(-range[0], range[1]));
     return range;
@@ -213,32 +198,29 @@ export class Traces {
     const { impacts } = this.history;
     const ratio = devicePixelRatio || 1;
     const [from, to] = this.span();
-    context.save();
-    context.beginPath();
-    context.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-    context.clip();
-    this.ghost(u, context, ratio, from);
-    const [time, stop, x, y] = ['time', 'stop', 'x', 'y'].map((name) => impacts.field(name));
-    const perPixel = (impacts.end - impacts.after(from)) / Math.max(1, bbox.width / ratio);
-    const size = (perPixel > 0.25 || this.history.window > 12 ? 1.6 : 2.6) * ratio;
-    for (const side of [1, 2]) {
-      context.fillStyle = stopColour(side);
-      context.beginPath();
-      for (let n = Math.max(impacts.after(from), impacts.end - MOST_DOTS); n < impacts.end; n += 1) {
-        if (stop[n] !== side || time[n] > to) continue;
-        const place = u.valToPos(time[n], 'x', true);
-        const height = u.valToPos(x[n] + y[n], 'y', true);
-        if (side === 1) context.rect(place - size, height - size, 2 * size, 2 * size);
-        else {
-          context.moveTo(place + 1.15 * size, height);
-          context.arc(place, height, 1.15 * size, 0, 7);
+    within(context, bbox, () => {
+      this.ghost(u, context, ratio, from);
+      const [time, stop, x, y] = ['time', 'stop', 'x', 'y'].map((name) => impacts.field(name));
+      const perPixel = (impacts.end - impacts.after(from)) / Math.max(1, bbox.width / ratio);
+      const size = (perPixel > 0.25 || this.history.window > 12 ? 1.6 : 2.6) * ratio;
+      for (const side of [1, 2]) {
+        context.fillStyle = stopColour(side);
+        context.beginPath();
+        for (let n = Math.max(impacts.after(from), impacts.end - MOST_DOTS); n < impacts.end; n += 1) {
+          if (stop[n] !== side || time[n] > to) continue;
+          const place = u.valToPos(time[n], 'x', true);
+          const height = u.valToPos(x[n] + y[n], 'y', true);
+          if (side === 1) context.rect(place - size, height - size, 2 * size, 2 * size);
+          else {
+            context.moveTo(place + 1.15 * size, height);
+            context.arc(place, height, 1.15 * size, 0, 7);
+          }
         }
+        context.fill();
       }
-      context.fill();
-    }
-    if (this.showTheory && this.theory.orbit?.t) this.predicted(u, context, ratio, from, to);
-    this.controlled(u, context, ratio, from);
-    context.restore();
+      if (this.showTheory && this.theory.orbit?.t) this.predicted(u, context, ratio, from, to);
+      this.controlled(u, context, ratio, from);
+    });
   }
 
   /** What the sensors measured as dots; a command as dashes where the stops are to go, and its force. */

@@ -29,7 +29,6 @@ const TOTALS = [
   ['rms X', 'rms_x', (value) => withUnit(value, 'm', 4)],
   ['impacts', 'impacts', String],
 ];
-const LEVELS = { ok: 'ok', warn: 'warn', error: 'error' };
 const AGREEMENT = {
   agrees: 'Agrees with theory',
   disagrees: 'Differs from theory',
@@ -102,7 +101,7 @@ export class Verdict {
     const place = byId('verdict-text');
     const waiting = /wait|transient|cycles/i.test(message ?? '') && !agreement;
     write(place, AGREEMENT[agreement] ?? (verdict && !message ? verdict : waiting ? 'Settling' : 'No verdict'));
-    const shade = agreement === 'agrees' ? 'ok' : agreement === 'disagrees' ? 'warn' : agreement === undefined ? LEVELS[level] ?? 'none' : 'none';
+    const shade = agreement === 'agrees' ? 'ok' : agreement === 'disagrees' ? 'warn' : agreement === undefined ? level ?? 'none' : 'none';
     place.dataset.level = level === 'error' ? 'error' : shade;
     this.line('motion-text', message ? `Measured: ${message}` : '');
     // Whether the measured motion agrees is said above already.
