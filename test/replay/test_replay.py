@@ -322,7 +322,8 @@ def test_a_bag_of_another_arithmetic_says_so(tmp_path, messages):
     findings = replayed(
         samples.record(tmp_path / 'other', [(topic, other, stamp), *messages[1:]], custom=NOTES)
     )
-    assert f'recorded with arithmetic {ARITHMETIC + 1}, this version has {ARITHMETIC}' in findings.remarks[0]
+    expected = f'recorded with arithmetic {ARITHMETIC + 1}, this version has {ARITHMETIC}'
+    assert expected in findings.remarks[0]
     same = replayed(samples.record(tmp_path / 'same', messages, custom=NOTES))
     assert same.remarks == []
 
