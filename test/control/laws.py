@@ -25,9 +25,9 @@ def follow(seen, memory):
 def push(seen, memory):
     """Close the stop that m flies to where it is, at each falling passage; open it again."""
     memory[2] = max(memory[2], abs(seen.y))
-    if seen.crossing < 0 and seen.y_rate > 0.0:
+    if seen.crossing < 0 and seen.y_rate > 0.0 and seen.y > 0.0:
         memory[3] = seen.time
-        return seen.y - 0.1, math.nan
+        return max(seen.y - 0.1, 0.0), math.nan
     if seen.time > memory[3] + 0.25 * seen.half_cycle:
         return 12.0, -12.0 - 0.001 * seen.crossing
     return math.nan, math.nan

@@ -211,7 +211,11 @@ def act(kind: str, rng: random.Random, rigs: Sequence[Rig]) -> list[tuple[list[E
     rig = rigs[0]
     if rig.control.gap_control == 'external' and rng.random() < 0.8:
         low, high = 0.5 * rig.control.gap_min, 0.5 * rig.control.gap_max
-        stop_1, stop_2 = (rng.choice([nan, rng.uniform(low, high)]) for _ in range(2))
+        # A stop that stands at a gap below the least one is in the way of the other alone.
+        alone = rig.parameters.gap >= rig.control.gap_min
+        stop_1, stop_2 = (
+            rng.choice([nan if alone else low, rng.uniform(low, high)]) for _ in range(2)
+        )
         stop_2 = nan if rig.parameters.one_sided else stop_2
         speeds = rng.choice([(nan, 2.0), (0.5, 0.5), (nan, nan)])
         order = Order(stop_1, -stop_2, *speeds, rng.choice([nan, 0.0, rng.gauss(0.0, 1.0)]))
