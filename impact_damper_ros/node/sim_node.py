@@ -584,8 +584,6 @@ def _serve(arguments: Sequence[str], end: EndRequest) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node."""
-    # Else a thread that writes a recording runs on for up to 5 ms while the rig waits for it.
-    sys.setswitchinterval(1e-4)
     end = EndRequest()
     try:
         return _serve(sys.argv if argv is None else argv, end)
