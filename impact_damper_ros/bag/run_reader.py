@@ -237,7 +237,7 @@ class RunReader:
 
     def records(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
         """
-        Yield the messages in the order of their stamps, and as written where these are equal.
+        Yield the messages in the order of their stamps; equal stamps keep the order of the bag.
 
         Only chunks that overlap in time are in memory together.
 

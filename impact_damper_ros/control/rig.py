@@ -240,16 +240,16 @@ class _EventList:
         self.events.append(event)
 
     def take(self, rows: Sequence[EventRow], count: int, acted: int) -> None:
-        """Add the first rows of a table, and of that of the acts."""
+        """Add `count` rows of a table of events, and `acted` rows of the table of acts."""
         self.events += events_of(rows, count)
         if acted:
             records = ControlRecord.of(self.acts[:acted])
-            # The first one may be the last one of the stretch before.
+            # The last record of the previous call may be repeated as the first one of this call.
             self.records += records[self.records[-1:] == records[:1] :]
 
 
 class _EventTable:
-    """The events of a `run`; whether to `keep` them, and from when to when it goes."""
+    """The events of a `run` from `since` to `end`, s; they are recorded if `keep` is true."""
 
     acts: Sequence[ActRow] = ()
 
@@ -556,7 +556,7 @@ class Rig:
         samples: Any = (),
         in_mode: Any = None,
     ) -> tuple[int, int, int]:
-        """Run to a time; return why it stopped, the number of events, and that of samples."""
+        """Run to a time; return why it stopped, and the numbers of events and of samples."""
         self._unreported, self._records = [], []
         in_mode = [0.0] * len(Mode) if in_mode is None else in_mode
         compiled = self.compiled and isinstance(found, _EventTable)

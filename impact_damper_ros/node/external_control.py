@@ -93,7 +93,7 @@ class ExternalControl:
         return self._awaited_ns is not None
 
     def next_ns(self) -> int | None:
-        """Return the rig time at which the next measurement is taken or published, ns."""
+        """Return the rig time, ns, at which a measurement is next taken or published."""
         if self._grid is None:
             return None
         sample_ns = self._grid.instant(self._index)

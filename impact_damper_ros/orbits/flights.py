@@ -2,7 +2,7 @@
 """
 Single flights of a rig in plain Python, for solvers that go from flight to flight.
 
-Their exact extremes are the turning points, by the certified search.
+The exact extremes of X are its turning points, found by the certified search.
 """
 
 from __future__ import annotations

@@ -72,7 +72,7 @@ def cycle_of(parameters: RigParameters) -> float:
 
 
 def _repeat(turns: list[float], longest: int) -> bool:
-    """Return whether all turn whole times in some cycles, given how often they do in one."""
+    """Return whether all make whole numbers of turns in some cycles, given the turns per cycle."""
     return any(
         all(abs(k * turn - round(k * turn)) < 1e-9 * max(k * turn, 1.0) for turn in turns)
         for k in range(1, longest + 1)

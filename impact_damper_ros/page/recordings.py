@@ -69,7 +69,7 @@ class Recordings:
         return [path.name for path in sorted(found, key=_age)][:_MOST_LISTED]
 
     def path(self, name: str) -> Path:
-        """Return the path of a bag; LookupError if there is none of that name."""
+        """Return the path of a bag; raise a LookupError if there is no bag of that name."""
         if name not in self.names():
             raise LookupError(f'there is no recording {printable(name[:200])}')
         return self._place / name

@@ -224,7 +224,7 @@ class PageServer:
         return self.sources[name]
 
     async def open(self, socket: Any, rig: str, bag: str, role: str) -> Client:
-        """Open a page that shows a rig or a recording; RequestError if that cannot be."""
+        """Open a page on a rig or a recording; raise a RequestError if that is not possible."""
         if len(self._clients) >= _MOST_PAGES:
             raise RequestError(
                 f'{counted(_MOST_PAGES, "page")} open already: close one, and reload this one'

@@ -17,7 +17,7 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """Rows in groups with titles, which may be empty."""
+    """Groups of rows, each with a title, which may be empty."""
 
     columns: Sequence[Column]
     #: A cell is a text; in HTML a verdict or the length of a bar in per cent, where the kind of

@@ -715,6 +715,6 @@ def move_to(rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float
     move_origin(
         lines, run, waves, tau, motion.x, motion.velocity, motion.travel, motion.relative_velocity
     )
-    # The same but for round-off, which would put what happens now before it
+    # Exactly this instant: round-off could put it before what happens there.
     run.time = time
     run.time_low = 0.0

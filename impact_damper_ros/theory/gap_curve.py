@@ -38,7 +38,7 @@ def name_of(orbit: PeriodicOrbit) -> str:
 
 @dataclass(frozen=True)
 class GapBranch:
-    """The branch of a motion over the gap."""
+    """Branch of a periodic motion as the gap is varied."""
 
     start: PeriodicOrbit  # the motion that was followed
     branch: Branch

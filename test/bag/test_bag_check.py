@@ -257,7 +257,7 @@ def test_a_recorder_says_what_it_lost(messages, tmp_path):
 
 
 def test_chunks_that_overlap_in_time_are_put_in_order(tmp_path):
-    """By the stamps of their messages, and as written where these are equal."""
+    """In the order of their stamps; messages of equal stamps stay in the order of the bag."""
     dice = random.Random(4)
     stamps = [dice.randrange(100) for _ in range(1000)]
     rows = [

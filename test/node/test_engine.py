@@ -152,7 +152,7 @@ def event_bytes(node='/rig'):
 
 @pytest.fixture(scope='module')
 def ran():
-    """Return a bench that has run freely for a minute of rig time, and its recording."""
+    """Return a rig that has run without pacing for a minute of rig time, and its recording."""
     log = KeptLog()
     with Bench() as bench:
         bench.ask('record_to', log, event_bytes())

@@ -51,7 +51,7 @@ class PageProcess:
         return found and found[0]
 
     def close(self, number=signal.SIGTERM):
-        """End it by a signal; return its exit code."""
+        """End the process with a signal; return its exit code."""
         self._process.send_signal(number)
         try:
             return self._process.wait(DEADLINE_S)

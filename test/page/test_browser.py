@@ -904,7 +904,7 @@ def newest_recording(live):
 
 
 def list_recordings(page, name):
-    """Open the list of recordings; return the selector of one, which is finished."""
+    """Open the list of recordings and return the selector of one that is finished."""
     row = f'.recording[data-name="{name}"]'
     page.click('#recordings-open')
     page.wait(f"/\\d B$|kB$|MB$/.test(document.querySelector('{row} p').textContent)")
