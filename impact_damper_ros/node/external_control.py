@@ -83,7 +83,7 @@ class ExternalControl:
         # The stamp of the measurement for which it is, and the commands that have come for it
         self._awaited_ns: int | None = None
         self._answers: dict[str, Command] = {}
-        self._answered_ns = -1
+        self._answered_ns: int | None = None
         self._given_up = False
         self._missed = 0
 
@@ -115,7 +115,7 @@ class ExternalControl:
             self._index += 1
         while self._on_the_way and self._on_the_way[0].due_ns <= time_ns:
             sent = self._on_the_way.popleft()
-            if self._topics and not self._given_up and self._external:
+            if self._in_step:
                 self._awaited_ns, self._answers = sent.stamp_ns, {}
             yield sent
 
@@ -149,8 +149,14 @@ class ExternalControl:
 
     def give_up(self) -> None:
         """Await no command before the next one has come."""
-        self._awaited_ns, self._given_up = None, True
+        self._answered_ns, self._awaited_ns = self._awaited_ns, None
+        self._given_up = True
         self._missed += 1
+
+    @property
+    def _in_step(self) -> bool:
+        """Whether the rig waits for a command to each measurement, and takes no other one."""
+        return bool(self._topics) and self._external and not self._given_up
 
     @property
     def _external(self) -> bool:
@@ -198,17 +204,13 @@ class ExternalControl:
         found = []
         for command in self._inbox.take():
             try:
-                if self._awaited_ns is None:
+                if not self._in_step:
                     self._check_stamp(command.stamp_ns, now_ns)
                     found.append(command)
                 elif command.stamp_ns == self._awaited_ns:
                     self._answers[command.key] = command
-                # A measurement that was sent again may be answered again.
-                elif command.stamp_ns != self._answered_ns:
-                    raise CommandError(
-                        f'its stamp is {command.stamp_ns * 1e-9:.9f} s, and lock-step waits for '
-                        f'that of the last measurement, {self._awaited_ns * 1e-9:.9f} s'
-                    )
+                else:
+                    self._check_repeated(command)
             except CommandError as error:
                 self._inbox.refuse(command.topic, error)
         if self._awaited_ns is not None and self._topics <= self._answers.keys():
@@ -216,6 +218,18 @@ class ExternalControl:
             found = [self._answers[key] for key in sorted(self._answers)]
             self._answered_ns, self._awaited_ns = self._awaited_ns, None
         return found
+
+    def _check_repeated(self, command: Command) -> None:
+        """Raise a CommandError unless a measurement was answered again that was sent again."""
+        if command.key not in self._topics:
+            raise CommandError(
+                f'lock-step waits for {", ".join(self._topics)} only: start with lock_step:=both'
+            )
+        if command.stamp_ns != self._answered_ns:
+            raise CommandError(
+                f'its stamp is {command.stamp_ns * 1e-9:.9f} s, and lock-step takes only that of '
+                f'the last measurement, {(self._awaited_ns or self._answered_ns or 0) * 1e-9:.9f} s'
+            )
 
     def _carry_out(self, order: Order) -> tuple[list[Event], list[ControlRecord]]:
         # A controller may answer that nothing is to be done.

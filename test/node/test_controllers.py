@@ -182,6 +182,55 @@ def test_what_cannot_be_carried_out_is_refused_with_its_reason(message, words, s
     assert (inbox.refused, inbox.reason[:7], words in inbox.reason) == (1, 'topic: ', True), inbox
 
 
+def test_in_lock_step_each_measurement_has_one_command():
+    """One that was sent again is answered again, and the second answer may come at any time."""
+    rig = Rig(RIG, control=GapControlParameters(gap_control='external', **ACTUATORS))
+    waiting = []
+    topics = [
+        CommandTopic(
+            key,
+            key,
+            lambda key=key: waiting.pop(0)[1:] if waiting and waiting[0][0] == key else None,
+            lambda: 1,
+            read,
+        )
+        for key, read in (
+            ('stop_commands', read_stop_command),
+            ('force_command', read_force_command),
+        )
+    ]
+    inbox = CommandInbox(topics)
+    settings = NodeSettings(measurement_rate=1.0, lock_step='stop_commands')
+    controller = ExternalControl(rig, inbox, settings)
+
+    def obeyed(second, *messages):
+        for message in messages:
+            key = 'force_command' if isinstance(message, WrenchStamped) else 'stop_commands'
+            waiting.append((key, serialize_message(message), None))
+        time_ns = round(second * 1e9)
+        rig.advance(time_ns / 1e9)
+        assert len(list(controller.measurements(time_ns, 0))) == (second == round(second))
+        return len(list(controller.obey(time_ns, time_ns)))
+
+    answers = [stops(0.01, -0.01, stamp_s=second) for second in range(4)]
+    assert obeyed(0, answers[3]) == 0
+    assert 'takes only that of the last measurement, 0.000' in inbox.reason
+    assert obeyed(0.25, answers[0], answers[0]) == 1
+    assert obeyed(0.5, answers[0]) == 0
+    assert obeyed(1, answers[0]) == 0
+    assert (obeyed(1.25), controller.waits, inbox.refused) == (0, True, 1)
+    assert obeyed(1.5, answers[1], stops(0.02, -0.02, stamp_s=9)) == 1
+    assert (controller.waits, inbox.refused) == (False, 2)
+    assert obeyed(1.75, force(1.0)) == 0
+    assert 'waits for stop_commands only: start with lock_step:=both' in inbox.reason
+    # Without a wait, any command is taken, and the first one ends that.
+    assert obeyed(2) == 0
+    controller.give_up()
+    assert obeyed(2.5, stops(0.02, -0.02), answers[2]) == 2
+    assert obeyed(2.75, answers[2]) == 0
+    assert (obeyed(3, answers[3]), controller.waits, inbox.refused) == (1, False, 3)
+
+
 def test_refusals_are_reported_and_a_second_controller_is_one(plant):
     other = plant.client.node.create_publisher(JointState, f'{SPACE}/stop_commands', 10)
     until(lambda: other.get_subscription_count() == 1)
