@@ -59,9 +59,8 @@ def command(candidate: str, rate: int, bags: Path) -> list[str]:
     """Return what starts a candidate."""
     if candidate in PACES:
         return bare_command(PACES[candidate], rate)
-    if candidate == RECORDING:
-        return node_command(rate, record=True, bag_directory=bags)
-    return node_command(rate, real_time_priority=0 if candidate == ORDINARY else 2)
+    recording = {'record': True, 'bag_directory': bags} if candidate == RECORDING else {}
+    return node_command(rate, real_time_priority=0 if candidate == ORDINARY else 2, **recording)
 
 
 def measure_running(

@@ -226,9 +226,10 @@ class ExternalControl:
                 f'lock-step waits for {", ".join(self._topics)} only: start with lock_step:=both'
             )
         if command.stamp_ns != self._answered_ns:
+            last_ns = self._answered_ns if self._awaited_ns is None else self._awaited_ns
             raise CommandError(
                 f'its stamp is {command.stamp_ns * 1e-9:.9f} s, and lock-step takes only that of '
-                f'the last measurement, {(self._awaited_ns or self._answered_ns or 0) * 1e-9:.9f} s'
+                f'the last measurement, {(last_ns or 0) * 1e-9:.9f} s'
             )
 
     def _carry_out(self, order: Order) -> tuple[list[Event], list[ControlRecord]]:

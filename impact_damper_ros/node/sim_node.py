@@ -173,6 +173,9 @@ def _pace(factor: float) -> str:
     return 'in real time' if factor == 1.0 else f'at {factor:g} times real time'
 
 
+#: Time after which another thread has to hand over the interpreter. With Python's 5 ms the thread
+#: that moves the rig waits until that of the executor, or of a recording, is done.
+SWITCH_INTERVAL_S = 2e-5
 REPORT_PERIOD_S = 1.0
 #: Time after which the process of the theory is asked for more, while more is to come.
 THEORY_PERIOD_S = 0.1
@@ -584,6 +587,7 @@ def _serve(arguments: Sequence[str], end: EndRequest) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node."""
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
     end = EndRequest()
     try:
         return _serve(sys.argv if argv is None else argv, end)
