@@ -8,7 +8,7 @@ are at their own exact instants. With the control off, or without one, nothing b
 
 from __future__ import annotations
 
-from collections.abc import MutableSequence, Sequence
+from collections.abc import Callable, MutableSequence, Sequence
 from math import inf
 from typing import Any
 
@@ -48,7 +48,7 @@ from impact_damper_ros.rig.run import (
     find_passage,
     next_event,
 )
-from impact_damper_ros.rig.state import RigConstants, Run
+from impact_damper_ros.rig.state import RigConstants, Run, Wave
 from impact_damper_ros.rig.transition import begin_from, move_stops
 
 from .actuator import commands_full, next_command, note_velocity, start_command
@@ -354,11 +354,12 @@ def run_through(
 
 
 @kernel
-def run_each(
+def run_one(
+    k: int,
+    waves: Waves,
     rigs: Sequence[RigConstants],
     lines: Sequence[Lines],
     runs: Sequence[Run],
-    waves: Sequence[Waves],
     log: Log,
     in_mode: Any,
     controls: Any,
@@ -369,63 +370,77 @@ def run_each(
     sampled: Any,
     samples: Any,
     anew: bool,
-) -> int:
+) -> None:
     """
-    Let each rig run to a time, from its start if `anew`; why it stopped is in `outcomes`.
+    Let one of some rigs run to a time, from its start if `anew`; why it stopped is in `outcomes`.
 
     `controls` and `acts` are None for rigs without control. The events of rigs that run `anew` are
     not kept; `log` is where their control finds what the stops do.
     """
-    for k in range(len(rigs)):
-        run = runs[k]
-        if anew:
-            begin_from(rigs[k], lines[k], run, waves[k], log)
-        status = FULL
-        count = sampled[k]
-        while status == FULL:
-            run.written = 0
-            if controls is None:
-                control = None
-            else:
-                # Here, as no compiled function can return it
-                control = Control(
-                    controls.controller[k],
-                    controls.observer[k],
-                    controls.search[k],
-                    controls.actuators[k],
-                    controls.commands[k],
-                    controls.settings[k],
-                    controls.timing[k],
-                    controls.timed[k],
-                    controls.refusal[k],
-                    controls.memory[k],
-                    controls.law,
-                    controls.start[k],
-                    controls.start_waves[k],
-                    controls.trial[k],
-                    controls.trial_waves[k],
-                )
-            status, count = run_through(
-                rigs[k],
-                lines[k],
-                run,
-                waves[k],
-                log,
-                in_mode[k],
-                control,
-                acts,
-                end,
-                instants,
-                count,
-                samples[k],
+    run = runs[k]
+    if anew:
+        begin_from(rigs[k], lines[k], run, waves, log)
+    status = FULL
+    count = sampled[k]
+    while status == FULL:
+        run.written = 0
+        if controls is None:
+            control = None
+        else:
+            # Here, as no compiled function can return it
+            control = Control(
+                controls.controller[k],
+                controls.observer[k],
+                controls.search[k],
+                controls.actuators[k],
+                controls.commands[k],
+                controls.settings[k],
+                controls.timing[k],
+                controls.timed[k],
+                controls.refusal[k],
+                controls.memory[k],
+                controls.law,
+                controls.start[k],
+                controls.start_waves[k],
+                controls.trial[k],
+                controls.trial_waves[k],
             )
-            if not anew:
-                break
-        if anew:
-            count_modes(run, in_mode[k])
-        outcomes[k] = status
-        sampled[k] = count
-    return len(rigs)
+        status, count = run_through(
+            rigs[k],
+            lines[k],
+            run,
+            waves,
+            log,
+            in_mode[k],
+            control,
+            acts,
+            end,
+            instants,
+            count,
+            samples[k],
+        )
+        if not anew:
+            break
+    if anew:
+        count_modes(run, in_mode[k])
+    outcomes[k] = status
+    sampled[k] = count
+
+
+@kernel
+def run_each(waves: Sequence[Waves], rest: Any) -> int:
+    """Let each rig run as `run_one` does; `rest` are the other arguments of that."""
+    for k in range(len(waves)):
+        run_one(k, waves[k], *rest)
+    return len(waves)
+
+
+@kernel
+def run_each_with_one_harmonic(waves: Sequence[Wave], rest: Any) -> int:
+    """Do the same without loops over the harmonics: a compiler knows the length of a tuple."""
+    for k in range(len(waves)):
+        run_one(k, (waves[k],), *rest)
+    return len(waves)
 
 
 #: Compiled runs do not report the acts of the control.
@@ -448,15 +463,15 @@ def run_compiled(
     *,
     anew: bool = False,
 ) -> None:
-    """Run arrays of rigs as `run_each` does, compiled."""
-    acts, form = None, 'without control'
-    if controls is not None:
-        acts, form = _NO_ACTS, 'with control'
-    arguments = (
+    """Run arrays of rigs as `run_one` does, compiled."""
+    form, acts = ('without control', None) if controls is None else ('with control', _NO_ACTS)
+    entry: Callable[..., int] = run_each
+    if controls is None and waves.shape[1] == 1:
+        entry, waves = run_each_with_one_harmonic, waves[:, 0]
+    rest = (
         rigs,
         lines,
         runs,
-        waves,
         log,
         in_mode,
         controls,
@@ -469,7 +484,7 @@ def run_compiled(
         anew,
     )
     try:
-        compiled(run_each.__name__, form, arguments)(*arguments)
+        compiled(entry.__name__, form, (waves, rest))(waves, rest)
     except SystemError as error:
         # What a signal raises just as compiled code returns
         if isinstance(error.__cause__, KeyboardInterrupt):
