@@ -77,8 +77,9 @@ class EngineCallbacks(NamedTuple):
     on_failure: Callable[[], object]  # if the engine fails; its `failure` is set then
     #: At the start and after every change and reset, with the state of the rig
     on_course: Callable[[dict[str, Any]], object] = lambda _: None
-    #: With a text, if the rig falls behind or cannot continue, or the system clock was set
-    on_trouble: Callable[[str], object] = lambda _: None
+    #: With its kind and a text, if the rig falls behind or cannot continue, if the system clock
+    #: was set, or if no command came in lock-step
+    on_trouble: Callable[[str, str], object] = lambda *_: None
     #: If the system clock was set back during a recording. As stamps of a recording only increase,
     #: they follow once it has ended.
     on_set_back: Callable[[], object] = lambda: None
@@ -468,7 +469,7 @@ class Engine:
         self._motion.stand_at(self._time_ns)
         self._end_step(f'the rig is held: {self._held}')
         self._callbacks.on_trouble(
-            f'the rig is held: {self._held}; it waits for a change or a reset'
+            'held', f'the rig is held: {self._held}; it waits for a change or a reset'
         )
 
     def _go_on(self) -> None:
@@ -504,8 +505,9 @@ class Engine:
         self._news = self._news or 'slip'
         way = 'on' if step_ns > 0 else 'back'
         self._callbacks.on_trouble(
+            'clock',
             f'the system clock was set {way} by {abs(step_ns) * 1e-9:.3f} s: its stamps are moved '
-            f'{way} by as much'
+            f'{way} by as much',
         )
 
     def _catch_up(self) -> None:
@@ -521,8 +523,9 @@ class Engine:
             self._news = self._news or 'slip'
             late_s = (self._stamps.offset_ns - before_ns) * 1e-9
             self._callbacks.on_trouble(
+                'late',
                 f'the rig was {late_s:.3f} s late and skips that time: its stamps are moved on by '
-                'as much'
+                'as much',
             )
 
     def _wait_for_log(self) -> None:
@@ -576,9 +579,10 @@ class Engine:
             waited = now - since
             if self.controller.waits and waited >= self.controller.settings.lock_step_timeout:
                 self.controller.give_up()
-                self._callbacks.on_trouble(
+                text = (
                     f'no command has come for {waited:.3f} s: the rig in lock-step goes on without'
                 )
+                self._callbacks.on_trouble('lock-step', text)
         if time.monotonic() - begun > SEND_AGAIN_S:
             # Rig time does not make up for it.
             self._pacer.anchor(self._time_ns)

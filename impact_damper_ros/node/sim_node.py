@@ -179,7 +179,7 @@ SWITCH_INTERVAL_S = 2e-5
 REPORT_PERIOD_S = 1.0
 #: Time after which the process of the theory is asked for more, while more is to come.
 THEORY_PERIOD_S = 0.1
-#: Least time between two warnings of a rig that falls behind.
+#: Least time between two warnings of a kind, such as those of a rig that falls behind, s.
 WARNING_PERIOD_S = 5.0
 
 
@@ -213,7 +213,7 @@ class SimNode(Node):
                 f'{parameters.lock_step}: stamps count from 0, and /clock is published; give the '
                 'other nodes use_sim_time'
             )
-        self._warned_s = -math.inf
+        self._warned_s: dict[str, float] = {}
         self._warned_of_clock = False
         node = self.get_fully_qualified_name()
         self._topic_publishers = self._advertise(parameters)
@@ -265,10 +265,11 @@ class SimNode(Node):
             self._open_recording(parameters)
             self._recorder.begin(self._listing(), encode(self._description))
 
-    def _warn_of_trouble(self, text: str) -> None:
-        """Warn, from the engine's thread, but not too often."""
-        if time.monotonic() >= self._warned_s + WARNING_PERIOD_S:
-            self._warned_s = time.monotonic()
+    def _warn_of_trouble(self, kind: str, text: str) -> None:
+        """Warn, from the engine's thread, but not too often of one kind."""
+        now = time.monotonic()
+        if now >= self._warned_s.get(kind, -math.inf) + WARNING_PERIOD_S:
+            self._warned_s[kind] = now
             self.get_logger().warning(text)
 
     def start(self) -> None:

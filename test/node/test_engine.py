@@ -80,7 +80,9 @@ class Bench:
                 settings,
                 publishers,
                 EngineCallbacks(
-                    lambda: self.alive, self.failed.set, on_trouble=self.troubles.append
+                    lambda: self.alive,
+                    self.failed.set,
+                    on_trouble=lambda _, text: self.troubles.append(text),
                 ),
                 inbox=inbox,
             )
