@@ -8,8 +8,9 @@ from compare.recorded import DISPLACED, compared
 from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.compare import Verdict
+from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits.recurrence import MotionKind
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig import InitialConditions, RigParameters
 
 SYMMETRIC = OFF_RESONANCE.replace(damping=0.05, damper_mass=0.3)
 
@@ -239,3 +240,21 @@ def test_curves_are_bounded_and_whole():
     line = spectrum.amplitude[np.abs(spectrum.frequency - 1.02 / math.tau).argmin()]
     assert line == pytest.approx(spectrum.amplitude.max())
     assert 0.7 * found.predicted.x_max < line < 1.2 * found.predicted.x_max
+
+
+def test_a_motion_that_repeats_but_does_not_last():
+    """From an unstable periodic motion the rig departs by a fifth per cycle, from round-off."""
+    rig = SYMMETRIC.replace(gap=10.0)
+    orbits = find_orbits(rig, (1, 2), simulate=False).orbits
+    orbit = min(orbits, key=lambda orbit: abs(orbit.multipliers[0]))
+    assert abs(orbit.multipliers[0]) == pytest.approx(1.197, abs=1e-3)
+    start = InitialConditions(
+        initial_primary_position=orbit.x[0],
+        initial_primary_velocity=orbit.primary_velocity_after[0],
+        initial_damper_offset=0.5 * rig.gap,
+        initial_damper_velocity=orbit.damper_velocity_after[0],
+    )
+    found = compared(rig.replace(force_phases=(math.tau * orbit.phases[0],)), 30, start)
+    assert found.kind is MotionKind.PERIODIC
+    assert found.verdict is Verdict.PREDICTED_UNSTABLE, found.sentence
+    assert 'not stable, largest multiplier 1.197' in found.sentence
