@@ -540,11 +540,14 @@ def print_untouched(pool: ProcessPoolExecutor, options: argparse.Namespace) -> N
 def print_soaks(pool: ProcessPoolExecutor, options: argparse.Namespace) -> None:
     """Print how many stretches of long bags are doubted."""
     each = min(options.stretches, 100)
-    soaks = math.ceil(options.stretches / each)
-    sums = [0, 0, 0]
-    for found in pool.map(soak, range(soaks), [each] * soaks):
-        sums = [a + b for a, b in zip(sums, found, strict=True)]
-        print(f'  {sums[0]} stretches, {sums[1]} doubted, {sums[2]} faults', file=sys.stderr)
+    soaks, sums = 0, [0, 0, 0]
+    # Some changes come in the same instant, so that a bag has fewer stretches than changes.
+    while sums[0] < options.stretches:
+        numbers = range(soaks, soaks + options.workers)
+        for found in pool.map(soak, numbers, [each] * len(numbers)):
+            soaks += 1
+            sums = [a + b for a, b in zip(sums, found, strict=True)]
+            print(f'  {sums[0]} stretches, {sums[1]} doubted, {sums[2]} faults', file=sys.stderr)
     print(f'soaks: {sums[0]} stretches in {soaks} bags; doubted {sums[1]}, faults {sums[2]}')
 
 
