@@ -465,7 +465,8 @@ def forget_all(control: Control) -> None:
 
 @kernel(inline=True)
 def measured(
-    control: Control,
+    settings: ControlSettings,
+    observer: Observer,
     index: int,
     time: float,
     x: float,
@@ -476,10 +477,10 @@ def measured(
     stop_2: float,
 ) -> Measurement:
     """Return the sample of an index with what sensors add; places of m and stops are Y."""
-    position = control.settings.noise_position
-    velocity = control.settings.noise_velocity
+    position = settings.noise_position
+    velocity = settings.noise_velocity
     if position > 0.0 or velocity > 0.0:
-        seed = control.settings.seed
+        seed = settings.seed
         noise_x, noise_y, noise_x_rate, noise_y_rate = sensor_noise(
             seed, index, position, velocity
         )
@@ -487,17 +488,16 @@ def measured(
         y += noise_y
         x_rate += noise_x_rate
         y_rate += noise_y_rate
-    if control.settings.sensor_fault != 0:
-        observer: Observer = control.observer
-        if control.settings.sensor_fault == FROZEN and observer.time == observer.time:
+    if settings.sensor_fault != 0:
+        if settings.sensor_fault == FROZEN and observer.time == observer.time:
             x, x_rate, y, y_rate = observer.x, observer.x_rate, observer.y, observer.y_rate
-        shift = fault_shift(control.settings.sensor_fault, control.settings.seed, index)
-        x += control.settings.fault_size * shift
-        y += control.settings.fault_size * shift
-    x = rounded(x, control.settings.resolution_position)
-    y = rounded(y, control.settings.resolution_position)
-    x_rate = rounded(x_rate, control.settings.resolution_velocity)
-    y_rate = rounded(y_rate, control.settings.resolution_velocity)
+        shift = fault_shift(settings.sensor_fault, settings.seed, index)
+        x += settings.fault_size * shift
+        y += settings.fault_size * shift
+    x = rounded(x, settings.resolution_position)
+    y = rounded(y, settings.resolution_position)
+    x_rate = rounded(x_rate, settings.resolution_velocity)
+    y_rate = rounded(y_rate, settings.resolution_velocity)
     return Measurement(time, x, x_rate, y, y_rate, stop_1, stop_2)
 
 

@@ -54,6 +54,7 @@ from impact_damper_ros.rig.transition import begin_from, move_stops
 from .actuator import commands_full, next_command, note_velocity, start_command
 from .controller import (
     Control,
+    ControlSettings,
     end_sample,
     has_law,
     holds_off,
@@ -67,7 +68,7 @@ from .controller import (
 )
 from .own_law import law_failed
 from .record import Action, ActRow
-from .sensors import Measurement
+from .sensors import Measurement, Observer
 
 #: Each `Action` as a number, for the kernels.
 _COMMAND, _ARRIVED, _TOUCHED, _CROSSING, _STARTED, _ = map(int, Action)
@@ -75,12 +76,19 @@ _COMMAND, _ARRIVED, _TOUCHED, _CROSSING, _STARTED, _ = map(int, Action)
 
 @kernel
 def measure(
-    rig: RigConstants, lines: Lines, run: Run, waves: Waves, control: Control, index: int
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    settings: ControlSettings,
+    observer: Observer,
+    index: int,
 ) -> Measurement:
     """Return the sample of an index that the sensors take at the present time."""
     view: View = view_at(rig, lines, run, waves, run.now)
     return measured(
-        control,
+        settings,
+        observer,
         index,
         run.now,
         view.x,
@@ -173,7 +181,8 @@ def perform_passage(
     if holds_off(control, run.now):
         return
     rising = log[run.written - 1].primary_velocity_after > 0.0
-    seen = measure(rig, lines, run, waves, control, trigger_number(control))
+    number = trigger_number(control)
+    seen = measure(rig, lines, run, waves, control.settings, control.observer, number)
     take_crossing(control, seen, rising, rig, lines, run, waves, log)
     write_act(control, acts, _CROSSING, run.now)
 
@@ -200,20 +209,6 @@ def perform_command(
     note_stops(run, log, control, acts, first)
 
 
-@kernel
-def perform_sample(
-    rig: RigConstants, lines: Lines, run: Run, waves: Waves, control: Control
-) -> None:
-    """Take the sample that is due, and act on it."""
-    if has_law(control) and not is_blind(control):
-        index = control.controller.sample_index
-        take_sample(control, measure(rig, lines, run, waves, control, index))
-    if control.controller.returning:
-        place_1, place_2 = stops_now(rig, lines, run, waves)
-        note_return(control, place_1, place_2)
-    end_sample(control)
-
-
 @kernel(inline=True)
 def quiet_until(run: Run) -> float:
     """Return the instant before which nothing happens, as far as the flight has been searched."""
@@ -229,20 +224,29 @@ def quiet_until(run: Run) -> float:
 
 
 @kernel
-def sample_on(
+def perform_samples(
     rig: RigConstants, lines: Lines, run: Run, waves: Waves, control: Control, end: float
 ) -> None:
-    """Take the samples before an instant up to which nothing else happens."""
+    """Take the sample that is due, and those before an instant up to which all else is quiet."""
     until = min(quiet_until(run), end)
-    while run.steps > 0 and not (
-        control.controller.returning or commands_full(control) or law_failed(control)
-    ):
+    while True:
+        if run.watch and not is_blind(control):
+            index = control.controller.sample_index
+            seen = measure(rig, lines, run, waves, control.settings, control.observer, index)
+            take_sample(control, seen)
+        if control.controller.returning:
+            place_1, place_2 = stops_now(rig, lines, run, waves)
+            note_return(control, place_1, place_2)
+        end_sample(control)
+        if not run.watch or run.steps <= 0 or control.controller.returning:
+            return
+        if commands_full(control) or law_failed(control):
+            return
         sample = next_sample(control)
         if not sample < min(until, next_command(control)):
             return
         run.now = sample
         run.steps -= 1
-        perform_sample(rig, lines, run, waves, control)
 
 
 @kernel
@@ -313,9 +317,7 @@ def run_to(
                 perform_command(rig, lines, run, waves, log, in_mode, control, acts)
                 continue
             if sample <= until:
-                perform_sample(rig, lines, run, waves, control)
-                if run.watch:
-                    sample_on(rig, lines, run, waves, control, end)
+                perform_samples(rig, lines, run, waves, control, end)
                 if law_failed(control):
                     return LAW_FAILED
                 continue
@@ -357,13 +359,13 @@ def run_through(
 def run_one(
     k: int,
     waves: Waves,
+    control: Any,
+    acts: Any,
     rigs: Sequence[RigConstants],
     lines: Sequence[Lines],
     runs: Sequence[Run],
     log: Log,
     in_mode: Any,
-    controls: Any,
-    acts: Any,
     end: float,
     instants: Any,
     outcomes: Any,
@@ -374,7 +376,7 @@ def run_one(
     """
     Let one of some rigs run to a time, from its start if `anew`; why it stopped is in `outcomes`.
 
-    `controls` and `acts` are None for rigs without control. The events of rigs that run `anew` are
+    `control` and `acts` are None for a rig without control. The events of rigs that run `anew` are
     not kept; `log` is where their control finds what the stops do.
     """
     run = runs[k]
@@ -384,27 +386,6 @@ def run_one(
     count = sampled[k]
     while status == FULL:
         run.written = 0
-        if controls is None:
-            control = None
-        else:
-            # Here, as no compiled function can return it
-            control = Control(
-                controls.controller[k],
-                controls.observer[k],
-                controls.search[k],
-                controls.actuators[k],
-                controls.commands[k],
-                controls.settings[k],
-                controls.timing[k],
-                controls.timed[k],
-                controls.refusal[k],
-                controls.memory[k],
-                controls.law,
-                controls.start[k],
-                controls.start_waves[k],
-                controls.trial[k],
-                controls.trial_waves[k],
-            )
         status, count = run_through(
             rigs[k],
             lines[k],
@@ -429,9 +410,9 @@ def run_one(
 
 @kernel
 def run_each(waves: Sequence[Waves], rest: Any) -> int:
-    """Let each rig run as `run_one` does; `rest` are the other arguments of that."""
+    """Let each rig run as `run_one` does, without control, given the rest of its arguments."""
     for k in range(len(waves)):
-        run_one(k, waves[k], *rest)
+        run_one(k, waves[k], None, None, *rest)
     return len(waves)
 
 
@@ -439,7 +420,33 @@ def run_each(waves: Sequence[Waves], rest: Any) -> int:
 def run_each_with_one_harmonic(waves: Sequence[Wave], rest: Any) -> int:
     """Do the same without loops over the harmonics: a compiler knows the length of a tuple."""
     for k in range(len(waves)):
-        run_one(k, (waves[k],), *rest)
+        run_one(k, (waves[k],), None, None, *rest)
+    return len(waves)
+
+
+@kernel
+def run_each_under_control(waves: Sequence[Waves], controls: Any, acts: Any, rest: Any) -> int:
+    """Let each rig run with its own one of some controls."""
+    for k in range(len(waves)):
+        # Here, as no compiled function can return it
+        control = Control(
+            controls.controller[k],
+            controls.observer[k],
+            controls.search[k],
+            controls.actuators[k],
+            controls.commands[k],
+            controls.settings[k],
+            controls.timing[k],
+            controls.timed[k],
+            controls.refusal[k],
+            controls.memory[k],
+            controls.law,
+            controls.start[k],
+            controls.start_waves[k],
+            controls.trial[k],
+            controls.trial_waves[k],
+        )
+        run_one(k, waves[k], control, acts, *rest)
     return len(waves)
 
 
@@ -464,27 +471,15 @@ def run_compiled(
     anew: bool = False,
 ) -> None:
     """Run arrays of rigs as `run_one` does, compiled."""
-    form, acts = ('without control', None) if controls is None else ('with control', _NO_ACTS)
+    rest = rigs, lines, runs, log, in_mode, end, instants, outcomes, sampled, samples, anew
     entry: Callable[..., int] = run_each
-    if controls is None and waves.shape[1] == 1:
-        entry, waves = run_each_with_one_harmonic, waves[:, 0]
-    rest = (
-        rigs,
-        lines,
-        runs,
-        log,
-        in_mode,
-        controls,
-        acts,
-        end,
-        instants,
-        outcomes,
-        sampled,
-        samples,
-        anew,
-    )
+    arguments: tuple[Any, ...] = waves, rest
+    if controls is not None:
+        entry, arguments = run_each_under_control, (waves, controls, _NO_ACTS, rest)
+    elif waves.shape[1] == 1:
+        entry, arguments = run_each_with_one_harmonic, (waves[:, 0], rest)
     try:
-        compiled(entry.__name__, form, (waves, rest))(waves, rest)
+        compiled(entry.__name__, arguments)(*arguments)
     except SystemError as error:
         # What a signal raises just as compiled code returns
         if isinstance(error.__cause__, KeyboardInterrupt):

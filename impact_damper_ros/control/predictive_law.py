@@ -18,10 +18,17 @@ from typing import TYPE_CHECKING
 
 from impact_damper_ros.rig.compiled import kernel
 from impact_damper_ros.rig.event import Log
-from impact_damper_ros.rig.flight import Lines, Waves, begin_next_flight, move_to
+from impact_damper_ros.rig.flight import (
+    Lines,
+    Motion,
+    Waves,
+    begin_next_flight,
+    motion_at,
+    move_to,
+)
 from impact_damper_ros.rig.run import go_ahead
 from impact_damper_ros.rig.state import RigConstants, Run, copy_state
-from impact_damper_ros.rig.transition import move_stops
+from impact_damper_ros.rig.transition import send_stops
 
 from .actuator import Actuators
 from .law import best_gap, place_stops
@@ -49,11 +56,10 @@ def energy_ahead(
     copy_state(control.start, control.start_waves, run, waves)
     end = run.time + p.horizon * control.observer.half_cycle
     run.room = 0
-    run.now = run.time
-    begin_next_flight(rig, lines, run, waves)
-    move_stops(rig, lines, run, waves, log, stop_1, run.stop_2 if p.one_sided else stop_2, p.speed)
-    go_ahead(rig, lines, run, waves, log, end)
-    return run.velocity * run.velocity + rig.free.omega_squared * run.x * run.x
+    send_stops(rig, lines, run, waves, log, stop_1, run.stop_2 if p.one_sided else stop_2, p.speed)
+    tau = go_ahead(rig, lines, run, waves, log, end)
+    motion: Motion = motion_at(rig, lines, run, waves, tau)
+    return motion.velocity * motion.velocity + rig.free.omega_squared * motion.x * motion.x
 
 
 @kernel
@@ -104,7 +110,9 @@ def predictive_law_crosses(
     move_to(rig, lines, start, control.start_waves, seen.time)
     begin_next_flight(rig, lines, start, control.start_waves)
     start.now = seen.time
-    go_ahead(rig, lines, start, control.start_waves, log, seen.time + p.delay)
+    later = seen.time + p.delay
+    go_ahead(rig, lines, start, control.start_waves, log, later)
+    move_to(rig, lines, start, control.start_waves, later)
     unit = 0.5 * best_gap(control)
     place_1 = actuators.commanded_1
     place_2 = actuators.commanded_2

@@ -889,7 +889,8 @@ class Rig:
         The index of the sample chooses the noise.
         """
         view = self._view()
-        seen = measured(self._control, index, self.time, *view[:4], view.stop_1, view.stop_2)
+        sensors = self._control.settings, self._control.observer
+        seen = measured(*sensors, index, self.time, *view[:4], view.stop_1, view.stop_2)
         return seen, (view.stop_rate_1, view.stop_rate_2)
 
     def order(self, order: Order) -> list[Event]:

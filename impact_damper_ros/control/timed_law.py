@@ -105,7 +105,7 @@ def clear_timed_law(law: TimedLaw) -> None:
     law.until = 0.0
 
 
-@kernel
+@kernel(inline=True)
 def timed_law_sees(control: Control, seen: Measurement, next_sample: float) -> None:
     """Open the stop that has done its work, and close one for the passage ahead."""
     law: TimedLaw = control.timed

@@ -283,19 +283,19 @@ def _dispatcher(name: str) -> Any:
 
 
 #: What has been compiled or loaded in this process.
-_ENTRIES: dict[tuple[str, str], Any] = {}
+_ENTRIES: dict[str, Any] = {}
 
 
-def compiled(name: str, form: str, arguments: Sequence[Any]) -> Any:
+def compiled(name: str, arguments: Sequence[Any]) -> Any:
     """
-    Return a kernel compiled for arguments; the same for all arguments of a form.
+    Return a kernel compiled for arguments, which have the same types in all calls.
 
     numba would look at the types of the arguments at each call, which takes longer than a short
     run. Compiled code that cannot be kept, as on a full disk, serves this process; compiling it is
     reported once it has taken some time.
     """
-    if (name, form) in _ENTRIES:
-        return _ENTRIES[name, form]
+    if name in _ENTRIES:
+        return _ENTRIES[name]
     import numba
 
     log = logging.getLogger(__package__)
@@ -315,5 +315,5 @@ def compiled(name: str, form: str, arguments: Sequence[Any]) -> Any:
             loop.compile(kinds)
     finally:
         notice.cancel()
-    _ENTRIES[name, form] = loop.get_overload(kinds)
-    return _ENTRIES[name, form]
+    _ENTRIES[name] = loop.get_overload(kinds)
+    return _ENTRIES[name]

@@ -1033,7 +1033,10 @@ def search_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> N
     step = oscillator.step
     side = 1.0 * run.crossing_side
     start = run.watched
-    motion: Motion = motion_at(rig, lines, run, waves, start)
+    if start == 0.0:
+        motion: Motion = starting_motion(rig, lines, run, waves)
+    else:
+        motion = motion_at(rig, lines, run, waves, start)
     bound_3, bound_4 = bounds_of(oscillator, PASSAGE, motion)
     x_x = oscillator.x_x
     x_v = oscillator.x_v
@@ -1050,8 +1053,12 @@ def search_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> N
         x_b = resting + offset
         run.watched = start + step * (k + 1)
         error = ERROR * (abs(x_a) + abs(x_b) + abs(resting) + abs(velocity_b) * step)
+        least = side * x_a - error
+        if t_a == 0.0 and abs(x_a) <= error and side * velocity_a > 0.0:
+            # X leaves zero.
+            least = 0.0
         if not keeps_sign(
-            side * x_a - error,
+            least,
             side * velocity_a,
             side * x_b - error,
             side * velocity_b,
@@ -1062,9 +1069,10 @@ def search_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> N
                 rig, lines, run, waves, t_a, x_a, velocity_a, x_b, velocity_b, bound_3
             )
             if root != root:
-                motion_a: Motion = motion_at(rig, lines, run, waves, t_a)
+                if t_a > start:
+                    motion = motion_at(rig, lines, run, waves, t_a)
                 end = run.watched
-                root = first_root(rig, lines, run, waves, PASSAGE, t_a, motion_a, end, step)
+                root = first_root(rig, lines, run, waves, PASSAGE, t_a, motion, end, step)
             if root < inf:
                 run.watched = root
                 instant, _ = advance_time(run.time, run.time_low, root)

@@ -14,7 +14,7 @@ from math import inf
 from .compiled import kernel
 from .event import ROWS_AT_ONCE, Log
 from .first_event import search_on, search_passage
-from .flight import NO_EVENT, Lines, Waves, begin_next_flight, move_to, rest
+from .flight import NO_EVENT, Lines, Waves, begin_next_flight
 from .state import REST_1, RigConstants, Run
 from .transition import common_velocity, resolve
 
@@ -118,16 +118,19 @@ _MOST_FLIGHTS = 200
 @kernel
 def go_ahead(
     rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, end: float
-) -> None:
-    """Move a run without control to a later instant; what happens on the way is not reported."""
+) -> float:
+    """
+    Let a run without control come to the flight in which a later instant is; return when, in it.
+
+    What happens on the way is not reported.
+    """
     run.room = 0
     run.steps = ALL_STEPS
     for _ in range(_MOST_FLIGHTS):
         since = max(0.0, (end - run.time) - run.time_low)
         find_event(rig, lines, run, waves, end)
         if run.kind == NO_EVENT or run.tau > since:
-            move_to(rig, lines, run, waves, end)
-            return
+            return since
         resolve(rig, lines, run, waves, log)
     run.velocity = common_velocity(rig, run)
     run.relative_velocity = 0.0
@@ -135,5 +138,4 @@ def go_ahead(
     run.stop_velocity_1 = 0.0
     run.stop_velocity_2 = 0.0
     begin_next_flight(rig, lines, run, waves)
-    move_to(rig, lines, run, waves, end)
-    rest(rig, lines, run, waves)
+    return max(0.0, (end - run.time) - run.time_low)

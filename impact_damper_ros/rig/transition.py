@@ -488,6 +488,21 @@ def move_stops(
     move_to(rig, lines, run, waves, run.now)
     if side != 0:
         set_side(rig, lines, run, waves, side)
+    send_stops(rig, lines, run, waves, log, stop_1, stop_2, speed)
+
+
+@kernel
+def send_stops(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    log: Log,
+    stop_1: float,
+    stop_2: float,
+    speed: float,
+) -> None:
+    """Do so from the origin, and begin a flight there."""
     mode = run.mode
     was_on_1 = on_stop_1(run)
     was_on_2 = on_stop_2(run)

@@ -29,7 +29,8 @@ def noise(seed, index):
 
 
 def test_without_noise_the_sample_itself():
-    seen = measured(Control.of(GapControlParameters(), RigParameters()), 3, *MOTION)
+    there = Control.of(GapControlParameters(), RigParameters())
+    seen = measured(there.settings, there.observer, 3, *MOTION)
     assert seen == (2.5, 1.0, -2.0, 0.75, 2.5, 2.0, -3.0)
     assert (seen.z, seen.z_rate) == (1.75, 0.5)
 
@@ -64,7 +65,8 @@ def test_noise_has_the_standard_deviations_asked_for():
         gap_control_noise_position=0.1, gap_control_noise_velocity=2.0, gap_control_seed=9
     )
     there = Control.of(control, RigParameters())
-    seen = np.array([measured(there, k, *MOTION) for k in range(5000)])
+    sensors = there.settings, there.observer
+    seen = np.array([measured(*sensors, k, *MOTION) for k in range(5000)])
     assert np.std(seen[:, (1, 3)], axis=0) == pytest.approx([0.1, 0.1], rel=0.04)
     assert np.std(seen[:, (2, 4)], axis=0) == pytest.approx([2.0, 2.0], rel=0.04)
     # Instant and encoders are exact.

@@ -87,7 +87,7 @@ def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog, monkeypat
 
     monkeypatch.setattr(compiled, '_dispatcher', lambda _: Loop())
     monkeypatch.setattr(compiled, '_ENTRIES', {})
-    assert compiled.compiled('loop', 'of a number', (5,))(5) == 6
+    assert compiled.compiled('loop', (5,))(5) == 6
     assert 'cannot be kept (File too large)' in caplog.text
 
 
