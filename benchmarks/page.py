@@ -182,7 +182,7 @@ def measure_node(seconds: float, rounds: int, directory: str) -> list[dict[str, 
         for kind, found in kinds.items():
             listener.until_alone()
             began_ns = time.time_ns()
-            with running(node_command(RATE)) as node:
+            with running(node_command(RATE, real_time_priority=2)) as node:
                 listener.first(node, began_ns)
                 if kind == 'with':
                     with server(directory) as (_, port), clients(port, CLIENTS, seconds + 4.0):
