@@ -13,8 +13,8 @@ long bags with random changes, made by ``simulate_rig --bag --change``; stretche
 The altered bags of one run are all compared with the theory of its first comparison: an alteration
 must be noticed by the log alone, and theory takes most of the time.
 
-`test/cli/test_verdicts.py` does a little of each. ``python benchmarks/verdicts.py`` takes half an
-hour on one core; with ``--places 10 --bags 10 --stretches 300``, a minute or two.
+`test/cli/test_verdicts.py` does a little of each. ``python benchmarks/verdicts.py`` takes an hour
+on one core; with ``--places 10 --bags 10 --stretches 300``, a minute or two.
 """
 
 from __future__ import annotations
