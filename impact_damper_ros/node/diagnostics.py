@@ -18,7 +18,6 @@ from impact_damper_ros.report.formatting import mode_words
 from impact_damper_ros.rig.quoting import counted
 
 from .engine import EngineStatus
-from .external_control import ControllerStatus
 from .motion_report import MotionReport
 from .pacing import CATCH_UP_NS
 from .publishing import RecordingStatus
@@ -67,7 +66,7 @@ class Diagnostics:
             self._rig(engine, elapsed),
             self._recording(recording),
             self._control(engine),
-            self._controller(engine.controller),
+            self._controller(engine),
         ]
         self._last_report, self._last = now, engine
         return self._array(stamp_ns, [*statuses, *self._motion(motion)])
@@ -100,6 +99,8 @@ class Diagnostics:
             level, message = ERROR, 'held: the rig cannot go on'
         elif engine.paused:
             level, message = OK, 'paused'
+        elif ticks == 0 and engine.controller.awaited:
+            level, message = WARN, 'stands still: lock-step waits for a command'
         elif ticks == 0 and asked * elapsed > 2.0:
             level, message = ERROR, f'no tick for {elapsed:.1f} s'
             if burden:
@@ -202,14 +203,17 @@ class Diagnostics:
             },
         )
 
-    def _controller(self, now: ControllerStatus) -> DiagnosticStatus:
+    def _controller(self, engine: EngineStatus) -> DiagnosticStatus:
         """Report what came from a controller outside the node."""
-        refused = now.refused - (self._last.controller.refused if self._last else 0)
+        now, last = engine.controller, self._last
+        refused = now.refused - (last.controller.refused if last else 0)
         age = '' if now.age_ns is None else f'{now.age_ns * 1e-9:.4f}'
         level, message = OK, 'no commands' if now.age_ns is None else 'commands are carried out'
         if refused:
             level, message = WARN, f'{counted(refused, "command")} refused: {now.reason}'
-        elif now.missed > (self._last.controller.missed if self._last else 0):
+        elif now.awaited and not engine.paused and engine.time_ns == (last.time_ns if last else 0):
+            level, message = WARN, f'lock-step waits for a command on {now.awaited}'
+        elif now.missed > (last.controller.missed if last else 0):
             level, message = WARN, 'no command has come in lock-step: the rig goes on without'
         elif now.parked:
             level, message = WARN, f'no command for {age} s: the stops are parked'

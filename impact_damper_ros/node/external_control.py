@@ -52,6 +52,7 @@ class ControllerStatus(NamedTuple):
     parked: bool = False  # whether the watchdog has parked the stops and ended the force
     limited: int = 0  # forces beyond `force_limit`
     missed: int = 0  # measurements after which the rig in lock-step went on without a command
+    awaited: str = ''  # the topics from which lock-step waits for a command now
 
 
 class ExternalControl:
@@ -166,6 +167,7 @@ class ExternalControl:
         """Return what came so far, for other threads."""
         last_ns, inbox = self._last_ns, self._inbox
         age_ns = None if last_ns is None else time_ns - last_ns
+        awaited = self._topics - self._answers.keys() if self.waits else ()
         return ControllerStatus(
             self._accepted,
             inbox.refused,
@@ -174,6 +176,7 @@ class ExternalControl:
             self._parked,
             self._limited,
             self._missed,
+            ', '.join(sorted(awaited)),
         )
 
     def refuse_all(self, reason: str) -> None:

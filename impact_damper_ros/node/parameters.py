@@ -9,7 +9,7 @@ them, one force array at a time.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -232,6 +232,23 @@ def nearest_name(name: str, cutoff: float = 0.5) -> str:
     if len(name) > _LONGEST_NAME:
         return ''
     return ''.join(difflib.get_close_matches(name, ALL_SPECS, n=1, cutoff=cutoff))
+
+
+def last_given(overrides: Mapping[str, Any], given: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
+    """
+    Return overrides in which the last one of several values counts, whatever their types.
+
+    rcl keeps values of different types beside each other, and rclpy takes whole numbers before
+    others and numbers before texts: with ``gap: 37`` in a file, ``-p gap:=24.5`` had no effect.
+    """
+
+    def kind(value: Any) -> Any:
+        return (list, *map(type, value)) if isinstance(value, list) else type(value)
+
+    return {
+        name: given[name][-1] if len(set(map(kind, given.get(name, ())))) > 1 else value
+        for name, value in overrides.items()
+    }
 
 
 def parameters_from_overrides(

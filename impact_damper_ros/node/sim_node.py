@@ -54,6 +54,7 @@ from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.topics import LATCHED, QosProfile
 from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
+from impact_damper_ros.rig.parameters_file import values_given
 from impact_damper_ros.rig.quoting import printable, shown
 from impact_damper_ros.theory import TheoryProcess
 
@@ -73,6 +74,7 @@ from .parameters import (
     as_meant,
     changed_by,
     descriptor,
+    last_given,
     parameters_from_overrides,
 )
 from .publishing import Recorder, RigPublishers, TopicPublisher
@@ -199,11 +201,12 @@ class _NoCallbacks(CallbackGroup):
 class SimNode(Node):
     """The rig as a node: publishers, parameters, services and reports around an engine."""
 
-    def __init__(self) -> None:
+    def __init__(self, arguments: Sequence[str] = ()) -> None:
         super().__init__('sim_node')
         # There is no public way to get the overrides of parameters that are not declared yet;
         # declaring from overrides would make `37` an integer parameter.
         overrides = {name: p.value for name, p in self._parameter_overrides.items()}
+        overrides = last_given(overrides, values_given(arguments, self.get_fully_qualified_name()))
         declared = self.list_parameters([], 0).names
         parameters = parameters_from_overrides(overrides, declared, self.get_logger().warning)
         self._declare(parameters)
@@ -575,7 +578,7 @@ def _serve(arguments: Sequence[str], end: EndRequest) -> int:
             return code
         try:
             executor = SingleThreadedExecutor()
-            node = SimNode()
+            node = SimNode(arguments)
         except Exception as error:
             return refuse(error)
         return _run(node, executor, end)

@@ -299,7 +299,7 @@ def compiled(name: str, arguments: Sequence[Any]) -> Any:
     import numba
 
     log = logging.getLogger(__package__)
-    text = 'compiling the simulator, once for each version (some 7 s, 15 s under gap control)'
+    text = 'compiling the simulator, once for each version (some 7 s, 12 s under gap control)'
     notice = threading.Timer(_PATIENCE, log.warning, (text,))
     notice.daemon = True
     notice.start()

@@ -12,7 +12,8 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from itertools import islice
 from operator import itemgetter
 from os import PathLike
@@ -272,6 +273,39 @@ def _values(path: Path, node: str) -> Block:
                 f'line {values.lines[name]}: unknown parameter {named(name)}: {hint}'
             )
     return values
+
+
+def values_given(arguments: Sequence[str], node: str) -> dict[str, list[Any]]:
+    """
+    Return all values that a command line and its parameters files give a node, in their order.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        With the options ``-p``, ``--param`` and ``--params-file`` after ``--ros-args``; what
+        cannot be read is left out.
+    node : str
+        Full name of the node, such as ``/rig1/sim_node``.
+    """
+    found: dict[str, list[Any]] = {}
+    words, of_ros = iter(arguments), False
+    for word in words:
+        if word in ('--ros-args', '--'):
+            of_ros = word == '--ros-args'
+        elif of_ros and word in ('-p', '--param'):
+            left, _, text = next(words, '').partition(':=')
+            owner, _, name = left.rpartition(':')
+            if not owner or _is_of(owner, node):
+                with suppress(ValueError):
+                    value = guarded_yaml_text(text)
+                    found.setdefault(name, []).append(value)
+        elif of_ros and word == '--params-file':
+            with suppress(ValueError, OSError):
+                tree = guarded_yaml(Path(next(words, '')))
+                if isinstance(tree, Block):
+                    for name, value in _parameter_blocks(tree, node).items():
+                        found.setdefault(str(name), []).append(value)
+    return found
 
 
 def load_parameters(

@@ -219,8 +219,9 @@ def test_in_lock_step_each_measurement_has_one_command():
     assert obeyed(0.5, answers[0]) == 0
     assert obeyed(1, answers[0]) == 0
     assert (obeyed(1.25), controller.waits, inbox.refused) == (0, True, 1)
+    assert controller.status(0).awaited == 'stop_commands'
     assert obeyed(1.5, answers[1], stops(0.02, -0.02, stamp_s=9)) == 1
-    assert (controller.waits, inbox.refused) == (False, 2)
+    assert (controller.waits, controller.status(0).awaited, inbox.refused) == (False, '', 2)
     assert obeyed(1.75, force(1.0)) == 0
     assert 'waits for stop_commands only: start with lock_step:=both' in inbox.reason
     # Without a wait, any command is taken, and the first one ends that.

@@ -178,3 +178,14 @@ def test_controller(controller, level, words):
     values = {v.key: v.value for v in status.values}
     assert values['Commands refused'] == str(controller.refused)
     assert values['Stops parked'] == str(controller.parked)
+
+
+@pytest.mark.parametrize(('ticks', 'paused'), [(0, False), (0, True), (200, False)])
+def test_a_rig_in_lock_step_says_for_what_it_waits(ticks, paused):
+    controller = ControllerStatus(accepted=9, age_ns=0, awaited='force_command, stop_commands')
+    engine = second(ticks=ticks, time_ns=ticks * 5_000_000, paused=paused)
+    pacing, *_, status = report(engine._replace(controller=controller))
+    waits = ticks == 0 and not paused
+    assert ('stands still: lock-step waits for a command' in pacing.message) == waits
+    words = 'lock-step waits for a command on force_command, stop_commands'
+    assert (status.message == words) == (status.level == WARN) == waits

@@ -7,8 +7,9 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 
 from impact_damper_ros.cli.simulate_rig import main
-from impact_damper_ros.node.parameters import descriptor
+from impact_damper_ros.node.parameters import descriptor, last_given
 from impact_damper_ros.rig import ALL_SPECS, load_parameters
+from impact_damper_ros.rig.parameters_file import values_given
 from node.rig_client import until
 
 
@@ -91,6 +92,24 @@ def test_bad_parameters_at_start_end_the_node(launch):
         assert 'Traceback' not in process.output
         (line,) = [line for line in process.output.splitlines() if 'cannot start' in line]
         assert words in line
+
+
+def test_the_last_value_counts_whatever_its_type(launch, tmp_path):
+    """As rcl keeps them, a whole number of the file would win over any other one, and a typo."""
+    first, second = tmp_path / 'first.yaml', tmp_path / 'second.yaml'
+    first.write_text('/**: {ros__parameters: {gap: 1, friction: 0.5, force_amplitudes: [2]}}')
+    second.write_text('/**/sim_node: {ros__parameters: {friction: 1}}')
+    words = ('--ros-args', '--params-file', str(first), '--params-file', str(second))
+    words += ('-p', 'gap:=2.5', '-p', 'other:gap:=7', '-p', 'force_amplitudes:=[0.5]')
+    given = values_given(['sim_node', *words, '--', '-p', 'gap:=8'], '/rig/sim_node')
+    assert given == {'gap': [1, 2.5], 'friction': [0.5, 1], 'force_amplitudes': [[2], [0.5]]}
+    of_rcl = {'gap': 1, 'friction': 1, 'force_amplitudes': [2], 'angle': 0.1}
+    meant = {'gap': 2.5, 'friction': 1, 'force_amplitudes': [0.5], 'angle': 0.1}
+    assert last_given(of_rcl, given) == meant
+    assert values_given(['--ros-args', '-p', 'gap:=[', '--params-file', 'none'], '/a') == {}
+    process = launch(parameters_file=first, gap='0.o12')
+    assert process.wait() == 1
+    assert "cannot start: gap is '0.o12': give a number" in process.output
 
 
 def test_commands_take_a_parameters_file_with_all_that_the_node_has(rig, tmp_path):
