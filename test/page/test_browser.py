@@ -703,8 +703,8 @@ def test_the_rig_is_moved_by_hand(opened, parameters):
     until(lambda: parameters.get('initial_damper_offset') == 0.0)
     page.click('#reset')
     page.wait('impactDamper.history.state.z === 0')
-    # and M with m in it
-    drag(place('state.x * scale - 0.8 * impactDamper.rig.plan.body'), -0.004)
+    # and M with m in it, between m and stop 2 whatever the scale
+    drag(place('0.5 * state.stop2 * scale - slug'), -0.004)
     page.wait('Math.abs(impactDamper.history.state.x + 0.004) < 4e-4')
     page.click('#pause')
 
