@@ -541,7 +541,7 @@ def print_soaks(pool: ProcessPoolExecutor, options: argparse.Namespace) -> None:
     """Print how many stretches of long bags are doubted."""
     each = min(options.stretches, 100)
     soaks, sums = 0, [0, 0, 0]
-    # Some changes come in the same instant, so that a bag has fewer stretches than changes.
+    # Changes at the same instant begin only one stretch.
     while sums[0] < options.stretches:
         numbers = range(soaks, soaks + options.workers)
         for found in pool.map(soak, numbers, [each] * len(numbers)):

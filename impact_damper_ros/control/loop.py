@@ -418,7 +418,7 @@ def run_each(waves: Sequence[Waves], rest: Any) -> int:
 
 @kernel
 def run_each_with_one_harmonic(waves: Sequence[Wave], rest: Any) -> int:
-    """Do the same without loops over the harmonics: a compiler knows the length of a tuple."""
+    """Run rigs with one harmonic without loops over it, as a tuple has a fixed length."""
     for k in range(len(waves)):
         run_one(k, (waves[k],), None, None, *rest)
     return len(waves)
@@ -426,7 +426,7 @@ def run_each_with_one_harmonic(waves: Sequence[Wave], rest: Any) -> int:
 
 @kernel
 def run_each_under_control(waves: Sequence[Waves], controls: Any, acts: Any, rest: Any) -> int:
-    """Let each rig run with its own one of some controls."""
+    """Let each rig run as `run_one` does, under its own control."""
     for k in range(len(waves)):
         # Here, as no compiled function can return it
         control = Control(

@@ -236,7 +236,7 @@ def nearest_name(name: str, cutoff: float = 0.5) -> str:
 
 def last_given(overrides: Mapping[str, Any], given: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
     """
-    Return overrides in which the last one of several values counts, whatever their types.
+    Return the overrides, with the last value of each parameter that was given several types.
 
     rcl keeps values of different types beside each other, and rclpy takes whole numbers before
     others and numbers before texts: with ``gap: 37`` in a file, ``-p gap:=24.5`` had no effect.

@@ -277,7 +277,9 @@ def _values(path: Path, node: str) -> Block:
 
 def values_given(arguments: Sequence[str], node: str) -> dict[str, list[Any]]:
     """
-    Return all values that a command line and its parameters files give a node, in their order.
+    Return the values that a command line gives each parameter of a node, in the order given.
+
+    Those in parameters files named there are among them.
 
     Parameters
     ----------

@@ -120,9 +120,9 @@ def go_ahead(
     rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, end: float
 ) -> float:
     """
-    Let a run without control come to the flight in which a later instant is; return when, in it.
+    Follow a run without control to the flight that holds a later instant.
 
-    What happens on the way is not reported.
+    Returns the time of that instant since the origin of the flight, s. Events are not reported.
     """
     run.room = 0
     run.steps = ALL_STEPS

@@ -502,7 +502,7 @@ def send_stops(
     stop_2: float,
     speed: float,
 ) -> None:
-    """Do so from the origin, and begin a flight there."""
+    """Send stops to targets at the origin of a flight, and begin the next flight there."""
     mode = run.mode
     was_on_1 = on_stop_1(run)
     was_on_2 = on_stop_2(run)

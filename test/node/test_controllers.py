@@ -183,7 +183,7 @@ def test_what_cannot_be_carried_out_is_refused_with_its_reason(message, words, s
 
 
 def test_in_lock_step_each_measurement_has_one_command():
-    """One that was sent again is answered again, and the second answer may come at any time."""
+    """A measurement sent twice is answered twice; the second answer has no effect."""
     rig = Rig(RIG, control=GapControlParameters(gap_control='external', **ACTUATORS))
     waiting = []
     topics = [
@@ -224,7 +224,7 @@ def test_in_lock_step_each_measurement_has_one_command():
     assert (controller.waits, controller.status(0).awaited, inbox.refused) == (False, '', 2)
     assert obeyed(1.75, force(1.0)) == 0
     assert 'waits for stop_commands only: start with lock_step:=both' in inbox.reason
-    # Without a wait, any command is taken, and the first one ends that.
+    # A rig that goes on without waiting takes any command; then it waits again.
     assert obeyed(2) == 0
     controller.give_up()
     assert obeyed(2.5, stops(0.02, -0.02), answers[2]) == 2

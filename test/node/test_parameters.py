@@ -95,7 +95,7 @@ def test_bad_parameters_at_start_end_the_node(launch):
 
 
 def test_the_last_value_counts_whatever_its_type(launch, tmp_path):
-    """As rcl keeps them, a whole number of the file would win over any other one, and a typo."""
+    """In rcl there is one value of each type, and rclpy takes a whole number before a float."""
     first, second = tmp_path / 'first.yaml', tmp_path / 'second.yaml'
     first.write_text('/**: {ros__parameters: {gap: 1, friction: 0.5, force_amplitudes: [2]}}')
     second.write_text('/**/sim_node: {ros__parameters: {friction: 1}}')

@@ -671,7 +671,7 @@ def test_the_rig_is_moved_by_hand(opened, parameters):
         until(
             lambda: page.run("""(async ({ rig }) => {
             const before = rig.plan.scale;
-            for (let n = 0; n < 30; n += 1) await new Promise(requestAnimationFrame);
+            for (let n = 0; n < 10; n += 1) await new Promise(requestAnimationFrame);
             return rig.plan.scale === before; })(impactDamper)""")
         )
         return page.run(f"""(({{ rig, history: {{ state }} }}) => {{
