@@ -1,40 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The force at an instant, and found from a recorded motion that lacks it."""
+"""The phase of a force, found from a recorded motion that lacks it."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
+from impact_damper_ros.orbits.flight_arrays import Drive
 from impact_damper_ros.replay.rows import Samples
 from impact_damper_ros.rig import RigParameters
-
-from .result import Array
-
-
-class Drive(NamedTuple):
-    """The force at an instant."""
-
-    time: float  # rig time, s
-    angles: tuple[float, ...]  # turned by the harmonics, without their phases, rad
-    frequencies: tuple[float, ...]  # of the harmonics, rad/s
-
-    @property
-    def cycle(self) -> float:
-        """Duration of a cycle of the first harmonic, s."""
-        return math.tau / self.frequencies[0]
-
-    @property
-    def zero(self) -> float:
-        """The last instant not after `time` at which the first harmonic's angle was zero, s."""
-        return self.time - (self.angles[0] % math.tau) / self.frequencies[0]
-
-    def phase(self, time: Array) -> Array:
-        """Return the cycles of the first harmonic since `zero`."""
-        return (time - self.zero) / self.cycle
-
 
 _MOST_SAMPLES = 4000
 #: Share of the impulses that the force may leave unexplained, and of the modulus of each phase.

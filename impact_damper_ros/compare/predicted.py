@@ -23,15 +23,16 @@ from impact_damper_ros.orbits import (
     find_orbits,
     orbit_near,
 )
-from impact_damper_ros.orbits.orbit import AT_IMPACTS
+from impact_damper_ros.orbits.flight_arrays import Drive
+from impact_damper_ros.orbits.orbit import AT_IMPACTS, Rhythm
 from impact_damper_ros.orbits.recurrence import Period, Section
+from impact_damper_ros.orbits.solved_orbits import counted_from_zero
 from impact_damper_ros.replay.rows import Events
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.event import events_of_table
 from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.theory import counted_from_zero, orbit_curve
+from impact_damper_ros.theory import orbit_curve
 
-from .drive import Drive
 from .motion_kind import NEGLIGIBLE_IMPULSE, SETTLED, section_of
 from .result import (
     Array,
@@ -81,22 +82,6 @@ def _state_row(orbit: PeriodicOrbit, table: Section) -> Array:
     return np.concatenate([np.array(orbit.phases), states.ravel()])
 
 
-def _nearest_turn(
-    orbit: PeriodicOrbit, measured: Array, stops: tuple[int, ...], table: Section
-) -> tuple[float, PeriodicOrbit] | None:
-    """Return a motion begun where it is nearest to a measured row, and the distance."""
-    n, found = len(stops), []
-    for turn in _without_weak_impacts(orbit).turned_to(stops):
-        row = _state_row(turn, table)
-        # Phases in order, from the first one on, and whole cycles taken out
-        phases = turn.phases[0] + (row[:n] - turn.phases[0]) % turn.cycles
-        late = phases - measured[:n]
-        late -= np.round(late[0])
-        far = max(np.abs(late).max(), np.abs(row[n:] - measured[n:]).max())
-        found.append((float(far), turn))
-    return min(found, key=lambda pair: pair[0], default=None)
-
-
 def _solutions(
     rig: RigParameters, drive: Drive, period: Events, cycles: int
 ) -> Iterator[tuple[PeriodicOrbit | None, str]]:
@@ -114,36 +99,32 @@ def _solutions(
 
 
 def _match_orbit(
-    rig: RigParameters,
-    drive: Drive,
-    period: Events,
-    measured: Array,
-    cycles: int,
-    table: Section,
-) -> tuple[PeriodicOrbit | None, float, str]:
+    rig: RigParameters, drive: Drive, period: Events, rhythm: Rhythm
+) -> tuple[PeriodicOrbit | None, str]:
     """
     Solve the periodic problem of a rig, counted from the zero of its force, from a period.
 
-    The motion begins at the same impact as the measured period; beside it are their distance and
-    what found it, or why there is none.
+    The motion begins at the same impact as the measured one; beside it is what found it, or why
+    there is none.
     """
-    best: tuple[float, PeriodicOrbit] | None = None
-    how, stops = '', tuple(period['stop'].tolist())
+    best: tuple[tuple[bool, float], PeriodicOrbit] | None = None
+    how = ''
     try:
-        for orbit, solver in _solutions(rig, drive, period, cycles):
-            turn = orbit and _nearest_turn(orbit, measured, stops, table)
-            if turn and (
-                best is None or (not turn[1].viable, turn[0]) < (not best[1].viable, best[0])
-            ):
-                best, how = turn, solver
-                if turn[1].viable and turn[0] < _NEAR:
+        for orbit, solver in _solutions(rig, drive, period, rhythm.cycles):
+            turn = orbit and _without_weak_impacts(orbit).nearest_turn(rhythm)
+            if not turn:
+                continue
+            rank = not turn[0].viable, max(turn[1])
+            if best is None or rank < best[0]:
+                best, how = (rank, turn[0]), solver
+                if rank < (False, _NEAR):
                     break
     except OrbitError as error:
-        return None, math.inf, str(error)
+        return None, str(error)
     if best is None:
-        text = f'no motion with the stops {",".join(map(str, stops))} in '
-        return None, math.inf, f'{text}{counted(cycles, "cycle")} was found'
-    return best[1], best[0], how
+        text = f'no motion with the stops {",".join(map(str, rhythm.stops))} in '
+        return None, f'{text}{counted(rhythm.cycles, "cycle")} was found'
+    return best[1], how
 
 
 # The recorded periods
@@ -299,21 +280,17 @@ def periodic_motion(
     end = last_period(table.stop, n) + n
     rows = _period_states(table, recurrence, end)
     period = _impact_states(drive, impacts[end - n : end], recurrence.cycles)
-    measured = rows[-1].copy()
-    whole = np.floor(measured[0])
-    measured[:n] -= whole
-    orbit, distance, solver = None, math.inf, ''
+    orbit, solver = None, ''
     if rig is not None:
         rig, last = counted_from_zero(rig, drive.angles), impacts[end - n : end]
-        orbit, distance, solver = _match_orbit(
-            rig, drive, last, measured, recurrence.cycles, table
-        )
+        rhythm = Rhythm(period.stops, recurrence.cycles, period.phases, period.x, table.length)
+        orbit, solver = _match_orbit(rig, drive, last, rhythm)
     reference = rows[-1]
     if orbit is not None:
         reference = _state_row(orbit, table)
         first = reference[0]
         reference[:n] = first + (reference[:n] - first) % recurrence.cycles
-        reference[:n] += whole + round(measured[0] - first)
+        reference[:n] += round(rows[-1, 0] - first)
     factor, begin, count = decay_rate(rows, recurrence.floor)
     distances = np.abs(rows - reference).max(axis=1)
     if orbit is None:
@@ -329,7 +306,7 @@ def periodic_motion(
         period=period,
         time=float(impacts['time'][end - n]),
         orbit=orbit,
-        distance=distance,
+        distance=math.inf if orbit is None else float(distances[-1]),
         solver=solver,
         decay=Decay(
             measured=factor,

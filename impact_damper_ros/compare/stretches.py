@@ -20,6 +20,14 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from impact_damper_ros.control import GAP_CONTROL_SPECS, Rig
+from impact_damper_ros.orbits.flight_arrays import (
+    SAMPLE,
+    STATE,
+    Drive,
+    Flights,
+    Integrals,
+    rows_of_samples,
+)
 from impact_damper_ros.replay import RecordedRun, Replay, Rows
 from impact_damper_ros.replay.command import Command
 from impact_damper_ros.replay.replay import Step
@@ -39,8 +47,7 @@ from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
 from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.rig.state import STICK
 
-from .drive import Drive, fitted_drive
-from .flights import SAMPLE, STATE, Flights, Integrals, rows_of_samples
+from .drive import fitted_drive
 from .result import Array, Beginning, LoggedStretch, Overall
 
 # The rig

@@ -12,12 +12,12 @@ import numpy as np
 
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits
 from impact_damper_ros.orbits.arguments import check_forcing
+from impact_damper_ros.orbits.flight_arrays import Drive
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind, Period
+from impact_damper_ros.orbits.solved_orbits import counted_from_zero
 from impact_damper_ros.replay.rows import Samples
 from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.theory import counted_from_zero
 
-from .drive import Drive
 from .measures import energy_balance, measured_motion, motion_curve, spectrum
 from .motion_kind import SETTLED, StretchKind, kind_by_impacts, kind_of, run_on, settled_after
 from .predicted import PeriodicMotion, impulses_of, periodic_motion, predicted_curve

@@ -14,8 +14,7 @@ from operator import attrgetter
 from typing import NamedTuple
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.control.rig import Events
-from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.first_event import first_root
 from impact_damper_ros.rig.flight import (
     NO_EVENT,
@@ -35,7 +34,6 @@ from impact_damper_ros.rig.oscillator import POINTS, Line
 from impact_damper_ros.rig.run import ALL_STEPS, find_event
 from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.rig.state import (
-    CHATTER_1,
     REST_1,
     REST_2,
     STICK,
@@ -225,41 +223,3 @@ def largest_displacement(flights: Iterable[Flight], durations: Iterable[float]) 
         low, high = extremes(flight, max(0.0, duration), relative=False)
         largest = max(largest, -low, high)
     return largest
-
-
-def largest_between(
-    machine: Machine, angles: Sequence[float], rows: Events, start: float, end: float
-) -> float:
-    """
-    Return the largest |X| of a run between two times, s.
-
-    The flights of M are computed from the events themselves, so that it does not matter whether
-    stops move. The first of the rows is the state at some time up to `start`, with the stop hit
-    last; the others are the events since. `angles` are those of the harmonics at time 0, rad.
-    """
-    flights, durations, last_stop = [], [], int(rows['stop'][0])
-    ends = [*rows['time'][1:].tolist(), end]
-    for row, over in zip(rows, ends, strict=True):
-        if row['kind'] == EventKind.IMPACT:
-            last_stop = int(row['stop'])
-        time = float(row['time'])
-        if over <= start or time >= end:
-            continue
-        mode, velocity = int(row['mode']), float(row['primary_velocity_after'])
-        mode = mode - CHATTER_1 + REST_1 if mode >= CHATTER_1 else mode
-        flight = flight_at(
-            machine,
-            time,
-            float(row['x']),
-            velocity,
-            -machine.constants.half_gap,
-            float(row['damper_velocity_after']) - velocity,
-            mode if mode >= STICK else 0,
-            last_stop,
-            angles,
-        )
-        flight.run.mode = mode
-        flight = flight.begun()
-        flights.append(flight.after(start - time) if time < start else flight)
-        durations.append(min(over, end) - max(time, start))
-    return largest_displacement(flights, durations)

@@ -37,8 +37,8 @@ from impact_damper_ros.control.nearby_rig import NearbyRig, RigState, Scales
 from impact_damper_ros.rig import EventKind, Mode
 from impact_damper_ros.rig.state import STICK
 
-from .flights import Machine
-from .multipliers import FlightLaws, Y, event_matrices, jumps, signs_of, velocities_of
+from .flight_arrays import Flights
+from .multipliers import FlightLaws, Y, event_matrices, jumps, velocities_of
 from .response import free_response
 
 Array = NDArray[np.float64]
@@ -97,39 +97,25 @@ class Exponent:
         return self.uncertainty / _STUDENT
 
 
-def deviations(
-    machine: Machine,
-    angles: tuple[float, ...],
-    events: NDArray[np.void],
-    mode: int,
-    last_stop: int,
-    start: float,
-    end: float,
-) -> Deviations:
+def deviations(flights: Flights, start: float, end: float) -> Deviations:
     """
     Return the matrices of a stretch of a run from `start` to `end`, s.
 
-    The events may begin before the stretch and reach beyond it; `mode` and `last_stop` are
-    those before the first of them, `angles` those of the harmonics at time 0, rad.
+    The run, whose rows have modes, may begin before the stretch and reach beyond it.
     """
-    rig, lines = machine
-    count, time, x = len(events), events['time'], events['x']
-    kind, stop = events['kind'], events['stop']
+    rig, laws, rows = flights.machine.constants, flights.laws, flights.rows
+    events = rows[1:-1]
+    time, kind, stop = events['time'], events['kind'], events['stop']
     impact = kind == EventKind.IMPACT
-    modes = np.concatenate([[mode], events['mode']]).astype(np.int64)
-    joint = modes >= STICK
-    hit = np.concatenate([[last_stop], np.where(impact, stop, 0)])
-    hit = hit[np.maximum.accumulate(np.where(hit > 0, np.arange(count + 1), 0))]
-    laws = FlightLaws.of(rig, *signs_of(modes, hit))
-    drive = np.zeros(count)
-    for line, angle in zip(lines[: rig.harmonics], angles, strict=True):
-        drive += line.force * np.sin(line.frequency * time + (line.phase + angle))
+    modes, joint = rows['mode'][:-1], flights.together[:-1]
+    push, force = flights.active[:-1] / flights.rig.primary_mass, flights.force(time)
 
     def rates(flight: slice, side: str) -> Array:
         """Return the rates of the state at the events, in the flights before or after them."""
         velocity, relative = velocities_of(events, side, joint[flight], rig.share)
-        force = drive * np.where(joint[flight], 1.0 - rig.share, 1.0)
-        return FlightLaws(*(part[flight] for part in laws)).rates(x, velocity, relative, force)
+        drive = (force + push[flight]) * np.where(joint[flight], 1.0 - rig.share, 1.0)
+        along = FlightLaws(*(part[flight] for part in laws))
+        return along.rates(events['x'], velocity, relative, drive)
 
     restitution = np.where(stop == 1, rig.restitution_1, rig.restitution_2)
     halts = np.isin(kind, (EventKind.REVERSAL, EventKind.STICK, EventKind.REST))
@@ -138,20 +124,20 @@ def deviations(
     matrices = event_matrices(
         jumps(rig.share, impact, restitution),
         impact,
-        rates(slice(0, count), 'before'),
-        rates(slice(1, count + 1), 'after'),
+        rates(slice(0, -1), 'before'),
+        rates(slice(1, None), 'after'),
         impact | halts,
     )
     inside = (time > start) & (time <= end)
     first = int(np.count_nonzero(time <= start))
-    flights = slice(first, first + int(inside.sum()) + 1)
+    part = slice(first, first + int(inside.sum()) + 1)
     return Deviations(
         start=start,
         end=end,
         instants=time[inside],
         events=matrices[inside],
-        modes=modes[flights],
-        laws=FlightLaws(*(column[flights] for column in laws)),
+        modes=modes[part],
+        laws=FlightLaws(*(column[part] for column in laws)),
     )
 
 

@@ -23,13 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.control.rig import Events
-from impact_damper_ros.rig.state import SLIDE_DOWN, SLIDE_UP, STICK, RigConstants
+from impact_damper_ros.rig.state import RigConstants
 
 from .response import Array
 
 Mask = NDArray[np.bool_]
-Integers = NDArray[np.int64]
 X, V, Y, U = range(4)
+#: The direction in which the air drives m, by the stop hit last, or 0.
+AWAY: Array = np.array([0.0, -1.0, 1.0])
 
 
 def velocities_of(events: Events, side: str, joint: Mask, share: float) -> tuple[Array, Array]:
@@ -44,16 +45,6 @@ def velocities_of(events: Events, side: str, joint: Mask, share: float) -> tuple
         velocity + np.where(joint, share * relative, 0.0),
         np.where(joint, 0.0, relative),
     )
-
-
-def signs_of(modes: Integers, stops: Integers) -> tuple[Mask, Array, Array]:
-    """
-    Return what modes and stops hit last, 0 for none, say of flights.
-
-    Whether M and m move as one, the paper's lambda, and the direction in which the air drives m.
-    """
-    direction = (modes == SLIDE_DOWN) * 1.0 - (modes == SLIDE_UP)
-    return modes >= STICK, direction, np.choose(stops, [0.0, -1.0, 1.0])
 
 
 class FlightLaws(NamedTuple):
@@ -73,7 +64,12 @@ class FlightLaws(NamedTuple):
 
     @classmethod
     def of(cls, rig: RigConstants, joint: Mask, direction: Array, away: Array) -> Self:
-        """Return the laws of flights, from their `signs_of`."""
+        """
+        Return the laws of flights.
+
+        Given are whether M and m move as one, the paper's lambda, and the direction in which the
+        air drives m.
+        """
         friction, air = direction * rig.grip, away * rig.air
         moves = np.where(joint, 0.0, 1.0)
         decay, damped, stiffness = (

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple, Self
 
 from impact_damper_ros.rig import EventKind, RigParameters
 
+from .arguments import single_harmonic
+
 #: A multiplier whose modulus is nearer to 1 is on the unit circle: round-off leaves half of the
 #: digits of a double one.
 NEUTRAL = 1e-6
@@ -103,12 +105,16 @@ class Rhythm:
 
     def begun_at(self, impact: int) -> Self:
         """Return the same motion beginning at another of its impacts, given by index."""
-        whole = math.floor(self.phases[impact])
+        whole = self._cycles_before(impact)
         late = replace(self, phases=tuple((p - whole) % self.cycles for p in self.phases))
         turned = {
             n: getattr(late, n) for n in ('stops', 'phases', *AT_IMPACTS) if hasattr(late, n)
         }
         return replace(late, **{n: v[impact:] + v[:impact] for n, v in turned.items()})
+
+    def _cycles_before(self, impact: int) -> int:
+        """Return the whole cycles before an impact, which do not matter."""
+        return math.floor(self.phases[impact])
 
     def turned_to(self, stops: tuple[int, ...]) -> Iterator[Self]:
         """Yield the same motion from each impact from which it has a sequence of stops."""
@@ -161,7 +167,7 @@ class PeriodicOrbit(Rhythm):
     Attributes
     ----------
     stops, cycles, phases, x, x_max
-        As of a `Rhythm`.
+        As of a `Rhythm`. Under several harmonics the first phase may be any in [0, k).
     parameters : RigParameters
         The rig.
     primary_velocity_before, primary_velocity_after : tuple of float
@@ -248,9 +254,12 @@ class PeriodicOrbit(Rhythm):
 
     def begun_at(self, impact: int) -> Self:
         """Return the same motion beginning at another of its impacts, given by index."""
-        whole = math.floor(self.phases[impact])
+        whole = self._cycles_before(impact)
         events = (e._replace(phase=(e.phase - whole) % self.cycles) for e in self.events)
         return replace(super().begun_at(impact), events=tuple(events))
+
+    def _cycles_before(self, impact: int) -> int:
+        return super()._cycles_before(impact) if single_harmonic(self.parameters) else 0
 
     def repeats(self, tolerance: float) -> bool:
         """Return whether the motion repeats within its period, to a relative tolerance."""

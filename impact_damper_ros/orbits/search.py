@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
@@ -28,7 +29,7 @@ from .arguments import (
     single_harmonic,
 )
 from .flights import machine_of
-from .orbit import PeriodicOrbit
+from .orbit import AT_IMPACTS, PeriodicOrbit
 from .segments import Solution
 from .solved_orbits import guess_along, orbit_at, orbit_of, solved
 from .starts import ImpactEquations, many_impact_roots, one_impact_roots, two_impact_roots
@@ -309,6 +310,31 @@ def _with_first_harmonic(parameters: RigParameters) -> RigParameters:
     )
 
 
+def _simpler_orbits(
+    parameters: RigParameters, stops: tuple[int, ...], cycles: int, starts: int | None
+) -> Iterator[PeriodicOrbit]:
+    """
+    Yield the motions with these stops of the rig without friction or with the first harmonic only.
+
+    The period of several harmonics may hold several of its periods, of which any may come first.
+    """
+    simple, single = _with_first_harmonic(parameters), single_harmonic(parameters)
+    if not within_theory(parameters, stops):
+        simple = simple.replace(friction=0.0)
+    for times in range(1, 2 if single else cycles + 1):
+        word, k = stops[: len(stops) // times], cycles // times
+        if word * times != stops or k * times != cycles:
+            continue
+        if len(set(word)) == 1 and not pressed_to(simple, word[0]):
+            continue
+        for orbit in filter(attrgetter('viable'), _theory(simple, word, k, starts)[0]):
+            for first in range(1 if single else k):
+                phases = (first + k * i + phase for i in range(times) for phase in orbit.phases)
+                columns = {name: getattr(orbit, name) * times for name in ('stops', *AT_IMPACTS)}
+                inside = tuple(phase % cycles for phase in phases)
+                yield replace(orbit, cycles=cycles, phases=inside, **columns)
+
+
 def find_orbits(
     parameters: RigParameters,
     stops: Sequence[int],
@@ -392,13 +418,7 @@ def _found(
             simulated_converged=shot.simulated_converged,
         )
     else:
-        simple = _with_first_harmonic(parameters)
-        if not within_theory(parameters, stops):
-            simple = simple.replace(friction=0.0)
-        known = []
-        if len(set(stops)) > 1 or pressed_to(simple, stops[0]):
-            solved, _ = _theory(simple, stops, cycles, starts)
-            known = [orbit for orbit in solved if orbit.viable]
+        known = list(_simpler_orbits(parameters, stops, cycles, starts))
         others, report = _followed_orbits(parameters, stops, cycles, known, simulate=simulate)
     orbits = _distinct([*orbits, *others], stops)
     return OrbitSearch(tuple(orbits), replace(report, distinct=len(orbits)))

@@ -52,7 +52,7 @@ from impact_damper_ros.rig.state import (
 )
 
 from .flights import Flight, flight_at, machine_of
-from .multipliers import FlightLaws, event_matrices, jumps, multipliers_of, signs_of
+from .multipliers import AWAY, FlightLaws, event_matrices, jumps, multipliers_of
 from .response import Array, forced_response, free_response
 
 #: Largest relative residual of a solution; just beyond a fold the least residual is not zero.
@@ -114,9 +114,9 @@ def _total(turning: _Complex) -> Array:
     return total
 
 
-class Flights(NamedTuple):
+class FlightEnds(NamedTuple):
     """
-    The flights after all nodes, shapes (..., n, 4) and (..., n, 4, 4).
+    Where the flights after all nodes lead, shapes (..., n, 4) and (..., n, 4, 4).
 
     State at the end, its derivative by the state at the start, rates of the state at both, and
     X''' at the end.
@@ -149,7 +149,8 @@ class _Layout:
         #: The way from the stop hit last before each node to the one hit last after it, in gaps
         self.across = self.last_stops * 1.0 - self.last_stops[self.last]
         modes = np.array([node.mode for node in nodes], np.int64)
-        self.joint, self.direction, self.away = signs_of(modes, self.last_stops)
+        self.joint, self.away = modes >= STICK, AWAY[self.last_stops]
+        self.direction = (modes == SLIDE_DOWN) * 1.0 - (modes == SLIDE_UP)
         stop = np.array([node.stop for node in nodes])
         self.both_hit = len(set(stop) - {0}) > 1
         #: Impacts, and those after which m moves, on each stop
@@ -300,7 +301,7 @@ class Segments:
         phasors *= self._forces
         return phasors
 
-    def flights(self, states: Array, instants: Array) -> Flights:
+    def flights(self, states: Array, instants: Array) -> FlightEnds:
         """Return the flights after all nodes, from the states just after these."""
         lasts = self.durations(instants)
         x, v, y, u = (states[..., i] for i in range(4))
@@ -328,7 +329,7 @@ class Segments:
             - stiffness * end[..., _V]
         )
         matrix = self.laws.matrices(lasts, response)
-        return Flights(end, matrix, rate_start, rate_end, jerk)
+        return FlightEnds(end, matrix, rate_start, rate_end, jerk)
 
     def residual(self, unknowns: Array) -> tuple[Array, Array]:
         """Return the residual (..., m) of the equations and its derivative by the unknowns."""
@@ -391,7 +392,7 @@ class Segments:
         sizes = {0: 4, STICK: 3}
         return min(range(len(self.nodes)), key=lambda j: sizes.get(self.nodes[j].resting, 2))
 
-    def monodromy(self, after: Flights) -> Array:
+    def monodromy(self, after: FlightEnds) -> Array:
         """Return the derivative of the state after a node by itself, a period later."""
         layout = self.layout
         before = after.rate_end[layout.last]
@@ -403,7 +404,7 @@ class Segments:
             product = through[(i + 1) % len(self.nodes)] @ (after.matrix[i] @ product)
         return product
 
-    def multipliers(self, after: Flights) -> tuple[complex, ...]:
+    def multipliers(self, after: FlightEnds) -> tuple[complex, ...]:
         """Return the four multipliers; those that belong to sticking or rest are zero."""
         with np.errstate(over='ignore', invalid='ignore'):
             matrix = self.monodromy(after)
@@ -443,7 +444,7 @@ class Solution:
     history: tuple[float, ...]  # the residual before each Newton step and at the end
 
     @cached_property
-    def flights(self) -> Flights:
+    def flights(self) -> FlightEnds:
         """The flights after all nodes."""
         return self.segments.flights(self.states, self.instants)
 

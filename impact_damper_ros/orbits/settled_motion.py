@@ -16,7 +16,7 @@ from impact_damper_ros.control.rig import Events
 from impact_damper_ros.rig import EVENT_TYPE, Event, EventKind, RigParameters
 from impact_damper_ros.rig.event import events_of_table
 
-from .flights import largest_between, machine_of
+from .flight_arrays import STATE, Drive, Flights, row_of_rig, rows_of_samples
 from .irregularity import Indications, average_spread, quiet_phase
 from .lyapunov import (
     Deviations,
@@ -38,7 +38,7 @@ from .recurrence import (
     find_period,
     nearest_return,
 )
-from .solved_orbits import orbit_near
+from .solved_orbits import counted_from_zero, orbit_near
 
 #: For how many cycles at least the states must come back.
 _LEAST_REPEATS = 10
@@ -52,9 +52,8 @@ _GROWS = 1.001
 _STILL_QUIET = 0.3
 #: Fewest cycles of which an exponent is measured.
 _FEWEST = 21
-#: Angle by which harmonics are shifted, rad; impacts from which the motion of the theory is
-#: sought, and its largest distance.
-_SHIFTED, _STARTS, _REACHED = 1e-9, 3, 1e-2
+#: Impacts from which the motion of the theory is sought, and its largest distance.
+_STARTS, _REACHED = 3, 1e-2
 _UNKNOWN = Exponent(math.nan, math.nan)
 
 
@@ -92,7 +91,8 @@ class _Stretch(NamedTuple):
 
     start: float
     snapshot: dict[str, Any] | None  # there, of a rig under control
-    first: Events  # the state there, as a row with the stop hit last
+    first: Events  # the state there, as a row
+    active: float  # the active force there, N
     events: Events
     section: Array  # states in each of its cycles
 
@@ -154,7 +154,9 @@ class SettledMotion:
     indications: Indications | None = None
     reason: str
     _first: Events
-    _angles: tuple[float, ...]
+    _last: Events
+    _drive: Drive
+    _active: float
 
     @property
     def end(self) -> float:
@@ -180,6 +182,14 @@ class SettledMotion:
             hits = hits[hits['time'] > self.end - self.period.cycles * self.cycle]
         return events_of_table(hits)
 
+    @cached_property
+    def _flights(self) -> Flights:
+        """The cycles that were watched."""
+        rows = np.concatenate([self._first, self.events, self._last])
+        # The steps of a swept force are not known
+        drive = self._drive if self.parameters.sweep_mode == 'off' else None
+        return Flights.between(self.parameters, rows, drive, active=self._active)
+
     def phase(self, time: float) -> float:
         """Return the angle of the force's first harmonic at a time (s), in cycles."""
         return self.turned + (time - self.start) / self.cycle
@@ -202,10 +212,7 @@ class SettledMotion:
     def x_max(self) -> float:
         """Largest |X|, m, exact: over the last period, or over all cycles watched."""
         span = math.inf if self.period is None else self.period.cycles * self.cycle
-        rows = np.concatenate([self._first, self.events])
-        start = max(self.watched_from, self.end - span)
-        machine = machine_of(self.parameters)
-        return largest_between(machine, self._angles, rows, start, self.end)
+        return self._flights.cut(self.end - span, self.end).measured()[1]
 
     @cached_property
     def orbit(self) -> PeriodicOrbit | None:
@@ -217,14 +224,7 @@ class SettledMotion:
         rhythm = self.rhythm
         if rhythm is None or self.period is None:
             return None
-        rig, first = self.parameters, self._angles[0]
-        ratios = [rate / rig.force_frequencies[0] for rate in rig.force_frequencies]
-        own = zip(rig.force_phases, self._angles, ratios, strict=False)
-        # Where changes have shifted the harmonics against each other
-        late = [phase + angle - ratio * first for phase, angle, ratio in own]
-        phases = tuple(math.remainder(phase, math.tau) for phase in late)
-        if max(abs(a - b) for a, b in zip(late, rig.force_phases, strict=True)) > _SHIFTED:
-            rig = rig.replace(force_phases=phases)
+        rig = counted_from_zero(self.parameters, self._drive.angles)
         # From the strongest impact on, which round-off least decides
         hits = sorted(self.impacts, key=lambda event: -abs(event.impulse))
         for impact in hits[:_STARTS]:
@@ -240,9 +240,7 @@ class SettledMotion:
 
         They hold for stops that do not move.
         """
-        mode, last_stop = int(self._first['mode'][0]), int(self._first['stop'][0])
-        machine = machine_of(self.parameters)
-        return deviations(machine, self._angles, self.events, mode, last_stop, start, end)
+        return deviations(self._flights, start, end)
 
 
 def _kept_quiet(phases: Array, before: float) -> float:
@@ -259,19 +257,16 @@ class _SettlingRig:
 
     def __init__(self, rig: Rig, watch: int, most_events: int, longest: int) -> None:
         parameters, state = rig.parameters, rig.state()
-        machine = machine_of(parameters)
         self.rig, self.parameters, self.longest = rig, parameters, longest
         self.cycle = cycle_of(parameters)
         self.rate = max(math.tau / self.cycle, parameters.omega)
         self.start, self.cycles, self.events = rig.time, 0, 0
         self.reason = ''
         self.stretches: list[_Stretch] = []
-        self.angles = tuple(
-            angle - line.frequency * state.run.time
-            for angle, line in zip(state.angles, machine.lines, strict=False)
-        )
-        first = machine.lines[0].frequency
-        self.turned = (self.angles[0] + first * self.start) / math.tau
+        self.last = np.empty(0, EVENT_TYPE)
+        rates = parameters.harmonics[1]
+        self.drive = Drive(state.run.time, tuple(state.angles), rates)
+        self.turned = state.angles[0] + rates[0] * (self.start - state.run.time)
         turns = [rate * self.cycle / math.tau for rate in _active_rates(parameters)]
         self.driven = parameters.sweep_mode == 'off' and _repeat(turns, longest)
         law = rig.control
@@ -303,11 +298,7 @@ class _SettlingRig:
     def run(self, cycles: int) -> bool:
         """Run for some cycles; return whether that was possible."""
         rig, begun = self.rig, self.time
-        first, here = np.zeros(1, EVENT_TYPE), rig.sample()
-        first['time'], first['kind'], first['mode'] = rig.time, -1, rig.mode
-        first['stop'], first['x'] = rig.state().run.last_stop, here.x
-        first['primary_velocity_after'] = here.primary_velocity
-        first['damper_velocity_after'] = here.damper_velocity
+        first, active = row_of_rig(rig), rig.state().run.force
         snapshot = rig.snapshot() if rig.acts else None
         # One rounding, so that the steps do not drift
         counts = self.cycles + np.arange(cycles)[:, None] + np.array([self._quiet, 1.0])
@@ -330,7 +321,8 @@ class _SettlingRig:
             places = [samples[name] - samples['x'] for name in ('stop_1', 'stop_2')]
             section = np.concatenate([section, np.stack(places, axis=-1)], axis=-1)
         self._section = np.concatenate([self._section, section])
-        self.stretches.append(_Stretch(begun, snapshot, first, result.events, quiet))
+        self.last = rows_of_samples(result.samples[-1:], STATE)
+        self.stretches.append(_Stretch(begun, snapshot, first, active, result.events, quiet))
         hits = result.impacts()['time']
         self._quiet = _kept_quiet((hits - self.start) / self.cycle, self._quiet)
         self.cycles += cycles
@@ -356,20 +348,24 @@ class _SettlingRig:
 
     def result(self, kind: MotionKind, **found: Any) -> SettledMotion:
         """Return the motion, given what is known of it."""
-        first = self.stretches[0].first if self.stretches else np.zeros(1, EVENT_TYPE)
+        first, active = np.zeros(1, EVENT_TYPE), 0.0
+        if self.stretches:
+            first, active = self.stretches[0].first, self.stretches[0].active
         return SettledMotion(
             kind=kind,
             parameters=self.parameters,
             cycle=self.cycle,
             start=self.start,
-            turned=self.turned,
+            turned=self.turned / math.tau,
             cycles=self.cycles,
             events=np.concatenate([np.empty(0, EVENT_TYPE), *(s.events for s in self.stretches)]),
             event_count=self.events,
             section=np.concatenate([np.empty((0, 4)), *(s.section for s in self.stretches)]),
             reason=self.reason,
             _first=first,
-            _angles=self.angles,
+            _last=self.last,
+            _drive=self.drive,
+            _active=active,
             **found,
         )
 

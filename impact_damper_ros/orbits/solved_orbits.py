@@ -9,6 +9,7 @@ between them, is followed with the simulator instead, and its events are the nex
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -114,39 +115,25 @@ def guess_along(rig: Rig, instant: float, period: float) -> Guess | None:
     return Guess(nodes, states, instants)
 
 
-def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, instant: float) -> Rig:
-    """Return a rig just after the first impact of a motion, at an instant of its force, s."""
+def after_impact(orbit: PeriodicOrbit, parameters: RigParameters) -> Rig:
+    """Return a rig just after the first impact of a motion."""
     velocity = orbit.primary_velocity_before[0]
     damper_velocity = orbit.damper_velocity_before[0]
     there = flight_at_impact(
-        machine_of(parameters), instant, orbit.stops[0], orbit.x[0], velocity, damper_velocity
+        machine_of(parameters),
+        orbit.instants[0],
+        orbit.stops[0],
+        orbit.x[0],
+        velocity,
+        damper_velocity,
     )
     return rig_on(there.struck(velocity, damper_velocity - velocity), parameters)
 
 
-def first_instant(orbit: PeriodicOrbit) -> float:
-    """
-    Return the instant of the first impact on the clock of the force, s.
-
-    The phases leave out whole cycles of its first harmonic, which matter if there are others.
-    """
-    first = orbit.instants[0]
-    if orbit.cycles == 1 or single_harmonic(orbit.parameters):
-        return first
-
-    def missed(instant: float) -> float:
-        rig = after_impact(orbit, orbit.parameters, instant)
-        run = rig.run(orbit.period, [orbit.period], most_events=MOST_EVENTS)
-        complete = run.outcome is Outcome.COMPLETE
-        return abs(float(run.samples['x'][0]) - orbit.x[0]) if complete else math.inf
-
-    return min((first + k * orbit.cycle for k in range(orbit.cycles)), key=missed)
-
-
 def _guess_performed(orbit: PeriodicOrbit, parameters: RigParameters) -> Guess | None:
     """Return a guess from what a rig does after the first impact of a motion."""
-    instant = first_instant(orbit)
-    return guess_along(after_impact(orbit, parameters, instant), instant, orbit.period)
+    rig = after_impact(orbit, parameters)
+    return guess_along(rig, orbit.instants[0], orbit.period)
 
 
 def guess_on(orbit: PeriodicOrbit) -> Guess | None:
@@ -161,7 +148,7 @@ def guess_on(orbit: PeriodicOrbit) -> Guess | None:
     guess = _guess_performed(orbit, orbit.parameters)
     if guess is None:
         return None
-    instant = first_instant(orbit)
+    instant = orbit.instants[0]
     whole = np.round((guess.instants - instant) / orbit.period) * orbit.period
     late = np.abs(guess.instants - whole - instant)
     late[[node.kind is not EventKind.IMPACT for node in guess.nodes]] = np.inf
@@ -177,8 +164,7 @@ def _guess_of_impacts(orbit: PeriodicOrbit) -> Guess:
     velocity = np.array(orbit.primary_velocity_after)
     relative = np.array(orbit.damper_velocity_after) - velocity
     states = np.stack([np.array(orbit.x), velocity, 0.0 * velocity, relative], axis=-1)
-    instants = np.array(orbit.instants) + (first_instant(orbit) - orbit.instants[0])
-    return Guess(impact_nodes(orbit.stops), states, instants)
+    return Guess(impact_nodes(orbit.stops), states, np.array(orbit.instants))
 
 
 def orbit_of(solution: Solution) -> PeriodicOrbit:
@@ -186,11 +172,13 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
     segments, states = solution.segments, solution.states
     rig, cycle, cycles = segments.machine.constants, segments.cycle, segments.cycles
     impacts = [j for j, node in enumerate(segments.nodes) if node.kind is EventKind.IMPACT]
-    # The whole periods before the first impact do not matter, and would cost digits; nor do the
-    # whole cycles before it in the phases.
+    # The whole periods before the first impact do not matter, and would cost digits; nor do its
+    # whole cycles in the phases, under one harmonic.
     late = float(solution.instants[impacts[0]])
     instants = solution.instants - segments.period * math.floor(late / segments.period)
-    whole = math.floor(float(instants[impacts[0]]) / cycle)
+    whole = 0
+    if single_harmonic(segments.parameters):
+        whole = math.floor(float(instants[impacts[0]]) / cycle)
     before = np.roll(solution.flights.end, 1, axis=0)
     flights = [
         segments.flight(j, state, float(instant))
@@ -276,6 +264,28 @@ def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit |
     guess = guess_on(orbit)
     found = None if guess is None else solved(parameters, guess, orbit.cycles)
     return _counted_as(orbit, found) or performed(orbit, parameters)
+
+
+#: Angles of harmonics that differ by less, rad, differ by round-off.
+_SAME_ANGLE = 1e-9
+
+
+def counted_from_zero(parameters: RigParameters, angles: Sequence[float]) -> RigParameters:
+    """
+    Return a rig with the phases that its harmonics have when the angle of the first is zero.
+
+    The periodic theory counts time from an instant at which all angles are zero; after a change of
+    frequencies on a live rig there may be none. `angles` are those of one instant, without the
+    phases, rad. The lines of a multisine, for which there is no periodic theory, stay as they are.
+    """
+    back = (angles[0] % math.tau) / (parameters.force_frequencies[0] or math.inf)
+    phases: list[float] = []
+    for phase, angle, frequency in zip(
+        parameters.force_phases, angles, parameters.force_frequencies, strict=False
+    ):
+        late = math.remainder(angle - frequency * back, math.tau) if phases else 0.0
+        phases.append(math.remainder(phase + late, math.tau) if abs(late) > _SAME_ANGLE else phase)
+    return parameters.replace(force_phases=tuple(phases))
 
 
 def orbit_near(

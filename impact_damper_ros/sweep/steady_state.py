@@ -9,10 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.compare.drive import Drive
-from impact_damper_ros.compare.flights import STATE, Flights, rows_of_samples
 from impact_damper_ros.control import Outcome, Rig, RunResult
 from impact_damper_ros.control.rig import Events
+from impact_damper_ros.orbits.flight_arrays import (
+    STATE,
+    Drive,
+    Flights,
+    row_of_rig,
+    rows_of_samples,
+)
 from impact_damper_ros.orbits.recurrence import nearest_return
 from impact_damper_ros.orbits.settled_motion import (
     SettledMotion,
@@ -20,7 +25,7 @@ from impact_damper_ros.orbits.settled_motion import (
     relative_states,
     settle,
 )
-from impact_damper_ros.rig import SAMPLE_TYPE, EventKind, Mode, ParameterError
+from impact_damper_ros.rig import EventKind, Mode, ParameterError
 from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.parameter_spec import number_between, whole_number
 from impact_damper_ros.rig.snapshot import LATEST
@@ -136,13 +141,13 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     cycle, cycles = found.cycle, period or settling.watch
     most = settling.events - found.event_count
     begun = rig.state()
-    first = rows_of_samples(np.array([rig.sample()], SAMPLE_TYPE), STATE)
-    first['mode'], first['stop'] = rig.mode, begun.run.last_stop
+    first = row_of_rig(rig)
     result = _run(rig, found.end, cycle, np.arange(1.0, cycles + 1.0), most)
     last = rows_of_samples(result.samples[-1:], STATE)
     drive = Drive(begun.run.time, tuple(begun.angles), rig.parameters.harmonics[1])
     rows = np.concatenate([first, result.events, last])
-    integrals, largest = Flights.between(rig.parameters, rows, drive).measured()
+    flights = Flights.between(rig.parameters, rows, drive, active=begun.run.force)
+    integrals, largest = flights.measured()
     end = found.end + cycles * cycle
     # The events before and after complete a chatter that is cut at either end
     after = _run(rig, end, cycle, np.array([1.0]), most - result.event_count)

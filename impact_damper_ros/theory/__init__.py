@@ -16,7 +16,7 @@ from .theory_process import TheoryProcess
 
 if TYPE_CHECKING:
     from .documents import theory
-    from .expected_motion import counted_from_zero, predictions
+    from .expected_motion import predictions
     from .gap_curve import GapCurve
     from .motion_curve import orbit_curve
 
@@ -26,7 +26,6 @@ __all__ = [
     'ObservedMotion',
     'Prediction',
     'TheoryProcess',
-    'counted_from_zero',
     'orbit_curve',
     'predictions',
     'theory',
@@ -37,7 +36,7 @@ __getattr__ = lazy_names(
     __name__,
     {
         'documents': ('theory',),
-        'expected_motion': ('counted_from_zero', 'predictions'),
+        'expected_motion': ('predictions',),
         'gap_curve': ('GapCurve',),
         'motion_curve': ('orbit_curve',),
     },

@@ -109,8 +109,6 @@ def orbit_message(rig: Rig, prediction: Prediction) -> dict[str, Any]:
     if expected is None:
         return message
     drawn = orbit_curve(expected)
-    # Whole cycles by which the phases are late, see `motion_curve`
-    late = 0 if drawn is None else round(drawn[0, 0] - expected.phases[0])
     message |= _summary(expected) | {
         'cycles': expected.cycles,
         'stops': list(expected.stops),
@@ -118,7 +116,7 @@ def orbit_message(rig: Rig, prediction: Prediction) -> dict[str, Any]:
         'basis': prediction.basis,
         'impacts': [
             {
-                'phase': (phase + late) % expected.cycles,
+                'phase': phase,
                 'x': x,
                 'stop': stop,
                 'velocity_after': velocity,

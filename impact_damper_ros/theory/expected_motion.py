@@ -10,7 +10,7 @@ for, with its multipliers.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 from impact_damper_ros.control import Rig
@@ -26,6 +26,7 @@ from impact_damper_ros.orbits.arguments import period_of_force
 from impact_damper_ros.orbits.orbit import Rhythm
 from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.orbits.search import counted_as, starting_points
+from impact_damper_ros.orbits.solved_orbits import counted_from_zero
 from impact_damper_ros.rig import ParameterError, RigParameters
 from impact_damper_ros.rig.quoting import counted
 
@@ -64,25 +65,6 @@ def zero_of_force(rig: Rig) -> float:
     state = rig.state()
     turned = state.angles[0] % math.tau
     return state.run.time + state.run.time_low - turned / state.parameters.force_frequencies[0]
-
-
-def counted_from_zero(parameters: RigParameters, angles: Sequence[float]) -> RigParameters:
-    """
-    Return a rig with the phases that its harmonics have when the angle of the first is zero.
-
-    The periodic theory counts time from an instant at which all angles are zero; after a change of
-    frequencies on a live rig there may be none. `angles` are those of one instant, without the
-    phases, rad. The lines of a multisine, for which there is no periodic theory, stay as they are.
-    """
-    first = parameters.force_frequencies[0]
-    back = (angles[0] % math.tau) / first if len(parameters.force_phases) > 1 else 0.0
-    phases = [
-        math.remainder(phase + angle - frequency * back, math.tau)
-        for phase, angle, frequency in zip(
-            parameters.force_phases, angles, parameters.force_frequencies, strict=False
-        )
-    ]
-    return parameters.replace(force_phases=(parameters.force_phases[0], *phases[1:]))
 
 
 class _Orbits:

@@ -8,11 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from impact_damper_ros.control import Outcome, Rig
+from impact_damper_ros.control import Outcome
 from impact_damper_ros.control.rig import Events
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.response import Array
-from impact_damper_ros.orbits.solved_orbits import MOST_EVENTS, after_impact, first_instant
+from impact_damper_ros.orbits.solved_orbits import MOST_EVENTS, after_impact
 
 #: Points per cycle of the force, and the most in a period, but for the ends of its flights.
 _PER_CYCLE, _MOST = 250, 1500
@@ -46,12 +46,7 @@ def orbit_curve(orbit: PeriodicOrbit) -> Array | None:
     """
     if not orbit.viable or not orbit.impacts:
         return None
-    begin = first_instant(orbit)
-
-    def begun() -> Rig:
-        return after_impact(orbit, orbit.parameters, begin)
-
-    run = begun().run(orbit.period, most_events=MOST_EVENTS)
+    run = after_impact(orbit, orbit.parameters).run(orbit.period, most_events=MOST_EVENTS)
     if run.outcome is not Outcome.COMPLETE:
         return None
     events = run.events
@@ -62,7 +57,8 @@ def orbit_curve(orbit: PeriodicOrbit) -> Array | None:
     for start, end in pairwise([0.0, *events['time'], orbit.period]):
         count = max(2, math.ceil(per_cycle * (end - start) / orbit.cycle))
         instants += np.linspace(start, end, count)[1:-1].tolist()
-    samples = begun().run(orbit.period, [*instants, orbit.period]).samples
+    again = after_impact(orbit, orbit.parameters)
+    samples = again.run(orbit.period, [*instants, orbit.period]).samples
     # The impact that ends the period may, by round-off, be within it
     ends = events['time'] > (1.0 - _ROUND_OFF) * orbit.period
     rows = np.concatenate(
@@ -73,7 +69,6 @@ def orbit_curve(orbit: PeriodicOrbit) -> Array | None:
         ]
     )
     rows = rows[np.argsort(rows[:, 0], kind='stable')]
-    first = orbit.phases[0] + round((begin - orbit.instants[0]) / orbit.cycle)
-    rows[:, 0] = first + rows[:, 0] / orbit.cycle
-    last = max(rows[-1, 0], first + orbit.cycles), *rows[0, 1:]
+    rows[:, 0] = orbit.phases[0] + rows[:, 0] / orbit.cycle
+    last = max(rows[-1, 0], orbit.phases[0] + orbit.cycles), *rows[0, 1:]
     return np.vstack([rows, last])

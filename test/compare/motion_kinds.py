@@ -33,7 +33,7 @@ from tqdm import tqdm
 from impact_damper_ros.compare.motion_kind import StretchKind, kind_of
 from impact_damper_ros.compare.stretches import LoggedRig
 from impact_damper_ros.control import Outcome, Rig
-from impact_damper_ros.orbits.flights import machine_of
+from impact_damper_ros.orbits.flight_arrays import Drive, Flights, row_of_rig
 from impact_damper_ros.orbits.irregularity import average_spread
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent
 from impact_damper_ros.orbits.recurrence import MotionKind
@@ -168,7 +168,7 @@ def kind_after(rig: Rig, cycles: int) -> StretchKind:
 def answered(case: Case) -> Answer | None:
     """Return the answer of a long run; None if it has no end."""
     cycle, rig = case.cycle, Rig(case.parameters, case.initial, compiled=None)
-    start = rig.state()
+    start, drive = row_of_rig(rig), Drive(0.0, rig.state().angles, case.parameters.harmonics[1])
     stretch = rig.run(LONG * cycle, np.arange(1, LONG + 1) * cycle, most_events=MOST_EVENTS)
     if stretch.outcome is not Outcome.COMPLETE:
         return None
@@ -186,18 +186,12 @@ def answered(case: Case) -> Answer | None:
         settled = int(late[-1]) + 1 if len(late) else 0
         distance = {cut: float(far[cut - 1]) for cut in CUTS}
     half = LONG // 2
+    rows = np.concatenate([start, events, row_of_rig(rig)])
+    flights = Flights.between(case.parameters, rows, drive)
 
     def growth(first: int, last: int) -> tuple[float, float]:
         """Return the exponent between two cycles, and its standard error, per cycle."""
-        along = deviations(
-            machine_of(case.parameters),
-            start.angles,
-            events,
-            start.run.mode,
-            start.run.last_stop,
-            first * cycle,
-            last * cycle,
-        )
+        along = deviations(flights, first * cycle, last * cycle)
         found = growth_exponent(along, case.parameters.omega)
         return cycle * found.value, cycle * found.standard_error
 

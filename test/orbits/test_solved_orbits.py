@@ -6,6 +6,7 @@ from rigs import FRICTION, INCLINED, VERTICAL
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import find_orbits, settle
 from impact_damper_ros.orbits.search import carried_over, settled_orbits
+from impact_damper_ros.orbits.solved_orbits import after_impact
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 
@@ -71,3 +72,60 @@ def test_several_harmonics_with_a_common_period(friction):
     found = find_orbits(rig, rhythm.stops, rhythm.cycles)
     assert found.report.method == 'events'
     assert min(orbit.distance(rhythm) for orbit in found.orbits if orbit.stable) < 1e-9
+
+
+def several(**changes):
+    """Return a rig whose force repeats after two cycles of its first harmonic."""
+    first = changes.pop('force_frequencies')
+    amplitudes = (1.0, changes.pop('second'))
+    return RigParameters(
+        damping=0.1,
+        force_amplitudes=amplitudes,
+        force_frequencies=(first, 1.5 * first),
+        force_phases=(0.0, 0.3),
+        **changes,
+    )
+
+
+@pytest.mark.parametrize(
+    ('rig', 'stops', 'expected'),
+    [
+        # Stable, and with many impacts on its way there; unstable
+        (
+            several(gravity=1.0, angle=1.2, one_sided=True, force_frequencies=3.0, second=0.1),
+            (1, 1),
+            ['stable', 'unstable'],
+        ),
+        (
+            several(gravity=0.0, gap=30.0, force_frequencies=1.02, second=0.2),
+            (1, 2, 1, 2),
+            ['stable', 'unstable'],
+        ),
+    ],
+)
+def test_motions_of_one_harmonic_that_repeat_within_the_period_of_several(rig, stops, expected):
+    """The second harmonic makes one motion of two periods, or two of it."""
+    found = find_orbits(rig, stops, 2)
+    assert [orbit.stability for orbit in found.orbits] == expected
+    for orbit in found.orbits:
+        run = after_impact(orbit, rig)
+        hits = run.run(1.01 * orbit.period).impacts()
+        assert hits['stop'].tolist() == [*stops[1:], stops[0]]
+        instants = [*orbit.instants[1:], orbit.instants[0] + orbit.period]
+        assert hits['time'] + orbit.instants[0] == pytest.approx(instants, abs=1e-7)
+        assert hits['x'].tolist() == pytest.approx([*orbit.x[1:], orbit.x[0]], rel=1e-7)
+
+
+def test_a_motion_of_one_harmonic_may_begin_in_any_of_its_cycles():
+    """With a second harmonic of twice the period these are different motions."""
+    rig = RigParameters(gravity=0.0, force_frequencies=1.02, gap=21.5, damping=0.01)
+    doubled = [o for o in find_orbits(rig, (1, 2, 1, 2), 2, starts=400).orbits if o.viable]
+    assert [orbit.stable for orbit in doubled] == [True, True]
+    both = rig.replace(
+        force_amplitudes=(1.0, 1e-4), force_frequencies=(1.02, 0.51), force_phases=(0.0, 0.0)
+    )
+    found = find_orbits(both, (1, 2, 1, 2), 2, starts=400, simulate=False).orbits
+    # Two of each, and three of two periods, which are unstable
+    assert [orbit.stability for orbit in found] == ['stable'] * 4 + ['unstable'] * 3
+    near = [sum(o.distance(one) < 1e-3 for o in found if o.stable) for one in doubled]
+    assert near == [2, 2]

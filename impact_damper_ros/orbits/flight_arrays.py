@@ -19,14 +19,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.orbits.flights import Machine, machine_of
-from impact_damper_ros.orbits.response import forced_response, free_response
-from impact_damper_ros.replay.rows import Events, Samples
-from impact_damper_ros.rig import EVENT_TYPE, EventKind, RigParameters
+from impact_damper_ros.control import Rig
+from impact_damper_ros.control.rig import Events
+from impact_damper_ros.rig import EVENT_TYPE, SAMPLE_TYPE, EventKind, RigParameters
 from impact_damper_ros.rig.state import STICK
 
-from .drive import Drive
-from .result import Array
+from .flights import Machine, machine_of
+from .multipliers import AWAY, FlightLaws
+from .response import Array, forced_response, free_response
 
 Mask = NDArray[np.bool_]
 
@@ -41,7 +41,7 @@ _PIECE = math.pi
 _NEARLY, _STEPS = 0.98, 5
 
 
-def rows_of_samples(samples: Samples, kind: int = SAMPLE) -> Events:
+def rows_of_samples(samples: NDArray[np.void], kind: int = SAMPLE) -> Events:
     """Return samples as rows."""
     rows = np.zeros(len(samples), EVENT_TYPE)
     rows['time'], rows['x'], rows['kind'] = samples['time'], samples['x'], kind
@@ -50,6 +50,13 @@ def rows_of_samples(samples: Samples, kind: int = SAMPLE) -> Events:
         rows[f'primary_velocity_{side}'] = samples['primary_velocity']
         rows[f'damper_velocity_{side}'] = samples['damper_velocity']
     return rows
+
+
+def row_of_rig(rig: Rig) -> Events:
+    """Return the present state of a rig as a row, with its mode and the stop hit last."""
+    row = rows_of_samples(np.array([rig.sample()], SAMPLE_TYPE), STATE)
+    row['mode'], row['stop'] = rig.mode, rig.state().run.last_stop
+    return row
 
 
 def _last_known(known: Mask, values: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -68,7 +75,8 @@ def _together(rows: Events) -> Mask:
     kind = rows['kind']
     still = rows['primary_velocity_after'] == rows['damper_velocity_after']
     joined = np.isin(kind, (EventKind.REST, EventKind.STICK)) | ((kind == SAMPLE) & still)
-    joined[0] |= rows['mode'][0] >= STICK
+    # Those of recorded messages are not known
+    joined |= rows['mode'] >= STICK
     decided = joined | np.isin(
         kind, (SAMPLE, EventKind.IMPACT, EventKind.RELEASE, EventKind.REVERSAL)
     )
@@ -81,6 +89,28 @@ def _together(rows: Events) -> Mask:
     latest = _last_known(decided, kind.astype(np.int64))
     chatter: Mask = found | (coming & (latest == EventKind.IMPACT))
     return chatter
+
+
+class Drive(NamedTuple):
+    """The force at an instant."""
+
+    time: float  # rig time, s
+    angles: tuple[float, ...]  # turned by the harmonics, without their phases, rad
+    frequencies: tuple[float, ...]  # of the harmonics, rad/s
+
+    @property
+    def cycle(self) -> float:
+        """Duration of a cycle of the first harmonic, s."""
+        return math.tau / self.frequencies[0]
+
+    @property
+    def zero(self) -> float:
+        """The last instant not after `time` at which the first harmonic's angle was zero, s."""
+        return self.time - (self.angles[0] % math.tau) / self.frequencies[0]
+
+    def phase(self, time: Array) -> Array:
+        """Return the cycles of the first harmonic since `zero`."""
+        return (time - self.zero) / self.cycle
 
 
 class Integrals(NamedTuple):
@@ -192,13 +222,14 @@ class Flights:
         return np.diff(self.rows['time'])
 
     @cached_property
-    def _direction(self) -> Array:
-        """Direction of the sliding of m, the paper's lambda."""
+    def laws(self) -> FlightLaws:
+        """The equations of motion in them, without the active force."""
         relative = self.rows['damper_velocity_after'] - self.rows['primary_velocity_after']
         rise = np.diff(self.rows['y'])
         # Friction turns at rows alone; a release begins without velocity.
         sign = np.sign(np.where(relative[:-1] != 0.0, relative[:-1], rise))
-        return np.where(self.together[:-1], 0.0, sign)
+        joint, away = self.together[:-1], AWAY[self.stop[:-1]]
+        return FlightLaws.of(self.machine.constants, joint, np.where(joint, 0.0, sign), away)
 
     def drive_after(self) -> Drive | None:
         """Return the force at the last row."""
@@ -217,26 +248,27 @@ class Flights:
         hits: Events = self.rows[self.rows['kind'] == EventKind.IMPACT]
         return hits
 
+    def force(self, time: Array) -> Array:
+        """Return the acceleration of M alone by the harmonics at some times, m/s^2."""
+        assert self.drive is not None
+        constants, lines = self.machine
+        force = np.zeros(len(time))
+        for line, angle in zip(lines[: constants.harmonics], self.drive.angles, strict=True):
+            since = line.frequency * (time - self.drive.time)
+            force += line.force * np.sin(since + (line.phase + angle))
+        return force
+
     def motion(self, index: NDArray[np.intp], tau: Array) -> tuple[Array, Array, Array, Array]:
         """Return X, X', X'' and the force (N) in flights, times (s) after their beginnings."""
         assert self.drive is not None
-        rig, (constants, _) = self.rig, self.machine
-        joint, begin = self.together[index], self.rows[:-1][index]
-        free, both = constants.free, constants.joint
-        decay, frequency, omega_squared, inverse = (
-            np.where(joint, getattr(both, name), getattr(free, name))
-            for name in ('decay', 'frequency', 'omega_squared', 'inverse_square')
-        )
-        mu = constants.mass_ratio
-        share = np.where(joint, 1.0 / (1.0 + mu), 1.0) / rig.primary_mass
-        apart = mu * (self._direction[index] * constants.grip - self._air(index))
-        push = np.where(joint, constants.share * constants.slope, apart)
+        rig, begin = self.rig, self.rows[:-1][index]
+        decay, damped, stiffness, push, _, moves = (part[index] for part in self.laws)
+        share = np.where(moves, 1.0, 1.0 - self.machine.constants.share) / rig.primary_mass
         push = push + share * self.active[index]
-        rest = push * inverse
-        less, impulse, slope = free_response(decay, frequency, tau)
-        x_0, v_0 = begin['x'] - rest, begin['primary_velocity_after']
+        less, impulse, slope = free_response(decay, damped, tau)
+        x_0, v_0 = begin['x'] - push / stiffness, begin['primary_velocity_after']
         x = begin['x'] + x_0 * less + v_0 * impulse
-        velocity = slope * v_0 - omega_squared * impulse * x_0
+        velocity = slope * v_0 - stiffness * impulse * x_0
         force = np.zeros_like(tau)
         amplitudes, _, phases = rig.harmonics
         for j, (amplitude, phase) in enumerate(zip(amplitudes, phases, strict=True)):
@@ -248,27 +280,21 @@ class Flights:
             else:
                 driven, angle = self.frequency[index], self.angle[index]
             turned = np.exp(1j * (np.remainder(angle, math.tau) + phase))
-            place, speed = forced_response(decay, frequency, driven, tau)
+            place, speed = forced_response(decay, damped, driven, tau)
             x = x + amplitude * share * (turned * place).imag
             velocity = velocity + amplitude * share * (turned * speed).imag
             force += np.imag(amplitude * turned * np.exp(1j * driven * tau))
         rate = push + share * force
-        acceleration = rate - 2.0 * decay * velocity - omega_squared * x
+        acceleration = rate - 2.0 * decay * velocity - stiffness * x
         return x, velocity, acceleration, force + self.active[index]
-
-    def _air(self, index: NDArray[np.intp] | slice) -> Array:
-        """Return the acceleration of m by the air, away from the stop hit last."""
-        air: Array = self.machine.constants.air * np.choose(self.stop[index], [0.0, -1.0, 1.0])
-        return air
 
     def damper(
         self, index: NDArray[np.intp], tau: Array, x: Array, velocity: Array
     ) -> tuple[Array, Array]:
         """Return Y and Y' at times in flights, from X and X' at these times."""
-        begin, constants = self.rows[:-1][index], self.machine.constants
+        begin, fall = self.rows[:-1][index], self.laws.slide[index]
         speed = begin['damper_velocity_after']
         relative = speed - begin['primary_velocity_after']
-        fall = constants.slope - self._direction[index] * constants.grip + self._air(index)
         z = begin['x'] + begin['y'] + tau * (speed + 0.5 * tau * fall)
         # The bounces that are not resolved are those of m on the stop.
         held = np.where(begin['kind'] == EventKind.IMPACT, 0.0, relative)
@@ -347,7 +373,7 @@ class Flights:
         rise = np.diff(rows['y'])
         grip = self.machine.constants.grip * rig.damper_mass
         friction = grip * float(np.abs(rise[~self.together[:-1]]).sum())
-        air = rig.damper_mass * float(np.sum(self._air(slice(-1)) * rise))
+        air = rig.air_force * float(np.sum(AWAY[self.stop[:-1]] * rise))
         hits = rows[1:]
         primary = _lost(hits, 'primary', rig.primary_mass)
         both = primary + _lost(hits, 'damper', rig.damper_mass)
