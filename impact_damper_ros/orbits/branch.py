@@ -60,7 +60,7 @@ class SpecialPoint:
     converged : bool
         Whether it is located to the tolerance; otherwise it is an estimate.
     reason : str
-        At a grazing, the change just beyond it; else empty.
+        At a grazing, and a fold where events meet, the change just beyond it; else empty.
     """
 
     kind: SpecialKind

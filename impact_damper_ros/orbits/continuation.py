@@ -4,7 +4,8 @@ Continuation of periodic motions in a parameter, by pseudo-arclength.
 
 Special points are zeros of test functions along the branch:
 
-- fold: the component of the tangent along the parameter;
+- fold: the component of the tangent along the parameter; or a grazing where two events meet, as
+  the beginning and the end of sticking, and the branch turns back without them (nonsmooth fold);
 - period doubling: the product of all (1 + multiplier); a multiplier passes -1;
 - Neimark-Sacker: the product of all (1 - product of two multipliers); a pair passes the unit
   circle;
@@ -40,6 +41,8 @@ from .solved_orbits import performed
 #: How far a multiplier may be from where it should be at a special point, and at a guess of one.
 _NEAR = 1e-3
 _GUESSED = 0.2
+#: A multiplier that is larger is at a pole.
+_POLE = 1e10
 
 _Test = Callable[[CurvePoint], float]
 
@@ -94,6 +97,9 @@ def _difference(here: PeriodicOrbit, there: PeriodicOrbit) -> str:
 def _genuine(kind: SpecialKind, orbit: PeriodicOrbit, near: float) -> bool:
     """Return whether the multipliers at a located point are those of its kind."""
     values = orbit.multipliers
+    if kind not in (SpecialKind.FOLD, SpecialKind.GRAZING) and abs(values[0]) > _POLE:
+        # Round-off of the largest one hides the others
+        return False
     if kind is SpecialKind.PERIOD_DOUBLING:
         return min(abs(m + 1.0) for m in values) < near
     if kind is SpecialKind.BRANCH_POINT:
@@ -174,8 +180,11 @@ def _special_points(piece: Piece) -> list[_Located]:
         if test(start) * test(end) >= 0.0 or (kind is SpecialKind.BRANCH_POINT and turns):
             continue
         located = _locate(piece, kind, test)
-        if located is not None and (located.special.orbit.viable or not piece.change):
-            found.append(located)
+        if located is None or (piece.change and not located.special.orbit.viable):
+            continue
+        if kind is SpecialKind.GRAZING and piece.turns:
+            located = located._replace(special=replace(located.special, kind=SpecialKind.FOLD))
+        found.append(located)
     return sorted(found, key=lambda located: located.share)
 
 
@@ -184,6 +193,8 @@ _GROWTH = 1.4
 #: The first step, as a share of the largest one.
 _FIRST_STEP = 0.1
 _LEAST_STEP = 1e-7
+#: How far from a meeting of two events the motion without them is sought, in steps.
+_BEYOND = 1e-6
 
 
 def _performed_beyond(
@@ -202,6 +213,29 @@ def _performed_beyond(
     fresh = SolutionCurve(found, along, value, curve.scale)
     again = fresh.at_value(fresh.start, value, point.tangent[-1])
     return (fresh, again) if again is not None and again.orbit.viable else None
+
+
+def _beyond_meeting(
+    curve: SolutionCurve, here: CurvePoint, there: CurvePoint
+) -> tuple[SolutionCurve, CurvePoint] | None:
+    """
+    Return the motion beyond a place where two events meet, as ends of sticking, and its curve.
+
+    The curve of the motions with both turns there. That of the motions without them does not: the
+    rig performs those on one side, where the branch goes on or, at a nonsmooth fold, back.
+    """
+    met = _locate(Piece(curve, here, there), SpecialKind.FOLD, _fold)
+    guess = None if met is None else curve.without_meeting(met.point)
+    if met is None or guess is None:
+        return None
+    along, value = curve.along, met.special.value
+    fresh = SolutionCurve(met.point.orbit, along, value, curve.scale, guess=guess)
+    step = _BEYOND * float(np.linalg.norm(there.place - here.place))
+    for way in (here.tangent[-1], there.tangent[-1]):
+        again = fresh.at_value(fresh.start, value + math.copysign(step * curve.scale, way), way)
+        if again is not None and again.orbit.viable:
+            return fresh, again
+    return None
 
 
 def _edge(curve: SolutionCurve, here: CurvePoint, step: float) -> tuple[float, CurvePoint] | None:
@@ -232,7 +266,10 @@ def _grow(curve: SolutionCurve, point: CurvePoint) -> Branch:
         there = edge[1] if edge else curve.correct(ahead, here.tangent)
         fresh, lost = None, False
         if there is not None and curve.performed and not there.orbit.viable:
-            fresh = _performed_beyond(curve, there)
+            if _fold(here) * _fold(there) < 0.0:
+                fresh = _beyond_meeting(curve, here, there)
+            else:
+                fresh = _performed_beyond(curve, there)
             lost = fresh is None
         if (
             there is None
@@ -255,7 +292,8 @@ def _grow(curve: SolutionCurve, point: CurvePoint) -> Branch:
             pieces.append(Piece(curve, here, there))
         else:
             change = _difference(here.orbit, fresh[1].orbit)
-            pieces.append(Piece(curve, here, there, change))
+            turns = _fold(here) * _fold(fresh[1]) < 0.0
+            pieces.append(Piece(curve, here, there, change, turns))
             curve, there = fresh
             step = _FIRST_STEP * along.largest_step
         here = there

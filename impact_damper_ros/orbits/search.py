@@ -31,7 +31,7 @@ from .arguments import (
 from .flights import machine_of
 from .orbit import AT_IMPACTS, PeriodicOrbit
 from .segments import Solution
-from .solved_orbits import guess_along, orbit_at, orbit_of, solved
+from .solved_orbits import after_impact, guess_along, orbit_at, orbit_of, solved
 from .starts import ImpactEquations, many_impact_roots, one_impact_roots, two_impact_roots
 
 #: Motions closer than this, relative to their size, are the same.
@@ -47,6 +47,8 @@ _SETTLING_CYCLES = 120
 _STARTS_PER_RUN = 3
 _MOST_EVENTS, _MOST_AT_ONCE = 200, 2000
 _BUSY_PERIODS = 8
+#: Change of the velocity of M that makes a rig leave an unstable motion, as a share of Xmax Omega.
+_PUSH = 1e-2
 _FIRST_SHARE = 0.25
 _LEAST_SHARE = 1.0 / 64.0
 _NUMBERS = [name for name, spec in PARAMETER_SPECS.items() if spec.kind == 'double']
@@ -62,7 +64,7 @@ class StartReport:
     stops : tuple of int
         The sequence.
     method : str
-        'scan': every motion of the impact equations was found, without starts to count.
+        'scan': every solution of the impact equations was found, without starts to count.
         'starts': the impact equations gave systematic starts. 'events': the problem with
         reversals, sticking and rest was solved from motions of a simpler rig, without friction
         or with one harmonic.
@@ -72,6 +74,9 @@ class StartReport:
         Starts taken from simulated motion, and how many converged.
     distinct : int
         Different motions found.
+    other_events : bool
+        Whether m may also reverse, stick or rest between the impacts; simulation leads to such
+        motions, perhaps not to all.
     """
 
     stops: tuple[int, ...]
@@ -81,11 +86,12 @@ class StartReport:
     simulated: int = 0
     simulated_converged: int = 0
     distinct: int = 0
+    other_events: bool = False
 
     @property
     def complete(self) -> bool:
         """Whether all motions are found, up to roots closer together than the scan."""
-        return self.method == 'scan'
+        return self.method == 'scan' and not self.other_events
 
     @property
     def text(self) -> str:
@@ -94,7 +100,9 @@ class StartReport:
         if self.complete:
             return f'{line}all solutions, {self.distinct} found'
         line += f'{self.distinct} found; '
-        if self.method == 'starts':
+        if self.method == 'scan':
+            line += 'all solutions of the impact equations'
+        elif self.method == 'starts':
             share = self.converged / self.starts if self.starts else 0.0
             line += f'{self.converged} of {self.starts} ({share:.0%}) systematic starts'
         else:
@@ -175,7 +183,8 @@ def _theory(
 ) -> tuple[list[PeriodicOrbit], StartReport]:
     """Solve from all starts, or many, that the impact equations give."""
     equations = ImpactEquations(parameters, stops, cycles)
-    report = StartReport(stops=stops, method='scan')
+    other_events = may_rest_or_reverse(parameters, stops)
+    report = StartReport(stops=stops, method='scan', other_events=other_events)
     if equations.impacts == 1:
         roots = one_impact_roots(equations)
     elif equations.impacts == 2:
@@ -184,7 +193,7 @@ def _theory(
         if starts is None:
             starts = STARTS_PER_INSTANT * (equations.impacts - 1)
         roots, converged = many_impact_roots(equations, starts)
-        report = StartReport(stops=stops, method='starts', starts=starts, converged=converged)
+        report = replace(report, method='starts', starts=starts, converged=converged)
     orbits = _distinct((orbit_of(root) for root in roots if _hits(root)), stops)
     return orbits, replace(report, distinct=len(orbits))
 
@@ -221,34 +230,51 @@ def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
         )
 
 
+def _settled_near(
+    rig: Rig, instant: float, cycles: int, most_events: int
+) -> Iterator[PeriodicOrbit | None]:
+    """
+    Yield the motions near that of a rig which has had time to settle; None where there is none.
+
+    It starts at an instant of its force, s. `most_events` is for a period; a rig that has more for
+    long is given up early.
+    """
+    parameters = rig.parameters
+    period = cycles * math.tau / parameters.force_frequencies[0]
+    periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
+    busy = 0
+    for i in range(periods):
+        if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
+            guess = guess_along(Rig.resume(rig.state()), instant, period)
+            yield None if guess is None else solved(parameters, guess, cycles)
+        run = rig.run((i + 1) * period, most_events=_MOST_AT_ONCE)
+        busy = busy + 1 if run.event_count > most_events else 0
+        if busy > _BUSY_PERIODS or run.outcome is not Outcome.COMPLETE:
+            break
+
+
 # For all stop sequences of as many impacts
 @lru_cache(maxsize=2)
 def settled_orbits(
     parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
 ) -> tuple[PeriodicOrbit | None, ...]:
-    """
-    Return the motions near simulated motion that has had time to settle; None where there is none.
-
-    `most_events` is for a period; a rig that has more for long is given up early.
-    """
-    period = cycles * math.tau / parameters.force_frequencies[0]
-    periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
+    """Return the motions near simulated motion, from `starting_points`, as `_settled_near`."""
     found: list[PeriodicOrbit | None] = []
     for initial in starting_points(parameters):
         try:
             rig = Rig(parameters, initial)
         except ParameterError:
             continue
-        busy = 0
-        for i in range(periods):
-            if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
-                guess = guess_along(Rig.resume(rig.state()), 0.0, period)
-                found.append(None if guess is None else solved(parameters, guess, cycles))
-            run = rig.run((i + 1) * period, most_events=_MOST_AT_ONCE)
-            busy = busy + 1 if run.event_count > most_events else 0
-            if busy > _BUSY_PERIODS or run.outcome is not Outcome.COMPLETE:
-                break
+        found += _settled_near(rig, 0.0, cycles, most_events)
     return tuple(found)
+
+
+def _left_for(orbit: PeriodicOrbit, most_events: int) -> Iterator[PeriodicOrbit | None]:
+    """Yield the motions for which a rig leaves an unstable one, on either side of it."""
+    rate = orbit.parameters.force_frequencies[0]
+    for side in (_PUSH, -_PUSH):
+        rig = after_impact(orbit, orbit.parameters, side * orbit.x_max * rate)
+        yield from _settled_near(rig, orbit.instants[0], orbit.cycles, most_events)
 
 
 def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
@@ -283,14 +309,26 @@ def _followed_orbits(
     stops: tuple[int, ...],
     cycles: int,
     simpler: Sequence[PeriodicOrbit],
+    known: Sequence[PeriodicOrbit] = (),
     *,
     simulate: bool = True,
 ) -> tuple[list[PeriodicOrbit | None], StartReport]:
-    """Find motions from those of a simpler rig with these stops, and from simulation."""
+    """
+    Find motions from those of a simpler rig with these stops, and from simulation.
+
+    Simulated are runs from several starting points, and from near the unstable motions found so
+    far: another one that the rig can perform is often next to those.
+    """
     carried = [carried_over(orbit, parameters) for orbit in simpler]
-    # Impacts, as many reversals, and room for sticking
-    most_events = 4 * len(stops) + 8
-    simulated = settled_orbits(parameters, cycles, most_events) if simulate else ()
+    simulated: list[PeriodicOrbit | None] = []
+    if simulate:
+        # Impacts, as many reversals, and room for sticking
+        most_events = 4 * len(stops) + 8
+        simulated += settled_orbits(parameters, cycles, most_events)
+        left = _distinct([*known, *carried, *simulated], stops)
+        for orbit in left:
+            if orbit.viable and orbit.unstable:
+                simulated += _left_for(orbit, most_events)
     return [*carried, *simulated], StartReport(
         stops=stops,
         method='events',
@@ -409,9 +447,9 @@ def _found(
     if single_harmonic(parameters) and within_theory(parameters, stops):
         rig = _with_first_harmonic(parameters)
         orbits, report = _theory(rig, stops, cycles, starts)
-        if not simulate or not may_rest_or_reverse(parameters, stops):
+        if not simulate or not report.other_events:
             return OrbitSearch(tuple(orbits), report)
-        others, shot = _followed_orbits(rig, stops, cycles, [])
+        others, shot = _followed_orbits(rig, stops, cycles, [], orbits)
         report = replace(
             report,
             simulated=shot.simulated,

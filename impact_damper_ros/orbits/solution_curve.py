@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
+from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, ParameterError, RigParameters
 from impact_damper_ros.rig.quoting import shown
 
 from .arguments import OrbitError, single_harmonic
@@ -23,7 +23,7 @@ from .orbit import PeriodicOrbit
 from .response import Array
 from .search import within_theory
 from .segments import Segments, Solution, newton
-from .solved_orbits import guess_on, orbit_of
+from .solved_orbits import Guess, guess_on, orbit_of
 
 #: A name for both coefficients of restitution at once.
 BOTH_RESTITUTIONS = 'restitution'
@@ -166,16 +166,22 @@ class CurvePoint:
 
 class SolutionCurve:
     """
-    Motions with the nodes of a given one, or of some periods of it, as a curve.
+    Motions with the nodes of a given one, or of a guess, or of some periods of it, as a curve.
 
     They solve n equations in n unknowns and one parameter, which is the last coordinate, divided
     by a scale.
     """
 
     def __init__(
-        self, orbit: PeriodicOrbit, along: Steps, value: float, scale: float, times: int = 1
+        self,
+        orbit: PeriodicOrbit,
+        along: Steps,
+        value: float,
+        scale: float,
+        times: int = 1,
+        guess: Guess | None = None,
     ) -> None:
-        guess = guess_on(orbit)
+        guess = guess or guess_on(orbit)
         if guess is None:
             raise OrbitError('the motion has too many events to be followed')
         self.parameters = orbit.parameters
@@ -185,7 +191,7 @@ class SolutionCurve:
         self._cycles = orbit.cycles * times
         #: Whether motions that the rig cannot perform are left for those that it can: the theory
         #: of impacts follows its solutions through.
-        self.performed = bool(orbit.events) or not (
+        self.performed = len(guess.nodes) > orbit.impacts or not (
             single_harmonic(orbit.parameters) and within_theory(orbit.parameters, orbit.stops)
         )
         segments = Segments(self.parameters, self._nodes, self._cycles)
@@ -217,6 +223,18 @@ class SolutionCurve:
         value = float(place[-1]) * self.scale
         bounds = self.along.bounds
         return next((b for b in bounds if abs(value - b) <= _ROUND_OFF * self.scale), value)
+
+    def without_meeting(self, point: CurvePoint) -> Guess | None:
+        """Return a guess without the two closest events of a point; None if it needs them."""
+        segments, nodes = self._segments(self.value(point.place)), self._nodes
+        states, instants = segments.motion(point.place[:-1])
+        first = int(segments.durations(instants).argmin())
+        pair = [first, (first + 1) % len(nodes)]
+        kinds = {nodes[j].kind for j in pair}
+        if EventKind.IMPACT in kinds or nodes[first - 1].mode != nodes[pair[1]].mode:
+            return None
+        left = tuple(node for j, node in enumerate(nodes) if j not in pair)
+        return Guess(left, np.delete(states, pair, 0), np.delete(instants, pair))
 
     def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
         """Return the equations' residual, and its derivative by the unknowns."""
@@ -285,8 +303,10 @@ class Piece(NamedTuple):
     curve: SolutionCurve
     start: CurvePoint
     end: CurvePoint
-    #: What changes where the rig leaves the curve before the second one, if it does.
+    #: What changes where the rig leaves the curve before the second one, if it does; and whether
+    #: the branch turns back there.
     change: str = ''
+    turns: bool = False
 
     @property
     def values(self) -> tuple[float, float]:

@@ -115,9 +115,9 @@ def guess_along(rig: Rig, instant: float, period: float) -> Guess | None:
     return Guess(nodes, states, instants)
 
 
-def after_impact(orbit: PeriodicOrbit, parameters: RigParameters) -> Rig:
-    """Return a rig just after the first impact of a motion."""
-    velocity = orbit.primary_velocity_before[0]
+def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, push: float = 0.0) -> Rig:
+    """Return a rig just after the first impact of a motion, M faster before it by some m/s."""
+    velocity = orbit.primary_velocity_before[0] + push
     damper_velocity = orbit.damper_velocity_before[0]
     there = flight_at_impact(
         machine_of(parameters),

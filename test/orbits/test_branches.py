@@ -361,3 +361,37 @@ def test_a_window_narrower_than_a_step():
     assert (window[0], window[-1]) == pytest.approx((12.7705036, 12.7900414), abs=1e-6)
     for special, stable in zip(branch.special, ([False, True], [True, False]), strict=True):
         assert [o.stable for o in around(special, 'gap', 1e-4, simulate=False)] == stable
+
+
+def test_nonsmooth_fold():
+    """Where sticking becomes ever shorter, its motion meets the one without it."""
+    rig = FRICTION.replace(gravity=2.0)
+    start = stable_orbit(rig.replace(gap=20.0))
+    assert start.events
+    branch = follow(start, 'gap', 19.0, 64.0)
+    fold = only(branch, SpecialKind.FOLD)
+    assert fold.reason == '1 less stick, 1 less release'
+    below, above = branch.at([fold.value - 1e-3, fold.value + 1e-3])
+    assert [orbit.stability for orbit in below] == ['stable', 'unstable']
+    assert [len(orbit.events) for orbit in below] == [2, 0]
+    assert below[0].distance(below[1]) < 1e-2
+    assert above == ()
+    # As the search finds them, and no others nearby
+    for move, count in ((-1e-3, 2), (1e-3, 0)):
+        found = find_orbits(rig.replace(gap=fold.value + move), (1, 2)).orbits
+        near = [o for o in found if o.viable and o.distance(fold.orbit) < 0.05]
+        assert len(near) == count
+        assert all(o.distance(there) < 1e-7 for o, there in zip(near, below, strict=False))
+    # The branch is not followed twice
+    values = [value for value in branch.values if value > 20.0]
+    assert values.index(max(values)) > len(values) // 3
+    assert all(0 < len(row) < 3 for row in branch.at(np.linspace(20.5, 21.2, 7)))
+    assert branch.orbits[-1].events == ()
+
+
+def test_a_pole_of_a_multiplier_is_no_branch_point():
+    """At a grazing impact a multiplier grows beyond all numbers, and hides the others."""
+    rig = OFF_RESONANCE.replace(angle=math.pi / 4, gravity=2.0, gap=61.0)
+    grazing = next(o for o in find_orbits(rig, (1, 2)).orbits if o.viable and o.x_max > 20.0)
+    branch = follow(grazing, 'gap', 4.0, 64.0)
+    assert [special.kind for special in branch.special] == [SpecialKind.GRAZING]

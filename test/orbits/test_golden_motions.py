@@ -25,7 +25,7 @@ PAIRS = ([0.94121] * 2 + [0.57951] * 2, [0.94107] * 2 + [0.57960] * 2)
 )  # fmt: skip
 def test_golden_rows(rig, phases, x, velocity, damper_velocity, digit, x_max, moduli):
     found = find_orbits(rig, (1, 2))
-    assert found.report.complete
+    assert found.report.complete is (rig.friction == 0.0)
     (orbit,) = (orbit for orbit in found.orbits if orbit.viable)
     assert (orbit.stable, orbit.reason) == (True, '')
     assert orbit.residual < 1e-14

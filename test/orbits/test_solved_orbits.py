@@ -52,6 +52,18 @@ def test_a_motion_is_carried_to_friction_step_by_step():
     assert orbit.x_max == pytest.approx(expected.x_max, rel=1e-10)
 
 
+def test_a_stable_motion_beside_an_unstable_one_is_found():
+    """Runs from all usual starts settle elsewhere."""
+    rig = FRICTION.replace(gravity=2.0, gap=21.25)
+    found = find_orbits(rig, (1, 2))
+    orbit = found.orbits[0]
+    assert (orbit.viable, orbit.stable) == (True, True)
+    assert {event.kind for event in orbit.events} == {EventKind.STICK, EventKind.RELEASE}
+    assert orbit.x_max == pytest.approx(8.949383, abs=1e-6)
+    assert not found.report.complete
+    assert 'all solutions of the impact equations' in found.report.text
+
+
 SEVERAL = RigParameters(
     damping=0.1,
     gap=12.0,
