@@ -19,6 +19,7 @@ import numpy as np
 
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.control import GapControlParameters, damper_of, run_ensemble
+from impact_damper_ros.orbits import run_flights
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
@@ -53,7 +54,7 @@ STYLES: dict[str, dict[str, Any]] = {
 }
 #: Real stops: their speed, m/s for a force of 1 N, and the mass of each, kg.
 REAL = {'actuator_speed': 16.0, 'actuator_mass': 0.01}
-#: Samples per natural period: of the controller, and of X for its mean square and peak.
+#: Samples per natural period: of the controller, and of X for its peaks.
 RATE, SAMPLES = 32, 240
 
 
@@ -112,6 +113,7 @@ class Watched:
     impact_power: float  # dissipated by impacts
     dashpot_power: float
     actuator_power: float  # spent on moving the stops
+    approach: float  # mean speed of m relative to M just before impacts, m/s
 
     @property
     def amplitude(self) -> float:
@@ -132,18 +134,16 @@ def watched(
     run = Rig(rig, control=control, compiled=None)
     run.run(settle * period, record=False)
     spent = sum(run.energies)
-    instants = period * np.linspace(settle, settle + watch, round(SAMPLES * watch) + 1)
-    found = run.run(float(instants[-1]), instants)
-    x, hits = found.samples['x'], found.impacts()
-    before = hits['damper_velocity_before'] - hits['primary_velocity_before']
-    after = hits['damper_velocity_after'] - hits['primary_velocity_after']
-    reduced = rig.damper_mass / (1.0 + rig.mass_ratio)
+    flights = run_flights(run, (settle + watch) * period)
+    (found, peak), hits = flights.measured(), flights.impacts
+    speeds = np.abs(hits['damper_velocity_before'] - hits['primary_velocity_before'])
     return Watched(
-        rms=float(np.sqrt(np.mean(x[1:] ** 2))),
-        peak=float(np.abs(np.concatenate([x, hits['x']])).max()),
-        impact_power=0.5 * reduced * float(np.sum(before**2 - after**2)) / (watch * period),
-        dashpot_power=rig.damping * float(np.mean(found.samples['primary_velocity'][1:] ** 2)),
-        actuator_power=(sum(run.energies) - spent) / (watch * period),
+        rms=math.sqrt(found.squares / found.covered),
+        peak=peak,
+        impact_power=found.impact_loss / found.covered,
+        dashpot_power=found.dashpot / found.covered,
+        actuator_power=(sum(run.energies) - spent) / found.covered,
+        approach=float(speeds.mean()) if len(speeds) else 0.0,
     )
 
 

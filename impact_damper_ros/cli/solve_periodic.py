@@ -29,7 +29,7 @@ from impact_damper_ros.orbits.arguments import check_forcing, period_of_force, r
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.report.orbit_text import branch_table, branch_text, orbit_text
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
 from impact_damper_ros.rig.quoting import counted
 
 from .command_line import (
@@ -88,7 +88,11 @@ def _counts(text: str) -> range:
 def _range(text: str) -> tuple[str, float, float]:
     name, _, ends = text.partition('=')
     try:
-        low, high = (float(end) for end in ends.split(':'))
+        spec = PARAMETER_SPECS.get(name)
+        read = float if spec is None or spec.low is None else spec.in_si
+        low, high = (read(end) for end in ends.split(':'))
+    except ParameterError as error:
+        raise argparse.ArgumentTypeError(f'{text!r}: {error}') from error
     except ValueError:
         low = high = math.nan
     if not low < high:

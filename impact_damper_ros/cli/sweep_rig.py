@@ -168,9 +168,9 @@ def _parser() -> argparse.ArgumentParser:
     drawn.add_argument(
         '--measure',
         choices=list(MEASURES),
-        default='x_max_ratio',
         metavar='NAME',
-        help=f'measure to draw and to optimise: {", ".join(MEASURES)} [x_max_ratio]',
+        help=f'measure to draw and to optimise: {", ".join(MEASURES)} [x_max_ratio; x_max, if the '
+        'force has several harmonics, or none]',
     )
     drawn.add_argument(
         '--optimum',
@@ -389,6 +389,9 @@ def _optimum(table: pd.DataFrame, arguments: argparse.Namespace) -> Optimum | No
 
 def _report(table: pd.DataFrame, arguments: argparse.Namespace) -> int:
     """Draw and summarise the table; return the exit code."""
+    if arguments.measure is None:
+        known = table.x_max_ratio.notna().any() or not table.ok.any()
+        arguments.measure = 'x_max_ratio' if known else 'x_max'
     optimum = None if arguments.optimum == 'none' else _optimum(table, arguments)
     summary = summary_of(table, optimum)
     branches = [] if arguments.no_theory or not arguments.figure else branches_of(table)
@@ -399,7 +402,10 @@ def _report(table: pd.DataFrame, arguments: argparse.Namespace) -> int:
         print(summary_text(arguments.output, summary), file=sys.stderr)
         missed = optimum is None and arguments.optimum != 'none' and not summary['attractors']
         if missed and summary['failed'] < summary['rigs']:
-            print('  no optimum, since no motion repeats: give more --cycles', file=sys.stderr)
+            why = f'no motion has {arguments.measure}: give another --measure'
+            if not table.settled.fillna(False).any():
+                why = 'no motion repeats: give more --cycles'
+            print(f'  no optimum, since {why}', file=sys.stderr)
     return _ALL_FAILED if summary['failed'] == summary['rigs'] else 0
 
 

@@ -14,11 +14,12 @@ if TYPE_CHECKING:
     from .arguments import OrbitError, plausible_stops
     from .branch import BestPoint, Branch, BranchPoint, Limit, SpecialKind, SpecialPoint
     from .continuation import follow, switch_branch
+    from .flight_arrays import Flights, run_flights
     from .orbit import OrbitEvent, PeriodicOrbit, Rhythm
     from .recurrence import MotionKind, Period, Section, find_period
     from .search import OrbitSearch, StartReport, find_orbits
     from .settled_motion import SettledMotion, settle
-    from .solution_curve import value_of
+    from .solution_curve import value_of, with_value
     from .solved_orbits import orbit_near
     from .starts import ImpactEquations
 
@@ -26,6 +27,7 @@ __all__ = [
     'BestPoint',
     'Branch',
     'BranchPoint',
+    'Flights',
     'ImpactEquations',
     'Limit',
     'MotionKind',
@@ -45,9 +47,11 @@ __all__ = [
     'follow',
     'orbit_near',
     'plausible_stops',
+    'run_flights',
     'settle',
     'switch_branch',
     'value_of',
+    'with_value',
 ]
 
 __getattr__ = lazy_names(
@@ -56,11 +60,12 @@ __getattr__ = lazy_names(
         'arguments': ('OrbitError', 'plausible_stops'),
         'branch': ('BestPoint', 'Branch', 'BranchPoint', 'Limit', 'SpecialKind', 'SpecialPoint'),
         'continuation': ('follow', 'switch_branch'),
+        'flight_arrays': ('Flights', 'run_flights'),
         'orbit': ('OrbitEvent', 'PeriodicOrbit', 'Rhythm'),
         'recurrence': ('MotionKind', 'Period', 'Section', 'find_period'),
         'search': ('OrbitSearch', 'StartReport', 'find_orbits'),
         'settled_motion': ('SettledMotion', 'settle'),
-        'solution_curve': ('value_of',),
+        'solution_curve': ('value_of', 'with_value'),
         'solved_orbits': ('orbit_near',),
         'starts': ('ImpactEquations',),
     },

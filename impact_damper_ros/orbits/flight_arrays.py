@@ -11,7 +11,7 @@ the flights between them are those that the recorded states begin.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import NamedTuple
@@ -19,9 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control import Rig
+from impact_damper_ros.control import Outcome, Rig
 from impact_damper_ros.control.rig import Events
 from impact_damper_ros.rig import EVENT_TYPE, SAMPLE_TYPE, EventKind, RigParameters
+from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.state import STICK
 
 from .flights import Machine, machine_of
@@ -37,6 +38,8 @@ STATE, SAMPLE = 0, -1
 _NODES, _GAUSS = np.polynomial.legendre.leggauss(12)
 _PLACES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _GAUSS
 _PIECE = math.pi
+#: Pieces that are computed at once.
+_MOST_PIECES = 2**16
 #: A turning point is sought from points of this share of the largest |X|, in so many steps.
 _NEARLY, _STEPS = 0.98, 5
 
@@ -70,15 +73,18 @@ def _together(rows: Events) -> Mask:
     """
     Return whether M and m move as one after each row.
 
-    The last bounces of a chatter, which are not resolved, count as rest.
+    The last bounces of a chatter, which are not resolved, count as rest. The modes after recorded
+    impacts are not known; those after replayed events are negative where they are not.
     """
-    kind = rows['kind']
+    kind, mode = rows['kind'], rows['mode']
+    known = (kind > 0) & (mode >= 0) & ~(kind == SAMPLE).any()
     still = rows['primary_velocity_after'] == rows['damper_velocity_after']
     joined = np.isin(kind, (EventKind.REST, EventKind.STICK)) | ((kind == SAMPLE) & still)
-    # Those of recorded messages are not known
-    joined |= rows['mode'] >= STICK
-    decided = joined | np.isin(
-        kind, (SAMPLE, EventKind.IMPACT, EventKind.RELEASE, EventKind.REVERSAL)
+    joined = (joined & ~known) | (mode >= STICK)
+    decided = (
+        joined
+        | known
+        | np.isin(kind, (SAMPLE, EventKind.IMPACT, EventKind.RELEASE, EventKind.REVERSAL))
     )
     decided[0] = True
     found = _last_known(decided, joined.astype(np.int64)) == 1
@@ -86,7 +92,7 @@ def _together(rows: Events) -> Mask:
     # The next row that decides is a rest
     ends = np.append(rests[1:], 0), np.append(decided[1:], True)
     coming = _last_known(*(part[::-1] for part in ends[::-1]))[::-1] == 1
-    latest = _last_known(decided, kind.astype(np.int64))
+    latest = _last_known(decided, np.where(known, 0, kind).astype(np.int64))
     chatter: Mask = found | (coming & (latest == EventKind.IMPACT))
     return chatter
 
@@ -134,15 +140,29 @@ class Flights:
     """
     Consecutive flights of a rig with constant parameters.
 
-    The last row is the state where they end. Without a `drive`, the phase of the force is not
-    known, and there is nothing between the rows.
+    Without the phase of the force there is nothing between the rows.
+
+    Attributes
+    ----------
+    rig : RigParameters
+        The rig.
+    rows : ndarray of EVENT_TYPE, shape (n + 1,)
+        State just after the events that begin them, and where the last one ends.
+    drive : Drive or None
+        The force at an instant, if its phase is known.
+    together : ndarray of bool, shape (n + 1,)
+        Whether M and m move as one after each row.
+    stop : ndarray of int, shape (n + 1,)
+        The stop hit last, 0 for none.
+    frequency, angle : ndarray, shape (n + 1,)
+        Of the force's first harmonic, rad/s and rad.
+    active : ndarray, shape (n + 1,)
+        Active force on M, N.
     """
 
     rig: RigParameters
-    rows: Events  # shape (n + 1,)
+    rows: Events
     drive: Drive | None
-    #: After each row: whether M and m move as one, the stop hit last, 0 for none, and frequency,
-    #: rad/s, and angle of the first harmonic, active force on M, N. Shape (n + 1,).
     together: Mask
     stop: NDArray[np.int64]
     frequency: Array
@@ -333,22 +353,38 @@ class Flights:
         columns = (inside.together, inside.stop, inside.frequency, angle, inside.active)
         return Flights(self.rig, rows, self.drive, *columns)
 
-    def _pieces(self, most: float = math.inf) -> tuple[NDArray[np.intp], Array, Array]:
-        """Cut flights of up to `most` s into pieces: which flight, from when, how long, s."""
+    def _pieces(self, most: float) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
+        """
+        Cut flights of up to `most` s into pieces.
+
+        Yields, for some of them at a time, which flight, from when, and how long, s.
+        """
         rates = [self.rig.omega, *self.rig.harmonics[1]]
         fastest = max(rates + ([self.rig.sweep_high] if self.rig.sweep_mode != 'off' else []))
         used = np.flatnonzero((self.spans > 0.0) & (self.spans <= most))
         count = np.ceil(self.spans[used] * (fastest / _PIECE)).astype(np.int64)
-        index = np.repeat(used, count)
-        number = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
-        step = np.repeat(self.spans[used] / count, count)
-        return index, number * step, step
+        ends = np.cumsum(count)
+        for first in range(0, int(ends[-1]) if len(ends) else 0, _MOST_PIECES):
+            number = np.arange(first, min(first + _MOST_PIECES, ends[-1]))
+            place = np.searchsorted(ends, number, side='right')
+            step = self.spans[used[place]] / count[place]
+            yield used[place], (number - ends[place] + count[place]) * step, step
 
     def measured(self, most: float = math.inf) -> tuple[Integrals, float]:
         """
-        Return integrals, and the largest |X|, NaN without any row.
+        Return integrals, and the largest |X|.
 
-        Of longer flights than `most`, s, samples are missing: they are left out of the integrals.
+        Parameters
+        ----------
+        most : float, optional
+            Of longer flights, s, samples are missing: they are left out of the integrals.
+
+        Returns
+        -------
+        Integrals
+            What adds up over the flights.
+        float
+            The largest |X|, m; NaN without any row.
         """
         rows, rig = self.rows, self.rig
         largest = float(np.abs(rows['x']).max(initial=0.0)) if len(rows) else math.nan
@@ -356,19 +392,19 @@ class Flights:
         force = active = dashpot = math.nan
         if self.drive is not None:
             force = active = dashpot = 0.0
-            index, begin, step = self._pieces(most)
-            covered = float(step.sum())
+        for index, begin, step in self._pieces(most) if self.drive is not None else ():
+            covered += float(step.sum())
             points = begin[:, None] + step[:, None] * _PLACES
             flat = np.repeat(index, len(_PLACES))
             x, velocity, _, push = self.motion(flat, points.ravel())
             weights = (step[:, None] * _WEIGHTS).ravel()
             # Sums and not products of vectors, whose bits depend on the number of threads
-            total = float(np.sum(weights * x))
-            squares = float(np.sum(weights * x * x))
-            force = float(np.sum(weights * push * velocity))
+            total += float(np.sum(weights * x))
+            squares += float(np.sum(weights * x * x))
+            force += float(np.sum(weights * push * velocity))
             if self.active.any():
-                active = float(np.sum(weights * self.active[flat] * velocity))
-            dashpot = rig.damping * float(np.sum(weights * velocity * velocity))
+                active += float(np.sum(weights * self.active[flat] * velocity))
+            dashpot += rig.damping * float(np.sum(weights * velocity * velocity))
             largest = max(largest, self._turning(flat, points.ravel(), x, largest))
         rise = np.diff(rows['y'])
         grip = self.machine.constants.grip * rig.damper_mass
@@ -447,3 +483,33 @@ def _lost(rows: Events, mass_name: str, mass: float) -> Array:
     # A difference of squares without its cancellation
     lost: Array = 0.5 * mass * (before - after) * (before + after)
     return lost
+
+
+def run_flights(rig: Rig, end: float) -> Flights:
+    """
+    Run a rig to a time, and return its flights on the way.
+
+    Parameters
+    ----------
+    rig : Rig
+        The rig, which is run on. Its force is not a swept one.
+    end : float
+        The time, s.
+
+    Returns
+    -------
+    Flights
+        The motion on the way, whose energies and mean squares are exact (`measured`).
+
+    Raises
+    ------
+    EndlessEventsError
+        If the rig has too many events; it stands where it gave up.
+    """
+    first, state = row_of_rig(rig), rig.state()
+    drive = Drive(state.run.time, tuple(state.angles), rig.parameters.harmonics[1])
+    run = rig.run(end)
+    if run.outcome is not Outcome.COMPLETE:
+        raise EndlessEventsError(run.reason)
+    rows = np.concatenate([first, run.events, row_of_rig(rig)])
+    return Flights.between(rig.parameters, rows, drive, active=state.run.force)

@@ -42,6 +42,8 @@ from .solved_orbits import counted_from_zero, orbit_near
 
 #: For how many cycles at least the states must come back.
 _LEAST_REPEATS = 10
+#: Displacements smaller than this share of the static one are looked at more closely.
+_SMALL = 1e-2
 #: Distance that round-off alone makes.
 _ROUND_OFF = 1e-13
 #: A state that is farther than so many tolerances from all before it begins no period.
@@ -265,6 +267,7 @@ class _SettlingRig:
         self.stretches: list[_Stretch] = []
         self.last = np.empty(0, EVENT_TYPE)
         rates = parameters.harmonics[1]
+        self._static = max(map(abs, parameters.harmonics[0]), default=0.0) / parameters.stiffness
         self.drive = Drive(state.run.time, tuple(state.angles), rates)
         self.turned = state.angles[0] + rates[0] * (self.start - state.run.time)
         turns = [rate * self.cycle / math.tau for rate in _active_rates(parameters)]
@@ -309,9 +312,15 @@ class _SettlingRig:
         if result.outcome is not Outcome.COMPLETE:
             self.reason = result.reason
             return False
+        self.last = rows_of_samples(result.samples[-1:], STATE)
         states = relative_states(result.samples)
         section, quiet = states[1::2], states[::2]
         size = float(np.abs(section[:, 0]).max() + np.ptp(section[:, 2]))
+        if size < _SMALL * self._static:
+            # M may pass zero at the ends of all cycles
+            rows = np.concatenate([first, result.events, self.last])
+            flights = Flights.between(self.parameters, rows, self.drive, active=active)
+            size += flights.cut(self.time, math.inf).measured()[1]
         # A rig without force has settled once next to nothing of its start is left
         forced = bool(_active_rates(self.parameters))
         self._size = size if forced else max(size, self._size)
@@ -321,7 +330,6 @@ class _SettlingRig:
             places = [samples[name] - samples['x'] for name in ('stop_1', 'stop_2')]
             section = np.concatenate([section, np.stack(places, axis=-1)], axis=-1)
         self._section = np.concatenate([self._section, section])
-        self.last = rows_of_samples(result.samples[-1:], STATE)
         self.stretches.append(_Stretch(begun, snapshot, first, active, result.events, quiet))
         hits = result.impacts()['time']
         self._quiet = _kept_quiet((hits - self.start) / self.cycle, self._quiet)
@@ -333,9 +341,10 @@ class _SettlingRig:
 
     def period(self, tolerance: float) -> Period | None:
         """Return the period with which the last states repeat."""
-        if not (self.driven and self._size) or len(self._section) < 2:
+        if not self.driven or len(self._section) < 2:
             return None
-        size = self._size * np.array([1.0, self.rate] * 2)
+        # All alike without any motion
+        size = (self._size or 1.0) * np.array([1.0, self.rate] * 2)
         if self._controlled:
             far = float(np.abs(self._section[-1, 4:]).max())
             size = np.append(size, [max(self._size, far)] * 2)

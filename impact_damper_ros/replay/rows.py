@@ -31,8 +31,8 @@ NO_EVENTS: Events = np.empty(0, EVENT_TYPE)
 
 
 def events_as_rows(events: Sequence[Event]) -> Events:
-    """Return events as an array, without the modes after them."""
-    return np.array([(e.time, *e[3:], e.kind, e.stop, 0) for e in events], EVENT_TYPE)
+    """Return events as an array; the modes after them, which are not known, are -1."""
+    return np.array([(e.time, *e[3:], e.kind, e.stop, -1) for e in events], EVENT_TYPE)
 
 
 def samples_as_rows(samples: Sequence[Sample]) -> Samples:

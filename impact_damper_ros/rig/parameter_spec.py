@@ -154,6 +154,11 @@ class ParameterSpec(NamedTuple):
             numbers.append(in_si(number, factor))
         return self.checked(numbers if self.kind == 'double_array' else numbers[0])
 
+    def in_si(self, entry: str) -> float:
+        """Return one number that a person typed, in SI, of any size."""
+        number, unit = self._split(entry.strip(), '')
+        return in_si(number, UNITS[self.unit][unit or self.unit])
+
     def _split(self, entry: str, unit: str) -> tuple[float, str]:
         """Return number and unit of what a person typed."""
         number, own, other = split_number(entry)

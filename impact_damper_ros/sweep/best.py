@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from .ensemble import start_of
+from .ensemble import rig_of_row
 from .execution import State, rig_row
 from .grid import Axis, Grid
 from .journal import Row
-from .table import check_measure
+from .table import check_measure, complete_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -146,7 +146,13 @@ def find_optimum(
     Returns
     -------
     Optimum or None
-        None if no motion of the sweep repeats, or under control no rig could be simulated.
+        None if no motion of the sweep repeats, or under control no rig could be simulated, or none
+        has the measure.
+
+    Raises
+    ------
+    ValueError
+        If the measure is not known, or the table is not that of a whole sweep.
 
     Notes
     -----
@@ -158,6 +164,7 @@ def find_optimum(
     check_measure(measure)
     if best not in get_args(Best):
         raise ValueError(f'best is {best!r}: give one of {", ".join(get_args(Best))}')
+    table = complete_table(table)
     controlled = Grid.from_inputs(table.attrs['inputs']).setup.control.active
     eligible = table['ok' if controlled else 'settled'].fillna(False).astype(bool)
     measures = table[measure].astype(float).where(eligible)
@@ -187,7 +194,7 @@ def _step(axis: Axis, value: float) -> float:
     """Return the distance to the next value of an axis; 0 if no values lie between."""
     place = axis.values.index(value)
     near = axis.values[max(0, place - 1) : place + 2]
-    return max(np.diff(near), default=0.0) if axis.real else 0.0
+    return float(max(np.diff(near), default=0.0)) if axis.real else 0.0
 
 
 class _Search:
@@ -221,8 +228,7 @@ class _Search:
         if not self.table.ok[row]:
             return None
         setup = self.grid.setup.vary(self.grid.settings(self.grid.values(row)))
-        start = start_of(self.table.loc[row], 0.5 * setup.parameters.gap)
-        return rig_row(setup._replace(initial=start))[1]
+        return rig_of_row(self.table.loc[row], setup.parameters).snapshot()
 
     def _run(self, values: tuple[float, ...], state: State | None) -> tuple[Row, State | None]:
         """Run a rig from a state, or from its initial conditions."""

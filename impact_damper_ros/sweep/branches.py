@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import Branch, PeriodicOrbit, follow, orbit_near
 from impact_damper_ros.rig import EventKind, RigParameters
 
-from .ensemble import start_of
+from .ensemble import rig_of_row
 from .grid import Grid
 
 if TYPE_CHECKING:
@@ -78,7 +77,7 @@ def branches_of(table: pd.DataFrame) -> list[Branch]:
 
 def _orbit_of(row: Any, rig: RigParameters) -> PeriodicOrbit | None:
     """Return the periodic motion that a rig has settled into."""
-    events = Rig(rig, start_of(row, 0.5 * rig.gap)).advance(row.period * row.cycle)
+    events = rig_of_row(row, rig).advance(row.period * row.cycle)
     hit = next((event for event in events if event.kind is EventKind.IMPACT), None)
     if hit is None:
         return None

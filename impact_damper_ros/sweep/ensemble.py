@@ -2,9 +2,9 @@
 """
 Transients of many rigs at once, by the engine's loop over an array of rigs.
 
-Rigs without control that differ in numbers alone, and whose force repeats, run together through
-their transients. Each then goes on by itself from a state at the end of a cycle, where its motion
-may have settled: this state as initial conditions is the same motion to the last digits.
+Rigs without control and air that differ in numbers alone, and whose force repeats, run together
+through their transients. Each then goes on by itself from a state at the end of a cycle, where its
+motion may have settled: this state as initial conditions is the same motion to the last digits.
 """
 
 from __future__ import annotations
@@ -12,17 +12,25 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control import Outcome, run_ensemble
+from impact_damper_ros.control import Outcome, Rig, run_ensemble
+from impact_damper_ros.orbits.flights import flight_at, machine_of, rig_on
 from impact_damper_ros.orbits.settled_motion import cycle_of, relative_states
-from impact_damper_ros.rig import PARAMETER_SPECS, InitialConditions
+from impact_damper_ros.rig import (
+    PARAMETER_SPECS,
+    InitialConditions,
+    Mode,
+    ParameterError,
+    RigParameters,
+)
 
 from .grid import Axis, Grid, RigSetup
-from .steady_state import BETWEEN, ROUND_OFF, SECTION, Array, Settling, comes_back
+from .steady_state import BETWEEN, ROUND_OFF, SECTION, Array, Settling, check_cycle, comes_back
 
 #: Parameters in which rigs of an ensemble may differ.
 _NUMBERS = [
@@ -62,19 +70,24 @@ def transients(setups: Mapping[int, RigSetup], threads: int | None) -> dict[int,
     groups: dict[Any, dict[int, RigSetup]] = defaultdict(dict)
     for point, setup in setups.items():
         parameters = setup.parameters
-        if parameters.periodic_force:
+        # The air depends on the stop hit last, which initial conditions do not hold
+        if parameters.periodic_force and parameters.air_force == 0.0:
             held = parameters.as_dict()
             others = tuple(value for name, value in held.items() if name not in _NUMBERS)
             groups[setup.initial, others][point] = setup
     found: dict[int, Transient] = {}
     for group in groups.values():
-        found |= _run_together(group, threads)
+        with suppress(ParameterError):
+            # By itself each says what is wrong with it
+            found |= _run_together(group, threads)
     return found
 
 
 def _run_together(setups: dict[int, RigSetup], threads: int | None) -> dict[int, Transient]:
     """Run the rigs of one ensemble until each has come close to a state of cycles before."""
     parameters, initial, *_, settling = next(iter(setups.values()))
+    for setup in setups.values():
+        check_cycle(setup.parameters, settling)
     cycle = cycle_of(parameters)
     left, found = dict(setups), {}
     begun, end = 0, min(_FIRST_PART, settling.cycles)
@@ -117,10 +130,20 @@ def _ends(states: Array, omega: Array, settling: Settling, begun: int) -> NDArra
     return ended
 
 
-def start_of(row: Any, half: float) -> InitialConditions:
-    """Return the last state of a row of the table, given half the gap, m."""
+def rig_of_row(row: Any, parameters: RigParameters) -> Rig:
+    """Return a rig in the last state of a row of the table."""
     x, velocity, offset, relative = (float(getattr(row, name)[-1]) for name in SECTION)
-    return start_at(x, velocity, offset, velocity + relative, half)
+    half = 0.5 * parameters.gap
+    start = start_at(x, velocity, offset, velocity + relative, half)
+    rig = Rig(parameters, start)
+    if not len(row.impact_stop):
+        return rig
+    # The air depends on the stop hit last, which initial conditions do not hold
+    resting = rig.mode if rig.mode >= Mode.STICK else 0
+    beyond, last = start.initial_damper_offset - half, int(row.impact_stop[-1])
+    machine = machine_of(parameters)
+    flight = flight_at(machine, 0.0, x, velocity, beyond, relative, resting, last)
+    return rig_on(flight, parameters)
 
 
 def start_at(

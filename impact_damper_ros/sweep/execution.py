@@ -8,6 +8,7 @@ finish.
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import os
@@ -36,7 +37,7 @@ from impact_damper_ros.rig.snapshot import Snapshot
 
 from .ensemble import Transient, can_share, shared_values, transients
 from .grid import Grid, RigSetup, Varied
-from .journal import Journal, Progress, Row, differences, journal_path
+from .journal import Journal, Progress, Row, delete_journal, differences, journal_path
 from .steady_state import Settling, steady_state
 from .table import (
     MetadataError,
@@ -399,11 +400,14 @@ def sweep(
     ['1,2', '1,2', '1,2']
     """
     path = None if output is None else Path(output)
+    jobs = whole_number('jobs', jobs, 1, MOST_JOBS)
     check_format(path)
+    if path is not None and not path.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
     if path is not None and path.exists():
         table = _existing(grid, path, overwrite=overwrite)
         if table is not None:
-            journal_path(path).unlink(missing_ok=True)
+            delete_journal(path)
             return table
     place = None if path is None else journal_path(path)
     with Journal(place, grid.inputs(), anew=overwrite) as journal:
@@ -414,6 +418,6 @@ def sweep(
         table = table_of(grid, journal.rows())
         if path is not None:
             write_table(table, path)
-    if place is not None:
-        place.unlink(missing_ok=True)
+    if path is not None:
+        delete_journal(path)
     return table

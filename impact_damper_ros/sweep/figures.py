@@ -29,7 +29,7 @@ from .best import Nearby, Optimum
 from .branches import branches_of
 from .grid import Axis, Grid
 from .summary import attractor_text, attractors_of
-from .table import MEASURES, check_measure
+from .table import MEASURES, check_measure, complete_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -622,11 +622,12 @@ def draw_sweep(
     Raises
     ------
     ValueError
-        If the sweep has more axes.
+        If the sweep has more axes, or the table is not that of a whole sweep.
     OSError
         If the file cannot be written.
     """
     check_measure(measure)
+    table = complete_table(table)
     axes = Grid.from_inputs(table.attrs['inputs']).axes
     if len(axes) > 2:
         raise ValueError(f'a figure shows one axis or two, not {len(axes)}')

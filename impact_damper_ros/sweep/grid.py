@@ -380,13 +380,19 @@ class Grid:
         )
 
 
-def _number(text: str, where: str) -> float:
+def _number(text: str, where: str, spec: ParameterSpec | None = None) -> float:
+    """Return a number in SI, which may have a unit where a parameter is given."""
     if text.strip().lower() in _BOOLS:
         return _BOOLS[text.strip().lower()]
     try:
         number = float(text)
     except ValueError:
-        raise GridError(f'{where}: {shown(text)} is not a number') from None
+        if spec is None:
+            raise GridError(f'{where}: {shown(text)} is not a number') from None
+        try:
+            number = spec.in_si(text)
+        except ParameterError as error:
+            raise GridError(f'{where}: {shown(text)} is not a number: {error}') from None
     if not math.isfinite(number):
         raise GridError(f'{where}: {shown(text)} is not a finite number')
     return number
@@ -424,7 +430,8 @@ def range_from_text(text: str) -> tuple[str, list[float]]:
     ----------
     text : str
         NAME=LOW:HIGH:COUNT, NAME=LOW:HIGH:COUNT:log or NAME=V1,V2,...; NAME may be several names,
-        as in ``restitution_1=restitution_2=0.5:0.9:41``, which then take the same value.
+        as in ``restitution_1=restitution_2=0.5:0.9:41``, which then take the same value. Values
+        are in SI units, or have one: ``gap=10mm:30mm:3``.
 
     Returns
     -------
@@ -446,17 +453,17 @@ def range_from_text(text: str) -> tuple[str, list[float]]:
     names, _, values = text.rpartition('=')
     if not names:
         raise GridError(f'{shown(text)}: give NAME=LOW:HIGH:COUNT, such as gap=10:60:200')
-    for name in names.split('='):
-        _parts(name)
-    where = named(text)
+    specs = [_SPECS[_parts(name)[0]] for name in names.split('=')]
+    where, spec = named(text), specs[0] if specs[0].low is not None else None
     if ':' not in values:
         listed = [part for part in values.strip().strip('[]').split(',') if part.strip()]
-        return names, [_number(part, where) for part in listed]
+        return names, [_number(part, where, spec) for part in listed]
     low, high, *rest = (part.strip() for part in values.split(':'))
     if len(rest) not in (1, 2):
         raise GridError(f'{where}: give LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or V1,V2,...')
     spacing = rest[1] if rest[1:] else 'linear'
-    return names, _spaced(_number(low, where), _number(high, where), rest[0], spacing, where)
+    ends = _number(low, where, spec), _number(high, where, spec)
+    return names, _spaced(*ends, rest[0], spacing, where)
 
 
 def _range_from_entry(name: str, entry: Any) -> tuple[str, list[float]]:

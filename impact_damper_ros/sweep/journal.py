@@ -49,6 +49,13 @@ def journal_path(output: Path) -> Path:
     return output.with_name(output.name + '.part')
 
 
+def delete_journal(output: Path) -> None:
+    """Delete the journal of a table, and what a killed process may have left beside it."""
+    place = journal_path(output)
+    for path in (place, place.with_name(place.name + '-journal')):
+        path.unlink(missing_ok=True)
+
+
 def differences(stored: Any, asked: Any, name: str = '') -> list[str]:
     """Return a line for each value in which two sets of inputs differ."""
     if isinstance(stored, dict) and isinstance(asked, dict):
@@ -102,7 +109,8 @@ class Journal:
                     f'{self._path} is in use by another sweep with this output: wait for it, or '
                     'give another --output'
                 ) from None
-            if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR):
+            # Without a code a text could not be decoded
+            if code in (0, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR):
                 raise JournalError(
                     f'{self._path} is not the journal of a sweep, or damaged ({error}): move it '
                     'away, or give another --output'

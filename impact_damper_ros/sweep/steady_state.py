@@ -25,10 +25,11 @@ from impact_damper_ros.orbits.settled_motion import (
     relative_states,
     settle,
 )
-from impact_damper_ros.rig import EventKind, Mode, ParameterError
+from impact_damper_ros.rig import EventKind, Mode, ParameterError, RigParameters
 from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.parameter_spec import number_between, whole_number
 from impact_damper_ros.rig.snapshot import LATEST
+from impact_damper_ros.rig.state import CHATTER_1
 
 from .journal import Row
 
@@ -80,24 +81,27 @@ def _chatter_time(events: Events, start: float, end: float) -> float:
     if not (events['kind'] == EventKind.REST).any():
         return total
     faster: list[float] = []
-    struck = 0
+    struck, cut = 0, False
     considered = events[~np.isin(events['kind'], _WITHIN_CHATTER)]
-    rows = (considered[name].tolist() for name in ('time', 'kind', 'stop'))
-    for time, kind, stop in zip(*rows, strict=True):
+    rows = (considered[name].tolist() for name in ('time', 'kind', 'stop', 'mode'))
+    for time, kind, stop, mode in zip(*rows, strict=True):
         if kind == EventKind.IMPACT:
             if stop != struck:
                 faster = []
             elif len(faster) > 1 and time - faster[-1] >= faster[-1] - faster[-2]:
                 faster = faster[-1:]
             faster.append(time)
-            struck = stop
+            struck, cut = stop, mode >= CHATTER_1
             continue
-        if kind == EventKind.REST and faster:
+        # A single impact is none, unless further ones are not resolved
+        if kind == EventKind.REST and faster and (cut or len(faster) > 1):
             total += max(0.0, min(time, end) - max(faster[0], start))
         faster = []
     return float(np.clip(total, 0.0, end - start))
 
 
+#: Least frequency of the force, over the natural one.
+_SLOWEST = 1e-4
 #: Cycles between two looks whether the motion repeats.
 BETWEEN = 50
 #: Distance of states, relative to the motion, that round-off makes.
@@ -220,6 +224,24 @@ def _pass_transient(rig: Rig, settling: Settling) -> tuple[int, int]:
     return cycles, events
 
 
+def check_cycle(parameters: RigParameters, settling: Settling) -> None:
+    """Raise `ParameterError` if the cycle of the force is too long to be simulated so often."""
+    cycle, most = cycle_of(parameters), settling.cycles + 2 * settling.watch
+    if cycle * parameters.omega > math.tau / _SLOWEST:
+        raise ParameterError(
+            'force_frequencies',
+            f'the force has a cycle of {cycle:g} s, {cycle * parameters.omega / math.tau:.3g} '
+            'natural periods: motion so slow is no vibration, give at least '
+            f'{_SLOWEST * parameters.omega:.3g} rad/s in force_frequencies',
+        )
+    if most * cycle > 0.5 * LATEST:
+        raise ParameterError(
+            'force_frequencies',
+            f'the force has a cycle of {cycle:g} s, and so many cycles take longer than a rig '
+            'can run: give a higher frequency in force_frequencies, or fewer cycles',
+        )
+
+
 def steady_state(rig: Rig, settling: Settling, transient: tuple[int, int] | None = None) -> Row:
     """
     Run a rig until its motion repeats or the time is up, and return its row of the table.
@@ -228,13 +250,7 @@ def steady_state(rig: Rig, settling: Settling, transient: tuple[int, int] | None
     and events of this are given. How it is recognised that the motion repeats: `settle`. Raises
     `EndlessEventsError` if the rig has more events than `settling` allows.
     """
-    cycle, most = cycle_of(rig.parameters), settling.cycles + 2 * settling.watch
-    if most * cycle > 0.5 * LATEST:
-        raise ParameterError(
-            'force_frequencies',
-            f'the force has a cycle of {cycle:g} s, and so many cycles take longer than a rig '
-            'can run: give a higher frequency in force_frequencies, or fewer cycles',
-        )
+    check_cycle(rig.parameters, settling)
     if transient is None:
         # What is left of a start without force dies out, but never comes back
         forced = any(rig.parameters.harmonics[0])

@@ -129,6 +129,21 @@ def check_measure(measure: str) -> None:
         raise ValueError(f'measure is {shown(measure)}: give one of {", ".join(MEASURES)}')
 
 
+def complete_table(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the table of a whole sweep, its rows in order; or raise ValueError."""
+    if 'inputs' not in table.attrs:
+        raise ValueError(
+            'the table has no inputs in its attributes (attrs): give it as sweep or read_table '
+            'returns it'
+        )
+    size = Grid.from_inputs(table.attrs['inputs']).size
+    if sorted(table.point) != list(range(size)):
+        raise ValueError(
+            f'the table has {len(table)} rows of a sweep of {size} rigs: give the whole table'
+        )
+    return table.sort_values('point').reset_index(drop=True)
+
+
 def columns_of(grid: Grid) -> list[Column]:
     """Return all columns of the table of a sweep, in order."""
     varied = [
@@ -331,6 +346,8 @@ def _read_csv(path: Path) -> pd.DataFrame:
     if list(table.columns) != list(kinds) or len(table) != grid.size:
         raise ValueError(f'{len(table)} of {grid.size} rows')
     table = _describe(table, grid)
+    # CSV has no other sign for what is empty and what is missing
+    table['stops'] = table.stops.mask(table.settled.fillna(False) & table.stops.isna(), '')
     # A line that was cut short lacks its last columns
     if table.impact_speed[table.ok].isna().any():
         raise ValueError('a row is cut short')

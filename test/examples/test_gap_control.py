@@ -48,7 +48,7 @@ def test_level(run, capsys):
     # Friction on the inclines costs more at small forces.
     assert rows[15, 'timed'] == pytest.approx(rows[15, 'ideal'], rel=0.02)
     assert rows[15, 'ideal'][0] > 1.5 * rows[15, 'ideal'][2]
-    assert '| timed, independent stops | 1.287 | 0.0766' in capsys.readouterr().out
+    assert '| timed, independent stops | 1.287 | 0.0771' in capsys.readouterr().out
 
 
 def test_broadband(run):
@@ -109,8 +109,10 @@ def test_power_is_balanced():
     control = study.law('timed', study.RIG, **study.REAL)
     run = study.watched(study.RIG, control, settle=160.0, watch=40.0)
     rig = Rig(study.RIG, control=control, compiled=None)
+    rig.run(math.tau * 160.0)
     instants = math.tau * (160.0 + (np.arange(40 * 400) + 0.5) / 400.0)
     samples = rig.run(math.tau * 200.0, instants).samples
     work = float(np.mean(np.sin(samples['time']) * samples['primary_velocity']))
-    assert run.impact_power + run.dashpot_power == pytest.approx(work, rel=0.002)
+    # The mean of samples is that inexact
+    assert run.impact_power + run.dashpot_power == pytest.approx(work, rel=2e-5)
     assert run.actuator_power > 0.5 * work

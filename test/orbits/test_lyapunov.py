@@ -8,7 +8,7 @@ from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import MotionKind, settle
-from impact_damper_ros.orbits.flight_arrays import Drive, Flights, row_of_rig
+from impact_damper_ros.orbits.flight_arrays import run_flights
 from impact_damper_ros.orbits.lyapunov import deviations, monodromy_of
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
@@ -67,14 +67,12 @@ def test_matrix_is_the_derivative_of_the_flow(name):
     cycle = math.tau / rig.force_frequencies[0]
     end = (1.0 if name == 'chattering' else 1.7) * cycle
     run = run_from(rig, start)
-    first, drive = row_of_rig(run), Drive(0.0, run.state().angles, rig.harmonics[1])
-    stretch = run.run(end)
-    kinds = {EventKind(kind) for kind in stretch.events['kind']}
+    flights = run_flights(run, end)
+    kinds = {EventKind(kind) for kind in flights.rows['kind'][1:-1]}
     assert EventKind.IMPACT in kinds
     assert (EventKind.STICK in kinds) is (name == 'sticking')
     assert (EventKind.REST in kinds) is (name == 'chattering')
-    rows = np.concatenate([first, stretch.events, row_of_rig(run)])
-    along = deviations(Flights.between(rig, rows, drive), 0.0, end)
+    along = deviations(flights, 0.0, end)
     (matrix,) = ABSOLUTE @ monodromy_of(along, np.array([end])) @ np.linalg.inv(ABSOLUTE)
     step = 1e-7 * (1.0 if name == 'chattering' else 10.0)
     for column in range(4):

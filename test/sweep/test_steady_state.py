@@ -118,3 +118,18 @@ def test_multisine_has_the_rms_of_its_lines():
     rates = np.linspace(0.5, 1.5, 11)
     gains = 1.0 / ((1.0 - rates**2) ** 2 + (0.2 * rates) ** 2)
     assert state.x_rms == pytest.approx(math.sqrt(gains.mean()), rel=1e-6)
+
+
+def test_a_rig_without_force_at_rest():
+    state = settled(RigParameters(force_amplitudes=0.0))
+    assert (state.motion, state.x_max) == ('at rest', 0.0)
+
+
+@pytest.mark.parametrize('slow', [0.1, 0.003])
+def test_a_slow_force(slow):
+    """M follows it; at the ends of all cycles it passes zero."""
+    rig = RigParameters(gravity=0.0, gap=1e3, damping=0.2, force_frequencies=slow)
+    state = settled(rig, cycles=100, watch=50)
+    assert (state.motion, state.period) == ('without impacts', 1)
+    assert state.x_max == pytest.approx(rig.response_amplitude, rel=1e-9)
+    assert state.x_rms == pytest.approx(rig.response_amplitude / math.sqrt(2.0), rel=1e-9)

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from control.controlled_rigs import TRIAL, control
+from rigs import BENCH
 from small_disk import mounted
 
 from impact_damper_ros.control import Rig
@@ -369,3 +370,59 @@ def test_another_version_on_a_worker_ends_the_sweep(monkeypatch):
     monkeypatch.setattr('impact_damper_ros.__version__', '0.0.1')
     with ProcessPool(1) as pool, pytest.raises(WorkersError, match=r'sweep is of version 0\.0\.1'):
         sweep(grid_of(gap=[20, 30]), executor=pool)
+
+
+def test_air_acts_from_the_stop_hit_last_after_a_transient_of_many():
+    """An ensemble restarts its rigs from states that do not say which stop that was."""
+    rig = BENCH.replace(one_sided=True, angle=1.2, air_force=0.5, force_amplitudes=0.6)
+    grid = Grid(rig, settling=BRIEF, restitution_1=[0.1, 0.4])
+    table = sweep(grid)
+    for row, value in zip(table.itertuples(), grid.axes[0].values, strict=True):
+        alone = steady_state(Rig(rig.replace(restitution_1=value), compiled=None), BRIEF)
+        assert (row.motion, row.stops) == (alone['motion'], alone['stops'])
+        assert row.x_max == pytest.approx(alone['x_max'], rel=1e-7)
+    assert (table.impacts_per_cycle > 0.0).all()
+
+
+def test_one_start_beyond_a_stop_is_one_row():
+    grid = Grid(RIG, settling=BRIEF, initial_damper_offset=[-20.0, 0.0, 20.0])
+    for jobs in (1, 2):
+        table = sweep(grid, jobs=jobs)
+        assert list(table.ok) == [False, True, False]
+        assert 'm must start between the stops' in table.reason[0]
+
+
+def test_a_csv_without_impacts_reads_back_equal(tmp_path):
+    """What is empty and what is missing look alike there."""
+    grid = grid_of(gap=[30.0, 1e4], damping=[0.2, 2.5])
+    table = sweep(grid, tmp_path / 'a.csv')
+    assert '' in list(table.stops.dropna())
+    assert table.stops.isna().any()
+    pd.testing.assert_frame_equal(read_table(tmp_path / 'a.csv'), table)
+
+
+def test_nothing_is_left_beside_a_table(tmp_path):
+    left = tmp_path / 'a.parquet.part-journal'
+    left.write_bytes(bytes(512))
+    sweep(grid_of(gap=[30.0]), tmp_path / 'a.parquet')
+    assert [path.name for path in tmp_path.iterdir()] == ['a.parquet']
+
+
+def test_what_cannot_be_swept_is_refused_at_once(tmp_path):
+    with pytest.raises(ValueError, match='jobs is 0: give a whole number from 1 to'):
+        sweep(TOGETHER, jobs=0)
+    with pytest.raises(FileNotFoundError) as refused:
+        sweep(TOGETHER, tmp_path / 'none' / 'a.csv')
+    assert refused.value.filename == str(tmp_path / 'none')
+
+
+def test_a_journal_whose_texts_are_damaged(tmp_path):
+    path = tmp_path / 'a.parquet'
+    with Journal(journal_path(path), TOGETHER.inputs()):
+        pass
+    base = sqlite3.connect(journal_path(path))
+    base.execute("UPDATE sweep SET inputs = CAST(x'FFFE8080' AS TEXT)")
+    base.commit()
+    base.close()
+    with pytest.raises(JournalError, match='or damaged'):
+        sweep(TOGETHER, path)

@@ -244,3 +244,19 @@ def test_basins_are_drawn_with_their_shares():
     assert labels[0].startswith('periodic, 1 cycle, stops 1,2: 66.7%')
     # Beyond the stop m cannot start
     assert labels[-1] == 'failed'
+
+
+def test_the_best_row_of_a_sorted_table():
+    table = swept(gap=[26.0, 30.0, 37.0, 45.0])
+    shuffled = table.sort_values('x_max').reset_index(drop=True)
+    best = find_optimum(shuffled, 'x_max', refine=False)
+    assert best == find_optimum(table, 'x_max', refine=False)
+    (row,) = table[table.gap == best.values[0]].itertuples()
+    assert row.x_max == best.value
+    with pytest.raises(ValueError, match='3 rows of a sweep of 4 rigs: give the whole table'):
+        find_optimum(table[:3], 'x_max')
+    with pytest.raises(ValueError, match='4 rigs: give the whole table'):
+        draw_sweep(table[1:], 'x_max', None, 'none.png')
+    table.attrs.clear()
+    with pytest.raises(ValueError, match='no inputs in its attributes'):
+        find_optimum(table, 'x_max')
