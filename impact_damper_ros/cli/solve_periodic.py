@@ -362,7 +362,7 @@ def _write_branches(
         from impact_damper_ros.report.branch_figure import branch_figure
         from impact_damper_ros.report.drawing import save_figure
 
-        title = textwrap.fill(rig_line(parameters), 120)
+        title = textwrap.fill(f'{followed[0][1].name} varied; {rig_line(parameters)}', 120)
         save_figure(branch_figure([branch for _, branch in followed], title), arguments.figure)
 
 

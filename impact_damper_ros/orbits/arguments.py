@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.state import constants_of
 
 #: Most impacts in a period for which all stop sequences are listed.
@@ -14,6 +15,8 @@ MOST_LISTED_IMPACTS = 6
 _WHOLE = 1e-12
 #: Least frequency of the force, over the natural one.
 _SLOWEST = 1e-6
+#: Longest period of a force that is named as the remedy, in cycles.
+_MOST_NAMED = 65
 
 
 class OrbitError(ValueError):
@@ -67,13 +70,19 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
     for force, frequency in zip(
         parameters.force_amplitudes, parameters.force_frequencies, strict=True
     ):
-        turns = cycles * frequency / first
-        if force != 0.0 and abs(turns - round(turns)) > _WHOLE * max(1.0, turns):
+        turns = frequency / first
+        if force != 0.0 and not _whole(cycles * turns):
+            period = next((k for k in range(1, _MOST_NAMED) if _whole(k * turns)), 0)
             raise OrbitError(
-                f'the harmonic of {frequency:g} rad/s turns {turns:.6g} times in {cycles} cycles '
-                f'of the first one, {first:g} rad/s: a periodic motion needs a whole number, '
-                'give frequencies in ratios of whole numbers and as many cycles as these ask for'
+                f'the harmonic of {frequency:g} rad/s turns {cycles * turns:.6g} times '
+                f'in {counted(cycles, "cycle")} of the first one, {first:g} rad/s: a periodic '
+                'motion needs a whole number, give '
+                + (f'a multiple of {period} cycles' if period else 'frequencies in such ratios')
             )
+
+
+def _whole(turns: float) -> bool:
+    return abs(turns - round(turns)) <= _WHOLE * max(1.0, turns)
 
 
 def repeats_after(parameters: RigParameters, cycles: int) -> bool:
@@ -114,6 +123,19 @@ def pressed_to(parameters: RigParameters, stop: int) -> bool:
     machine, _ = constants_of(parameters)
     weight = machine.slope if stop == 1 else -machine.slope
     return weight - machine.air + machine.grip > 0.0
+
+
+def symmetric(parameters: RigParameters) -> bool:
+    """Return whether the mirror image of each motion, half a cycle later, is another one."""
+    machine, lines = constants_of(parameters)
+    first = parameters.force_frequencies[0]
+    turns = [line.frequency / first for line in lines[: machine.harmonics] if line.force != 0.0]
+    return (
+        not parameters.one_sided
+        and machine.slope == 0.0
+        and machine.restitution_1 == machine.restitution_2
+        and all(turn % 2.0 == 1.0 for turn in turns)
+    )
 
 
 def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, ...]]:

@@ -78,6 +78,7 @@ class Limit(Enum):
     STABILITY = 'edge of stability'
     VIABILITY = 'edge of viability'
     FOLD = 'fold: the motion ends'
+    ENDS = 'the branch ends'
     RANGE = 'end of the searched range'
 
 
@@ -283,10 +284,11 @@ class Branch:
             limit = _LIMITS.get(special.kind, Limit.STABILITY)
             return BestPoint(*point, limit, special.reason or special.kind.value)
         ended = self.ended if i else self.began
-        limit = Limit.FOLD if ended == NONE_NEARBY else Limit.RANGE
+        limit = Limit.RANGE if ended.endswith((END, POINTS)) else Limit.ENDS
         return BestPoint(*point, limit, ended)
 
 
-#: Why a branch ends: at the end of its range, and elsewhere.
-END, NONE_NEARBY = 'the end of the range', 'no motion nearby: the corrector fails'
+#: Why a branch ends: at the end of its range, with the points asked for, and elsewhere.
+END, POINTS = 'the end of the range', ' points'
+NONE_NEARBY = 'no motion nearby: the corrector fails'
 CLOSES = 'the branch closes'

@@ -33,7 +33,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .branch import CLOSES, END, NONE_NEARBY, Branch, BranchPoint, SpecialKind, SpecialPoint
+from .branch import (
+    CLOSES,
+    END,
+    NONE_NEARBY,
+    POINTS,
+    Branch,
+    BranchPoint,
+    SpecialKind,
+    SpecialPoint,
+)
 from .orbit import PeriodicOrbit
 from .solution_curve import LOCATED, CurvePoint, Path, Piece, SolutionCurve, Steps
 from .solved_orbits import performed
@@ -148,7 +157,8 @@ def _locate(piece: Piece, kind: SpecialKind, test: _Test) -> _Located | None:
     if kind is SpecialKind.GRAZING:
         best, other = (near, far) if near[1].orbit.viable else (far, near)
         there = other[1].orbit
-        beyond = performed(there, there.parameters) if piece.curve.performed else None
+        replaced = piece.curve.performed(piece.curve.value(other[1].place))
+        beyond = performed(there, there.parameters) if replaced else None
         reason = _difference(best[1].orbit, beyond or there) or piece.change
     orbit = best[1].orbit
     if not _genuine(kind, orbit, _NEAR if complete else _GUESSED):
@@ -193,6 +203,8 @@ _GROWTH = 1.4
 #: The first step, as a share of the largest one.
 _FIRST_STEP = 0.1
 _LEAST_STEP = 1e-7
+#: Least scale of a parameter that begins near zero, as a share of its range.
+_LEAST_SCALE = 0.2
 #: How far from a meeting of two events the motion without them is sought, in steps.
 _BEYOND = 1e-6
 
@@ -259,13 +271,17 @@ def _grow(curve: SolutionCurve, point: CurvePoint) -> Branch:
     pieces: list[Piece] = []
     here, step = point, _FIRST_STEP * along.largest_step
     least = _LEAST_STEP * along.largest_step
-    ended = f'{along.most_points} points'
+    ended = f'{along.most_points}{POINTS}'
     while len(points) < along.most_points:
         edge = _edge(curve, here, step)
         ahead = here.place + step * here.tangent
         there = edge[1] if edge else curve.correct(ahead, here.tangent)
         fresh, lost = None, False
-        if there is not None and curve.performed and not there.orbit.viable:
+        if (
+            there is not None
+            and not there.orbit.viable
+            and curve.performed(curve.value(there.place))
+        ):
             if _fold(here) * _fold(there) < 0.0:
                 fresh = _beyond_meeting(curve, here, there)
             else:
@@ -392,7 +408,7 @@ def follow(
 def _one_way(orbit: PeriodicOrbit, along: Steps, upwards: bool) -> Branch:
     """Follow a motion while the parameter rises, or falls, at first."""
     value = along.value(orbit.parameters)
-    scale = abs(value) or max(abs(along.low), abs(along.high))
+    scale = max(abs(value), _LEAST_SCALE * (along.high - along.low))
     curve = SolutionCurve(orbit, along, value, scale)
     point = curve.at_value(curve.start, value, 1.0 if upwards else -1.0)
     if point is None:
@@ -444,4 +460,5 @@ def switch_branch(
     point = curve.correct(curve.start + _FIRST_STEP * largest_step * direction, direction)
     if point is None:
         return Branch(name=along.name, points=(), special=(), ended='no branch found')
-    return _grow(curve, point)
+    began = f'{special.kind.value} at {along.name} = {special.value:.9g}'
+    return replace(_grow(curve, point), began=began)

@@ -261,6 +261,24 @@ class PeriodicOrbit(Rhythm):
     def _cycles_before(self, impact: int) -> int:
         return super()._cycles_before(impact) if single_harmonic(self.parameters) else 0
 
+    def mirrored(self) -> Self:
+        """Return the mirror image of a motion of a symmetric rig, half a cycle later."""
+        turned: dict[str, Any] = {
+            name: tuple(-value for value in getattr(self, name)) for name in AT_IMPACTS
+        }
+        late = (
+            e._replace(stop=3 - e.stop if e.stop else 0, phase=(e.phase + 0.5) % self.cycles)
+            for e in self.events
+        )
+        image = replace(
+            self,
+            stops=tuple(3 - stop for stop in self.stops),
+            phases=tuple((phase + 0.5) % self.cycles for phase in self.phases),
+            events=tuple(late),
+            **turned,
+        )
+        return image.begun_at(0)
+
     def repeats(self, tolerance: float) -> bool:
         """Return whether the motion repeats within its period, to a relative tolerance."""
         later = list(self.turned_to(self.stops))[1:]

@@ -20,6 +20,7 @@ from impact_damper_ros.rig import (
     ParameterError,
     RigParameters,
 )
+from impact_damper_ros.rig.parameter_spec import whole_number
 
 from .arguments import (
     OrbitError,
@@ -27,6 +28,7 @@ from .arguments import (
     check_stops,
     pressed_to,
     single_harmonic,
+    symmetric,
 )
 from .flights import machine_of
 from .orbit import AT_IMPACTS, PeriodicOrbit
@@ -42,6 +44,8 @@ SOFT = 0.2
 
 #: Systematic starts for each unknown instant, three and more impacts in a period.
 STARTS_PER_INSTANT = 200
+#: Longest period, in cycles of the force.
+MOST_CYCLES = 1000
 
 _SETTLING_CYCLES = 120
 _STARTS_PER_RUN = 3
@@ -182,9 +186,9 @@ def _theory(
     starts: int | None,
 ) -> tuple[list[PeriodicOrbit], StartReport]:
     """Solve from all starts, or many, that the impact equations give."""
-    equations = ImpactEquations(parameters, stops, cycles)
     other_events = may_rest_or_reverse(parameters, stops)
     report = StartReport(stops=stops, method='scan', other_events=other_events)
+    equations = ImpactEquations(parameters, stops, cycles)
     if equations.impacts == 1:
         roots = one_impact_roots(equations)
     elif equations.impacts == 2:
@@ -425,6 +429,9 @@ def find_orbits(
     """
     stops = tuple(stops)
     check_stops(parameters, stops)
+    cycles = whole_number('cycles', cycles, 1, MOST_CYCLES)
+    if starts is not None:
+        starts = whole_number('starts', starts, 0, 10_000_000)
     check_forcing(parameters, cycles)
     try:
         return _found(parameters, stops, cycles, starts, simulate)
@@ -458,5 +465,8 @@ def _found(
     else:
         known = list(_simpler_orbits(parameters, stops, cycles, starts))
         others, report = _followed_orbits(parameters, stops, cycles, known, simulate=simulate)
-    orbits = _distinct([*orbits, *others], stops)
+    orbits += filter(None, others)
+    if symmetric(parameters):
+        orbits += [orbit.mirrored() for orbit in orbits]
+    orbits = _distinct(orbits, stops)
     return OrbitSearch(tuple(orbits), replace(report, distinct=len(orbits)))

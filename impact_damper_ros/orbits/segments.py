@@ -141,7 +141,7 @@ def last_stops(nodes: Sequence[Node]) -> NDArray[np.int64]:
 class _Layout:
     """What the nodes alone say: which equations and unknowns count, and where they are."""
 
-    def __init__(self, nodes: tuple[Node, ...], bounces: tuple[bool, bool]) -> None:
+    def __init__(self, nodes: tuple[Node, ...]) -> None:
         n = len(nodes)
         self.last, self.next = np.roll(np.arange(n), 1), np.roll(np.arange(n), -1)
         #: Stop hit last in the flight after each node, and what that is like
@@ -168,7 +168,6 @@ class _Layout:
             [1.0 if self._upwards(nodes[j - 1], nodes[j]) else -1.0 for j in range(n)]
         )
         moving = self.impact & ~self.joint
-        moving &= ((stop == 1) & bounces[0]) | ((stop == 2) & bounces[1])
         rows, columns = np.ones((n, 5), bool), np.ones((n, 5), bool)
         rows[:, _Y] = ~(release & (stop != 0))
         rows[:, _U] = np.where(self.impact, moving, ~release)
@@ -205,7 +204,6 @@ class _Layout:
         self.late_to = m * np.arange(m) + column[5 * (self.rows // 5) + _T]
 
 
-#: The layout of nodes; given as well is whether each stop has a restitution above zero.
 _layout = lru_cache(maxsize=64)(_Layout)
 
 
@@ -235,8 +233,7 @@ class Segments:
         self.cycle = math.tau / parameters.force_frequencies[0]
         self.period = cycles * self.cycle
         self.rate = math.sqrt(rig.free.omega_squared)
-        bounces = rig.restitution_1 > 0.0, rig.restitution_2 > 0.0
-        self.layout = layout = _layout(self.nodes, bounces)
+        self.layout = layout = _layout(self.nodes)
         joint = layout.joint
         self.laws = FlightLaws.of(rig, joint, layout.direction, layout.away)
         acting = [h for h in range(rig.harmonics) if h == 0 or lines[h].force != 0.0]

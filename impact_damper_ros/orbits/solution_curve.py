@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, ParameterError, RigParameters
+from impact_damper_ros.rig.parameter_spec import number_between, whole_number
 from impact_damper_ros.rig.quoting import shown
 
-from .arguments import OrbitError, single_harmonic
+from .arguments import OrbitError, check_forcing, single_harmonic
 from .orbit import PeriodicOrbit
 from .response import Array
 from .search import within_theory
@@ -81,11 +82,17 @@ class Steps:
         """Check the range."""
         if not callable(self.path):
             _check_name(self.path)
+        asked = f'{self.name} from {self.low:.9g} to {self.high:.9g}'
         if not -math.inf < self.low < self.high < math.inf:
+            raise OrbitError(f'{asked} is no range: give two numbers, the low end first')
+        least, most = self.bounds[-2:]
+        if self.low < least or self.high > most:
             raise OrbitError(
-                f'{self.name} from {self.low:.9g} to {self.high:.9g} is no range: give the low '
-                'end first'
+                f'{asked} is beyond what is admissible: give a range within {least:.9g} to '
+                f'{most:.9g}'
             )
+        number_between('largest_step', self.largest_step, 1e-6, 1.0)
+        whole_number('most_points', self.most_points, 2, 1_000_000)
 
     @property
     def name(self) -> str:
@@ -101,6 +108,11 @@ class Steps:
     def value(self, parameters: RigParameters) -> float:
         """Return the value at which the branch begins with a rig; or raise `OrbitError`."""
         if isinstance(self.path, str):
+            if self.path == 'force_frequencies' and not single_harmonic(parameters):
+                raise OrbitError(
+                    'force_frequencies is the frequency of the first harmonic, and the others do '
+                    'not follow it: give a function that returns the rig with all of them'
+                )
             value = value_of(parameters, self.path)
         else:
             tried = (self.low, self.high) if self.start is None else (self.start,)
@@ -120,7 +132,7 @@ class Steps:
 
     @property
     def bounds(self) -> tuple[float, ...]:
-        """The ends of the range, and the least and largest admissible value."""
+        """The ends of the range, and the least and largest admissible value, if known."""
         if not isinstance(self.path, str):
             return self.low, self.high
         name = 'restitution_1' if self.path == BOTH_RESTITUTIONS else self.path
@@ -189,11 +201,7 @@ class SolutionCurve:
         self.scale = scale
         self._nodes = guess.nodes * times
         self._cycles = orbit.cycles * times
-        #: Whether motions that the rig cannot perform are left for those that it can: the theory
-        #: of impacts follows its solutions through.
-        self.performed = len(guess.nodes) > orbit.impacts or not (
-            single_harmonic(orbit.parameters) and within_theory(orbit.parameters, orbit.stops)
-        )
+        self._of_impacts = len(guess.nodes) == orbit.impacts
         segments = Segments(self.parameters, self._nodes, self._cycles)
         self._units = segments.length, segments.length * segments.rate
         # Cache of the last value, which is needed up to three times in a row
@@ -213,10 +221,22 @@ class SolutionCurve:
         """Return the boundary-value problem at a value of the parameter."""
         if self._last[0] != value:
             rig = self.along.rig(self.parameters, value)
+            check_forcing(rig, self._cycles)
             segments = Segments(rig, self._nodes, self._cycles)
             self._set_units(segments)
             self._last = value, segments
         return self._last[1]
+
+    def performed(self, value: float) -> bool:
+        """
+        Return whether motions that the rig cannot perform are left for those that it can.
+
+        The theory of impacts follows its solutions through, where it holds.
+        """
+        problem = self._segments(value)
+        rig = problem.parameters
+        theory = single_harmonic(rig) and within_theory(rig, problem.stops)
+        return not (self._of_impacts and theory)
 
     def value(self, place: Array) -> float:
         """Return the parameter, that of a bound where only round-off is between."""
@@ -240,7 +260,7 @@ class SolutionCurve:
         """Return the equations' residual, and its derivative by the unknowns."""
         segments = self._segments(value)
         lasts = segments.durations(segments.motion(unknowns)[1])
-        if not self.performed and float(lasts.min()) <= 0.0:
+        if float(lasts.min()) <= 0.0 and not self.performed(value):
             raise ArithmeticError('impacts out of order')
         return segments.residual(unknowns)
 
@@ -273,9 +293,10 @@ class SolutionCurve:
 
         def longest_part(place: Array, step: Array) -> float:
             """Keep impacts in order; other events may pass."""
-            if self.performed:
+            value = self.value(place)
+            if self.performed(value):
                 return 1.0
-            segments = self._segments(self.value(place))
+            segments = self._segments(value)
             return float(segments.longest_part(place[:-1], step[:-1]))
 
         try:

@@ -296,8 +296,7 @@ def _symmetric_starts(equations: ImpactEquations) -> Iterator[tuple[Array, Array
 
 # All intervals are narrowed at once: one look at 33 instants costs little more than at one. With
 # `scipy.optimize.brentq` and `minimize_scalar`, one interval at a time, a scan takes 2 to 4 times
-# as long (15 to 26 ms for one cycle; 1.7 to 6.5 s for stops 1, 1, where round-off makes hundreds
-# of intervals).
+# as long (15 to 26 ms for one cycle).
 
 
 def _look(equations: ImpactEquations, second: Array) -> tuple[Array, Array, Array]:
@@ -389,11 +388,13 @@ def two_impact_roots(equations: ImpactEquations) -> list[Solution]:
 
 
 _CLOSE = 1e-6
+#: Starts that are computed at once, times the impacts squared, as the size of a derivative.
+_MOST_NUMBERS = 2**18
 
 
-def _systematic_starts(equations: ImpactEquations, count: int) -> tuple[Array, Array]:
+def _systematic_starts(equations: ImpactEquations, numbers: range) -> tuple[Array, Array]:
     """
-    Return starts that cover the instants evenly.
+    Return some of the starts that cover the instants evenly, given their numbers.
 
     The gaps between impacts are spacings of sorted points of a Kronecker sequence, the phase of
     the first impact is another of its coordinates; the displacements solve the linear equations
@@ -405,8 +406,8 @@ def _systematic_starts(equations: ImpactEquations, count: int) -> tuple[Array, A
     for _ in range(64):
         golden = (1.0 + golden) ** (1.0 / (n + 1))
     steps = golden ** -np.arange(1.0, n + 1)
-    points = (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
-    offsets = np.zeros((count, n))
+    points = (0.5 + np.outer(np.array(numbers) + 1, steps)) % 1.0
+    offsets = np.zeros((len(numbers), n))
     offsets[:, 1:] = np.sort(points[:, 1:], axis=-1) * equations.period
     # Two impacts at once have no equations
     least = 1e-3 * equations.period
@@ -429,10 +430,15 @@ def many_impact_roots(equations: ImpactEquations, starts: int) -> tuple[list[Sol
     """Find motions of one stop sequence from systematic starts; and how many have converged."""
     if not starts:
         return [], 0
-    x, instants = _systematic_starts(equations, starts)
     problem = impact_problem(equations)
-    unknowns = problem.unknowns(equations.states(x, instants), instants)
-    unknowns, residuals = approach_roots(equations, problem, unknowns)
+    at_once = max(1, _MOST_NUMBERS // equations.impacts**2)
+    reached = []
+    for first in range(0, starts, at_once):
+        numbers = range(first, min(first + at_once, starts))
+        x, instants = _systematic_starts(equations, numbers)
+        unknowns = problem.unknowns(equations.states(x, instants), instants)
+        reached.append(approach_roots(equations, problem, unknowns))
+    unknowns, residuals = (np.concatenate(part) for part in zip(*reached, strict=True))
     close = residuals < _CLOSE
     # One of each group of starts that came to the same place is polished
     keys: dict[tuple[int, ...], int] = {}

@@ -74,7 +74,7 @@ def branch_text(branch: Branch) -> str:
         return f'  {branch.ended}'
     swings = [orbit.x_max for orbit in branch.orbits]
     lines = [
-        f'  {branch.name} from {branch.values[0]:.9g} to {branch.values[-1]:.9g}: '
+        f'  {branch.name} from {min(branch.values):.9g} to {max(branch.values):.9g}: '
         f'{counted(len(swings), "motion")}, largest |X| between {min(swings):.6g} and '
         f'{max(swings):.6g} m',
     ]

@@ -83,7 +83,7 @@ REFUSALS = {
         (
             '--impacts 2 --set force_amplitudes=[1,1] --set force_frequencies=[1,2.5] '
             '--set force_phases=[0,0]',
-            'turns 2.5 times in 1 cycles',
+            'turns 2.5 times in 1 cycle of the first one',
         ),
         ('--impacts 9', 'name one, such as 1,2,1,2,1,2,1,2,1'),
         ('--impacts 2 --follow gap', '--follow'),

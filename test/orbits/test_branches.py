@@ -219,7 +219,7 @@ def test_motions_with_reversals_are_followed():
 @pytest.mark.parametrize(
     ('low', 'high', 'words'),
     [
-        (40.0, 30.0, 'gap from 40 to 30 is no range: give the low end first'),
+        (40.0, 30.0, 'gap from 40 to 30 is no range: give two numbers, the low end first'),
         (math.nan, 40.0, 'gap from nan to 40 is no range'),
         (50.0, 60.0, 'gap is 37 where the branch begins: give a range around that, not 50 to 60'),
     ],
@@ -395,3 +395,61 @@ def test_a_pole_of_a_multiplier_is_no_branch_point():
     grazing = next(o for o in find_orbits(rig, (1, 2)).orbits if o.viable and o.x_max > 20.0)
     branch = follow(grazing, 'gap', 4.0, 64.0)
     assert [special.kind for special in branch.special] == [SpecialKind.GRAZING]
+
+
+def test_plastic_stops_are_the_end_of_a_branch():
+    """The equations of a stop that takes all speed are those of a small restitution."""
+    branch = follow(stable_orbit(OFF_RESONANCE), 'restitution', 0.0, 1.0)
+    assert (min(branch.values), max(branch.values)) == (0.0, 1.0)
+    (plastic,), (nearly,) = branch.at([0.0, 1e-6])
+    assert plastic.x_max == pytest.approx(nearly.x_max, rel=1e-4)
+    expected = find_orbits(plastic.parameters, (1, 2)).orbits
+    assert min(map(plastic.distance, expected)) < 1e-9
+
+
+def test_friction_that_begins_at_zero():
+    """A flight back to the stop it came from reverses then, and friction with it."""
+    rig = HORIZONTAL.replace(
+        one_sided=True,
+        angle=0.3,
+        gravity=9.81,
+        gap=15.7,
+        damper_mass=0.0724,
+        restitution_1=0.485,
+        force_frequencies=0.993,
+    )
+    branch = follow(find_orbits(rig, (1,)).orbits[0], 'friction', 0.0, 0.1)
+    assert max(branch.values) == 0.1
+    (orbit,) = branch.at([0.05])[0]
+    assert orbit.viable
+    assert [event.kind for event in orbit.events] == [EventKind.REVERSAL]
+    expected = find_orbits(rig.replace(friction=0.05), (1,)).orbits
+    assert min(map(orbit.distance, expected)) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ('name', 'low', 'high', 'words'),
+    [
+        (
+            'angle',
+            -2.0,
+            2.0,
+            'angle from -2 to 2 is beyond what is admissible: give a range within',
+        ),
+        ('gap', 20.0, math.inf, 'give two numbers, the low end first'),
+        ('force_frequencies', 0.9, 1.2, 'the others do not follow it'),
+    ],
+)
+def test_what_cannot_be_followed(name, low, high, words):
+    rig = HORIZONTAL.replace(
+        force_amplitudes=(1.0, 0.1), force_frequencies=(1.0, 2.0), force_phases=(0.0, 0.3)
+    )
+    with pytest.raises(OrbitError, match=words):
+        follow(stable_orbit(rig), name, low, high)
+
+
+def test_a_path_to_rigs_without_a_period():
+    rig = HORIZONTAL
+    orbit = stable_orbit(rig)
+    with pytest.raises(OrbitError, match='multisine_level'):
+        follow(orbit, lambda s: rig.replace(multisine_level=s), 0.0, 0.5, start=0.0)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from rigs import INCLINED
 
-from impact_damper_ros.orbits import ImpactEquations, find_orbits
-from impact_damper_ros.orbits.solved_orbits import orbit_of
+from impact_damper_ros.orbits import ImpactEquations, find_orbits, starts
+from impact_damper_ros.orbits.solved_orbits import after_impact, orbit_of
 from impact_damper_ros.orbits.starts import many_impact_roots
 from impact_damper_ros.rig import RigParameters
 
@@ -139,3 +139,40 @@ def test_ten_times_the_starts_find_no_more(gap, stops, angle):
     assert len(usual) == len(many) > 0
     for one, other in zip(usual, many, strict=True):
         assert close(one, other)
+
+
+def test_starts_are_the_same_in_parts(monkeypatch):
+    """So that many impacts do not need memory for all of them at once."""
+    rig = INCLINED.replace(gap=8.0, angle=0.4)
+    whole = find_orbits(rig, (1, 1, 2, 2), simulate=False)
+    monkeypatch.setattr(starts, '_MOST_NUMBERS', 1000)
+    assert find_orbits(rig, (1, 1, 2, 2), simulate=False) == whole
+
+
+def test_mirror_images_of_a_symmetric_rig():
+    """Found from simulated starts, which lead to one of the two only."""
+    rig = RigParameters(
+        damping=0.02583601604965474,
+        damper_mass=0.16204478524792512,
+        restitution_1=0.819734905868688,
+        restitution_2=0.819734905868688,
+        gravity=1.0,
+        friction=0.3798491860491305,
+        gap=7.938217835924714,
+        force_amplitudes=(1.0, 0.5468286678652607),
+        force_frequencies=(1.0382379920686677, 3.114713976206003),
+        force_phases=(2.2512898093669103, 2.439469788991656),
+    )
+    one, other = (o for o in find_orbits(rig, (1, 2, 1, 2), 2).orbits if o.stable)
+    assert one.distance(other) > 0.1
+    assert one.distance(other.mirrored()) < 1e-9
+    assert other.mirrored().mirrored().distance(other) < 1e-12
+    run = after_impact(one.mirrored(), rig)
+    hits = run.run(1.01 * one.period).impacts()
+    assert hits['x'][-1] == pytest.approx(one.mirrored().x[0], rel=1e-7)
+
+
+@pytest.mark.parametrize('cycles', [0, -1, 1.5, float('nan')])
+def test_cycles_that_are_no_number_of_them(cycles):
+    with pytest.raises(ValueError, match='give a whole number from 1 to'):
+        find_orbits(INCLINED, (1, 2), cycles)
