@@ -51,24 +51,9 @@ def scaled_rig(rig: RigParameters, omega: float) -> RigParameters:
 # Rigs along the axes of the figures
 
 
-def at_gap(rig: RigParameters, gap: float) -> RigParameters:
-    """Return a rig with another gap, m."""
-    return rig.replace(gap=gap)
-
-
 def at_angle(rig: RigParameters, angle: float) -> RigParameters:
     """Return a rig at another angle, degrees."""
     return rig.replace(angle=math.radians(angle))
-
-
-def at_rate(rig: RigParameters, rate: float) -> RigParameters:
-    """Return a rig with another frequency of the force, rad/s."""
-    return rig.replace(force_frequencies=(rate,))
-
-
-def at_friction(rig: RigParameters, friction: float) -> RigParameters:
-    """Return a rig with another coefficient of friction."""
-    return rig.replace(friction=friction)
 
 
 def with_air(rig: RigParameters, share: float) -> RigParameters:

@@ -9,10 +9,10 @@ The paper's caption has g = 1, its text g = 2: figure_2_g1.png, figure_2_g2.png,
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
-from bapat_rigs import ABOVE, LABELS, OPERATIONS, at_gap
+from bapat_rigs import ABOVE, LABELS, OPERATIONS
 from series import (
     LOOKS,
     Series,
@@ -29,6 +29,7 @@ from series import (
 )
 
 from impact_damper_ros import RigParameters
+from impact_damper_ros.orbits import with_value
 from output import blank_figure, finish_panel, options, print_style, save
 
 LOW, HIGH = 4.0, 64.0  # of the gap, m
@@ -40,7 +41,7 @@ WORDS = {2: 'two', 3: 'three', 4: 'four'}
 
 def gap_series(rig: RigParameters, quick: bool = False) -> Series:
     """Return all motions of a rig over the gap; with three and more impacts those stable once."""
-    at = partial(at_gap, rig)
+    at = partial(with_value, rig, 'gap')
     two = (20.0, 23.0, 40.0) if quick else np.arange(5.0, HIGH)
     many = (19.0,) if quick else np.arange(5.0, MANY_UP_TO)
     sequences = MANY[:2] if quick else MANY
@@ -59,7 +60,6 @@ def gap_series(rig: RigParameters, quick: bool = False) -> Series:
     return Series(at, LOW, HIGH, tuple(branches), tuple(settled_runs(at, marks, branches)))
 
 
-@cache
 def series_of_figure(quick: bool = False) -> dict[str, Series]:
     """Return the series of both figures; of that with g = 2 if quick."""
     rigs = {'horizontal': ABOVE.replace(gravity=1.0)}

@@ -9,27 +9,19 @@ figure_3.png and figure_3.csv.
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
-from bapat_rigs import (
-    ABOVE,
-    BASIC,
-    OPERATIONS,
-    at_angle,
-    at_friction,
-    at_gap,
-    at_rate,
-)
+from bapat_rigs import ABOVE, BASIC, OPERATIONS, at_angle
 from series import LOOKS, Series, computed, draw, legend, series_along, summary, write_series
 
+from impact_damper_ros.orbits import with_value
 from output import blank_figure, finish_panel, options, print_style, save
 
 UNEQUAL = {'restitution_1': 0.78, 'restitution_2': 0.72}
 ANGLES = (0, 5, 10, 15)
 
 
-@cache
 def series_of_figure(quick: bool = False) -> dict[str, Series]:
     """Return the series of all panels."""
 
@@ -41,20 +33,20 @@ def series_of_figure(quick: bool = False) -> dict[str, Series]:
         for kind, changes in (('equal', {}), ('unequal', UNEQUAL)):
             rig = BASIC.replace(gravity=2.0, **operation, **changes)
             marks = grid(20.0, 70.0, 21) if changes else []
-            work[f'a, {name}, {kind}'] = partial(
-                series_along, partial(at_gap, rig), grid(20.0, 70.0, 11), marks, name='gap'
-            )
+            along = partial(with_value, rig, 'gap')
+            gaps = grid(20.0, 70.0, 11)
+            work[f'a, {name}, {kind}'] = partial(series_along, along, gaps, marks, name='gap')
     for ratio, rig in ((1, BASIC), (1.02, ABOVE)):
         work[f'b, r = {ratio}'] = partial(
             series_along, partial(at_angle, rig), grid(0.0, 90.0, 31), grid(0.0, 50.0, 26)
         )
     rates = [*grid(0.999, 1.006, 8), *grid(1.01, 1.12, 23)]
     for angle in ANGLES:
-        rig = partial(at_rate, at_angle(BASIC, angle))
+        rig = partial(with_value, at_angle(BASIC, angle), 'force_frequencies')
         work[f'c, {angle}°'] = partial(
             series_along, rig, rates, grid(1.0, 1.12, 13), carried=False
         )
-    rig = partial(at_friction, BASIC.replace(gap=50.0))
+    rig = partial(with_value, BASIC.replace(gap=50.0), 'friction')
     work['d'] = partial(series_along, rig, grid(0.0, 1.0, 21), grid(0.0, 1.0, 21))
     return computed(work)
 

@@ -10,7 +10,7 @@ F/K = 1 m and zeta = 0.005. figure_4.png and figure_4.csv.
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 from bapat_rigs import BASIC, TILTED, scaled_rig
@@ -24,7 +24,6 @@ RIGS = {
 }
 
 
-@cache
 def series_of_figure(quick: bool = False) -> dict[str, Series]:
     """Return both series."""
     # From the stiff rigs on: steps are relative to where a branch starts

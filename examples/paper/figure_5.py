@@ -10,13 +10,13 @@ figure_5.png and figure_5.csv.
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import partial
 
 import numpy as np
 from bapat_rigs import BASIC
-from series import BLUE, LOOKS, MARKS, STABLE, branches_along, near, same, settled
+from series import BLUE, LOOKS, MARKS, STABLE, best_of, branches_along, near, same, settled
 
-from impact_damper_ros.orbits import BestPoint
+from impact_damper_ros.orbits import BestPoint, with_value
 from output import blank_figure, finish_panel, options, print_style, save, show, write_rows
 
 #: Gaps in which the optima lie, and one with a stable motion at each angle, m.
@@ -27,14 +27,12 @@ HEAD = ('angle [deg]', 'gap [m]', 'xmax_over_a', 'limit', 'beyond', 'settled run
 def optimum_at(angle: float) -> BestPoint:
     """Return the best gap at an angle, degrees, with two impacts per cycle; r = 1, no friction."""
     rig = BASIC.replace(angle=math.radians(angle))
-    branches = branches_along(
-        lambda gap: rig.replace(gap=gap), LOW, HIGH, (START, 57.0), name='gap'
-    )
-    found = (branch.best('x_max') for branch in branches)
-    return min((best for best in found if best), key=lambda best: best.orbit.x_max)
+    at = partial(with_value, rig, 'gap')
+    best = best_of(branches_along(at, LOW, HIGH, (START, 57.0), name='gap'))
+    assert best is not None
+    return best
 
 
-@cache
 def optima_of_figure(quick: bool = False) -> dict[float, BestPoint]:
     """Return the optima by the angles."""
     fine = [0.0, 10.0, 45.0, 90.0] if quick else [*np.arange(0, 20, 2.5), *np.arange(20, 91, 5)]
@@ -68,8 +66,8 @@ def main() -> None:
                   markersize=11, label='limited by stability, no minimum')  # fmt: skip
     right.plot(*zip(*reached, strict=True), linestyle='none', marker=LOOKS[0][1], color=BLUE,
                label='simulation', **MARKS)  # fmt: skip
-    left.set(xlim=(0.0, 90.0), ylim=(56.0, 61.0))
-    right.set(xlim=(0.0, 90.0), ylim=(0.0, 0.06))
+    left.set(xlim=(0.0, 91.5), ylim=(56.0, 61.0))
+    right.set(xlim=(0.0, 91.5), ylim=(0.0, 0.06))
     finish_panel(left, 'a', 'angle of inclination $θ$ [°]', 'optimal gap [m]')
     label = r'$X_{\max}/A$ at the optimal gap'
     finish_panel(right, 'b', 'angle of inclination $θ$ [°]', label)

@@ -9,7 +9,7 @@ figure_6.png and figure_6.csv.
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 from bapat_rigs import ABOVE, BASIC, with_air
@@ -18,7 +18,6 @@ from series import LOOKS, Series, computed, draw, legend, series_along, summary,
 from output import blank_figure, finish_panel, options, print_style, save
 
 
-@cache
 def series_of_figure(quick: bool = False) -> dict[str, Series]:
     """Return the series at and above the resonance, along the air force over that of friction."""
     marks = np.linspace(0.0, 6.0, 5 if quick else 25)

@@ -23,6 +23,7 @@ from matplotlib.lines import Line2D
 
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.orbits import (
+    BestPoint,
     Branch,
     PeriodicOrbit,
     SettledMotion,
@@ -103,11 +104,6 @@ class Series:
         return sum(high - low for low, high in self.stable_ranges(*stops))
 
 
-def has_stops(branch: Branch, stops: tuple[int, ...]) -> bool:
-    """Return whether the motions of a branch hit some stops, in this order."""
-    return any(branch.orbits[0].turned_to(stops))
-
-
 def branches_along(
     rig: Callable[[float], RigParameters],
     low: float,
@@ -127,7 +123,7 @@ def branches_along(
     known: list[Branch] = []
     for value in starts:
         for stops in sequences:
-            alike = [branch for branch in known if has_stops(branch, stops)]
+            alike = [branch for branch in known if any(branch.orbits[0].turned_to(stops))]
             there = [orbit for branch in alike for orbit in branch.at([value])[0]]
             for orbit in find_orbits(rig(value), stops, simulate=simulate).orbits:
                 if orbit.viable and min(map(orbit.distance, there), default=1.0) > SAME:
@@ -150,6 +146,12 @@ def series_along(
     branches = list(branches_along(rig, low, high, map(float, starts), name=name))
     runs = settled_runs(rig, [float(mark) for mark in marks], branches, carried)
     return Series(rig, low, high, tuple(branches), tuple(runs))
+
+
+def best_of(branches: Iterable[Branch]) -> BestPoint | None:
+    """Return the stable motion with the least |X| on some branches."""
+    found = (best for branch in branches if (best := branch.best()) is not None)
+    return min(found, key=lambda best: best.orbit.x_max, default=None)
 
 
 def computed(work: Mapping[str, Callable[[], Series]]) -> dict[str, Series]:

@@ -17,10 +17,10 @@ import claims  # noqa: E402
 IN_PART, OTHER = 'reproduced in part', 'reproduced with a different number'
 #: Verdicts on the claims, in order.
 VERDICTS = (
-    'reproduced', IN_PART, IN_PART, IN_PART, IN_PART, 'reproduced',
+    'reproduced', 'reproduced', IN_PART, IN_PART, IN_PART, 'reproduced',
     IN_PART, 'reproduced', IN_PART, IN_PART, 'reproduced', 'reproduced',
     'not reproduced', IN_PART, 'reproduced', 'reproduced', 'reproduced',
-    IN_PART, 'reproduced', IN_PART, OTHER, 'reproduced', 'reproduced',
+    IN_PART, 'reproduced', IN_PART, OTHER, 'reproduced', 'reproduced', 'reproduced', IN_PART,
 )  # fmt: skip
 
 
@@ -60,19 +60,27 @@ def judged(found):
 
 
 def test_figure_6(drawn):
-    verdicts, numbers = judged(claims.air_claims(drawn(claims.figure_6)))
+    found = drawn(claims.figure_6)
+    verdicts, numbers = judged(claims.air_claims(found))
     assert tuple(verdicts) == VERDICTS[17:20]
+    assert claims.control_claim(found).verdict == VERDICTS[24]
     assert numbers['r = 1, stable up to p/mγg'] == pytest.approx(4.3534, abs=1e-4)
     assert numbers['r = 1.02, least with the best gap'] == pytest.approx(0.38637, abs=1e-5)
 
 
 def test_the_vertical_rig():
     verdicts, numbers = judged(claims.vertical_claims())
-    assert tuple(verdicts) == VERDICTS[20:]
+    assert tuple(verdicts) == VERDICTS[20:23]
     assert (numbers['from'], numbers['to']) == pytest.approx((0.45362, 1.12673), abs=1e-5)
     # The limit of a light ball, from the literature
     assert numbers['heavy table, from'] == pytest.approx(0.448799, abs=1e-6)
     assert numbers['heavy table, to'] == pytest.approx(1.114744, abs=1e-6)
+
+
+def test_friction_and_gravity_act_by_two_coefficients():
+    claim = claims.coefficient_claim()
+    assert claim.verdict == VERDICTS[23]
+    assert sum(claim.numbers.values()) > 17
 
 
 def test_a_script_runs_by_itself(tmp_path):
