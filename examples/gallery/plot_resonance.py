@@ -4,7 +4,7 @@ Resonance curve with and without the damper
 
 The largest displacement of M over the frequency of the force: without impacts by the formula of a
 damped oscillator, with the damper from rest by simulation. The damper works near the resonance,
-where the structure needs it.
+where the structure needs it. Some three percent below, M moves more than without impacts.
 """
 
 import matplotlib.pyplot as plt
@@ -18,19 +18,9 @@ plt.style.use('print.mplstyle')  # beside this script
 
 rig, _, _ = load_parameters('bench_rig')
 ratios = np.linspace(0.85, 1.15, 101)  # frequency of the force over that of the rig
-zeta = rig.damping / (2.0 * np.sqrt(rig.stiffness * rig.primary_mass))
-static = rig.force_amplitudes[0] / rig.stiffness
-alone = static / np.hypot(1.0 - ratios**2, 2.0 * zeta * ratios)
-
-motions = [
-    settle(
-        Rig(rig.replace(force_frequencies=ratio * rig.omega)),
-        cycles=300,
-        watch=100,
-        tolerance=1e-5,
-    )
-    for ratio in ratios
-]
+rigs = [rig.replace(force_frequencies=ratio * rig.omega) for ratio in ratios]
+alone = np.array([one.response_amplitude for one in rigs])
+motions = [settle(Rig(one), cycles=300, watch=100, tolerance=1e-5) for one in rigs]
 largest = np.array([motion.x_max for motion in motions])
 repeats = np.array([motion.period is not None for motion in motions])
 
