@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import logging
 import os
+import socket
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -307,6 +308,11 @@ def _cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
             'install it with "pip install distributed", or the package with its extra [dask]'
         ) from error
     try:
+        # A client that cannot connect waits and complains when it is deleted
+        host, _, port = address.rpartition('://')[2].rpartition(':')
+        if not port.isdigit():
+            raise ValueError('it has no port')
+        socket.create_connection((host.strip('[]'), int(port)), _CONNECT_SECONDS).close()
         client: Any = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise CommandError(
