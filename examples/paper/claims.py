@@ -528,7 +528,7 @@ def natural_frequency_claims(found: Found) -> Iterator[Claim]:
         },
     )
     low, high = tilted.stable_ranges()[-1]
-    ratios = [tilted.least(float(omega)) for omega in np.geomspace((1.0 + 1e-9) * low, high, 25)]
+    ratios = [tilted.least(float(omega)) for omega in np.geomspace(1.0001 * low, high, 25)]
     horizontal = level.least(1.0)
     alone = {
         'gravity alone': TILTED.replace(friction=0.0),

@@ -68,12 +68,15 @@ class Series:
 
     def at(self, value: float, *stops: tuple[int, ...]) -> list[PeriodicOrbit]:
         """Return the viable motions at a value, with one of some sequences, if given."""
-        found = []
+        found: list[PeriodicOrbit] = []
         for number, branch in enumerate(self.branches):
             if not stops or branch.orbits[0].stops in stops:
                 if (number, value) not in self._known:
                     self._known[number, value] = branch.at([value])[0]
-                found += [orbit for orbit in self._known[number, value] if orbit.viable]
+                for orbit in self._known[number, value]:
+                    # Two branches may meet at a nonsmooth fold, and go on as one
+                    if orbit.viable and min(map(orbit.distance, found), default=1.0) > SAME:
+                        found.append(orbit)
         return found
 
     def least(self, value: float, *stops: tuple[int, ...]) -> float:

@@ -94,7 +94,8 @@ def _axis_label(axis: Axis) -> str:
 def _place_text(axis: Axis, value: float) -> str:
     """Return a value of an axis for a legend, with symbol and unit."""
     first = axis.varied[0]
-    return f'{_symbol(first.name)} = {value:.5g} {first.spec.unit}'.rstrip()
+    number = ('no', 'yes')[int(value)] if first.spec.kind == 'bool' else f'{value:.5g}'
+    return f'{_symbol(first.name)} = {number} {first.spec.unit}'.rstrip()
 
 
 def _best_text(optimum: Optimum) -> str:
@@ -424,6 +425,8 @@ def bifurcation_figure(
             axes.axvline(value, color='0.85', linewidth=1.0, zorder=0)
         if axis.logarithmic:
             axes.set_xscale('log')
+        elif axis.varied[0].spec.kind == 'bool':
+            axes.set_xticks([0.0, 1.0], ['no', 'yes'])
         else:
             axes.margins(x=0.02)
     upper.set_ylim(0.0, 1.0)
