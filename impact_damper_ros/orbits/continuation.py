@@ -409,6 +409,8 @@ def _one_way(orbit: PeriodicOrbit, along: Steps, upwards: bool) -> Branch:
     """Follow a motion while the parameter rises, or falls, at first."""
     value = along.value(orbit.parameters)
     scale = max(abs(value), _LEAST_SCALE * (along.high - along.low))
+    if value == 0.0:
+        scale = max(abs(along.low), abs(along.high))
     curve = SolutionCurve(orbit, along, value, scale)
     point = curve.at_value(curve.start, value, 1.0 if upwards else -1.0)
     if point is None:
