@@ -18,8 +18,8 @@ from page.page_process import PageProcess
 
 
 def test_a_node_that_dies_is_reported_and_started_again(tmp_path):
-    server = PageProcess(tmp_path, '--start', 'bench_rig')
     browser = Browser(chromium.needed())
+    server = PageProcess(tmp_path, '--start', 'bench_rig')
     try:
         page = browser.open(server.address)
         page.wait('impactDamper.history.impacts.length > 0', DEADLINE_S)
