@@ -327,13 +327,15 @@ def _existing(grid: Grid, path: Path, *, overwrite: bool) -> pd.DataFrame | None
     except MetadataError as error:
         if overwrite:
             return None
-        raise MetadataError(f'{error}: give another --output, or --overwrite it') from None
+        raise MetadataError(
+            f'{error}: give another output, or overwrite it (--overwrite)'
+        ) from None
     differing = differences(table.attrs['inputs'], grid.inputs())
     if differing and not overwrite:
         raise MetadataError(
             f'{path} is the table of a sweep with other inputs:\n  '
             + '\n  '.join(differing[:12])
-            + '\ngive another --output, or --overwrite it'
+            + '\ngive another output, or overwrite it (--overwrite)'
         )
     return None if differing else table
 

@@ -244,7 +244,7 @@ def test_a_table_that_is_cut_short(tmp_path, capsys, name):
         assert run(*words) == 2
         said = capsys.readouterr().err
         assert 'is not' in said
-        assert 'give another --output, or --overwrite it' in said
+        assert 'give another output, or overwrite it (--overwrite)' in said
     assert run(*words, '--overwrite') == 0
     assert (tmp_path / name).read_bytes() == whole
 
