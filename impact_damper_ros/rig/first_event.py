@@ -441,7 +441,7 @@ def first_of(
         if run.arrival < inf:
             look_for(rig, lines, run, waves, ARRIVAL, start, motion_a, end, motion_b)
             if (run.speed_1 if run.direction < 0 else run.speed_2) < inf:
-                look_for(rig, lines, run, waves, OUTRUN, after, motion_c, end, motion_b)
+                look_for(rig, lines, run, waves, OUTRUN, start, motion_a, end, motion_b)
         look_for(rig, lines, run, waves, REVERSAL, after, motion_c, end, motion_b)
     # The stop that m leaves is watched only if it moves after m.
     if run.direction >= 0 or run.stop_velocity_1 < 0.0:

@@ -418,3 +418,36 @@ def test_meetings_agree_with_the_oracle():
         assert abs(event.time - float(instant)) <= allowed
         seen[kind] += 1
     assert all(seen[kind] >= 3 for kind in KINDS)
+
+
+def test_a_stop_that_m_outruns_after_a_release_takes_no_speed():
+    """It starts where m has become as fast as it is, not at the first look after the release."""
+    draw = random.Random(3)
+    started = 0
+    for _ in range(40):
+        rig = Rig(
+            RigParameters(
+                primary_mass=2.0,
+                stiffness=1974.0,
+                damping=1.26,
+                damper_mass=draw.uniform(0.02, 0.3),
+                gap=0.04,
+                restitution_1=draw.choice([0.0, 0.5]),
+                restitution_2=draw.choice([0.0, 0.5]),
+                angle=draw.uniform(-0.6, 0.6),
+                force_amplitudes=draw.uniform(2.0, 10.0),
+                force_frequencies=31.416,
+            )
+        )
+        rig.advance(draw.uniform(0.3, 1.0))
+        rig.move_stops(draw.uniform(0.005, 0.02), -draw.uniform(0.005, 0.02), 0.03)
+        begun = rig.snapshot()
+        events = rig.advance(rig.time + 1.0)
+        hits = {event.time for event in events if event.kind is IMPACT}
+        times = [e.time for e in events if e.kind is STARTED and e.time not in hits]
+        instants = [time + late for time in times for late in (-1e-9, 1e-9)]
+        samples = Rig.restore(begun).run(rig.time, instants).samples
+        speeds = samples['damper_velocity'].reshape(-1, 2)
+        assert speeds[:, 0] == pytest.approx(speeds[:, 1], abs=1e-6)
+        started += len(times)
+    assert started > 40
