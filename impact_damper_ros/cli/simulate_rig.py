@@ -71,7 +71,7 @@ from .rig_options import (
     timed_changes,
 )
 
-EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:], 'force_frequency')
+EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:-1], 'force_frequency')
 
 # The end of a run that its summary describes, and how closely it looks for the largest |X|
 _WATCHED_CYCLES = 20
@@ -297,7 +297,7 @@ class _EventTable(Observer):
         for event in events:
             self._steps += event.kind is EventKind.FREQUENCY_STEP
             frequency = frequency_at(parameters, self._steps)
-            self._table.write(row((event.kind.name.lower(), event.time, *event[2:], frequency)))
+            self._table.write(row((event.kind.name.lower(), event.time, *event[2:-1], frequency)))
 
 
 class _StateTable(Observer):

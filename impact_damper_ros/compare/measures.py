@@ -123,6 +123,9 @@ def spectrum(samples: Samples, force_frequency: float) -> Spectrum | None:
     if len(steps) < 16:
         return None
     step = float(np.median(steps))
+    if step <= 0.0:
+        # Each sample is there twice
+        return None
     uneven = np.flatnonzero(np.abs(steps - step) > 1e-3 * step)
     begin = int(uneven[-1]) + 1 if len(uneven) else 0
     highest = 0.5 / step

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from typing import NamedTuple
 
@@ -236,6 +236,17 @@ def _at_rest(samples: Samples) -> bool:
     return float(late.max(initial=0.0)) <= _STILL * float(speeds.max(initial=0.0))
 
 
+def _unbalanced(energy: EnergyBalance | None) -> Iterator[Finding]:
+    """Yield that the energy of a replayed stretch does not balance, if it does not."""
+    if energy is None or abs(energy.residual) <= energy.tolerance:
+        return
+    text = (
+        f'the energy does not balance: {energy.residual:+.4g} J are left, at most '
+        f'{energy.tolerance:.4g} J by round-off; please report this recording'
+    )
+    yield Finding('energy', 'J', energy.start, energy.residual, 0.0, energy.tolerance, text)
+
+
 class _Comparison:
     """The comparison of one stretch, step by step."""
 
@@ -337,6 +348,8 @@ class _Comparison:
             if settled_at is not None:
                 steady = min(settled_at, stretch.end)
                 begin = max(steady, stretch.end - _MEASURED * cycles * self.cycle)
+        energy = self._energy(recorded)
+        unbalanced = _unbalanced(energy) if stretch.at_end else ()
         return StretchComparison(
             **{f.name: getattr(stretch, f.name) for f in fields(LoggedStretch)},
             samples=samples,
@@ -352,11 +365,11 @@ class _Comparison:
             predicted=orbit,
             predicted_impulse=impulses_of(orbit) if orbit is not None else (),
             solver=self.solver,
-            energy=self._energy(recorded),
+            energy=energy,
             decay=decay,
             verdict=judgement.verdict,
             sentence=judgement.sentence,
-            findings=tuple(judgement.findings),
+            findings=(*judgement.findings, *unbalanced),
             log=self.log,
             log_findings=self.log_findings,
             curves=self._curves(recorded, steady),

@@ -31,6 +31,7 @@ from impact_damper_ros.rig.event import (
     View,
     events_of,
     sample_at,
+    table_of_events,
     view_at,
 )
 from impact_damper_ros.rig.event_budget import RunawayError
@@ -235,7 +236,7 @@ class _EventList:
         self.acts = acts
         self.records: list[ControlRecord] = []
 
-    def add(self, event: Event, _mode: int) -> None:
+    def add(self, event: Event) -> None:
         """Add an event."""
         self.events.append(event)
 
@@ -264,11 +265,10 @@ class _EventTable:
         events: Events = self._rows[: self._written].view(EVENT_TYPE)
         return events
 
-    def add(self, event: Event, mode: int) -> None:
-        """Add an event, which is followed by a mode."""
+    def add(self, event: Event) -> None:
+        """Add an event."""
         if self._keep:
-            row = event.time, *event[3:], event.kind, event.stop, mode
-            self.room(event.time, 1)[:1] = [row]
+            self.room(event.time, 1)[:1] = table_of_events([event])
             self.wrote(1)
 
     def take(self, rows: Sequence[EventRow], count: int, _acted: int) -> None:
@@ -588,7 +588,7 @@ class Rig:
                 return status, happened, sampled
             if happened >= most:
                 return SPENT, happened, sampled
-            found.add(self._step_frequency(), self.mode)
+            found.add(self._step_frequency())
             happened += 1
 
     def _go_plain(
@@ -639,7 +639,8 @@ class Rig:
         velocity = run.velocity
         damper = velocity + run.relative_velocity
         y = self.sample().z - run.x
-        return Event(run.time, kind, 0, run.x, y, velocity, velocity, damper, damper, force)
+        speeds = velocity, velocity, damper, damper
+        return Event(run.time, kind, 0, run.x, y, *speeds, force, run.mode)
 
     def run(
         self,
@@ -684,7 +685,7 @@ class Rig:
         in_mode = np.zeros(len(Mode))
         table = _EventTable(keep=record, since=since, end=time)
         for event in self._unreported:
-            table.add(event, self.mode)
+            table.add(event)
         before = self.mark()
         try:
             given = when if self.compiled else when.tolist()

@@ -25,6 +25,7 @@ from impact_damper_ros.bag.snapshots import mathematics, motion_of
 from impact_damper_ros.control import ControlRecord, Order, Outcome, Rig
 from impact_damper_ros.rig import Event, InitialConditions, ParameterError, RunawayError
 from impact_damper_ros.rig.compiled import has_numba
+from impact_damper_ros.rig.event import table_of_events
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, EventBudget
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
@@ -39,7 +40,6 @@ from .rows import (
     Messages,
     Numbers,
     Samples,
-    events_as_rows,
     orders_of,
     published_acts,
     published_impacts,
@@ -295,7 +295,7 @@ class Replay:
         at_once = samples_as_rows([rig.sample()] * here)
         instants = instants[here:]
         if not len(instants):
-            return at_once, events_as_rows(first), acts_first
+            return at_once, table_of_events(first), acts_first
         if not rig.acts:
             rig.compiled = self._compiled
             most = max(MOST_EVENTS, 10 * len(instants))
@@ -311,14 +311,14 @@ class Replay:
             samples.append(rig.sample())
         return (
             np.concatenate([at_once, samples_as_rows(samples)]),
-            events_as_rows(events),
+            table_of_events(events),
             records,
         )
 
     def moved(self, rig: Rig, time: float, most_events: int) -> Events:
         """Let a rig run on to an instant, or to so many events."""
         try:
-            return events_as_rows(rig.advance(time, most_events))
+            return table_of_events(rig.advance(time, most_events))
         except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
             raise self._cannot_go_on(rig, str(error)) from error
 
@@ -424,7 +424,7 @@ class Replay:
         orders = self._orders_until(command.time)
         events, records = self._moved(self.rig, command.time, deque(orders))
         self._time_ns = command.time_ns
-        self._expect(events_as_rows(events), records)
+        self._expect(table_of_events(events), records)
         lost = command.number != last.number + 1
         if lost and self.recorded.stamped:
             self._differ(topic, 'number', command.number, last.number + 1)
@@ -445,7 +445,7 @@ class Replay:
                 matcher.settle(inf)
         if findings.end_ns is None and not self.recorded.stamped:
             events = []
-        everything = np.concatenate([events_as_rows(events), *more])
+        everything = np.concatenate([table_of_events(events), *more])
         yield Part(NO_SAMPLES, everything, command, steps, before, orders)
 
     def _carry_out(self, command: Command) -> tuple[list[tuple[int, Step]], list[Events]]:
@@ -474,7 +474,7 @@ class Replay:
                     present = Setting(rig.parameters, rig.control)
                     setting = present.replaced(deed)
                     if setting != present:
-                        events = events_as_rows(rig.change(*setting))
+                        events = table_of_events(rig.change(*setting))
                         found.append(events)
                         self._expect(events, rig.records)
                         findings.changes += 1
@@ -579,7 +579,7 @@ class Replay:
             # A cut bag may end with the impacts of a tick whose sample is lost.
             until = (last_ns + 1 - findings.offset_ns) / 1e9
             events, records = self._moved(self.rig, until, self._orders)
-            self._expect(events_as_rows(events), records)
+            self._expect(table_of_events(events), records)
         for matcher in self._matchers:
             # In a tick that is cut off, each topic may end elsewhere.
             matcher.settle(max(matcher.last_ns, end_ns) + 1)
@@ -598,7 +598,7 @@ class Replay:
             findings.remark(f'messages from before the first snapshot, left out: {recorded.early}')
         if findings.other_bits:
             findings.remark(self._said_of_other_bits())
-        return Part(NO_SAMPLES, events_as_rows(events), before=before)
+        return Part(NO_SAMPLES, table_of_events(events), before=before)
 
     def _said_of_other_bits(self) -> str:
         findings = self.findings

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.bag.messages import message_row
 from impact_damper_ros.control import Action, ControlRecord, Order
-from impact_damper_ros.rig import EVENT_TYPE, Event, EventKind, RigParameters, Sample
+from impact_damper_ros.rig import EVENT_TYPE, EventKind, RigParameters, Sample
 from impact_damper_ros.rig.event import SAMPLE_TYPE
 
 Samples = NDArray[np.void]
@@ -28,11 +28,6 @@ Numbers = NDArray[np.float64]
 
 NO_SAMPLES: Samples = np.empty(0, SAMPLE_TYPE)
 NO_EVENTS: Events = np.empty(0, EVENT_TYPE)
-
-
-def events_as_rows(events: Sequence[Event]) -> Events:
-    """Return events as an array; the modes after them, which are not known, are -1."""
-    return np.array([(e.time, *e[3:], e.kind, e.stop, -1) for e in events], EVENT_TYPE)
 
 
 def samples_as_rows(samples: Sequence[Sample]) -> Samples:

@@ -20,6 +20,7 @@ import numpy as np
 from impact_damper_ros.bag.snapshots import motion_of
 from impact_damper_ros.control import Order, OwnLaw, Rig
 from impact_damper_ros.rig import InitialConditions, ParameterError, Sample
+from impact_damper_ros.rig.event import table_of_events
 from impact_damper_ros.rig.event_budget import EventBudget
 
 from .command import Command, Setting
@@ -29,7 +30,6 @@ from .rows import (
     NO_SAMPLES,
     Events,
     Samples,
-    events_as_rows,
     impacts_of,
     samples_as_rows,
 )
@@ -95,7 +95,7 @@ class WhatIf:
                     'of the run, at a recorded state; set rig parameters only'
                 )
             rig = Rig.restore(start.state, start.law)
-            self._early.append(events_as_rows(rig.change(*setting)))
+            self._early.append(table_of_events(rig.change(*setting)))
         self.rig = rig
 
     @classmethod
@@ -148,7 +148,7 @@ class WhatIf:
             time, order = orders.popleft()
             events += self._moved(time)
             with suppress(ParameterError):
-                events.append(events_as_rows(self.rig.order(order)))
+                events.append(table_of_events(self.rig.order(order)))
         return events
 
     def _moved(self, time: float) -> list[Events]:
@@ -156,7 +156,7 @@ class WhatIf:
         if time <= self.rig.time:
             return []
         events = self._budget.advance(self.rig, time)
-        return [events_as_rows(events)] if events else []
+        return [table_of_events(events)] if events else []
 
     def carry_out(self, step: Step) -> Events:
         """
@@ -170,7 +170,7 @@ class WhatIf:
         rig = self.rig
         if isinstance(step, Setting):
             self._logged = step
-            return events_as_rows(rig.change(*step.replaced(self._held)))
+            return table_of_events(rig.change(*step.replaced(self._held)))
         initial = InitialConditions(**{**step.as_dict(), **self._held_initial})
         try:
             rig.reset(initial)
@@ -179,8 +179,8 @@ class WhatIf:
             held = rig.parameters
             rig.change(self._logged.rig)
             rig.reset(initial)
-            return events_as_rows(rig.change(held))
-        return events_as_rows([])
+            return table_of_events(rig.change(held))
+        return table_of_events([])
 
 
 def _from_initial(
@@ -280,7 +280,7 @@ class Ending:
     def trace(self, other: WhatIf | None, points: int) -> tuple[Samples, Events]:
         """Return the motion at a number of instants, and the impacts; of a what-if, if given."""
         if not self._kept:
-            return NO_SAMPLES, events_as_rows([])
+            return NO_SAMPLES, table_of_events([])
         start, state, _ = self._kept[0]
         rig = WhatIf.again(state, self._law, other)
         instants = np.linspace(max(start, self._end - self._span), self._end, points)
@@ -293,7 +293,7 @@ class Ending:
             within = instants[(instants >= low) & (instants < high)]
             samples = np.zeros(len(within), NO_SAMPLES.dtype)
             samples['time'] = within
-            part = Part(samples, events_as_rows([]), steps=[] if step is None else [step])
+            part = Part(samples, table_of_events([]), steps=[] if step is None else [step])
             found.append(rig.follow(part))
         samples, events = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
         return samples, impacts_of(events[events['time'] >= instants[0]])

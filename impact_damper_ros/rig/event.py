@@ -10,6 +10,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .compiled import dtype_of, kernel
 from .flight import Lines, Motion, Waves, motion_after, places_after, stop_rates
@@ -69,6 +70,8 @@ class Event(NamedTuple):
     impulse : float
         Modulus of the impulse between m and the stop, N s; 0 unless an impact. Of a `FORCE_STEP`
         the active force on M from then on, N.
+    mode : int
+        The `Mode` after it; -1 if it is not known, as of a recorded event.
     """
 
     time: float
@@ -81,6 +84,7 @@ class Event(NamedTuple):
     damper_velocity_before: float
     damper_velocity_after: float
     impulse: float
+    mode: int = -1
 
 
 class Sample(NamedTuple):
@@ -105,7 +109,7 @@ class Sample(NamedTuple):
 
 @dataclass(slots=True)
 class EventRow:
-    """A row of the table of events: an `Event`, and the mode after it."""
+    """A row of the table of events: an `Event`."""
 
     time: float = 0.0
     x: float = 0.0
@@ -138,9 +142,15 @@ def events_of(rows: Sequence[EventRow], count: int) -> list[Event]:
     return [Event(row.time, _KINDS[row.kind], row.stop, *_FIELDS(row)) for row in rows[:count]]
 
 
+def table_of_events(events: Sequence[Event]) -> NDArray[np.void]:
+    """Return events as an array of EVENT_TYPE."""
+    return np.array([(e.time, *e[3:-1], e.kind, e.stop, e.mode) for e in events], EVENT_TYPE)
+
+
 def events_of_table(table: Any) -> list[Event]:
     """Return the rows of an array of EVENT_TYPE as events."""
-    return [Event(row[0], _KINDS[row[8]], row[9], *row[1:8]) for row in table.tolist()]
+    rows = table.tolist()
+    return [Event._make((row[0], _KINDS[row[8]], row[9], *row[1:8], row[10])) for row in rows]
 
 
 @kernel(inline=True)
