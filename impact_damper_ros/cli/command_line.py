@@ -165,11 +165,18 @@ def command_parser(command: str, description: str, epilog: str = '') -> argparse
     return parser
 
 
+def path_of(text: str) -> Path:
+    """Return a path that was given; an empty one may be a shell variable that is not set."""
+    if not text:
+        raise argparse.ArgumentTypeError('the name is empty: give that of a file or directory')
+    return Path(text)
+
+
 def add_bag_argument(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
     """Let a command take a recording, or several."""
     nargs = '+' if several else None
     text = 'bag directory or .mcap file'
-    parser.add_argument('bag', type=Path, metavar='BAG', nargs=nargs, help=text)
+    parser.add_argument('bag', type=path_of, metavar='BAG', nargs=nargs, help=text)
 
 
 def add_node_option(parser: argparse.ArgumentParser) -> None:
@@ -183,7 +190,7 @@ def add_path_option(
     parser: argparse._ActionsContainer, name: str, text: str, metavar: str = 'FILE'
 ) -> None:
     """Let a command take a path."""
-    parser.add_argument(name, type=Path, metavar=metavar, help=text)
+    parser.add_argument(name, type=path_of, metavar=metavar, help=text)
 
 
 def add_json_option(parser: argparse._ActionsContainer, what: str = 'the result') -> None:
@@ -250,16 +257,31 @@ def need_matplotlib() -> None:
         )
 
 
-def check_outputs(arguments: argparse.Namespace) -> None:
-    """Raise an error before the work if an output could not be written after it."""
+#: Options that name a file to write.
+_OUTPUTS = ('output', 'json', 'csv', 'markdown', 'impacts', 'events', 'states')
+
+
+def check_outputs(arguments: argparse.Namespace, *inputs: Path | None) -> None:
+    """
+    Raise an error before the work if an output could not be written after it.
+
+    As well if it is one of the inputs, or within one.
+    """
     given = vars(arguments)
-    figures = given['figure'] if isinstance(given['figure'], list) else [given['figure']]
-    figures = [path for path in figures if path is not None]
-    paths = [given[name] for name in ('output', 'json', 'csv', 'markdown') if given.get(name)]
+    figures = given.get('figure') or []
+    figures = figures if isinstance(figures, list) else [figures]
+    # What counts impacts has another type
+    paths = [given[n] for n in _OUTPUTS if isinstance(given.get(n), Path)]
+    if [str(path) for path in paths].count('-') > 1:
+        raise ValueError('two outputs go to the standard output: give one of them a file')
     streams = [path for path in paths if str(path) == '-' or path.is_relative_to('/dev')]
-    files = [path.absolute() for path in paths + figures if path not in streams]
+    files = [path.resolve() for path in paths + figures if path not in streams]
     if len(set(files)) < len(files):
         raise ValueError('two outputs have the same name: give each its own')
+    read = {path.resolve() for path in inputs if path is not None}
+    for path in files:
+        if path in read or path.parent in read:
+            raise ValueError(f'{path} is, or is in, what is read: give the output another name')
     for path in figures:
         if path.suffix.lower() not in ('.png', '.svg', '.pdf'):
             raise CommandError(f'{path}: give a name that ends in .png, .svg or .pdf')

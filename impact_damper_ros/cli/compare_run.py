@@ -154,7 +154,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     command = shlex.join(['compare_run', *(sys.argv[1:] if argv is None else argv)])
 
     def work() -> int:
-        check_outputs(arguments)
+        check_outputs(arguments, *arguments.bag, arguments.params)
         if arguments.report is not None:
             need_matplotlib()
             check_directory(arguments.report)

@@ -7,12 +7,18 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from impact_damper_ros.bag import RecordingError, Recovery, recover_run
 from impact_damper_ros.rig.quoting import as_line, counted, printable
 
-from .command_line import EXIT_FAILED, CommandError, add_bag_argument, command_parser, outcome
+from .command_line import (
+    EXIT_FAILED,
+    CommandError,
+    add_bag_argument,
+    command_parser,
+    outcome,
+    path_of,
+)
 
 _DESCRIPTION = """\
 Copy the intact part of a recording that was cut short (kill -9, power cut, full disk) to a
@@ -29,7 +35,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--output',
         metavar='DIR',
-        type=Path,
+        type=path_of,
         help='directory of the new bag, which must not exist [BAG_recovered beside BAG]',
     )
     return parser

@@ -145,7 +145,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
 
     def work() -> int:
-        check_outputs(arguments)
+        check_outputs(arguments, arguments.bag)
         replay = Replay(RecordedRun(arguments.bag, arguments.node, law=arguments.law))
         what_if = None
         if arguments.set:

@@ -33,7 +33,7 @@ from impact_damper_ros.rig.description import described, frequency_hint
 from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml_text, presets
 from impact_damper_ros.rig.quoting import named, shown
 
-from .command_line import say
+from .command_line import path_of, say
 
 
 class GivenRig(NamedTuple):
@@ -56,7 +56,7 @@ def add_params_argument(parser: argparse.ArgumentParser) -> None:
     """Let a command take the parameters file of a rig."""
     parser.add_argument(
         'params',
-        type=Path,
+        type=path_of,
         metavar='PARAMS',
         help=f'ROS 2 parameters file of the rig, or a preset: {", ".join(presets())}',
     )

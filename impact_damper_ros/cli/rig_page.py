@@ -24,7 +24,7 @@ from pathlib import Path
 
 from impact_damper_ros.rig.parameters_file import load_parameters, preset_file
 
-from .command_line import EXIT_FAILED, CommandError, command_parser, outcome, say
+from .command_line import EXIT_FAILED, CommandError, command_parser, outcome, path_of, say
 
 COMMAND = 'rig_page'
 NODE_END_S = 10.0
@@ -40,19 +40,19 @@ def _parser() -> argparse.ArgumentParser:
     what.add_argument('--node', default='', metavar='NAME', help='node of the rig to show first')
     what.add_argument(
         '--bag',
-        type=Path,
+        type=path_of,
         metavar='BAG',
         help='recording to play, or a directory of them; without ROS',
     )
     what.add_argument(
         '--start',
-        type=Path,
+        type=path_of,
         metavar='PARAMS',
         help='also start the node of this rig: a parameters file, or bench_rig or paper',
     )
     parser.add_argument(
         '--recordings',
-        type=Path,
+        type=path_of,
         default=Path('runs'),
         metavar='DIR',
         help='directory of the recordings to list [runs]',

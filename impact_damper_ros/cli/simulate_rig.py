@@ -54,6 +54,7 @@ from .command_line import (
     add_most_events_option,
     add_path_option,
     add_quiet_option,
+    check_outputs,
     command_parser,
     number,
     outcome,
@@ -361,14 +362,6 @@ def _simulate(
     return summary.text(whole=not failure), failure
 
 
-def _check_outputs(arguments: argparse.Namespace) -> None:
-    """Refuse two tables in one file."""
-    named = [path for path in (arguments.impacts, arguments.events, arguments.states) if path]
-    for place, path in enumerate(named):
-        if path.resolve() in [other.resolve() for other in named[:place]]:
-            raise ValueError(f'{path}: two tables go to this file; give each one of its own')
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
@@ -377,7 +370,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         given = given_rig(arguments.params, arguments.set)
         law, control = given_law(arguments.law, given.control)
         given = given._replace(control=control)
-        _check_outputs(arguments)
+        check_outputs(arguments, arguments.params)
         changes = timed_changes(arguments.change, given, arguments.duration)
         if not arguments.quiet:
             announce(

@@ -332,7 +332,7 @@ def _solve(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace, parameters: RigParameters) -> None:
     """Raise an error before the work if a file could not be written, or a range is not one."""
-    check_outputs(arguments)
+    check_outputs(arguments, arguments.params)
     if arguments.follow is not None:
         name, low, high = arguments.follow
         value = value_of(parameters, name)

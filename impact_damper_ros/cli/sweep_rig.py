@@ -14,7 +14,6 @@ from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from tqdm import tqdm
@@ -49,6 +48,7 @@ from .command_line import (
     check_outputs,
     command_parser,
     outcome,
+    path_of,
     say,
     up_to,
     write_json,
@@ -114,7 +114,7 @@ def _parser() -> argparse.ArgumentParser:
     add_law_option(options)
     add(
         *('-o', '--output'),
-        type=Path,
+        type=path_of,
         required=True,
         metavar='FILE',
         help='the table, a .parquet or .csv file; until it is complete, its rows are in FILE.part',
@@ -153,7 +153,7 @@ def _parser() -> argparse.ArgumentParser:
     drawn = options.add_argument_group('results from the table')
     drawn.add_argument(
         '--figure',
-        type=Path,
+        type=path_of,
         action='append',
         default=[],
         metavar='FILE',
@@ -239,7 +239,7 @@ def _check_outputs(arguments: argparse.Namespace, grid: Grid) -> None:
         check_format(arguments.output)
     except ImportError as error:
         raise CommandError(str(error)) from error
-    check_outputs(arguments)
+    check_outputs(arguments, arguments.params, arguments.ranges)
     if arguments.figure and len(grid.axes) > 2:
         raise ValueError(
             f'a figure shows one axis or two, not {len(grid.axes)}: leave out --figure, and draw '

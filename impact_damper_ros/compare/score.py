@@ -23,14 +23,15 @@ from impact_damper_ros.replay import RecordedRun, Replay, WhatIf
 from impact_damper_ros.replay.command import Command
 from impact_damper_ros.replay.replay import Step
 from impact_damper_ros.replay.rows import NO_SAMPLES
+from impact_damper_ros.rig import PARAMETER_SPECS
 from impact_damper_ros.rig.event_budget import EndlessEventsError
 
 from .result import Array, Overall, as_plain
 from .stretches import RecordedStretch, Stretches, builder_at
 
-#: The widest and the narrowest gap that is tried, as shares of the gap that would be optimal for M
-#: alone; steps of the first look between them; and the tolerance of the search, relative.
-_WIDEST, _NARROWEST, _STEPS, _TOLERANCE = 1.5, 3e-3, 24, 1e-3
+#: The gaps that are tried, as shares of the gap that would be optimal for M alone, and the
+#: tolerance of the search between them, relative.
+_NARROW, _WIDE, _TOLERANCE = np.geomspace(3e-3, 0.19, 20), np.linspace(0.2, 1.5, 131), 1e-3
 #: Restitution that counts at most in that gap: without losses at impacts it would be infinite.
 _MOST_RESTITUTION = 0.95
 #: M alone: what is left of m does not move it.
@@ -157,8 +158,13 @@ def _joined(stretches: Sequence[RecordedStretch]) -> Overall:
     return Overall.joined([stretch.overall for stretch in stretches])
 
 
-def _best_gap(history: _History, alone: Overall, rig: Any) -> float:
-    """Return the fixed gap with which the rms of X over a history is least, m."""
+def _best_gap(history: _History, alone: Overall, rig: Any, own: set[float]) -> float:
+    """
+    Return the fixed gap with which the rms of X over a history is least, m.
+
+    Over the gap the rms is not smooth: the gaps of the run itself are tried, too, and there may be
+    better ones between those that are tried.
+    """
     from scipy.optimize import minimize_scalar
 
     bounce = min(max(rig.restitution_1, rig.restitution_2), _MOST_RESTITUTION)
@@ -170,16 +176,17 @@ def _best_gap(history: _History, alone: Overall, rig: Any) -> float:
         except EndlessEventsError:
             return math.inf
 
-    low, high = (math.log(part * share * alone.x_max) for part in (_NARROWEST, _WIDEST))
-    tried = np.linspace(low, high, _STEPS)
+    ideal = math.log(share * alone.x_max)
+    tried = ideal + np.log([*_NARROW, *_WIDE])
     found = [rms(log_gap) for log_gap in tried.tolist()]
     best = int(np.argmin(found))
-    around = tried[max(best - 1, 0)], tried[min(best + 1, _STEPS - 1)]
+    around = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
     refined = minimize_scalar(
         rms, bounds=around, method='bounded', options={'xatol': _TOLERANCE, 'maxiter': 20}
     )
-    # Over the gap the rms is not smooth
-    return math.exp(refined.x if refined.fun < found[best] else tried[best])
+    gaps = {math.exp(tried[best]): found[best], math.exp(refined.x): refined.fun}
+    gaps |= {gap: rms(math.log(gap)) for gap in own}
+    return min(gaps, key=lambda gap: gaps[gap])
 
 
 def score_bag(
@@ -213,12 +220,16 @@ def score_bag(
             'damper_mass': _ALONE * rig.primary_mass,
             'friction': 0.0,
             'air_force': 0.0,
-            'gap': 1e3 * max(_joined(parts).x_max, rig.gap),
+            # As wide as it may be, so that what is left of m meets no stop
+            'gap': PARAMETER_SPECS['gap'].high,
         }
     )
     if parts[-1].end - parts[0].start >= _COMPILED_FROM * cycle_of(rig):
         history.compiled = None
-    gap = _best_gap(history, _joined(alone), rig) if _joined(alone).x_max else rig.gap
+    own = {one.parameters.gap for one in parts if one.control['gap_control'] == 'off'}
+    gap = rig.gap
+    if _joined(alone).x_max:
+        gap = _best_gap(history, _joined(alone), rig, own)
     fixed = history.run({'gap': gap})
 
     def within(others: Sequence[RecordedStretch], stretch: RecordedStretch) -> Overall:

@@ -19,6 +19,9 @@ GIVEN = {
 FIGURE = 'give a name that ends in .png, .svg or .pdf'
 REFUSALS = {
     'compare_run': [
+        ('--json no_bag', 'is, or is in, what is read'),
+        ('--score --json - --markdown -', 'two outputs go to the standard output'),
+        ('--report=', 'the name is empty: give that of a file or directory'),
         ('', "cannot read 'no_bag': there is no such file or directory; name a bag directory"),
         ('--params broken.yaml', 'gap is -1.0 m'),
     ],
@@ -27,6 +30,10 @@ REFUSALS = {
         ('--figure a.png', 'give --set NAME=VALUE as well'),
         ('--set gap=1 --figure a.gif', f'a.gif: {FIGURE}'),
         ('--set gap=1 --figure a', f'a: {FIGURE}'),
+        ('--states no_bag/a.mcap', 'is, or is in, what is read: give the output another name'),
+        ('--states a.csv --impacts a.csv', 'two outputs have the same name'),
+        ('--states - --json -', 'two outputs go to the standard output: give one of them a file'),
+        ('--json=', 'the name is empty: give that of a file or directory'),
     ],
     'rig_page': [
         ('--bag m.csv', 'm.csv is no bag: give a file .mcap or .db3'),
@@ -60,13 +67,14 @@ REFUSALS = {
         ('--change 5:gap', 'give NAME=VALUE'),
         *((f'--duration {t}', 'from 1e-09 to 1e+13 s') for t in ('nan', '1e-320', '1e14')),
         *((f'--rate {rate}', 'from 1e-12 to 1e+09 Hz') for rate in ('inf', '1e-320', '1e300')),
+        ('--bag=', 'the name is empty: give that of a file or directory'),
         ('--max-bag-duration 1e300', 'give a number from 0 to 1e+09 s'),
         (
             '--max-bag-size 99999999999999999999',
             'give a whole number from 0 to 1000000000000000 B',
         ),
         ('--max-bag-size 7', 'give 0 (no limit) or a number from 100000 to 1e+15 B'),
-        ('--states a.csv --impacts a.csv', 'two tables go to this file'),
+        ('--states a.csv --impacts a.csv', 'two outputs have the same name'),
         ('--law catch', 'the law catch'),
         ('--law no_such_module:catch', 'the law no_such_module:catch'),
         ('--law math:catch', 'the law math:catch'),

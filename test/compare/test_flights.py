@@ -15,7 +15,9 @@ from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.compare.measures import energy_balance, measured_motion
 from impact_damper_ros.compare.result import Overall
 from impact_damper_ros.compare.stretches import LoggedRig
+from impact_damper_ros.compare.verdict import _unbalanced
 from impact_damper_ros.control import GapControlParameters, Order, Rig
+from impact_damper_ros.orbits import run_flights
 from impact_damper_ros.rig import InitialConditions
 
 AT_REST = InitialConditions()
@@ -233,6 +235,36 @@ def test_a_force_that_a_controller_commands(tmp_path, friction):
         twin.order(order)
     assert overall['x_max'] == pytest.approx(np.abs(x).max(), rel=1e-6)
     assert overall['x_rms'] == pytest.approx(math.sqrt(np.mean(np.square(x))), rel=1e-3)
+
+
+@pytest.mark.parametrize('speed', [0.05, 0.2])
+def test_energies_under_moving_stops(tmp_path, speed):
+    """A stop that follows m, or brings it to rest, is no chatter; m may fly on from it."""
+    timed = GapControlParameters(gap_control='timed', actuator_speed=speed)
+    parameters = BENCH.replace(angle=0.2, gravity=9.81)
+    path = tmp_path / 'result.json'
+    bag = RecordedRig(parameters, control=timed, offset=0).start().run(3000).save(tmp_path / 'bag')
+    assert compare_run([str(bag), '--json', str(path)]) == 0
+    (stretch,) = json.loads(path.read_text(encoding='utf-8'))['stretches']
+    balance, overall = stretch['energy'], stretch['overall']
+    assert abs(balance['residual']) < 1e-13
+    found, largest = run_flights(Rig(parameters, control=timed), 15.0).measured()
+    assert (overall['x_max'], overall['force_work']) == pytest.approx(
+        (largest, found.force), rel=1e-9
+    )
+
+
+def test_an_energy_that_does_not_balance_is_found():
+    stretch = replayed(BENCH, 40, AT_REST)
+    rows = stretch.flights.rows.copy()
+    rows['damper_velocity_after'][-20] *= 1.01
+    wrong = replace(
+        stretch, flights=replace(stretch.flights, rows=rows), at_end={'gap_control': {}}
+    )
+    balance = energy_balance(wrong, 0.0, stretch.end, 40)
+    (finding,) = _unbalanced(balance)
+    assert finding.text.startswith('the energy does not balance: ')
+    assert not list(_unbalanced(energy_balance(stretch, 0.0, stretch.end, 40)))
 
 
 def test_a_bag_with_changes(tmp_path, capsys):
