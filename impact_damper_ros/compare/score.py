@@ -29,8 +29,9 @@ from impact_damper_ros.rig.event_budget import EndlessEventsError
 from .result import Array, Overall, as_plain
 from .stretches import RecordedStretch, Stretches, builder_at
 
-#: The gaps that are tried, as shares of the gap that would be optimal for M alone, and the
+#: How many of the best gaps are refined. The gaps that are tried, as shares of the gap that would be optimal for M alone, and the
 #: tolerance of the search between them, relative.
+_REFINED = 4
 _NARROW, _WIDE, _TOLERANCE = np.geomspace(3e-3, 0.19, 20), np.linspace(0.2, 1.5, 131), 1e-3
 #: Restitution that counts at most in that gap: without losses at impacts it would be infinite.
 _MOST_RESTITUTION = 0.95
@@ -179,13 +180,13 @@ def _best_gap(history: _History, alone: Overall, rig: Any, own: set[float]) -> f
     ideal = math.log(share * alone.x_max)
     tried = ideal + np.log([*_NARROW, *_WIDE])
     found = [rms(log_gap) for log_gap in tried.tolist()]
-    best = int(np.argmin(found))
-    around = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
-    refined = minimize_scalar(
-        rms, bounds=around, method='bounded', options={'xatol': _TOLERANCE, 'maxiter': 20}
-    )
-    gaps = {math.exp(tried[best]): found[best], math.exp(refined.x): refined.fun}
-    gaps |= {gap: rms(math.log(gap)) for gap in own}
+    gaps = {gap: rms(math.log(gap)) for gap in own}
+    for best in np.argsort(found)[:_REFINED].tolist():
+        around = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
+        refined = minimize_scalar(
+            rms, bounds=around, method='bounded', options={'xatol': _TOLERANCE, 'maxiter': 20}
+        )
+        gaps |= {math.exp(tried[best]): found[best], math.exp(refined.x): refined.fun}
     return min(gaps, key=lambda gap: gaps[gap])
 
 
