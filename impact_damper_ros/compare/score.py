@@ -29,8 +29,8 @@ from impact_damper_ros.rig.event_budget import EndlessEventsError
 from .result import Array, Overall, as_plain
 from .stretches import RecordedStretch, Stretches, builder_at
 
-#: How many of the best gaps are refined. The gaps that are tried, as shares of the gap that would be optimal for M alone, and the
-#: tolerance of the search between them, relative.
+#: The gaps that are tried, as shares of the gap that would be optimal for M alone, how many of the
+#: best are refined, and the tolerance of that, relative.
 _REFINED = 4
 _NARROW, _WIDE, _TOLERANCE = np.geomspace(3e-3, 0.19, 20), np.linspace(0.2, 1.5, 131), 1e-3
 #: Restitution that counts at most in that gap: without losses at impacts it would be infinite.
