@@ -2,8 +2,8 @@
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.page.motion import Era, ForcePhase, Motion
-from impact_damper_ros.replay.rows import events_as_rows, samples_as_rows
 from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.event import samples_as_rows, table_of_events
 from impact_damper_ros.rig.snapshot import Snapshot
 
 RATE = 200.0
@@ -33,5 +33,5 @@ def motion_of(parameters, seconds, rate=RATE):
         samples.append(rig.sample())
     motion = Motion(100_000, 10_000)
     motion.add_samples(era.sample_rows(samples_as_rows(samples)))
-    motion.add_impacts(era.impact_rows(events_as_rows(events)))
+    motion.add_impacts(era.impact_rows(table_of_events(events)))
     return motion
