@@ -2,8 +2,9 @@
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.page.motion import Era, ForcePhase, Motion
+from impact_damper_ros.replay.rows import samples_as_rows
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.event import samples_as_rows, table_of_events
+from impact_damper_ros.rig.event import table_of_events
 from impact_damper_ros.rig.snapshot import Snapshot
 
 RATE = 200.0
