@@ -22,6 +22,7 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.outputs import check_file, in_words, write_text
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, PER_PERIOD, REMEDY, RunawayError
 from impact_damper_ros.rig.quoting import printable
+from impact_damper_ros.rig.units import quantity
 
 from .completion import complete
 
@@ -224,7 +225,7 @@ def number(
 
     def read(text: str) -> float:
         with suppress(ValueError):
-            value = float(text)
+            value = quantity(text, unit)
             if low <= value <= high and not (whole and value % 1.0):
                 return int(value) if whole else value
         raise argparse.ArgumentTypeError(f'{text!r}: {words}')

@@ -32,6 +32,7 @@ from impact_damper_ros.rig import (
 from impact_damper_ros.rig.description import described, frequency_hint
 from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml_text, presets
 from impact_damper_ros.rig.quoting import named, shown
+from impact_damper_ros.rig.units import quantity
 
 from .command_line import path_of, say
 
@@ -203,7 +204,7 @@ def timed_changes(settings: Sequence[str], given: GivenRig, duration: float) -> 
     for setting in settings:
         text, colon, change = setting.partition(':')
         try:
-            time = float(text)
+            time = quantity(text, 's')
         except ValueError:
             time = -1.0
         if not colon or not 0.0 < time <= duration:

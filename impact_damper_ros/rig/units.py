@@ -60,3 +60,11 @@ def split_number(text: str) -> tuple[float | None, str, str]:
     ambiguous = _AMBIGUOUS.fullmatch(digits)
     other = f'{point} or {digits.replace(",", "")}' if ambiguous else ''
     return float(point), found[2].strip(), other
+
+
+def quantity(text: str, unit: str) -> float:
+    """Return a number in SI that may have a unit of its own, as 500ms; or raise ValueError."""
+    number, own, other = split_number(text)
+    if number is None or other or (own and own not in UNITS.get(unit, ())):
+        return float(text)
+    return in_si(number, UNITS[unit][own]) if own else number

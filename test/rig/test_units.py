@@ -5,7 +5,7 @@ import math
 import pytest
 
 from impact_damper_ros.rig import ALL_SPECS
-from impact_damper_ros.rig.units import UNITS, USUAL
+from impact_damper_ros.rig.units import UNITS, USUAL, quantity
 
 
 @pytest.mark.parametrize(
@@ -52,3 +52,17 @@ def test_usual_ranges_hold_the_defaults():
             entries = spec.default if isinstance(spec.default, tuple) else (spec.default,)
             beyond |= {name for entry in entries if not low <= entry <= high}
     assert beyond == {'gap_max', 'sweep_step'}
+
+
+@pytest.mark.parametrize(
+    ('text', 'unit', 'value'),
+    [('500ms', 's', 0.5), ('2 min', 's', 120.0), ('1kHz', 'Hz', 1000.0), ('1e3', 's', 1000.0)],
+)
+def test_a_number_with_its_own_unit(text, unit, value):
+    assert quantity(text, unit) == value
+
+
+@pytest.mark.parametrize('text', ['5 kg', 'ms', '', '1,000'])
+def test_what_is_no_number_of_a_unit(text):
+    with pytest.raises(ValueError, match='could not convert'):
+        quantity(text, 's')
