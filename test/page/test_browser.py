@@ -206,6 +206,12 @@ def test_what_is_typed_is_read_with_its_unit(opened, parameters):
     # What is usual is said where something is typed.
     page.run("document.querySelector('#knob-gap').focus()")
     page.wait(f"{error}.startsWith('Usually 100') && {error}.includes('Units: m, cm, mm')")
+    # What is typed stays also where the slider gets another end.
+    page.type('#knob-gap', '25', enter=False)
+    assert parameters.set(gap=0.9) == ''
+    page.wait('impactDamper.history.state.stop1 > 0.1')
+    page.key('Enter')
+    until(lambda: parameters.get('gap') == 0.025)
 
 
 def test_a_gap_out_of_all_proportion_leaves_the_scales(opened, parameters):

@@ -276,10 +276,10 @@ class Knob {
     }
   }
 
-  /** Write a text into the field; a field whose text is selected as a whole stays so, for what is typed next. */
+  /** Write a text into the field, unless one is being typed; a text that is selected as a whole stays so. */
   write(text) {
     const { input } = this;
-    if (input.value === text) return;
+    if (this.typing || input.value === text) return;
     const all = document.activeElement === input && input.selectionStart === 0 && input.selectionEnd === input.value.length;
     input.value = text;
     if (all) input.select();
@@ -301,7 +301,10 @@ class Knob {
 
   /** The unit of lengths, or the natural frequency, is another one. */
   rescale() {
+    const { unit } = this.shown;
     this.shown = display(this.descriptor, this.knobs.scale);
+    // What is half typed was meant in the unit before.
+    if (this.shown.unit !== unit) this.typing = false;
     write(this.unit, this.unitText());
     this.scaleSlider();
     this.show(true);
