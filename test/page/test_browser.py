@@ -477,6 +477,8 @@ def test_single_steps_of_a_paused_rig(opened):
         # The focus stays on the button, from one step to the next.
         lambda: page.run('document.activeElement.click()'),
     ):
+        # What is pressed before the answer to the last step is dropped.
+        page.wait('!impactDamper.isStepping()')
         end = page.run('impactDamper.history.end')
         press()
         page.wait(f'impactDamper.history.end > {end}')
@@ -484,6 +486,7 @@ def test_single_steps_of_a_paused_rig(opened):
         assert page.run('impactDamper.history.end') == pytest.approx(end + 0.005, abs=1e-6)
     newest = "(all => all.field('time')[all.end - 1])(impactDamper.history.impacts)"
     for press in (lambda: page.click('#step-to-impact'), lambda: page.key('ArrowRight')):
+        page.wait('!impactDamper.isStepping()')
         last = page.run(newest)
         press()
         page.wait(

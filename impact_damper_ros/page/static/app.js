@@ -74,7 +74,7 @@ let presetList = [];
 
 // Measurements: times between frames and of drawing, how much has come in, and of when its newest is.
 const counted = { frames: 0, bytes: 0, drawn: 0, work: [], latest: 0, epoch: 0 };
-globalThis.impactDamper = { counted, history, theory, rig, curve };
+globalThis.impactDamper = { counted, history, theory, rig, curve, isStepping: () => stepping };
 
 function setStatus(state, text = '') {
   if (status === 'paused' && state !== 'paused') reportLateImpact();
