@@ -698,7 +698,7 @@ def vertical_claims() -> Iterator[Claim]:
 
 
 def coefficient_claim() -> Claim:
-    """Judge that g, the angle and the friction act by the weight along the axis and the grip."""
+    """Judge that g, angle and friction act only through g sin(angle) and mu g cos(angle)."""
     one = ABOVE.replace(angle=math.radians(45.0), gravity=1.0, friction=0.5)
     weight, grip = math.sin(one.angle), 0.5 * math.cos(one.angle)
     errors = []

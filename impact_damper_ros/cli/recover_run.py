@@ -15,9 +15,9 @@ from .command_line import (
     EXIT_FAILED,
     CommandError,
     add_bag_argument,
+    add_path_option,
     command_parser,
     outcome,
-    path_of,
 )
 
 _DESCRIPTION = """\
@@ -32,12 +32,8 @@ Exit code: 0 if messages were saved; 1 if not; 2 if an argument is invalid.
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser('recover_run', _DESCRIPTION, _EPILOG)
     add_bag_argument(parser)
-    parser.add_argument(
-        '--output',
-        metavar='DIR',
-        type=path_of,
-        help='directory of the new bag, which must not exist [BAG_recovered beside BAG]',
-    )
+    text = 'directory of the new bag, which must not exist [BAG_recovered beside BAG]'
+    add_path_option(parser, '--output', text, 'DIR')
     return parser
 
 

@@ -382,7 +382,7 @@ class Flights:
         Returns
         -------
         Integrals
-            What adds up over the flights.
+            Integrals over the flights.
         float
             The largest |X|, m; NaN without any row.
         """

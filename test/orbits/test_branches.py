@@ -364,7 +364,7 @@ def test_a_window_narrower_than_a_step():
 
 
 def test_nonsmooth_fold():
-    """Where sticking becomes ever shorter, its motion meets the one without it."""
+    """The motion with sticking meets the one without where the time of sticking tends to zero."""
     rig = FRICTION.replace(gravity=2.0)
     start = stable_orbit(rig.replace(gap=20.0))
     assert start.events
@@ -390,7 +390,7 @@ def test_nonsmooth_fold():
 
 
 def test_a_pole_of_a_multiplier_is_no_branch_point():
-    """At a grazing impact a multiplier grows beyond all numbers, and hides the others."""
+    """Next to grazing a multiplier grows without bound, and round-off of it hides the others."""
     rig = OFF_RESONANCE.replace(angle=math.pi / 4, gravity=2.0, gap=61.0)
     grazing = next(o for o in find_orbits(rig, (1, 2)).orbits if o.viable and o.x_max > 20.0)
     branch = follow(grazing, 'gap', 4.0, 64.0)

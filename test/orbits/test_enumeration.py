@@ -150,7 +150,7 @@ def test_starts_are_the_same_in_parts(monkeypatch):
 
 
 def test_mirror_images_of_a_symmetric_rig():
-    """Found from simulated starts, which lead to one of the two only."""
+    """Simulated starts lead to one of the two only; the other one is its mirror image."""
     rig = RigParameters(
         damping=0.02583601604965474,
         damper_mass=0.16204478524792512,

@@ -393,7 +393,7 @@ def test_one_start_beyond_a_stop_is_one_row():
 
 
 def test_a_csv_without_impacts_reads_back_equal(tmp_path):
-    """What is empty and what is missing look alike there."""
+    """In a CSV file an empty text and a missing one look alike."""
     grid = grid_of(gap=[30.0, 1e4], damping=[0.2, 2.5])
     table = sweep(grid, tmp_path / 'a.csv')
     assert '' in list(table.stops.dropna())
