@@ -10,12 +10,14 @@ before, in order, each as a name and its value:
 - ``['stamp_offset_ns', stamp]``: the stamps moved on or back; from here on this is the stamp of
   rig time 0.
 
-So a reader carries out what it reads, and searches nothing.
+So a reader carries out what it reads, and searches nothing. `run` is a random number that all
+snapshots of one run have in common: another one is of a rig that was started anew.
 """
 
 from __future__ import annotations
 
 import json
+import secrets
 import zlib
 from collections.abc import Mapping
 from functools import cache
@@ -57,7 +59,7 @@ def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
 
 class Snapshots:
     """
-    Writes the snapshots of a rig, given the full names of its node and topics.
+    Writes the snapshots of one run of a rig, given the full names of its node and topics.
 
     `initial` is where a reset puts it, `rate` the joint states per second of rig time, `offset_ns`
     the stamp of rig time 0.
@@ -74,6 +76,8 @@ class Snapshots:
         rate: float,
         offset_ns: int = 0,
     ) -> None:
+        #: Identity of the run: 32 hexadecimal digits
+        self.run = secrets.token_hex(16)
         self._node = node
         self._topics = {key: topics[key] for key in self.TOPICS if key in topics}
         self._initial = dict(initial)
@@ -109,6 +113,7 @@ class Snapshots:
         return json.dumps(
             {
                 'format': FORMAT,
+                'run': self.run,
                 'number': self._number,
                 'node': self._node,
                 'topics': self._topics,

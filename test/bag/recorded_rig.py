@@ -60,6 +60,7 @@ class RecordedRig:
         self.news = ''
         self.done = []
         self.number = 0
+        self.run_id = random.Random(offset).randbytes(16).hex()
         self.recording = False
         self.faults = {}
 
@@ -94,6 +95,7 @@ class RecordedRig:
         self.number += 1
         text = {
             'format': 6,
+            'run': self.run_id,
             'number': self.number,
             'node': NODE,
             'topics': TOPICS,

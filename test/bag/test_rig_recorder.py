@@ -10,7 +10,7 @@ from bag.recorded_rig import LIVELY, RecordedRig, params_file
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from impact_damper_ros.bag import RigRecorder, RunReader, recover_run
+from impact_damper_ros.bag import RigRecorder, RunReader, decode, recover_run
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
@@ -29,6 +29,12 @@ def simulated(tmp_path, initial, *arguments, rig=LIVELY):
     return RunReader(tmp_path / 'bag')
 
 
+def snapshots(reader):
+    return [
+        json.loads(decode(samples.STRING, r.content).data) for r in reader.records(['/snapshot'])
+    ]
+
+
 @pytest.mark.parametrize('rate', [200.0, 333.0])
 def test_the_same_messages_in_the_same_order(tmp_path, rate):
     initial = InitialConditions(initial_damper_offset=0.005, initial_damper_velocity=0.5)
@@ -37,7 +43,9 @@ def test_the_same_messages_in_the_same_order(tmp_path, rate):
     duration = ('--duration', '2.001', '--rate', str(rate))
     reader = simulated(tmp_path, initial, *duration, *table)
     ticks = int(2.001 * rate)
-    driver = RecordedRig(initial=initial, rate=rate, offset=0).start().run(ticks)
+    driver = RecordedRig(initial=initial, rate=rate, offset=0)
+    (driver.run_id,) = {snapshot['run'] for snapshot in snapshots(reader)}
+    driver.start().run(ticks)
     assert reader.complete
     assert reader.custom['joint_states'] == '/joint_states'
     recorded = [(r.topic, r.content, r.stamp_ns) for r in reader.records()]

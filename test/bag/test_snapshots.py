@@ -1,6 +1,7 @@
 """What a snapshot says of what was done."""
 
 import json
+import re
 
 from impact_damper_ros.bag.snapshots import Snapshots, mathematics
 
@@ -31,3 +32,12 @@ def test_what_was_done_is_listed_in_order_and_once():
     ]
     assert (second['initial'], second['stamp_offset_ns'], second['number']) == (after, 9, 2)
     assert json.loads(snapshots.text(6, 'record', {}))['done'] == []
+
+
+def test_all_snapshots_of_a_run_name_it():
+    snapshots, other = (Snapshots('/a/rig', TOPICS, INITIAL, 200.0) for _ in range(2))
+    runs = [json.loads(snapshots.text(0, 'start', {}))['run']]
+    snapshots.reset(INITIAL)
+    runs.append(json.loads(snapshots.text(9, 'reset', {}))['run'])
+    assert runs[0] == runs[1] != json.loads(other.text(0, 'start', {}))['run']
+    assert re.fullmatch('[0-9a-f]{32}', runs[0])
