@@ -33,6 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .arguments import OrbitError
 from .branch import (
     CLOSES,
     END,
@@ -449,10 +450,18 @@ def switch_branch(
     ------
     ValueError
         If the point is of another kind.
+    OrbitError
+        If it is outside the range, or on a branch along another parameter.
     """
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')
     along = Steps(path, low, high, special.value, largest_step, most_points)
+    value = along.value(special.orbit.parameters)
+    if value != special.value:
+        raise OrbitError(
+            f'the point is at {special.value:.9g} of its own branch, where {along.name} is '
+            f'{value:.9g}: give the parameter of that branch'
+        )
     times = 2 if special.kind is SpecialKind.PERIOD_DOUBLING else 1
     scale = abs(special.value) or 1.0
     curve = SolutionCurve(special.orbit, along, special.value, scale, times)

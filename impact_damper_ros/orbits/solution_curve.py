@@ -48,7 +48,14 @@ def value_of(parameters: RigParameters, name: str) -> float:
     """Return the value of a parameter that a continuation can vary."""
     _check_name(name)
     if name == BOTH_RESTITUTIONS:
-        return parameters.restitution_1
+        one, other = parameters.restitution_1, parameters.restitution_2
+        if one != other:
+            raise OrbitError(
+                f'{name} is one value for both stops, but restitution_1 is {one:.9g} and '
+                f'restitution_2 {other:.9g}: vary restitution_1 or restitution_2, or in Python '
+                'give a function that returns the rig with both of them'
+            )
+        return one
     value = getattr(parameters, name)
     return float(value[0] if isinstance(value, tuple) else value)
 

@@ -448,6 +448,31 @@ def test_what_cannot_be_followed(name, low, high, words):
         follow(stable_orbit(rig), name, low, high)
 
 
+def test_one_name_for_two_different_restitutions():
+    """Such a branch once had one point, a motion of another rig than its own."""
+    rig = HORIZONTAL.replace(restitution_1=0.6, restitution_2=0.8)
+    orbit = find_orbits(rig, (1, 2)).orbits[0]
+    with pytest.raises(OrbitError, match=r'restitution_1 is 0\.6 and restitution_2 0\.8'):
+        follow(orbit, 'restitution', 0.4, 0.9)
+    points = follow(
+        orbit,
+        lambda s: rig.replace(restitution_1=0.6 * s, restitution_2=0.8 * s),
+        0.9,
+        1.1,
+        start=1.0,
+        most_points=4,
+    ).points
+    for point in points[:: len(points) - 1]:
+        found = find_orbits(point.orbit.parameters, (1, 2)).orbits
+        assert min(map(point.orbit.distance, found)) < 1e-9
+
+
+def test_a_point_is_left_along_the_parameter_of_its_branch(vertical):
+    doubling = only(vertical, SpecialKind.PERIOD_DOUBLING)
+    with pytest.raises(OrbitError, match=r'of its own branch, where damping is 0\.1'):
+        switch_branch(doubling, 'damping', 0.0, 1.0)
+
+
 def test_a_path_to_rigs_without_a_period():
     rig = HORIZONTAL
     orbit = stable_orbit(rig)
