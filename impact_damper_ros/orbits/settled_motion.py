@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impact_damper_ros.control import Outcome, Rig
-from impact_damper_ros.control.nearby_rig import Scales
 from impact_damper_ros.control.rig import Events
 from impact_damper_ros.rig import EVENT_TYPE, Event, EventKind, RigParameters
 from impact_damper_ros.rig.event import events_of_table
@@ -24,8 +23,6 @@ from .lyapunov import (
     deviations,
     growth_exponent,
     monodromy_of,
-    parting_exponent,
-    period_exponent,
 )
 from .multipliers import multipliers_of
 from .orbit import PeriodicOrbit, Rhythm
@@ -92,7 +89,6 @@ class _Stretch(NamedTuple):
     """A part of a run from one look to the next."""
 
     start: float
-    snapshot: dict[str, Any] | None  # there, of a rig under control
     first: Events  # the state there, as a row
     active: float  # the active force there, N
     events: Events
@@ -131,12 +127,13 @@ class SettledMotion:
     section : ndarray, shape (n, 4)
         X, X', Y and Y' once in each of these cycles, where impacts are rare.
     exponent : Exponent
-        Largest Lyapunov exponent; NaN if the controls of two nearby rigs decide differently, or
-        if too little was watched.
+        Largest Lyapunov exponent; NaN under gap control, where it is not measured, or if too
+        little was watched.
     multiplier : float
         Modulus of the largest multiplier of a period; NaN if it does not repeat, or as above.
     indications : Indications or None
-        The evidence for and against chaos of a motion that does not repeat, per cycle.
+        The evidence for and against chaos of a motion that does not repeat, per cycle; None
+        under gap control.
     reason : str
         Why the rig could not be run on, and the remedy; empty if it could.
     """
@@ -275,7 +272,9 @@ class _SettlingRig:
         law = rig.control
         noisy = law.gap_control_noise_position or law.gap_control_noise_velocity
         samples = law.gap_control_rate * self.cycle
-        self.in_step = not rig.acts or (not noisy and _repeat([samples], longest))
+        # No law samples under external control, nor while stops are sent back
+        sampled = rig.own_law is not None or law.gap_control not in ('off', 'external')
+        self.in_step = not sampled or (not noisy and _repeat([samples], longest))
         self._watch, self._most = watch, most_events
         self._quiet = 0.5
         self._size = 0.0
@@ -293,16 +292,10 @@ class _SettlingRig:
         """Time after the cycles run so far, s."""
         return self.start + self.cycles * self.cycle
 
-    @property
-    def scales(self) -> Scales:
-        """Scales of the numbers in the state of a rig under control."""
-        return Scales(self._size or 1.0, self.rate)
-
     def run(self, cycles: int) -> bool:
         """Run for some cycles; return whether that was possible."""
         rig, begun = self.rig, self.time
         first, active = row_of_rig(rig), rig.state().run.force
-        snapshot = rig.snapshot() if rig.acts else None
         # One rounding, so that the steps do not drift
         counts = self.cycles + np.arange(cycles)[:, None] + np.array([self._quiet, 1.0])
         instants = self.start + counts.ravel() * self.cycle
@@ -330,7 +323,7 @@ class _SettlingRig:
             places = [samples[name] - samples['x'] for name in ('stop_1', 'stop_2')]
             section = np.concatenate([section, np.stack(places, axis=-1)], axis=-1)
         self._section = np.concatenate([self._section, section])
-        self.stretches.append(_Stretch(begun, snapshot, first, active, result.events, quiet))
+        self.stretches.append(_Stretch(begun, first, active, result.events, quiet))
         hits = result.impacts()['time']
         self._quiet = _kept_quiet((hits - self.start) / self.cycle, self._quiet)
         self.cycles += cycles
@@ -390,9 +383,6 @@ class _SettlingRig:
         if not self.rig.acts:
             along = found.deviations(max(found.watched_from, end - 2.0 * span), end)
             exponent, multiplier = _periodic_exponent(along, span)
-        elif self.rig.own_law is None:
-            # What the memory of a law of the user's own holds is not known
-            exponent, multiplier = period_exponent(self.rig.snapshot(), span, self.scales)
         return replace(found, kind=kind, exponent=exponent, multiplier=multiplier)
 
     def irregular(self) -> SettledMotion:
@@ -403,19 +393,15 @@ class _SettlingRig:
             return replace(found, kind=MotionKind.NOT_PERIODICALLY_DRIVEN)
         if watched < _FEWEST:
             return found
-        exponent = found.exponent
-        if not self.rig.acts:
-            along = found.deviations(found.watched_from, found.end)
-            exponent = growth_exponent(along, self.parameters.omega)
-        elif self.rig.own_law is None:
-            snapshot = self.stretches[0].snapshot
-            assert snapshot is not None
-            exponent = parting_exponent(snapshot, self.cycle, watched, self.scales)
+        if not (self.driven and self.in_step):
+            found = replace(found, kind=MotionKind.NOT_PERIODICALLY_DRIVEN)
+        if self.rig.acts:
+            return found
+        along = found.deviations(found.watched_from, found.end)
+        exponent = growth_exponent(along, self.parameters.omega)
         rates = self.cycle * exponent.value, self.cycle * exponent.standard_error
         indications = Indications(*rates, watched, average_spread(found.section))
-        kind = indications.kind()
-        if not (self.driven and self.in_step):
-            kind = MotionKind.NOT_PERIODICALLY_DRIVEN
+        kind = indications.kind() if found.kind is MotionKind.UNDECIDED else found.kind
         return replace(found, kind=kind, exponent=exponent, indications=indications)
 
 
@@ -475,8 +461,8 @@ def settle(
 
     Notes
     -----
-    Under gap control the stops must come back too, and exponents and multipliers are those of two
-    nearby rigs; see `orbits.lyapunov`.
+    Under gap control the stops must come back too. Exponents and multipliers are not measured
+    there, since the decisions of a control have no derivative.
 
     Examples
     --------

@@ -79,12 +79,12 @@ x_rms | double | m | Root mean square of X.
 x_mean | double | m | Mean of X.
 impacts_per_cycle | double | - | Impacts per cycle of the force.
 lyapunov_exponent | double | 1/s | Largest Lyapunov exponent: of a motion that repeats ln|largest
-    multiplier| over its period; else the mean growth of a deviation over the time measured. Under
-    gap control by two neighbouring rigs; null if their controls decide differently too often.
+    multiplier| over its period; else the mean growth of a deviation over the time measured; null
+    under gap control, where it is not measured.
 lyapunov_uncertainty | double | 1/s | Half of its 95 % interval, from the growths in 20 parts of
     the time measured; of a motion that repeats the difference between two periods.
 largest_multiplier | double | - | Modulus of the largest multiplier of a period; null if the motion
-    does not repeat, or as the exponent.
+    does not repeat, and under gap control.
 stick_share | double | - | Share of the time that friction holds m in the gap.
 rest_share | double | - | Share of the time that m rests on a stop.
 chatter_share | double | - | Share of the time in complete chatters: from the first of the impacts

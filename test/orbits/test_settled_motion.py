@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from control.controlled_rigs import TRIAL, control
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import MotionKind, find_orbits, settle
@@ -10,7 +11,6 @@ from impact_damper_ros.rig import GapControlParameters, RigParameters
 from orbits.begun_rigs import begun_on
 
 HORIZONTAL = RigParameters(gravity=0.0)
-PREDICTIVE = GapControlParameters(gap_control='predictive')
 DETUNED = HORIZONTAL.replace(force_frequencies=1.02)
 
 
@@ -65,9 +65,25 @@ def test_chaos_and_its_evidence():
 
 
 def test_under_control_the_stops_must_repeat_too():
-    found = settle(Rig(HORIZONTAL, control=PREDICTIVE, compiled=None))
+    law = control('timed', gap_control_rate=16 / math.tau)
+    found = settle(Rig(TRIAL, control=law, compiled=None), cycles=600, watch=25)
     assert (found.kind, found.rhythm.stops) == (MotionKind.PERIODIC, (1, 2))
-    assert 0.0 < found.multiplier < 1.0
+    # Not measured there
+    assert math.isnan(found.multiplier)
+    assert math.isnan(found.exponent.value)
+
+
+@pytest.mark.parametrize(('gap', 'kind'), [(37.0, 'periodic'), (5.0, 'undecided')])
+def test_without_commands_an_external_control_changes_nothing(gap, kind):
+    """It once ended in a ValueError, looking for the next sample of a law."""
+    rig = DETUNED.replace(gap=gap)
+    found, free = (
+        settle(Rig(rig, control=law, compiled=None), cycles=600)
+        for law in (GapControlParameters(gap_control='external'), None)
+    )
+    assert found.kind.value == kind
+    assert (found.cycles, found.x_max, found.rhythm) == (free.cycles, free.x_max, free.rhythm)
+    assert found.indications is None
 
 
 def test_too_many_events_end_the_run():
