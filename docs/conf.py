@@ -3,9 +3,14 @@
 import os
 import re
 import sys
+from html.parser import HTMLParser
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import yaml
+from sphinx.util import logging
 
 # rosdoc2 executes this file from one of its own, which names it.
 _wrapped = re.search(r'^exec\(open\("(.+?)"\)', Path(__file__).read_text(), re.MULTILINE)
@@ -98,8 +103,55 @@ def _insert_help(_app: Any, _name: str, source: list[str]) -> None:
     source[0] = re.sub(r'^\{help\} (\w+)$', _help, source[0], flags=re.MULTILINE)
 
 
+SEARCH_WORDS = yaml.safe_load((ROOT / 'docs' / 'search_words.yaml').read_text(encoding='utf-8'))
+
+
+def _index(_app: Any, name: str, source: list[str]) -> None:
+    """Put the words by which a page is searched for into the index, below its title."""
+    if name in SEARCH_WORDS:
+        words = ', '.join(f'! {word}' for word in SEARCH_WORDS[name])
+        entry = f'\\1\n\n```{{index}} {words}\n```\n'
+        source[0] = re.sub(r'^(# .*)$', entry, source[0], count=1, flags=re.MULTILINE)
+
+
+class _Page(HTMLParser):
+    """What a page of the site refers to, and the anchors that it has."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.targets: set[str] = set()
+        self.anchors: set[str] = set()
+        self.feed(path.read_text(encoding='utf-8'))
+
+    def handle_starttag(self, _tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        for name, value in attributes:
+            if name in ('href', 'src'):
+                self.targets.add(value or '')
+            elif name == 'id':
+                self.anchors.add(value or '')
+
+
+def _check_targets(app: Any, exception: Exception | None) -> None:
+    """Warn of each link and picture of the site that is not there, raw HTML included."""
+    if exception or app.builder.name != 'html':
+        return
+    logger = logging.getLogger(__name__)
+    pages = {path: _Page(path) for path in Path(app.outdir).rglob('*.html')}
+    for path, page in pages.items():
+        for target in sorted(page.targets):
+            address = urlsplit(target)
+            if address.scheme or address.netloc:
+                continue
+            found = (path.parent / unquote(address.path)).resolve() if address.path else path
+            known = pages[found].anchors if found in pages else set()
+            if not found.exists() or (found in pages and address.fragment not in {'', *known}):
+                logger.warning('%s: no target of %r', path.relative_to(app.outdir), target)
+
+
 def setup(app: Any) -> None:
-    """Connect what is done to docstrings and sources."""
+    """Connect what is done to docstrings, sources and the built site."""
     app.connect('autodoc-process-docstring', _keep_bars)
     app.connect('autodoc-skip-member', _is_bare_field)
     app.connect('source-read', _insert_help)
+    app.connect('source-read', _index)
+    app.connect('build-finished', _check_targets)

@@ -1,0 +1,113 @@
+"""The site as a reader meets it: it builds without a warning, and its search finds the page."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import quote
+
+import chromium
+import pytest
+
+import impact_damper_ros
+
+ROOT = Path(impact_damper_ros.__file__).parents[1]
+#: What users type, and the page that is to be among the first three.
+SEARCHES = {
+    'parameters': 'reference/parameters',
+    'units': 'reference/parameters',
+    'units of damping': 'reference/parameters',
+    'cite': 'start/citing',
+    'licence': 'start/citing',
+    'chatter': 'theory/chatter',
+    'exit code': 'reference/commands',
+    'controller': 'controllers/commands',
+    'lock-step': 'controllers/lock_step',
+    'noise': 'controllers/measurements',
+    'score': 'controllers/scores',
+    'gap control': 'reference/control',
+    'diagnostics': 'reference/diagnostics',
+    'topics': 'reference/node',
+    'browser': 'reference/page',
+    'replay': 'reference/recordings',
+    'CSV': 'reference/recordings',
+    'sweep': 'reference/sweeps',
+    'RViz': 'reference/viewers',
+    'Windows': 'start/installation',
+    'symbols': 'theory/notation',
+    'best gap': 'tutorials/best_gap',
+    'Lyapunov exponent': 'tutorials/chaos',
+}
+
+
+class Site:
+    """A copy of the documentation, built without the figures of the gallery."""
+
+    def __init__(self, place):
+        for name in ('docs', 'examples'):
+            made = shutil.ignore_patterns('_build', 'made')
+            shutil.copytree(ROOT / name, place / name, ignore=made)
+        for path in ROOT.iterdir():
+            if not path.name.startswith('.') and not (place / path.name).exists():
+                (place / path.name).symlink_to(path)
+        self.sources, self.pages = place / 'docs', place / 'site'
+
+    def build(self):
+        """Return the exit code of Sphinx, and what it printed."""
+        options = ['-q', '-W', '--keep-going', '-D', 'plot_gallery=0', '-b', 'html']
+        done = subprocess.run(
+            [sys.executable, '-m', 'sphinx', *options, self.sources, self.pages],
+            env={**os.environ, 'PYTHONPATH': str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=600,
+            check=False,
+        )
+        return done.returncode, done.stdout
+
+
+@pytest.fixture(scope='module')
+def site(tmp_path_factory):
+    for extra in ('sphinx', 'myst_parser', 'sphinx_gallery'):
+        pytest.importorskip(extra)
+    made = Site(tmp_path_factory.mktemp('site'))
+    assert made.build() == (0, '')
+    return made
+
+
+def test_search_finds_the_page(site):
+    playwright = pytest.importorskip('playwright.sync_api')
+    missed = {}
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium.needed())
+        tab = browser.new_page()
+        for words, page in SEARCHES.items():
+            tab.goto(f'file://{site.pages}/search.html?q={quote(words)}')
+            # The theme shows the number of results once the last one is listed.
+            tab.wait_for_function(
+                "/found|did not match/.test(document.querySelector('.search-summary')?.innerText)"
+            )
+            first = tab.evaluate(
+                "[...document.querySelectorAll('ul.search > li > a')].slice(0, 3)"
+                ".map(link => link.getAttribute('href').split(/\\.html/)[0])"
+            )
+            if page not in first:
+                missed[words] = first
+        browser.close()
+    assert not missed
+
+
+def test_what_is_not_there_is_reported(site):
+    """A picture and a link of raw HTML, which Sphinx takes as they are."""
+    page = site.sources / 'start' / 'citing.md'
+    raw = '<img src="no.png" alt="">\n\n<a href="installation.html#no">no anchor</a>\n'
+    page.write_text(f'{page.read_text(encoding="utf-8")}\n{raw}', encoding='utf-8')
+    code, printed = site.build()
+    assert code == 1
+    lines = [line for line in printed.splitlines() if 'WARNING' in line]
+    assert lines == [
+        "WARNING: start/citing.html: no target of 'installation.html#no'",
+        "WARNING: start/citing.html: no target of 'no.png'",
+    ]
