@@ -5,48 +5,73 @@ from __future__ import annotations
 
 import errno
 import os
+import secrets
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-_PLACE = 'give a place that can be written'
-_ROOM = 'free some space there, or give another place'
-_REMEDIES = {
-    errno.ENOENT: 'give a directory that exists and can be written',
-    errno.ENOTDIR: 'a part of the path is a file: give a directory that can be written',
-    errno.EISDIR: 'give the name of a file',
-    errno.EACCES: _PLACE,
-    errno.EPERM: _PLACE,
-    errno.EROFS: _PLACE,
-    errno.ENOSPC: _ROOM,
-    errno.EDQUOT: _ROOM,
-    errno.EFBIG: 'allow larger files (ulimit -f), or give another place',
+_PLACE = 'choose another directory'
+_ROOM = 'free some space there, or choose another directory'
+
+#: Cause and remedy of failed system calls that a user can mend.
+_CAUSES = {
+    errno.EACCES: ('permission is denied', f'give yourself permission there, or {_PLACE}'),
+    errno.EBADF: ('it is closed', 'redirect it to a file, or to /dev/null'),
+    errno.EDQUOT: ('the disk quota is used up', _ROOM),
+    errno.EEXIST: ('it exists already', 'choose another name; nothing is ever overwritten'),
+    errno.EFBIG: (
+        'the file has reached the largest size allowed',
+        f'allow larger files (ulimit -f), or {_PLACE}',
+    ),
+    errno.EISDIR: ('it is a directory', 'give the name of a file'),
+    errno.ENAMETOOLONG: ('the name is too long', 'give a shorter one'),
+    errno.ENOENT: ('there is no such file or directory', 'give a path that exists'),
+    errno.ENOSPC: ('the disk is full', _ROOM),
+    errno.ENOTDIR: (
+        'a part of the path is a file, not a directory',
+        f'move that file away, or {_PLACE}',
+    ),
+    errno.EPERM: ('the operation is not permitted', f'give yourself permission, or {_PLACE}'),
+    errno.EROFS: ('the file system is read-only', 'choose a directory on a writable one'),
 }
+#: Longest name of a file, bytes.
+_LONGEST_NAME = 255
+_STREAMS = ('/dev/stdout', '/dev/stderr', '/dev/fd/', '/proc/self/fd/')
+
+
+def explained(error: OSError) -> tuple[str, str]:
+    """Return the cause of a failed system call, and the remedy if there is one."""
+    return _CAUSES.get(error.errno or 0, (error.strerror or str(error), ''))
 
 
 def in_words(error: OSError, path: Path | None = None) -> str:
     """Return what cannot be written, why, and the remedy; `path` if the error names no file."""
     if error.errno == errno.ENOENT and not (error.filename or path):
-        with suppress(OSError):
-            return _in_words(error, Path.cwd())
-        return 'the current directory no longer exists: change to one that does'
-    return _in_words(error, path)
+        try:
+            path = Path.cwd()
+        except OSError:
+            return 'the current directory no longer exists: change to one that does'
+    cause, remedy = explained(error)
+    where = error.filename or path or 'the standard output'
+    return f'cannot write {where}: {cause}' + (f': {remedy}' if remedy else '')
 
 
-def _in_words(error: OSError, path: Path | None) -> str:
-    remedy = _REMEDIES.get(
-        error.errno or 0, 'give a directory that exists and can be written, with room on the disk'
-    )
-    return (
-        f'cannot write {error.filename or path or "output"}: {error.strerror or error}: {remedy}'
-    )
-
-
-def _is_stream(path: Path) -> bool:
+def is_stream(path: Path) -> bool:
     """Return whether this is a pipe or a device, or an open file such as /dev/stdout."""
-    return path.exists() and (not path.is_file() or path.is_relative_to('/dev'))
+    try:
+        return path.exists() and (not path.is_file() or str(path).startswith(_STREAMS))
+    except OSError:
+        # As of a name that is too long, which is reported where it is written
+        return False
+
+
+def sync_directory(directory: Path) -> None:
+    """Make the names in a directory survive a power cut; nothing where that is not supported."""
+    with suppress(OSError):
+        _sync(directory)
 
 
 def _sync(path: Path) -> None:
@@ -77,12 +102,16 @@ def check_file(path: Path) -> None:
         return
     if path.is_dir():
         raise _refusal(errno.EISDIR, path)
-    if _is_stream(path):
+    if is_stream(path):
         return  # opened once only
-    directory = path.resolve().parent
-    if not directory.is_dir():
-        raise _refusal(errno.ENOTDIR if directory.exists() else errno.ENOENT, path)
-    _try(directory, path)
+    file = path.resolve()
+    if not file.parent.is_dir():
+        raise _refusal(errno.ENOTDIR if file.parent.exists() else errno.ENOENT, path)
+    if len(os.fsencode(file.name)) > _LONGEST_NAME:
+        raise _refusal(errno.ENAMETOOLONG, path)
+    if file.exists() and not os.access(file, os.W_OK):
+        raise _refusal(errno.EACCES, path)
+    _try(file.parent, path)
 
 
 def check_directory(path: Path) -> None:
@@ -95,23 +124,55 @@ def check_directory(path: Path) -> None:
     _try(place, path)
 
 
-def draft_of(path: Path) -> Path:
-    """Return the draft that is to take the place of a file; a pipe or a device is its own."""
-    if _is_stream(path):
+def part_of(path: Path) -> Path:
+    """Return where a table grows until it is complete: beside its file, in NAME.part."""
+    if is_stream(path):
         return path
     file = path.resolve()
-    return file.with_name(f'.{os.getpid()}.{file.name}')
+    kept = os.fsencode(file.name)[: _LONGEST_NAME - len('.part')]
+    return file.with_name(f'{os.fsdecode(kept)}.part')
+
+
+def _begin(draft: Path, file: Path) -> None:
+    """Make an empty draft, with owner and mode of the file that it is to replace."""
+    draft.unlink(missing_ok=True)
+    draft.touch(exist_ok=False)
+    with suppress(FileNotFoundError):
+        there = file.stat()
+        with suppress(PermissionError):
+            os.chown(draft, there.st_uid, there.st_gid)
+        draft.chmod(there.st_mode & 0o7777)
+
+
+def _replace(draft: Path, file: Path) -> None:
+    """Put a complete draft in the place of its file."""
+    _sync(draft)
+    try:
+        draft.replace(file)
+    except OSError as error:
+        if error.errno != errno.EBUSY:
+            raise
+        # The file is mounted by itself, as into a container: it can only be written into.
+        shutil.copyfile(draft, file)
+        _sync(file)
+        draft.unlink()
+    sync_directory(file.parent)
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def whole(path: Path, *, part: bool = False) -> Iterator[Path]:
     """
     Write a file so that at any instant there is a whole one, the old or the new, or none.
+
+    A new file has owner and mode of the old one.
 
     Parameters
     ----------
     path : Path
         The file. A pipe or a device is written to as it is.
+    part : bool, optional
+        Whether the draft is `part_of` the path, and stays if anything is raised: for what is of
+        use though it ended early. Without, it is hidden and removed.
 
     Yields
     ------
@@ -123,22 +184,23 @@ def whole(path: Path) -> Iterator[Path]:
     OSError
         If the file cannot be written; its `filename` is that of the file.
     """
-    draft, file = draft_of(path), path.resolve()
-    if draft == path:
+    if is_stream(path):
         yield path
         return
+    file = path.resolve()
+    # The end of the name is what some writers know the format by.
+    draft = part_of(path) if part else file.with_name(f'.{secrets.token_hex(4)}{file.suffix[-9:]}')
     try:
+        _begin(draft, file)
         yield draft
-        _sync(draft)
-        draft.replace(file)
-        _sync(file.parent)
+        _replace(draft, file)
     except OSError as error:
         if error.filename in (None, str(draft)):
             error.filename = str(path)
         raise
     finally:
-        with suppress(OSError):
-            draft.unlink()
+        if not part:
+            draft.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -154,12 +216,4 @@ def write_texts(texts: Mapping[Path, str]) -> None:
     with ExitStack() as stack:
         for path, text in texts.items():
             draft = stack.enter_context(whole(path))
-            try:
-                with draft.open('w', encoding='utf-8') as stream:
-                    stream.write(text)
-                    stream.flush()
-                    if draft != path:
-                        os.fsync(stream.fileno())
-            except OSError as error:
-                # A full disk is reported without a name
-                raise OSError(error.errno, error.strerror, str(path)) from error
+            draft.write_text(text, encoding='utf-8')

@@ -20,3 +20,9 @@ def setup_says(name):
 def requirements(*lists):
     """Return the names of the distributions in lists of requirements."""
     return {re.split(r'[<>=]', entry)[0].lower() for each in lists for entry in each}
+
+
+#: The names of all commands.
+COMMANDS = sorted(
+    script.partition(' = ')[0] for script in setup_says('entry_points')['console_scripts']
+)

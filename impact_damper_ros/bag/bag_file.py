@@ -23,9 +23,10 @@ from pathlib import Path
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
 
 from impact_damper_ros import __version__
+from impact_damper_ros.outputs import sync_directory
 
 from .errors import RecordingError
-from .metadata import FILE_NAME, BagMetadata, FileInformation, sync_directory
+from .metadata import FILE_NAME, BagMetadata, FileInformation
 from .topics import Channel
 
 PROFILE = 'ros2'

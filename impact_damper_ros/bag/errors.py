@@ -3,29 +3,10 @@
 
 from __future__ import annotations
 
-import errno
 from pathlib import Path
 
+from impact_damper_ros.outputs import explained
 from impact_damper_ros.rig.quoting import as_line
-
-_SPACE = 'free some space there, or record to another file system (bag_directory, --bag, --output)'
-_RIGHTS = 'give yourself write permission there, or choose another directory'
-
-#: Cause and remedy of failures that a user can remove.
-_KNOWN: dict[int, tuple[str, str]] = {
-    errno.ENOSPC: ('the disk is full', _SPACE),
-    errno.EDQUOT: ('the disk quota is used up', _SPACE),
-    errno.EFBIG: ('the file has reached the largest size allowed', _SPACE),
-    errno.EACCES: ('permission is denied', _RIGHTS),
-    errno.EPERM: ('the operation is not permitted', _RIGHTS),
-    errno.EROFS: ('the file system is read-only', 'choose a directory on a writable one'),
-    errno.ENOTDIR: (
-        'a part of the path is a file, not a directory',
-        'move that file away, or choose another directory',
-    ),
-    errno.EEXIST: ('it exists already', 'choose another name; nothing is ever overwritten'),
-    errno.ENOENT: ('there is no such file or directory', 'check the path'),
-}
 
 
 class RecordingError(Exception):
@@ -61,8 +42,4 @@ class RecordingError(Exception):
     @classmethod
     def from_os_error(cls, attempt: str, path: Path | str, error: OSError) -> RecordingError:
         """Return the error for a failed system call."""
-        cause = error.strerror or str(error)
-        remedy = ''
-        if error.errno in _KNOWN:
-            cause, remedy = _KNOWN[error.errno]
-        return cls(attempt, path, cause, remedy)
+        return cls(attempt, path, *explained(error))

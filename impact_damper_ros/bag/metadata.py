@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -106,17 +105,6 @@ class BagMetadata:
         """Write ``metadata.yaml``, whole or not at all."""
         text = dump_yaml({'rosbag2_bagfile_information': self.as_mapping()}) + '\n'
         write_text(directory / FILE_NAME, text)
-        sync_directory(directory)
-
-
-def sync_directory(directory: Path) -> None:
-    """Make the names in a directory survive a power cut; nothing where that is not supported."""
-    with suppress(OSError):
-        descriptor = os.open(directory, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def read_listing(directory: Path) -> dict[str, Any] | None:

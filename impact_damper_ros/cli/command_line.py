@@ -15,13 +15,13 @@ from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from json import dumps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.outputs import check_file, in_words, write_text
+from impact_damper_ros.outputs import check_file, in_words, is_stream, write_text
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, PER_PERIOD, REMEDY, RunawayError
-from impact_damper_ros.rig.quoting import printable
+from impact_damper_ros.rig.quoting import as_message
 from impact_damper_ros.rig.units import quantity
 
 from .completion import complete
@@ -48,7 +48,7 @@ class CommandError(Exception):
 
 def say(command: str, message: object) -> None:
     """Print a line about a command to the standard error, above a progress bar if there is one."""
-    line = printable(f'{command}: {message}')
+    line = as_message(f'{command}: {message}')
     if 'tqdm' in sys.modules:
         from tqdm import tqdm
 
@@ -145,11 +145,16 @@ def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupt
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that also answers the shell's completion."""
+    """A parser that also answers the shell's completion, and reports as the commands do."""
 
     def parse_args(self, *arguments: Any, **named: Any) -> Any:
         complete(self)
         return super().parse_args(*arguments, **named)
+
+    def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
+        # What was printed may not be written yet, and perhaps cannot be.
+        status = status or outcome(self.prog, lambda: 0)
+        super().exit(status, message and as_message(message.rstrip()) + '\n')
 
 
 def command_parser(command: str, description: str, epilog: str = '') -> argparse.ArgumentParser:
@@ -275,7 +280,7 @@ def check_outputs(arguments: argparse.Namespace, *inputs: Path | None) -> None:
     paths = [given[n] for n in _OUTPUTS if isinstance(given.get(n), Path)]
     if [str(path) for path in paths].count('-') > 1:
         raise ValueError('two outputs go to the standard output: give one of them a file')
-    streams = [path for path in paths if str(path) == '-' or path.is_relative_to('/dev')]
+    streams = [path for path in paths if str(path) == '-' or is_stream(path)]
     files = [path.resolve() for path in paths + figures if path not in streams]
     if len(set(files)) < len(files):
         raise ValueError('two outputs have the same name: give each its own')

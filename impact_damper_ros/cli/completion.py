@@ -50,14 +50,3 @@ def _settings(sign: str) -> Callable[..., list[str]]:
         return [f'{name}{sign}{value}' for value in values]
 
     return completer
-
-
-def complete_node() -> None:
-    """Complete the arguments of `sim_node`, which ROS reads."""
-    parser = argparse.ArgumentParser('sim_node')
-    parser.add_argument('--version', action='store_true')
-    parser.add_argument('--ros-args', action='store_true')
-    parser.add_argument('-p', '--param', action='append', metavar='NAME:=VALUE')
-    parser.add_argument('-r', '--remap', action='append', metavar='FROM:=TO')
-    parser.add_argument('--params-file', metavar='FILE')
-    complete(parser)

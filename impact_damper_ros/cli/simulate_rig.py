@@ -24,6 +24,7 @@ from impact_damper_ros.control import (
     TimedChange,
     run,
 )
+from impact_damper_ros.outputs import is_stream
 from impact_damper_ros.report.csv_tables import (
     IMPACT_COLUMNS,
     CsvTable,
@@ -89,8 +90,9 @@ _EPILOG = """\
 A chatter (ever smaller impacts that end in finite time) is written impact by impact up to its cut,
 and then once as rest: a row with the same velocities before and after.
 Exit code: 0 if the whole duration was simulated; 1 if the rig has more events than --most-events,
-or a file cannot be written; 2 if an argument is invalid; 130 on Ctrl-C, 143 on SIGTERM. The output
-up to a failure or a signal is written.
+or a file cannot be written; 2 if an argument is invalid; 130 on Ctrl-C, 143 on SIGTERM. A table
+grows in FILE.part, and takes the place of FILE when the run is complete; of a run that ends early
+it stays there, and an older FILE as it was.
 Example: simulate_rig config/paper.yaml --duration 300 --impacts impacts.csv --set gap=30
 """
 
@@ -346,20 +348,38 @@ def _simulate(
     given: GivenRig,
     law: OwnLaw | None,
     changes: Sequence[TimedChange],
-) -> tuple[str, str]:
-    """Simulate, write the files; return the summary, and why the run ended early, if it did."""
-    duration, failure = arguments.duration, ''
+) -> None:
+    """Simulate, write the files and print the summary, also of a run that ended early."""
+    duration = arguments.duration
     rig = Rig(given.parameters, given.initial, control=given.control, law=law)
     summary = _Summary(rig, duration)
-    with ExitStack() as stack:
-        outputs = list(_outputs(arguments, given, rig, stack))
-        bar = stack.enter_context(progress_bar('simulated', duration, 's', quiet=arguments.quiet))
-        budget = EventBudget(arguments.most_events, BUDGET_REMEDY)
-        try:
+    budget = EventBudget(arguments.most_events, BUDGET_REMEDY)
+
+    def report(*, whole: bool) -> None:
+        if not arguments.quiet:
+            print(summary.text(whole=whole), file=sys.stderr)
+
+    try:
+        with ExitStack() as stack:
+            outputs = list(_outputs(arguments, given, rig, stack))
+            bar = stack.enter_context(
+                progress_bar('simulated', duration, 's', quiet=arguments.quiet)
+            )
             run(rig, duration, [summary, *outputs, _Progress(rig, bar)], changes, budget)
-        except EndlessEventsError as error:
-            failure = str(error)
-    return summary.text(whole=not failure), failure
+    except EndlessEventsError as error:
+        report(whole=False)
+        raise CommandError(f'{error}; {_kept(arguments)}', EXIT_FAILED) from error
+    report(whole=True)
+
+
+def _kept(arguments: argparse.Namespace) -> str:
+    """Return where the output of a run that ends early is."""
+    tables = [arguments.impacts, arguments.events, arguments.states]
+    files = [path for path in tables if path is not None and str(path) != '-']
+    places = [str(path) if is_stream(path) else f'{path}.part' for path in files]
+    if arguments.bag is not None:
+        places.append(str(arguments.bag))
+    return f'what was simulated is in {" and ".join(places)}' if places else 'nothing is written'
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -378,16 +398,12 @@ def main(argv: Sequence[str] | None = None) -> int:
                 law='' if law is None else law.name,
             )
         try:
-            summary, failure = _simulate(arguments, given, law, changes)
+            _simulate(arguments, given, law, changes)
         except RecordingError as error:
             raise CommandError(str(error), EXIT_FAILED) from error
-        if not arguments.quiet:
-            print(summary, file=sys.stderr)
-        if failure:
-            raise CommandError(f'{failure}; what was simulated is written', EXIT_FAILED)
         return 0
 
-    return outcome('simulate_rig', work, 'interrupted; what was simulated is written')
+    return outcome('simulate_rig', work, f'interrupted; {_kept(arguments)}')
 
 
 if __name__ == '__main__':

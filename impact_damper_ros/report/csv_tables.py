@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from io import FileIO
 from pathlib import Path
 from typing import Protocol
 
-from impact_damper_ros.outputs import draft_of
+from impact_damper_ros.outputs import whole
 from impact_damper_ros.rig import Event, EventKind
 
 IMPACT_COLUMNS = (
@@ -44,33 +45,23 @@ class CsvTable(Protocol):
         """Write some rows."""
 
 
-#: Rows, or blocks of rows, that are written together.
-_ROWS = 100
+#: Blocks of rows that are written together.
+_BLOCKS = 100
 
 
-class _File:
-    """
-    A table in a file; a full disk is reported with its name.
+class _Rows:
+    """Rows of a file, written in blocks; where not all of a block fit, none of them is cut."""
 
-    An older file is replaced at the end, and kept if the table cannot be written. Without one the
-    table grows in its place, by whole rows, so that as much of it as can be is there whatever
-    happens.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._draft = draft_of(path) if path.exists() else path
-        self._failed = False
+    def __init__(self, stream: FileIO, path: Path) -> None:
+        self._stream, self._path = stream, path
         self._waiting: list[str] = []
-        self._stream = self._draft.open('wb', buffering=0)
 
     def write(self, rows: str) -> None:
         self._waiting.append(rows)
-        if len(self._waiting) >= _ROWS:
-            self._flush()
+        if len(self._waiting) >= _BLOCKS:
+            self.flush()
 
-    def _flush(self) -> None:
-        """Write the rows that wait; where not all of them fit, none is cut."""
+    def flush(self) -> None:
         rows, done = ''.join(self._waiting).encode(), 0
         self._waiting = []
         try:
@@ -78,34 +69,28 @@ class _File:
                 done += self._stream.write(rows[done:])
         except OSError as error:
             error.filename = str(self._path)
-            self._failed = True
             # Not of a pipe
             with suppress(OSError):
-                whole = rows.rfind(b'\n', 0, done) + 1
-                self._stream.truncate(self._stream.tell() - done + whole)
+                complete = rows.rfind(b'\n', 0, done) + 1
+                self._stream.truncate(self._stream.tell() - done + complete)
             raise
 
-    def close(self) -> None:
+
+@contextmanager
+def _file(path: Path) -> Iterator[CsvTable]:
+    """Write a table into a file, by whole rows; one that ends early stays `part_of` it."""
+    with whole(path, part=True) as draft, draft.open('wb', buffering=0) as stream:
+        table = _Rows(stream, path)
         try:
-            self._flush()
+            yield table
         finally:
-            self._stream.close()
-            if self._draft != self._path:
-                with suppress(OSError):
-                    if self._failed:
-                        self._draft.unlink()
-                    else:
-                        self._draft.replace(self._path.resolve())
+            table.flush()
 
 
 def open_table(path: Path | None, columns: Sequence[str], stack: ExitStack) -> CsvTable | None:
     """Open a table, if one is asked for, and write its head; - stands for standard output."""
     if path is None:
         return None
-    table: CsvTable = sys.stdout
-    if str(path) != '-':
-        file = _File(path)
-        stack.callback(file.close)
-        table = file
+    table: CsvTable = sys.stdout if str(path) == '-' else stack.enter_context(_file(path))
     table.write(row(columns))
     return table

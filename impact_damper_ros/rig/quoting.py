@@ -7,6 +7,8 @@ import re
 
 _LONGEST = 80
 _LONGEST_LINE = 2000
+_LONGEST_WORD = 300
+_LONG_WORD = re.compile(rf'\S{{{_LONGEST_WORD + 1},}}')
 # Control characters but newline and tab; those that turn the direction of writing; halves of pairs
 _UNPRINTABLE = re.compile('[\0-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]')
 
@@ -21,6 +23,18 @@ def printable(text: str) -> str:
     'a\\x1b[31mb'
     """
     return _UNPRINTABLE.sub(lambda match: ascii(match[0])[1:-1], text)
+
+
+def as_message(text: str) -> str:
+    """
+    Return a message as `printable`, its long words, such as names of files, cut in the middle.
+
+    Examples
+    --------
+    >>> as_message(f'no file {1000 * "x"}').count('x')
+    225
+    """
+    return printable(_LONG_WORD.sub(lambda match: named(match[0], _LONGEST_WORD), text))
 
 
 def as_line(text: str) -> str:

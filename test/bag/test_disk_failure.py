@@ -58,7 +58,7 @@ def test_full_disk(small_disk, tmp_path):
     text = str(writer.error)
     assert str(bag) in text
     assert 'the disk is full' in text
-    assert 'bag_directory' in text
+    assert 'choose another directory' in text
     assert not (bag / 'metadata.yaml').exists()
     assert writer.message_count + writer.dropped == count + 10
     assert writer.message_count > 50
@@ -153,7 +153,7 @@ def test_directory_is_a_file(tmp_path):
 @pytest.mark.parametrize(
     ('number', 'words'),
     [
-        (errno.EACCES, 'permission is denied; give yourself write permission'),
+        (errno.EACCES, 'permission is denied; give yourself permission'),
         (errno.EROFS, 'the file system is read-only; choose'),
         (errno.EDQUOT, 'the disk quota is used up; free'),
         (errno.EBUSY, os.strerror(errno.EBUSY)),

@@ -9,10 +9,11 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from setup_file import COMMANDS
 from tqdm import tqdm
 
 import impact_damper_ros
-from impact_damper_ros import __version__, entry_points
+from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli import command_line
 from impact_damper_ros.cli.command_line import CommandError, outcome
@@ -21,6 +22,14 @@ from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.event_budget import RunawayError
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
+
+
+@pytest.fixture(scope='module')
+def short_bag(tmp_path_factory):
+    bag = tmp_path_factory.mktemp('runs') / 'bag'
+    words = ['bench_rig', '--duration', '1', '--bag', str(bag), '--quiet']
+    assert import_module('impact_damper_ros.cli.simulate_rig').main(words) == 0
+    return bag
 
 
 @pytest.mark.parametrize(
@@ -33,7 +42,7 @@ ROOT = Path(impact_damper_ros.__file__).parents[1]
         (KeyboardInterrupt(), 130, 'interrupted; all is kept'),
         (KeyboardInterrupt(15), 143, 'interrupted; all is kept'),
         (RunawayError(10_000, 0.1), 1, 'the rig has more than 10000 events at once, at 0.1 s'),
-        (OSError(28, 'No space left on device', 'f'), 1, 'cannot write f: No space left'),
+        (OSError(28, 'No space left on device', 'f'), 1, 'cannot write f: the disk is full'),
     ],
 )
 def test_errors_are_exit_codes_and_a_line(error, code, message, capsys):
@@ -97,7 +106,76 @@ def test_messages_are_above_a_progress_bar(capsys):
     assert re.search(r'rigs[^\n]*\r +\rsweep_rig: compiling\n\rrigs', capsys.readouterr().err)
 
 
-@pytest.mark.parametrize('command', [c for c in entry_points.__all__ if c != 'sim_node'])
+@pytest.mark.parametrize(
+    ('words', 'code'),
+    [
+        ('simulate_rig bench_rig --duration 0.1 --quiet', 0),
+        ('simulate_rig bench_rig --duration 0.1 --impacts -', 1),
+        ('simulate_rig --parameters', 1),
+        ('simulate_rig --version', 1),
+        ('solve_periodic bench_rig --impacts 2 --cycles 1', 1),
+        ('replay_run BAG', 1),
+        ('compare_run BAG', 1),
+        ('recover_run BAG', 1),
+        ('set_rig --version', 1),
+        ('sim_node --version', 1),
+    ],
+)
+def test_a_standard_output_that_is_closed(words, code, tmp_path, short_bag):
+    """As by >&-: an error where something is to be printed, and no file gets its number."""
+    if 'sim_node' in words:
+        pytest.importorskip('rclpy')
+    command, *rest = words.replace('BAG', str(short_bag)).split()
+    program = f'{sys.executable} -m impact_damper_ros.cli.{command} {" ".join(rest)} >&-'
+    ended = subprocess.run(
+        ['sh', '-c', program],
+        cwd=tmp_path,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    said = ended.stderr
+    assert ended.returncode == code
+    assert 'Traceback' not in said
+    closed = f'{command}: cannot write the standard output: it is closed: redirect it to a file'
+    assert (said.splitlines() or [''])[-1].startswith(closed) is bool(code)
+
+
+LONG = 32_000 * 'x'
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['simulate_rig', LONG, '--duration', '1'],
+        ['simulate_rig', 'paper', '--duration', LONG],
+        ['simulate_rig', 'paper', '--duration', '1', '--impacts', LONG],
+        ['simulate_rig', 'paper', '--duration', '1', '--law', f'{LONG}:law'],
+        ['simulate_rig', 'paper', '--duration', '1', '--set', f'gap={LONG}'],
+        ['solve_periodic', 'paper', '--impacts', LONG],
+        ['sweep_rig', 'paper', '--vary', f'{LONG}=1:2:3', '-o', 'table.csv'],
+        ['replay_run', LONG],
+        ['compare_run', LONG],
+        ['recover_run', LONG],
+        ['rig_page', '--bag', LONG],
+    ],
+    ids=lambda words: f'{words[0]}-{[len(word) > 9 for word in words].index(True)}',
+)
+def test_long_names_are_shortened(words, capsys):
+    command, *rest = words
+    try:
+        code = import_module(f'impact_damper_ros.cli.{command}').main(rest)
+    except SystemExit as error:
+        code = error.code
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert code
+    assert last.startswith(f'{command}: ')
+    assert 'characters) ... xxxx' in last
+    assert len(last) < 1500
+
+
+@pytest.mark.parametrize('command', [c for c in COMMANDS if c != 'sim_node'])
 def test_version(command, capsys):
     main = import_module(f'impact_damper_ros.cli.{command}').main
     said = []

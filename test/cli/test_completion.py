@@ -6,9 +6,9 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from setup_file import COMMANDS
 
 import impact_damper_ros
-from impact_damper_ros import entry_points
 from impact_damper_ros.cli import completion
 from impact_damper_ros.rig import ALL_SPECS
 
@@ -43,11 +43,11 @@ def completions(command, words, monkeypatch):
     for name, value in {**asked, 'COMP_LINE': line, 'COMP_POINT': str(len(line))}.items():
         monkeypatch.setenv(name, value)
     with pytest.raises(EndError):
-        getattr(entry_points, command)()
+        import_module(f'impact_damper_ros.cli.{command}').main([])
     return answer.getvalue().split('\n')
 
 
-@pytest.mark.parametrize('command', entry_points.__all__)
+@pytest.mark.parametrize('command', COMMANDS)
 def test_options(command, monkeypatch):
     expected = ['--ros-args', '--param', '--params-file', '-p']
     if command != 'sim_node':
@@ -86,7 +86,7 @@ def test_arguments(command, words, expected, tmp_path, monkeypatch):
 def test_all_commands_are_completed_by_the_line_of_the_page():
     text = (ROOT / 'docs' / 'reference' / 'commands.md').read_text(encoding='utf-8')
     (line,) = re.findall(r'^eval "\$\(register-python-argcomplete (.*)\)"$', text, re.MULTILINE)
-    assert line.split() == sorted(entry_points.__all__)
+    assert line.split() == COMMANDS
 
 
 def test_without_a_shell_that_asks(monkeypatch):

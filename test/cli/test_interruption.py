@@ -13,6 +13,7 @@ import impact_damper_ros
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.cli.command_line import outcome
 from impact_damper_ros.control import Rig
+from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS
 from impact_damper_ros.rig import RigParameters
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -29,17 +30,27 @@ class Signalling:
 
 sys.meta_path.insert(0, Signalling())
 """
-RUN = """
-import sys
-from impact_damper_ros.entry_points import {command}
-sys.exit({command}())
-"""
 
 
-def started(code, *words):
+@pytest.fixture
+def signal_at_import(tmp_path):
+    """Return a folder in which Python finds what sends the signal before it runs anything."""
+
+    def written(before):
+        (tmp_path / 'sitecustomize.py').write_text(SIGNAL_AT_IMPORT.format(before=before))
+        return tmp_path
+
+    return written
+
+
+def started(command, *words, path=None, module=False):
+    """Start a command as its console script does, or as a module."""
+    script = f'import sys; sys.argv[0] = {command!r}; '
+    script += f'from impact_damper_ros.cli.{command} import main; sys.exit(main())'
+    start = ['-m', f'impact_damper_ros.cli.{command}'] if module else ['-c', script]
     return subprocess.Popen(
-        [sys.executable, '-c', code, *map(str, words)],
-        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        [sys.executable, *start, *map(str, words)],
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(map(str, filter(None, [path, ROOT])))},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -47,30 +58,42 @@ def started(code, *words):
     )
 
 
+@pytest.mark.parametrize('module', [False, True])
 @pytest.mark.parametrize('command', ['recover_run', 'sim_node'])
-def test_a_command_that_still_imports_ends_without_a_traceback(command):
-    code = SIGNAL_AT_IMPORT.format(before='default_int_handler') + RUN.format(command=command)
-    process = started(code, '--version')
+def test_a_command_that_still_imports_ends_without_a_traceback(command, module, signal_at_import):
+    path = signal_at_import('default_int_handler')
+    process = started(command, '--version', path=path, module=module)
     assert process.communicate(timeout=60)[0] == ''
     assert process.returncode == -signal.SIGINT
 
 
-def test_an_ignored_ctrl_c_stays_ignored():
+def test_an_ignored_ctrl_c_stays_ignored(signal_at_import):
     """As in a background job of a shell script."""
-    code = SIGNAL_AT_IMPORT.format(before='SIG_IGN') + RUN.format(command='simulate_rig')
-    process = started(code, 'paper', '--duration', 1, '--quiet')
+    words = ['paper', '--duration', 1, '--quiet']
+    process = started('simulate_rig', *words, path=signal_at_import('SIG_IGN'))
     assert (process.communicate(timeout=60)[0], process.returncode) == ('', 0)
 
 
+def test_to_import_a_command_leaves_the_signals_of_a_program_alone():
+    code = (
+        'import signal; from impact_damper_ros.cli import simulate_rig; '
+        'assert signal.getsignal(signal.SIGINT) is signal.default_int_handler'
+    )
+    subprocess.run(
+        [sys.executable, '-c', code], env={**os.environ, 'PYTHONPATH': ROOT}, check=True
+    )
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
-def test_a_run_that_is_stopped_is_whole(tmp_path, number):
+def test_a_run_that_is_stopped_keeps_what_it_has_and_what_was_there(tmp_path, number):
     """As by `timeout`: SIGTERM once left a bag to be recovered and a table that ended in a row."""
-    bag, table = tmp_path / 'bag', tmp_path / 'impacts.csv'
+    bag, table, part = (tmp_path / name for name in ('bag', 'impacts.csv', 'impacts.csv.part'))
+    table.write_text('older, and complete\n')
     words = ['paper', '--duration', 1e6, '--bag', bag, '--impacts', table, '--quiet']
-    process = started(RUN.format(command='simulate_rig'), *words)
+    process = started('simulate_rig', *words)
     try:
         deadline = time.monotonic() + 100.0
-        while not table.is_file() or table.stat().st_size < 10_000:
+        while not part.is_file() or part.stat().st_size < 10_000:
             assert time.monotonic() < deadline
             time.sleep(0.01)
         process.send_signal(number)
@@ -79,12 +102,13 @@ def test_a_run_that_is_stopped_is_whole(tmp_path, number):
         process.kill()
     assert (process.returncode, said) == (
         128 + number,
-        'simulate_rig: interrupted; what was simulated is written\n',
+        f'simulate_rig: interrupted; what was simulated is in {part} and {bag}\n',
     )
     assert RunReader(bag).complete
-    assert table.read_text().endswith('\n')
-    rows = [row.split(',') for row in table.read_text().splitlines()]
-    assert {len(row) for row in rows} == {7}
+    assert table.read_text() == 'older, and complete\n'
+    assert part.read_text().endswith('\n')
+    rows = [row.split(',') for row in part.read_text().splitlines()]
+    assert {len(row) for row in rows} == {len(IMPACT_COLUMNS)}
     assert (
         float(rows[50][0]) == Rig(RigParameters(gravity=1.0)).advance(float(rows[50][0]))[-1].time
     )

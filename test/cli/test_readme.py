@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 import yaml
+from setup_file import COMMANDS
 
 import impact_damper_ros
-from impact_damper_ros import entry_points
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.cli.simulate_rig import parameter_table
 from impact_damper_ros.control import GAP_CONTROL_SPECS
@@ -22,7 +22,6 @@ README = ROOT / 'README.md'
 PAGES = [README, *sorted((ROOT / 'docs').rglob('*.md'))]
 #: Those that test/docs/test_tutorials.py works through from top to bottom.
 TUTORIALS = sorted([*ROOT.glob('docs/tutorials/*.md'), ROOT / 'docs/start/first_ten_minutes.md'])
-COMMANDS = entry_points.__all__
 #: The recording that the pages speak of.
 BAG = 'runs/run_20261120_221707'
 #: The one that a command of the README makes, for others after it.

@@ -18,12 +18,9 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
-from impact_damper_ros import entry_points
+from setup_file import COMMANDS, ROOT
 
-ROOT = Path(entry_points.__file__).parents[1]
-COMMANDS = [name for name in entry_points.__all__ if not name.startswith(('begin', 'run'))]
 #: What goes on in the background, with what it prints once it has started.
 LIVE = {'sim_node': 'real time', 'rig_page': 'the page is at'}
 #: Of others: ROS 2 as installed, and the set-up.
@@ -83,8 +80,7 @@ class Reader:
         tools = place / 'bin'
         tools.mkdir()
         for name in COMMANDS:
-            module = 'node.sim_node' if name == 'sim_node' else f'cli.{name}'
-            self._tool(tools / name, f'-m impact_damper_ros.{module}')
+            self._tool(tools / name, f'-m impact_damper_ros.cli.{name}')
         self._tool(tools / 'python', '')
         self.environment = {
             **os.environ,

@@ -12,12 +12,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-
-from impact_damper_ros import entry_points
+from setup_file import COMMANDS
 
 ROOT = Path(__file__).parents[2]
 NAME = 'impact_damper_ros'
-COMMANDS = sorted(entry_points.__all__)
 NOT_SOURCES = ('.git', '.venv', '.*_cache', '__pycache__', 'build', 'dist', 'install', 'log')
 NOT_SOURCES += ('_build', 'made', 'demo_run')
 

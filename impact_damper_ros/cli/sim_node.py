@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`sim_node`: the rig as a ROS 2 node, and the completion of its arguments, which ROS reads."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from .completion import complete
+
+
+def _parser() -> argparse.ArgumentParser:
+    """Return a parser of the arguments, for their completion only."""
+    parser = argparse.ArgumentParser('sim_node')
+    parser.add_argument('--version', action='store_true')
+    parser.add_argument('--ros-args', action='store_true')
+    parser.add_argument('-p', '--param', action='append', metavar='NAME:=VALUE')
+    parser.add_argument('-r', '--remap', action='append', metavar='FROM:=TO')
+    parser.add_argument('--params-file', metavar='FILE')
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node."""
+    complete(_parser())
+    # Only now, as ROS takes a second to import
+    from impact_damper_ros.node.sim_node import main as run
+
+    from .command_line import outcome
+
+    # The latter reports an output that cannot be written.
+    return run(argv) or outcome('sim_node', lambda: 0)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
