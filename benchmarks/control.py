@@ -19,8 +19,7 @@ from typing import Any
 from golden_cases import CASES
 from timing import in_turns, options, say, seconds_of, table, write_results
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import GapControlParameters, RigParameters
+from impact_damper_ros import GapControlParameters, Rig, RigParameters
 
 SAMPLES = 32
 #: Cycles of the plain runs, and of the predictive law, which runs the model ahead some fifty times

@@ -20,8 +20,7 @@ import numpy as np
 from golden_cases import CASES
 from timing import in_turns, options, table, write_results
 
-from impact_damper_ros.control import run_ensemble
-from impact_damper_ros.rig import GapControlParameters, RigParameters
+from impact_damper_ros import GapControlParameters, RigParameters, run_ensemble
 
 GAPS = 10.0, 60.0
 #: The golden cases, and the first one with eight harmonics more, and under control.

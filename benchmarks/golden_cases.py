@@ -8,8 +8,7 @@ from math import inf, pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from impact_damper_ros import Rig, RigParameters
-from impact_damper_ros.rig import EventKind
+from impact_damper_ros import EventKind, Rig, RigParameters
 
 sys.path.insert(1, str(Path(__file__).resolve().parents[1] / 'test'))
 

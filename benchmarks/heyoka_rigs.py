@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros import RigParameters
 
 __all__ = ['HeyokaBatchRig', 'HeyokaRig', 'lanes']
 

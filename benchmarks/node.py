@@ -24,8 +24,7 @@ from statistics import median
 from typing import Any
 
 import rclpy
-from node_changes import measure_changes
-from node_changes import text_of as changes_text
+from node_changes import measure_changes, text_of as changes_text
 from node_process import (
     WARM_UP_S,
     Listener,

@@ -27,8 +27,7 @@ from node_process import (
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
-from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.rig import load_parameters
+from impact_damper_ros import find_orbits, load_parameters
 
 __all__ = ['measure_changes', 'text_of']
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from scipy.integrate import solve_ivp
 
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros import RigParameters
 
 __all__ = ['ATOL', 'RTOL', 'OdeRig']
 

@@ -15,11 +15,10 @@ from pathlib import Path
 
 from timing import options, say, table, write_results
 
-from impact_damper_ros import Rig, RigParameters
-from impact_damper_ros.orbits import find_orbits, follow, settle
+from impact_damper_ros import Rig, RigParameters, find_orbits, follow, settle
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
-from rig.random_rigs import any_rig
+from motion.random_rigs import any_rig
 
 GOLDEN = {
     'horizontal, r=1': RigParameters(gravity=0.0),

@@ -45,9 +45,9 @@ from node_process import (
     say,
 )
 
-from impact_damper_ros.control import Rig
+from impact_damper_ros import Rig
 from impact_damper_ros.page.presets import load_presets
-from impact_damper_ros.theory import TheoryProcess
+from impact_damper_ros.theory.theory_process import TheoryProcess
 
 HEADER = struct.Struct('<BB6Hxxdd')
 RATE = 200

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from ode_rig import OdeRig
 
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros import RigParameters
 
 __all__ = ['MujocoRig', 'RungeKuttaRig', 'SolveIvpRig']
 

@@ -25,15 +25,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from impact_damper_ros import load_parameters
 from impact_damper_ros.cli.command_line import CommandError, outcome
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.set_rig import RigParameterClient, ros_node
+from impact_damper_ros.parameters.parameters_file import preset_file
 from impact_damper_ros.replay import RecordedRun, Replay
 from impact_damper_ros.replay.rows import impacts_of
 from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
-from impact_damper_ros.rig import load_parameters
-from impact_damper_ros.rig.parameters_file import preset_file
 
 #: Seconds of the rig per second of the demonstration, so that each stage has time to settle.
 SPEED = 3.0

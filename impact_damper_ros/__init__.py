@@ -1,20 +1,119 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A digital rig of an inclined impact damper with friction, for ROS 2."""
+"""
+A digital rig of an inclined impact damper with friction, for ROS 2.
 
+The names below are what users import, ``from impact_damper_ros import Rig, RigParameters``; none
+of them needs ROS. Each is imported at its first use. Sweeps, bags, replays, comparisons and
+reports are in the folders of these names.
+"""
+
+# `typing`, too, would take longer than all else.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from impact_damper_ros.control import Rig
-    from impact_damper_ros.rig import RigParameters
+    from .control.own_law import LawError as LawError, LawInput as LawInput, OwnLaw as OwnLaw
+    from .control.record import Action as Action, ControlRecord as ControlRecord
+    from .control.state import Damper as Damper, damper_of as damper_of
+    from .motion.event import (
+        EVENT_TYPE as EVENT_TYPE,
+        SAMPLE_TYPE as SAMPLE_TYPE,
+        Event as Event,
+        EventKind as EventKind,
+        Sample as Sample,
+    )
+    from .motion.state import Mode as Mode
+    from .motion.swing import Swing as Swing
+    from .orbits.arguments import OrbitError as OrbitError, plausible_stops as plausible_stops
+    from .orbits.branch import (
+        BestPoint as BestPoint,
+        Branch as Branch,
+        BranchPoint as BranchPoint,
+        Limit as Limit,
+        SpecialKind as SpecialKind,
+        SpecialPoint as SpecialPoint,
+    )
+    from .orbits.continuation import follow as follow, switch_branch as switch_branch
+    from .orbits.flight_arrays import Flights as Flights, run_flights as run_flights
+    from .orbits.orbit import (
+        OrbitEvent as OrbitEvent,
+        PeriodicOrbit as PeriodicOrbit,
+        Rhythm as Rhythm,
+    )
+    from .orbits.recurrence import (
+        MotionKind as MotionKind,
+        Period as Period,
+        Section as Section,
+        find_period as find_period,
+    )
+    from .orbits.search import (
+        OrbitSearch as OrbitSearch,
+        StartReport as StartReport,
+        find_orbits as find_orbits,
+    )
+    from .orbits.settled_motion import SettledMotion as SettledMotion, settle as settle
+    from .orbits.solution_curve import value_of as value_of, with_value as with_value
+    from .orbits.solved_orbits import orbit_near as orbit_near
+    from .orbits.starts import ImpactEquations as ImpactEquations
+    from .parameters.parameter_spec import (
+        ParameterError as ParameterError,
+        ParameterSpec as ParameterSpec,
+    )
+    from .parameters.parameters_file import (
+        ParametersFileError as ParametersFileError,
+        load_parameters as load_parameters,
+    )
+    from .parameters.rig_parameters import (
+        GapControlParameters as GapControlParameters,
+        InitialConditions as InitialConditions,
+        RigParameters as RigParameters,
+    )
+    from .rig.ensemble import EnsembleResult as EnsembleResult, run_ensemble as run_ensemble
+    from .rig.event_budget import RunawayError as RunawayError
+    from .rig.observed_run import Observer as Observer, TimedChange as TimedChange, run as run
+    from .rig.order import Order as Order
+    from .rig.rig import Outcome as Outcome, Rig as Rig, RunResult as RunResult
 
 __version__ = '0.2.0'
-__all__ = ['Rig', 'RigParameters', '__version__']
+
+#: The module of each public name.
+_MODULES = {
+    'control.own_law': 'LawError LawInput OwnLaw',
+    'control.record': 'Action ControlRecord',
+    'control.state': 'Damper damper_of',
+    'motion.event': 'EVENT_TYPE Event EventKind SAMPLE_TYPE Sample',
+    'motion.state': 'Mode',
+    'motion.swing': 'Swing',
+    'orbits.arguments': 'OrbitError plausible_stops',
+    'orbits.branch': 'BestPoint Branch BranchPoint Limit SpecialKind SpecialPoint',
+    'orbits.continuation': 'follow switch_branch',
+    'orbits.flight_arrays': 'Flights run_flights',
+    'orbits.orbit': 'OrbitEvent PeriodicOrbit Rhythm',
+    'orbits.recurrence': 'MotionKind Period Section find_period',
+    'orbits.search': 'OrbitSearch StartReport find_orbits',
+    'orbits.settled_motion': 'SettledMotion settle',
+    'orbits.solution_curve': 'value_of with_value',
+    'orbits.solved_orbits': 'orbit_near',
+    'orbits.starts': 'ImpactEquations',
+    'parameters.parameter_spec': 'ParameterError ParameterSpec',
+    'parameters.parameters_file': 'ParametersFileError load_parameters',
+    'parameters.rig_parameters': 'GapControlParameters InitialConditions RigParameters',
+    'rig.ensemble': 'EnsembleResult run_ensemble',
+    'rig.event_budget': 'RunawayError',
+    'rig.observed_run': 'Observer TimedChange run',
+    'rig.order': 'Order',
+    'rig.rig': 'Outcome Rig RunResult',
+}
+_HOME = {name: module for module, names in _MODULES.items() for name in names.split()}
+__all__ = ['__version__', *_HOME]
 
 
 def __getattr__(name: str) -> object:
-    """Import what takes time at its first use; `typing`, too, would take longer than all else."""
-    if name not in ('Rig', 'RigParameters'):
+    """Import a public name at its first use."""
+    if name not in _HOME:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    from impact_damper_ros.control import Rig
-    from impact_damper_ros.rig import RigParameters
+    from importlib import import_module
 
-    return Rig if name == 'Rig' else RigParameters
+    return getattr(import_module(f'{__name__}.{_HOME[name]}'), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -23,10 +23,10 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 from launch_ros.utilities import make_namespace_absolute, prefix_namespace
 
+from impact_damper_ros import load_parameters
 from impact_damper_ros.node.parameters import NodeParameters
-from impact_damper_ros.rig import load_parameters
-from impact_damper_ros.rig.description import robot_description, rviz_setup
-from impact_damper_ros.rig.parameters_file import preset_file
+from impact_damper_ros.parameters.description import robot_description, rviz_setup
+from impact_damper_ros.parameters.parameters_file import preset_file
 
 SHARE = FindPackageShare('impact_damper_ros')
 NAMESPACE = LaunchConfiguration('namespace')

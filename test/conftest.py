@@ -41,7 +41,7 @@ LONGEST = (
 )
 
 # Properties of random rigs: the same few ones each time, or, to look for rigs that break them,
-# other ones each time: pytest --hypothesis-profile=search test/control/test_rig.py
+# other ones each time: pytest --hypothesis-profile=search test/rig/test_rig.py
 SEARCH = {'deadline': None, 'suppress_health_check': list(HealthCheck)}
 settings.register_profile('few', max_examples=15, derandomize=True, **SEARCH)
 settings.register_profile('search', max_examples=1000, print_blob=True, **SEARCH)

@@ -2,7 +2,7 @@
 
 import math
 
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros import RigParameters
 
 HORIZONTAL = RigParameters(gravity=0.0)
 OFF_RESONANCE = HORIZONTAL.replace(force_frequencies=(1.02,))

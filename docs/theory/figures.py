@@ -9,8 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from impact_damper_ros import Rig, RigParameters
-from impact_damper_ros.orbits import ImpactEquations, find_orbits, follow
+from impact_damper_ros import (
+    ImpactEquations,
+    InitialConditions,
+    Rig,
+    RigParameters,
+    find_orbits,
+    follow,
+)
 from impact_damper_ros.report.drawing import (
     COLORS,
     blank_figure,
@@ -18,7 +24,6 @@ from impact_damper_ros.report.drawing import (
     finish_panel,
     save_figure,
 )
-from impact_damper_ros.rig import InitialConditions
 
 HERE = Path(__file__).parent
 INCLINED = RigParameters(angle=pi / 4, gravity=1.0, force_frequencies=1.02)

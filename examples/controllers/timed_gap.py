@@ -9,10 +9,9 @@ nearest to the instant for which the law asks.
 
 from controller import Controller, run, stops
 
-from impact_damper_ros.control import GapControlParameters
-from impact_damper_ros.control.controller import Control, holds_off, take_crossing, take_sample
-from impact_damper_ros.control.sensors import Measurement
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros import GapControlParameters, RigParameters
+from impact_damper_ros.control.controller import control_of, holds_off, take_crossing, take_sample
+from impact_damper_ros.control.state import Measurement
 
 
 class TimedGap(Controller):
@@ -46,7 +45,7 @@ class TimedGap(Controller):
             actuator_speed=self.value('speed'),
             actuator_delay=self.value('delay'),
         )
-        self._law, self._before = Control.of(law, rig), None
+        self._law, self._before = control_of(law, rig), None
 
     def command(self, time, seen):
         """Show the law the sample, and return what it wants done about now."""

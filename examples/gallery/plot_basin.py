@@ -13,8 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import ListedColormap
 
-from impact_damper_ros import Rig
-from impact_damper_ros.rig import InitialConditions, load_parameters
+from impact_damper_ros import InitialConditions, Rig, load_parameters
 
 plt.style.use('print.mplstyle')  # beside this script
 

@@ -10,8 +10,7 @@ apart, are lost just beyond the best gap.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from impact_damper_ros import Rig
-from impact_damper_ros.rig import load_parameters
+from impact_damper_ros import Rig, load_parameters
 
 plt.style.use('print.mplstyle')  # beside this script
 

@@ -11,8 +11,7 @@ at an instant that is known in closed form.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from impact_damper_ros import Rig, RigParameters
-from impact_damper_ros.rig import EventKind, InitialConditions
+from impact_damper_ros import EventKind, InitialConditions, Rig, RigParameters
 
 plt.style.use('print.mplstyle')  # beside this script
 

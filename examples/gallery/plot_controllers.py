@@ -11,8 +11,7 @@ controller would send the same orders over the topic ``stop_commands``.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from impact_damper_ros.control import Order, Rig
-from impact_damper_ros.rig import GapControlParameters, load_parameters
+from impact_damper_ros import GapControlParameters, Order, Rig, load_parameters
 
 plt.style.use('print.mplstyle')  # beside this script
 

@@ -10,8 +10,7 @@ the vibration at the same share of that without a damper at every level.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from impact_damper_ros import Rig
-from impact_damper_ros.rig import GapControlParameters, load_parameters
+from impact_damper_ros import GapControlParameters, Rig, load_parameters
 
 plt.style.use('print.mplstyle')  # beside this script
 

@@ -11,8 +11,7 @@ their way. A branch ends at a grazing: beyond it the rig cannot perform the moti
 import matplotlib.pyplot as plt
 import numpy as np
 
-from impact_damper_ros.orbits import find_orbits, follow
-from impact_damper_ros.rig import load_parameters
+from impact_damper_ros import find_orbits, follow, load_parameters
 
 plt.style.use('print.mplstyle')  # beside this script
 

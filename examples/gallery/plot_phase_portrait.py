@@ -10,8 +10,7 @@ periodic, one of 34 mm makes it chaotic.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from impact_damper_ros import Rig
-from impact_damper_ros.rig import load_parameters
+from impact_damper_ros import Rig, load_parameters
 
 plt.style.use('print.mplstyle')  # beside this script
 

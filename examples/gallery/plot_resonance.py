@@ -10,9 +10,7 @@ where the structure needs it. Some three percent below, M moves more than withou
 import matplotlib.pyplot as plt
 import numpy as np
 
-from impact_damper_ros import Rig
-from impact_damper_ros.orbits import settle
-from impact_damper_ros.rig import load_parameters
+from impact_damper_ros import Rig, load_parameters, settle
 
 plt.style.use('print.mplstyle')  # beside this script
 

@@ -10,8 +10,7 @@ impacts per cycle, near the passages of X through zero.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from impact_damper_ros import Rig
-from impact_damper_ros.rig import load_parameters
+from impact_damper_ros import Rig, load_parameters
 
 plt.style.use('print.mplstyle')  # beside this script
 

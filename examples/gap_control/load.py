@@ -26,8 +26,7 @@ from study import (
 )
 
 import output
-from impact_damper_ros import Rig
-from impact_damper_ros.control import GapControlParameters
+from impact_damper_ros import GapControlParameters, Rig
 
 LEVELS = (1.0, 4.0, 0.25)
 

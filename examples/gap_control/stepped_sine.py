@@ -15,8 +15,7 @@ import numpy as np
 from study import FIXED, INDEPENDENT, LABELS, OFF, RIG, SAMPLES, STYLES, best_fixed_gap, law
 
 import output
-from impact_damper_ros import Rig
-from impact_damper_ros.control import GapControlParameters
+from impact_damper_ros import GapControlParameters, Rig
 
 LOW, HIGH = 0.8, 1.2
 

@@ -17,9 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros import Rig, RigParameters
-from impact_damper_ros.control import GapControlParameters, damper_of, run_ensemble
-from impact_damper_ros.orbits import run_flights
+from impact_damper_ros import (
+    GapControlParameters,
+    Rig,
+    RigParameters,
+    damper_of,
+    run_ensemble,
+    run_flights,
+)
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 

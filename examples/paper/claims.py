@@ -28,16 +28,17 @@ from bapat_rigs import ABOVE, BASIC, OPERATIONS, TILTED, VERTICAL, scaled_rig
 from figure_2 import WORDS
 from series import Series, best_of, branches_along, durations, near, ratio, same, settled
 
-from impact_damper_ros import Rig, RigParameters
-from impact_damper_ros.control import GapControlParameters
-from impact_damper_ros.orbits import (
+from impact_damper_ros import (
     BestPoint,
+    GapControlParameters,
+    InitialConditions,
+    Rig,
+    RigParameters,
     find_orbits,
     plausible_stops,
     run_flights,
     with_value,
 )
-from impact_damper_ros.rig import InitialConditions
 from output import options, show, write_rows
 
 #: Relative change of the displacement that counts as small in practice.

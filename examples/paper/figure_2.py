@@ -28,8 +28,7 @@ from series import (
     write_series,
 )
 
-from impact_damper_ros import RigParameters
-from impact_damper_ros.orbits import with_value
+from impact_damper_ros import RigParameters, with_value
 from output import blank_figure, finish_panel, options, print_style, save
 
 LOW, HIGH = 4.0, 64.0  # of the gap, m

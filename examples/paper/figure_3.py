@@ -15,7 +15,7 @@ import numpy as np
 from bapat_rigs import ABOVE, BASIC, OPERATIONS, at_angle
 from series import LOOKS, Series, computed, draw, legend, series_along, summary, write_series
 
-from impact_damper_ros.orbits import with_value
+from impact_damper_ros import with_value
 from output import blank_figure, finish_panel, options, print_style, save
 
 UNEQUAL = {'restitution_1': 0.78, 'restitution_2': 0.72}

@@ -16,7 +16,7 @@ import numpy as np
 from bapat_rigs import BASIC
 from series import BLUE, LOOKS, MARKS, STABLE, best_of, branches_along, near, same, settled
 
-from impact_damper_ros.orbits import BestPoint, with_value
+from impact_damper_ros import BestPoint, with_value
 from output import blank_figure, finish_panel, options, print_style, save, show, write_rows
 
 #: Gaps in which the optima lie, and one with a stable motion at each angle, m.

@@ -21,17 +21,18 @@ from typing import Any
 
 from matplotlib.lines import Line2D
 
-from impact_damper_ros import Rig, RigParameters
-from impact_damper_ros.orbits import (
+from impact_damper_ros import (
     BestPoint,
     Branch,
+    InitialConditions,
     PeriodicOrbit,
+    Rig,
+    RigParameters,
     SettledMotion,
     find_orbits,
     follow,
     settle,
 )
-from impact_damper_ros.rig import InitialConditions
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from impact_damper_ros.outputs import explained
-from impact_damper_ros.rig.quoting import as_line
+from impact_damper_ros.parameters.quoting import as_line
 
 
 class RecordingError(Exception):

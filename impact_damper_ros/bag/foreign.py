@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.parameters.quoting import shown
 
 from .errors import RecordingError
 from .mcap_file import LARGEST, MAGIC, open_file

@@ -41,7 +41,7 @@ from mcap.records import (
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.writer import MCAP0_MAGIC
 
-from impact_damper_ros.rig.quoting import counted, shown
+from impact_damper_ros.parameters.quoting import counted, shown
 
 from .errors import RecordingError
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from impact_damper_ros.outputs import write_text
-from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.parameters.quoting import counted
 
 from .errors import RecordingError
 from .mcap_file import miscounts, open_file

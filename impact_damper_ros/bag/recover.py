@@ -8,7 +8,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from impact_damper_ros.rig.quoting import as_line
+from impact_damper_ros.parameters.quoting import as_line
 
 from .bag_file import BagFile
 from .errors import RecordingError

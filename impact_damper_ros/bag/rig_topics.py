@@ -12,13 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from impact_damper_ros.control import CONTROL_JOINTS, Action, ControlRecord
+from impact_damper_ros.control.record import CONTROL_JOINTS, Action, ControlRecord
 
 from .messages import DIAGNOSTIC_ARRAY, JOINT_STATE, PARAMETER_EVENT, STRING, JointStateLayout
 from .topics import LATCHED, QosProfile, Topic
 
 if TYPE_CHECKING:
-    from impact_damper_ros.rig import Event, Sample
+    from impact_damper_ros.motion.event import Event, Sample
 
 #: What a rig publishes, by the name under which the notes of a bag list it. A name without a slash
 #: is in the namespace of the node, which has the topics remapped if its user wants that.

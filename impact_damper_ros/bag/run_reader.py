@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.parameters.quoting import shown
 
 from .errors import RecordingError
 from .foreign import Unpacked

@@ -19,7 +19,7 @@ from typing import Any
 
 import yaml
 
-from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.parameters.quoting import shown
 
 _DEFINITIONS = files('impact_damper_ros.bag') / 'definitions'
 _SEPARATOR = '=' * 80

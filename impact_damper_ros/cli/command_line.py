@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.outputs import check_file, in_words, is_stream, write_text
+from impact_damper_ros.parameters.quoting import as_message
+from impact_damper_ros.parameters.units import quantity
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, PER_PERIOD, REMEDY, RunawayError
-from impact_damper_ros.rig.quoting import as_message
-from impact_damper_ros.rig.units import quantity
 
 from .completion import complete
 

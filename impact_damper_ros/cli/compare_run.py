@@ -12,9 +12,9 @@ from pathlib import Path
 
 from impact_damper_ros.compare import RunComparison, compare_bag
 from impact_damper_ros.outputs import check_directory, write_text
+from impact_damper_ros.parameters.parameters_file import load_parameters
+from impact_damper_ros.parameters.quoting import printable
 from impact_damper_ros.report.text_report import comparison_text
-from impact_damper_ros.rig import load_parameters
-from impact_damper_ros.rig.quoting import printable
 
 from .command_line import (
     add_bag_argument,

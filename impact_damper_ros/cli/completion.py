@@ -8,8 +8,8 @@ import os
 from collections.abc import Callable
 from typing import Any
 
-from impact_damper_ros.rig import ALL_SPECS
-from impact_damper_ros.rig.parameters_file import presets
+from impact_damper_ros.parameters.parameters_file import presets
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
 
 def complete(parser: argparse.ArgumentParser) -> None:

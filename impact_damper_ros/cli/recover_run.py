@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from impact_damper_ros.bag import RecordingError, Recovery, recover_run
-from impact_damper_ros.rig.quoting import as_line, counted, printable
+from impact_damper_ros.parameters.quoting import as_line, counted, printable
 
 from .command_line import (
     EXIT_FAILED,

@@ -9,15 +9,19 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
 
+from impact_damper_ros.motion.event import Sample, events_of_table
+from impact_damper_ros.parameters.quoting import printable
+from impact_damper_ros.parameters.rig_parameters import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    InitialConditions,
+)
 from impact_damper_ros.replay import RecordedRun, Replay, Setting
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.report.replay_report import findings_json, findings_text
 from impact_damper_ros.report.what_if_report import WhatIfReport
-from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, InitialConditions, Sample
-from impact_damper_ros.rig.event import events_of_table
 from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
-from impact_damper_ros.rig.quoting import printable
 
 from .command_line import (
     BUDGET_REMEDY,

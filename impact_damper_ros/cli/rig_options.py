@@ -12,27 +12,28 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from impact_damper_ros.control import (
-    GAP_CONTROL_SPECS,
-    GapControlParameters,
-    LawError,
-    OwnLaw,
-    TimedChange,
+from impact_damper_ros.control.own_law import LawError, OwnLaw
+from impact_damper_ros.parameters.description import described, frequency_hint
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.parameters_file import (
+    YamlError,
+    guarded_yaml_text,
+    load_parameters,
+    presets,
 )
-from impact_damper_ros.rig import (
+from impact_damper_ros.parameters.quoting import named, shown
+from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,
+    GAP_CONTROL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
     SETTING_SPECS,
+    GapControlParameters,
     InitialConditions,
-    ParameterError,
     RigParameters,
-    load_parameters,
 )
-from impact_damper_ros.rig.description import described, frequency_hint
-from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml_text, presets
-from impact_damper_ros.rig.quoting import named, shown
-from impact_damper_ros.rig.units import quantity
+from impact_damper_ros.parameters.units import quantity
+from impact_damper_ros.rig.observed_run import TimedChange
 
 from .command_line import path_of, say
 

@@ -22,7 +22,7 @@ from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from impact_damper_ros.rig.parameters_file import load_parameters, preset_file
+from impact_damper_ros.parameters.parameters_file import load_parameters, preset_file
 
 from .command_line import EXIT_FAILED, CommandError, command_parser, outcome, path_of, say
 

@@ -12,10 +12,10 @@ from importlib.util import find_spec
 from typing import Any
 
 from impact_damper_ros.bag.rig_topics import rig_nodes
+from impact_damper_ros.parameters.quoting import named
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 from impact_damper_ros.report.formatting import setting
 from impact_damper_ros.report.table import Column, Table
-from impact_damper_ros.rig import ALL_SPECS
-from impact_damper_ros.rig.quoting import named
 
 from .command_line import EXIT_FAILED, CommandError, command_parser, outcome
 from .rig_options import values_of

@@ -15,16 +15,18 @@ from typing import Any
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
-from impact_damper_ros.control import (
-    GAP_CONTROL_SPECS,
-    Action,
-    Observer,
-    OwnLaw,
-    Rig,
-    TimedChange,
-    run,
-)
+from impact_damper_ros.control.own_law import OwnLaw
+from impact_damper_ros.control.record import Action
+from impact_damper_ros.motion.event import Event, EventKind, Sample
+from impact_damper_ros.motion.swing import Swing
 from impact_damper_ros.outputs import is_stream
+from impact_damper_ros.parameters.parameter_spec import ParameterSpec
+from impact_damper_ros.parameters.rig_parameters import (
+    GAP_CONTROL_SPECS,
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    RigParameters,
+)
 from impact_damper_ros.report.csv_tables import (
     IMPACT_COLUMNS,
     CsvTable,
@@ -34,19 +36,11 @@ from impact_damper_ros.report.csv_tables import (
 )
 from impact_damper_ros.report.formatting import mode_words, setting
 from impact_damper_ros.report.table import Table
-from impact_damper_ros.rig import (
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
-    Event,
-    EventKind,
-    ParameterSpec,
-    RigParameters,
-    Sample,
-)
 from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
-from impact_damper_ros.rig.forcing import SWEEP_FIELDS, frequency_at
+from impact_damper_ros.rig.observed_run import Observer, TimedChange, run
+from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.snapshot import LATEST
-from impact_damper_ros.rig.swing import Swing
+from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, frequency_at
 
 from .command_line import (
     BUDGET_REMEDY,

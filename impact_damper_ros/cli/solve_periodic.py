@@ -10,27 +10,25 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import (
-    Branch,
-    MotionKind,
-    OrbitSearch,
-    PeriodicOrbit,
-    SettledMotion,
-    SpecialKind,
-    find_orbits,
-    follow,
+from impact_damper_ros.orbits.arguments import (
+    check_forcing,
+    period_of_force,
     plausible_stops,
-    settle,
-    switch_branch,
-    value_of,
+    repeats_after,
 )
-from impact_damper_ros.orbits.arguments import check_forcing, period_of_force, repeats_after
-from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD
+from impact_damper_ros.orbits.branch import Branch, SpecialKind
+from impact_damper_ros.orbits.continuation import follow, switch_branch
+from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind
+from impact_damper_ros.orbits.search import OrbitSearch, find_orbits
+from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
+from impact_damper_ros.orbits.solution_curve import value_of
 from impact_damper_ros.outputs import write_text
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
 from impact_damper_ros.report.orbit_text import branch_table, branch_text, orbit_text
-from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
-from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.rig.rig import Rig
 
 from .command_line import (
     CommandError,

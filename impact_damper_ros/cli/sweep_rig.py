@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from tqdm import tqdm
 
-from impact_damper_ros.control import OwnLaw
+from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.sweep import (
     MEASURES,
     Grid,

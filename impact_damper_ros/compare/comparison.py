@@ -11,10 +11,10 @@ import numpy as np
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.control import OwnLaw
+from impact_damper_ros.control.own_law import OwnLaw
+from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay import Difference, Findings, RecordedRun, Replay
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.quoting import counted
 
 from .result import Finding, LogCheck, LogVerdict, RunComparison, StretchComparison
 from .stretches import RecordedPieces, Stretches

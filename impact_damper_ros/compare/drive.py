@@ -8,8 +8,8 @@ import math
 import numpy as np
 
 from impact_damper_ros.orbits.flight_arrays import Drive
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.rows import Samples
-from impact_damper_ros.rig import RigParameters
 
 _MOST_SAMPLES = 4000
 #: Share of the impulses that the force may leave unexplained, and of the modulus of each phase.

@@ -14,22 +14,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import (
+from impact_damper_ros.motion.state import REST_1, REST_2, STICK
+from impact_damper_ros.orbits.flights import flight_at, machine_of, rig_on
+from impact_damper_ros.orbits.irregularity import IRREGULAR_SPREAD, REGULAR_SPREAD, Indications
+from impact_damper_ros.orbits.recurrence import (
+    LONGEST_PERIOD,
+    NEAR,
     MotionKind,
     Period,
     Section,
-    SettledMotion,
     find_period,
-    settle,
 )
-from impact_damper_ros.orbits.flights import flight_at, machine_of, rig_on
-from impact_damper_ros.orbits.irregularity import IRREGULAR_SPREAD, REGULAR_SPREAD, Indications
-from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, NEAR
+from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
 from impact_damper_ros.orbits.solved_orbits import counted_from_zero
+from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.replay.rows import NO_EVENTS, Events
-from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.rig.state import REST_1, REST_2, STICK
+from impact_damper_ros.rig.rig import Rig
 
 from .result import Array
 from .stretches import RecordedStretch

@@ -17,21 +17,17 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.orbits import (
-    OrbitError,
-    PeriodicOrbit,
-    find_orbits,
-    orbit_near,
-)
+from impact_damper_ros.motion.event import events_of_table
+from impact_damper_ros.orbits.arguments import OrbitError
 from impact_damper_ros.orbits.flight_arrays import Drive
-from impact_damper_ros.orbits.orbit import AT_IMPACTS, Rhythm
+from impact_damper_ros.orbits.orbit import AT_IMPACTS, PeriodicOrbit, Rhythm
 from impact_damper_ros.orbits.recurrence import Period, Section
-from impact_damper_ros.orbits.solved_orbits import counted_from_zero
+from impact_damper_ros.orbits.search import find_orbits
+from impact_damper_ros.orbits.solved_orbits import counted_from_zero, orbit_near
+from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.rows import Events
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.event import events_of_table
-from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.theory import orbit_curve
+from impact_damper_ros.theory.motion_curve import orbit_curve
 
 from .motion_kind import NEGLIGIBLE_IMPULSE, SETTLED, section_of
 from .result import (

@@ -19,10 +19,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.orbits import PeriodicOrbit
+from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import MotionKind
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.rows import Events
-from impact_damper_ros.rig import RigParameters
 
 Array = NDArray[np.float64]
 

@@ -17,14 +17,15 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.control import Outcome, OwnLaw, Rig
+from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.orbits.settled_motion import cycle_of
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 from impact_damper_ros.replay import RecordedRun, Replay, WhatIf
 from impact_damper_ros.replay.command import Command
 from impact_damper_ros.replay.replay import Step
 from impact_damper_ros.replay.rows import NO_SAMPLES
-from impact_damper_ros.rig import PARAMETER_SPECS
 from impact_damper_ros.rig.event_budget import EndlessEventsError
+from impact_damper_ros.rig.rig import Outcome, Rig
 
 from .result import Array, Overall, as_plain
 from .stretches import RecordedStretch, Stretches, builder_at

@@ -19,7 +19,8 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS, Rig
+from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.motion.state import STICK
 from impact_damper_ros.orbits.flight_arrays import (
     SAMPLE,
     STATE,
@@ -27,6 +28,12 @@ from impact_damper_ros.orbits.flight_arrays import (
     Flights,
     Integrals,
     rows_of_samples,
+)
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.rig_parameters import (
+    GAP_CONTROL_SPECS,
+    PARAMETER_SPECS,
+    RigParameters,
 )
 from impact_damper_ros.replay import RecordedRun, Replay, Rows
 from impact_damper_ros.replay.command import Command
@@ -42,10 +49,9 @@ from impact_damper_ros.replay.rows import (
     samples_as_rows,
 )
 from impact_damper_ros.replay.run import StatedParameters
-from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, ParameterError, RigParameters
-from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
+from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.snapshot import Snapshot
-from impact_damper_ros.rig.state import STICK
+from impact_damper_ros.rig.stepped_sine import frequency_at, frequency_steps
 
 from .drive import fitted_drive
 from .result import Array, Beginning, LoggedStretch, Overall

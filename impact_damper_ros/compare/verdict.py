@@ -10,13 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits
-from impact_damper_ros.orbits.arguments import check_forcing
+from impact_damper_ros.orbits.arguments import OrbitError, check_forcing
 from impact_damper_ros.orbits.flight_arrays import Drive
+from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind, Period
+from impact_damper_ros.orbits.search import find_orbits
 from impact_damper_ros.orbits.solved_orbits import counted_from_zero
+from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.replay.rows import Samples
-from impact_damper_ros.rig.quoting import counted
 
 from .measures import energy_balance, measured_motion, motion_curve, spectrum
 from .motion_kind import SETTLED, StretchKind, kind_by_impacts, kind_of, run_on, settled_after

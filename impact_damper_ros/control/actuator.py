@@ -15,63 +15,14 @@ they are carried out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf, nan
-from typing import TYPE_CHECKING
 
-from impact_damper_ros.rig.compiled import kernel
-from impact_damper_ros.rig.state import Length, Speed, Time
+from impact_damper_ros.motion.compiled import kernel
 
-if TYPE_CHECKING:
-    from .controller import Control
+from .state import Actuators, Control
 
 #: Most commands that one sample or crossing gives.
 MOST_ORDERS = 4
-
-
-@dataclass(slots=True)
-class Command:
-    """
-    A command that waits: when it is due, s, and the targets, Y in m; NaN for none.
-
-    The speed is a limit below that of the actuators, m/s; NaN for none.
-    """
-
-    time: Time = nan
-    stop_1: Length = nan
-    stop_2: Length = nan
-    speed: Speed = nan
-
-
-@dataclass(slots=True)
-class Actuators:
-    """
-    State of both actuators.
-
-    Attributes
-    ----------
-    first, waiting : int
-        Row of the next command, and number of commands to be carried out.
-    target_1, target_2 : float
-        Target of the last command to each stop that was carried out, Y in m.
-    commanded_1, commanded_2 : float
-        Target of the last command to each stop, Y in m.
-    velocity_1, velocity_2 : float
-        Velocity of each stop in M, m/s.
-    energy_1, energy_2 : float
-        Energy spent by each so far, J.
-    """
-
-    first: int = 0
-    waiting: int = 0
-    target_1: Length = 0.0
-    target_2: Length = 0.0
-    commanded_1: Length = 0.0
-    commanded_2: Length = 0.0
-    velocity_1: Speed = 0.0
-    velocity_2: Speed = 0.0
-    energy_1: float = 0.0
-    energy_2: float = 0.0
 
 
 @kernel

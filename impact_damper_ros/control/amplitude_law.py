@@ -13,39 +13,15 @@ differ, as weight and friction make them, and neither R nor mu has to be known.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import nan
-from typing import TYPE_CHECKING
 
-from impact_damper_ros.rig.compiled import kernel
-from impact_damper_ros.rig.state import Length
+from impact_damper_ros.motion.compiled import kernel
 
-from .law import Search, place_stops, reach_limit, symmetric_place
-from .sensors import Measurement, Observer
-
-if TYPE_CHECKING:
-    from .controller import Control
+from .law import place_stops, reach_limit, symmetric_place
+from .state import AmplitudeLaw, Control, Measurement, Observer, Search
 
 #: A stop is not moved by less than this part of its place: each start costs energy.
 _SMALLEST_MOVE = 0.005
-
-
-@dataclass(slots=True)
-class AmplitudeLaw:
-    """
-    State of the law: what corrects the places of independent stops.
-
-    Attributes
-    ----------
-    place_1, place_2 : float
-        Distance of stop 1 and of stop 2 from the middle, outwards, m; NaN before the first.
-    amplitude : float
-        Amplitude at the last passage, m.
-    """
-
-    place_1: Length = nan
-    place_2: Length = nan
-    amplitude: Length = 0.0
 
 
 @kernel

@@ -3,100 +3,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import inf, nan, pi
-from typing import TYPE_CHECKING, NamedTuple
+from math import inf, nan
 
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.compiled import kernel
-from impact_damper_ros.rig.state import Length
+from impact_damper_ros.motion.compiled import kernel
 
 from .actuator import order_stops
-from .sensors import Measurement, Observer
-
-if TYPE_CHECKING:
-    from .controller import Control
-
-
-@kernel
-def optimal_gap(amplitude: float, mass_ratio: float, restitution: float, largest: float) -> float:
-    """Return the gap at which two impacts per cycle are at X = 0; see `Damper.optimal_gap`."""
-    loss = (1.0 - restitution) * (1.0 + mass_ratio)
-    travel = pi * amplitude * (1.0 + restitution)
-    return travel / loss if travel < largest * loss else largest
-
-
-class Damper(NamedTuple):
-    """
-    What the laws know of the damper.
-
-    Attributes
-    ----------
-    mass_ratio : float
-        mu = m/M.
-    restitution : float
-        Mean R of both stops.
-    """
-
-    mass_ratio: float
-    restitution: float
-
-    @property
-    def rebound(self) -> float:
-        """Jump in Z' by an impact, over the approach speed."""
-        return (1.0 + self.restitution) / (1.0 + self.mass_ratio)
-
-    @property
-    def push(self) -> float:
-        """Jump in X' by an impact, over the approach speed."""
-        return self.mass_ratio * self.rebound
-
-    def optimal_gap(self, amplitude: float, largest: float) -> float:
-        """
-        Return the gap d* at which two impacts per cycle are at X = 0, where |X'| is largest.
-
-        Where there is none, as for elastic stops, it is the largest gap.
-
-        Notes
-        -----
-        From equal flights between impacts at X = 0 without friction and weight, and momentum and
-        restitution at each impact: d* = pi A (1 + R)/((1 - R)(1 + mu)).
-        """
-        return optimal_gap(amplitude, self.mass_ratio, self.restitution, largest)
-
-
-def damper_of(rig: RigParameters) -> Damper:
-    """Return the damper of a rig."""
-    mean = 0.5 * (rig.restitution_1 + rig.restitution_2)
-    return Damper(rig.damper_mass / rig.primary_mass, mean)
-
+from .state import Control, Measurement, Observer, Search, optimal_gap
 
 #: Half cycles without an impact on a stop before it is moved in.
 _HALF_CYCLES_MISSED = 2
 _PART_OF_REACH = 0.9
-
-
-@dataclass(slots=True)
-class Search:
-    """
-    Where m is to be found.
-
-    A gap that suits the amplitude is many times as wide as that amplitude. m crosses it only in
-    the rhythm of its impacts; at rest, or held by friction, it would never reach a stop. A stop
-    that has not been hit for some half cycles is therefore moved in to where m turns round.
-
-    Attributes
-    ----------
-    missed_1, missed_2 : int
-        Half cycles since the last impact on stop 1 and on stop 2.
-    reach_1, reach_2 : float
-        How far outwards m was sampled on each side since it could last have hit there, m.
-    """
-
-    missed_1: int = 0
-    missed_2: int = 0
-    reach_1: Length = 0.0
-    reach_2: Length = 0.0
 
 
 @kernel

@@ -12,26 +12,19 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
 from importlib import import_module
 from math import inf, nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
-from impact_damper_ros.rig.compiled import kernel
-from impact_damper_ros.rig.quoting import named, shown
+from impact_damper_ros.motion.compiled import kernel
+from impact_damper_ros.parameters.quoting import named, shown
 
-from .actuator import Actuators
 from .law import place_stops
-from .sensors import Measurement, Observer
+from .state import MEMORY, Actuators, Control, ControlSettings, Measurement, Observer, Refusal
 
-if TYPE_CHECKING:
-    from .controller import Control, ControlSettings
-
-#: Numbers that a law may keep.
-MEMORY = 16
 _ROUND_OFF = 4e-16
 
 
@@ -206,24 +199,6 @@ class OwnLaw:
         result = refusal.stop_1, refusal.stop_2
         sent = f', the stops sent to {actuators.commanded_1:.9g} and {actuators.commanded_2:.9g} m'
         return self.astray(refusal.time, result, control.settings, sent)
-
-
-@dataclass(slots=True)
-class Refusal:
-    """
-    A result of a law that is no places of stops.
-
-    Attributes
-    ----------
-    time : float
-        When, s; NaN if there was none.
-    stop_1, stop_2 : float
-        The result.
-    """
-
-    time: float = nan
-    stop_1: float = nan
-    stop_2: float = nan
 
 
 @kernel

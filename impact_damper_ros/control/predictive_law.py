@@ -14,11 +14,9 @@ out commands that still wait, and the steps of a stepped sine.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from impact_damper_ros.rig.compiled import kernel
-from impact_damper_ros.rig.event import Log
-from impact_damper_ros.rig.flight import (
+from impact_damper_ros.motion.compiled import kernel
+from impact_damper_ros.motion.event import Log
+from impact_damper_ros.motion.flight import (
     Lines,
     Motion,
     Waves,
@@ -26,16 +24,12 @@ from impact_damper_ros.rig.flight import (
     motion_at,
     move_to,
 )
-from impact_damper_ros.rig.run import go_ahead
-from impact_damper_ros.rig.state import RigConstants, Run, copy_state
-from impact_damper_ros.rig.transition import send_stops
+from impact_damper_ros.motion.next_event import go_ahead
+from impact_damper_ros.motion.state import RigConstants, Run, copy_state
+from impact_damper_ros.motion.transition import send_stops
 
-from .actuator import Actuators
 from .law import best_gap, place_stops
-from .sensors import Measurement
-
-if TYPE_CHECKING:
-    from .controller import Control
+from .state import Actuators, Control, Measurement
 
 #: Places tried on either side of the middle one at first; their step, over half the optimal gap.
 _TRIES, _FIRST_STEP = 8, 0.125

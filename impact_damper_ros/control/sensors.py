@@ -12,50 +12,14 @@ damper it knows how m rebounds, to distinguish an impact from noise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import atan2, cos, floor, log, nan, pi, sin, sqrt
 from typing import NamedTuple
 
-from impact_damper_ros.rig import GAP_CONTROL_SPECS
-from impact_damper_ros.rig.compiled import kernel
-from impact_damper_ros.rig.forcing import mixed
-from impact_damper_ros.rig.state import Length, Speed, Time
+from impact_damper_ros.motion.compiled import kernel
+from impact_damper_ros.parameters.forcing import mixed
+from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS
 
-
-class Measurement(NamedTuple):
-    """
-    One sample of the sensors.
-
-    Attributes
-    ----------
-    time : float
-        Its instant, s.
-    x, x_rate : float
-        X and its rate, m and m/s.
-    y, y_rate : float
-        Y, the place of m in M, and its rate.
-    stop_1, stop_2 : float
-        Positions of the stops from the encoders of the actuators, Y in m.
-    """
-
-    time: float
-    x: float
-    x_rate: float
-    y: float
-    y_rate: float
-    stop_1: float
-    stop_2: float
-
-    @property
-    def z(self) -> float:
-        """Absolute position Z of m, m."""
-        return self.x + self.y
-
-    @property
-    def z_rate(self) -> float:
-        """Its rate, m/s."""
-        return self.x_rate + self.y_rate
-
+from .state import Measurement, Observer
 
 # The constants of SplitMix64 (`rig.forcing.mixed`) as signed numbers of 64 bits
 _STEP_64 = 0x9E3779B97F4A7C15 - 2**64
@@ -171,46 +135,6 @@ class Passage(NamedTuple):
     x_rate: float
     y: float
     y_rate: float
-
-
-@dataclass(slots=True)
-class Observer:
-    """
-    Estimates from the samples so far.
-
-    Attributes
-    ----------
-    amplitude : float
-        Smoothed amplitude of X, m; 0 before the first whole half cycle.
-    half_cycle : float
-        Smoothed time from one passage of X through zero to the next, s; 0 if unknown.
-    crossed : float
-        Instant of the last passage, s; NaN before the first.
-    peak : float
-        Largest |X| sampled since then.
-    time, x, x_rate, y, y_rate, stop_1, stop_2 : float
-        The last sample; NaN before the first.
-    hit_time_1, hit_time_2 : float
-        Instant of the last impact at each stop since the last passage, s; NaN if there was none.
-    hit_speed_1, hit_speed_2 : float
-        Its approach speed, m/s.
-    """
-
-    amplitude: Length = 0.0
-    half_cycle: Time = 0.0
-    crossed: Time = nan
-    peak: Length = 0.0
-    time: Time = nan
-    x: Length = nan
-    x_rate: Speed = nan
-    y: Length = nan
-    y_rate: Speed = nan
-    stop_1: Length = nan
-    stop_2: Length = nan
-    hit_time_1: Time = nan
-    hit_speed_1: Speed = nan
-    hit_time_2: Time = nan
-    hit_speed_2: Speed = nan
 
 
 @kernel

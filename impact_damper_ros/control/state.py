@@ -1,11 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""States of the control, which are dataclasses of numbers, as a snapshot holds them."""
+"""
+The records of the control: what sensors, laws, actuators and the controller keep and know.
+
+Kernels change the states, which are dataclasses of numbers. A snapshot holds them `as_stored`.
+"""
 
 from __future__ import annotations
 
-from dataclasses import fields
-from math import nan
-from typing import Any, TypeVar
+from copy import copy
+from dataclasses import dataclass, fields
+from math import nan, pi
+from typing import Any, NamedTuple, TypeVar
+
+from impact_damper_ros.motion.compiled import kernel, unpack
+from impact_damper_ros.motion.flight import Waves
+from impact_damper_ros.motion.state import Length, Run, Speed, Time, Wave
+from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS, RigParameters
 
 S = TypeVar('S')
 
@@ -19,3 +29,528 @@ def as_stored(state: Any) -> dict[str, Any]:
 def read_stored(cls: type[S], stored: dict[str, Any]) -> S:
     """Read a result of `as_stored`; a TypeError if it has an entry that the class lacks."""
     return cls(**{name: nan if value is None else value for name, value in stored.items()})
+
+
+class Measurement(NamedTuple):
+    """
+    One sample of the sensors.
+
+    Attributes
+    ----------
+    time : float
+        Its instant, s.
+    x, x_rate : float
+        X and its rate, m and m/s.
+    y, y_rate : float
+        Y, the place of m in M, and its rate.
+    stop_1, stop_2 : float
+        Positions of the stops from the encoders of the actuators, Y in m.
+    """
+
+    time: float
+    x: float
+    x_rate: float
+    y: float
+    y_rate: float
+    stop_1: float
+    stop_2: float
+
+    @property
+    def z(self) -> float:
+        """Absolute position Z of m, m."""
+        return self.x + self.y
+
+    @property
+    def z_rate(self) -> float:
+        """Its rate, m/s."""
+        return self.x_rate + self.y_rate
+
+
+@dataclass(slots=True)
+class Observer:
+    """
+    Estimates from the samples so far.
+
+    Attributes
+    ----------
+    amplitude : float
+        Smoothed amplitude of X, m; 0 before the first whole half cycle.
+    half_cycle : float
+        Smoothed time from one passage of X through zero to the next, s; 0 if unknown.
+    crossed : float
+        Instant of the last passage, s; NaN before the first.
+    peak : float
+        Largest |X| sampled since then.
+    time, x, x_rate, y, y_rate, stop_1, stop_2 : float
+        The last sample; NaN before the first.
+    hit_time_1, hit_time_2 : float
+        Instant of the last impact at each stop since the last passage, s; NaN if there was none.
+    hit_speed_1, hit_speed_2 : float
+        Its approach speed, m/s.
+    """
+
+    amplitude: Length = 0.0
+    half_cycle: Time = 0.0
+    crossed: Time = nan
+    peak: Length = 0.0
+    time: Time = nan
+    x: Length = nan
+    x_rate: Speed = nan
+    y: Length = nan
+    y_rate: Speed = nan
+    stop_1: Length = nan
+    stop_2: Length = nan
+    hit_time_1: Time = nan
+    hit_speed_1: Speed = nan
+    hit_time_2: Time = nan
+    hit_speed_2: Speed = nan
+
+
+@kernel
+def optimal_gap(amplitude: float, mass_ratio: float, restitution: float, largest: float) -> float:
+    """Return the gap at which two impacts per cycle are at X = 0; see `Damper.optimal_gap`."""
+    loss = (1.0 - restitution) * (1.0 + mass_ratio)
+    travel = pi * amplitude * (1.0 + restitution)
+    return travel / loss if travel < largest * loss else largest
+
+
+class Damper(NamedTuple):
+    """
+    What the laws know of the damper.
+
+    Attributes
+    ----------
+    mass_ratio : float
+        mu = m/M.
+    restitution : float
+        Mean R of both stops.
+    """
+
+    mass_ratio: float
+    restitution: float
+
+    @property
+    def rebound(self) -> float:
+        """Jump in Z' by an impact, over the approach speed."""
+        return (1.0 + self.restitution) / (1.0 + self.mass_ratio)
+
+    @property
+    def push(self) -> float:
+        """Jump in X' by an impact, over the approach speed."""
+        return self.mass_ratio * self.rebound
+
+    def optimal_gap(self, amplitude: float, largest: float) -> float:
+        """
+        Return the gap d* at which two impacts per cycle are at X = 0, where |X'| is largest.
+
+        Where there is none, as for elastic stops, it is the largest gap.
+
+        Notes
+        -----
+        From equal flights between impacts at X = 0 without friction and weight, and momentum and
+        restitution at each impact: d* = pi A (1 + R)/((1 - R)(1 + mu)).
+        """
+        return optimal_gap(amplitude, self.mass_ratio, self.restitution, largest)
+
+
+def damper_of(rig: RigParameters) -> Damper:
+    """Return the damper of a rig."""
+    mean = 0.5 * (rig.restitution_1 + rig.restitution_2)
+    return Damper(rig.damper_mass / rig.primary_mass, mean)
+
+
+@dataclass(slots=True)
+class Search:
+    """
+    Where m is to be found.
+
+    A gap that suits the amplitude is many times as wide as that amplitude. m crosses it only in
+    the rhythm of its impacts; at rest, or held by friction, it would never reach a stop. A stop
+    that has not been hit for some half cycles is therefore moved in to where m turns round.
+
+    Attributes
+    ----------
+    missed_1, missed_2 : int
+        Half cycles since the last impact on stop 1 and on stop 2.
+    reach_1, reach_2 : float
+        How far outwards m was sampled on each side since it could last have hit there, m.
+    """
+
+    missed_1: int = 0
+    missed_2: int = 0
+    reach_1: Length = 0.0
+    reach_2: Length = 0.0
+
+
+@dataclass(slots=True)
+class Command:
+    """
+    A command that waits: when it is due, s, and the targets, Y in m; NaN for none.
+
+    The speed is a limit below that of the actuators, m/s; NaN for none.
+    """
+
+    time: Time = nan
+    stop_1: Length = nan
+    stop_2: Length = nan
+    speed: Speed = nan
+
+
+@dataclass(slots=True)
+class Actuators:
+    """
+    State of both actuators.
+
+    Attributes
+    ----------
+    first, waiting : int
+        Row of the next command, and number of commands to be carried out.
+    target_1, target_2 : float
+        Target of the last command to each stop that was carried out, Y in m.
+    commanded_1, commanded_2 : float
+        Target of the last command to each stop, Y in m.
+    velocity_1, velocity_2 : float
+        Velocity of each stop in M, m/s.
+    energy_1, energy_2 : float
+        Energy spent by each so far, J.
+    """
+
+    first: int = 0
+    waiting: int = 0
+    target_1: Length = 0.0
+    target_2: Length = 0.0
+    commanded_1: Length = 0.0
+    commanded_2: Length = 0.0
+    velocity_1: Speed = 0.0
+    velocity_2: Speed = 0.0
+    energy_1: float = 0.0
+    energy_2: float = 0.0
+
+
+@dataclass(slots=True)
+class AmplitudeLaw:
+    """
+    State of the law: what corrects the places of independent stops.
+
+    Attributes
+    ----------
+    place_1, place_2 : float
+        Distance of stop 1 and of stop 2 from the middle, outwards, m; NaN before the first.
+    amplitude : float
+        Amplitude at the last passage, m.
+    """
+
+    place_1: Length = nan
+    place_2: Length = nan
+    amplitude: Length = 0.0
+
+
+@dataclass(slots=True)
+class TimedLaw:
+    """
+    State of the law.
+
+    Attributes
+    ----------
+    parked : float
+        Distance of the parked stops from the middle, m; 0 before they are parked.
+    aimed : bool
+        Whether a stop has been ordered for the coming passage.
+    closed : int
+        The stop that is closed, or 0.
+    until : float
+        When it is to meet m, s.
+    """
+
+    parked: Length = 0.0
+    aimed: bool = False
+    closed: int = 0
+    until: Time = 0.0
+
+
+#: Numbers that a law may keep.
+MEMORY = 16
+
+
+@dataclass(slots=True)
+class Refusal:
+    """
+    A result of a law that is no places of stops.
+
+    Attributes
+    ----------
+    time : float
+        When, s; NaN if there was none.
+    stop_1, stop_2 : float
+        The result.
+    """
+
+    time: float = nan
+    stop_1: float = nan
+    stop_2: float = nan
+
+
+#: Number of each law.
+LAW_NUMBERS = {str(name): k for k, name in enumerate(GAP_CONTROL_SPECS['gap_control'].choices)}
+
+
+#: Number of a law of the user's own.
+OWN_LAW = len(LAW_NUMBERS)
+
+
+class ControlSettings(NamedTuple):
+    """
+    Parameters of the control, and what it knows of the rig; see `GapControlParameters`.
+
+    Attributes
+    ----------
+    law : int
+        Number of the law, of `LAW_NUMBERS` or that of a user's own; 0 if the control is off.
+    independent : bool
+        Whether each stop has a place of its own.
+    gain, park, lead, timing_gain, horizon, smoothing, threshold, gap_min, gap_max : float
+        Parameters of the laws.
+    rate, noise_position, noise_velocity, resolution_position, resolution_velocity : float
+        Of the sensors.
+    sensor_fault, fault_size : int, float
+        Their fault, of `SENSOR_FAULTS`, and by how much it changes a position, m.
+    seed : int
+        Of their noise, mixed.
+    delay, speed : float
+        Of the actuators; the speed is infinite for stops that move at once.
+    start_energy : float
+        What an actuator spends on a start of its stop, J.
+    pace : float
+        Share of the speed that an actuator has; below 1 with a fault.
+    blocked_1, blocked_2 : bool
+        Whether a fault keeps the actuator of a stop from starting a movement.
+    half_gap : float
+        Half of the gap to which the stops return, m.
+    one_sided : bool
+        Whether stop 2 is absent.
+    mass_ratio, restitution, rebound, push : float
+        Of the `Damper`.
+    """
+
+    law: int
+    independent: bool
+    gain: float
+    park: float
+    lead: float
+    timing_gain: float
+    horizon: float
+    smoothing: float
+    threshold: float
+    gap_min: float
+    gap_max: float
+    rate: float
+    noise_position: float
+    noise_velocity: float
+    resolution_position: float
+    resolution_velocity: float
+    sensor_fault: int
+    fault_size: float
+    seed: int
+    delay: float
+    speed: float
+    start_energy: float
+    pace: float
+    blocked_1: bool
+    blocked_2: bool
+    half_gap: float
+    one_sided: bool
+    mass_ratio: float
+    restitution: float
+    rebound: float
+    push: float
+
+
+def settings_fields(p: Any, rig: Any) -> dict[str, Any]:
+    """Return the other fields of `ControlSettings`, of one control and rig, or many as arrays."""
+    damper = damper_of(rig)
+    return {
+        'gain': p.gap_control_gain,
+        'park': p.gap_control_park,
+        'lead': p.gap_control_lead,
+        'timing_gain': p.gap_control_timing_gain,
+        'horizon': p.gap_control_horizon,
+        'smoothing': p.gap_control_smoothing,
+        'threshold': p.gap_control_threshold,
+        'gap_min': p.gap_min,
+        'gap_max': p.gap_max,
+        'rate': p.gap_control_rate,
+        'noise_position': p.gap_control_noise_position,
+        'noise_velocity': p.gap_control_noise_velocity,
+        'resolution_position': p.gap_control_resolution_position,
+        'resolution_velocity': p.gap_control_resolution_velocity,
+        'fault_size': p.sensor_fault_size,
+        'delay': p.actuator_delay,
+        'start_energy': 0.5 * p.actuator_mass * p.actuator_speed**2,
+        'half_gap': 0.5 * rig.gap,
+        'one_sided': rig.one_sided,
+        'mass_ratio': damper.mass_ratio,
+        'restitution': damper.restitution,
+        'rebound': damper.rebound,
+        'push': damper.push,
+    }
+
+
+@dataclass(slots=True)
+class Controller:
+    """
+    State of the controller itself.
+
+    Attributes
+    ----------
+    sample_index : int
+        Index of the next sample; sample k is taken at k over the rate.
+    trigger_index : int
+        Index of the next trigger of the crossing detector.
+    roused : bool
+        Whether the amplitude is beyond the threshold, so that the law moves the stops.
+    returning : bool
+        Whether the stops are on their way back to the gap.
+    recorded, room : int
+        Rows of the table of acts that are written, and all of them; 0 for no table.
+    """
+
+    sample_index: int = 0
+    trigger_index: int = 0
+    roused: bool = False
+    returning: bool = False
+    recorded: int = 0
+    room: int = 0
+
+
+#: Rows for commands that wait, at first.
+ROWS_AT_FIRST = 8
+
+
+#: Parts of the state with an entry of their own in a snapshot, in that order.
+PARTS: dict[str, type[Any]] = {
+    'observer': Observer,
+    'search': Search,
+    'timing': AmplitudeLaw,
+    'timed': TimedLaw,
+    'actuators': Actuators,
+}
+
+
+#: Fields of `Controller` that a snapshot holds.
+_OWN_FIELDS = ('sample_index', 'trigger_index', 'roused', 'returning')
+
+
+class Control(NamedTuple):
+    """
+    The whole control: states that kernels change, and what they know.
+
+    Attributes
+    ----------
+    controller : Controller
+        State of the controller itself.
+    observer : Observer
+        Estimates from the samples.
+    search : Search
+        Where m is to be found.
+    actuators : Actuators
+        State of the actuators.
+    commands : sequence of Command
+        Commands that wait; see `actuator`.
+    settings : ControlSettings
+        The parameters.
+    timing : AmplitudeLaw
+        State of the amplitude law.
+    timed : TimedLaw
+        State of the timed law.
+    refusal : Refusal
+        What a law of the user's own returned last, if that was no place.
+    memory : list of float
+        Numbers that this law keeps.
+    law : OwnLaw or None
+        The law itself.
+    start, trial : Run
+        The present state, and one ahead, for the predictive law; with their waves.
+    """
+
+    controller: Controller
+    observer: Observer
+    search: Search
+    actuators: Actuators
+    commands: Any
+    settings: ControlSettings
+    timing: AmplitudeLaw
+    timed: TimedLaw
+    refusal: Refusal
+    memory: Any
+    law: Any
+    start: Run
+    start_waves: Waves
+    trial: Run
+    trial_waves: Waves
+
+    @property
+    def waiting(self) -> list[Command]:
+        """Commands that wait, in order."""
+        rows, first = self.commands, self.actuators.first
+        return [rows[(first + k) % len(rows)] for k in range(self.actuators.waiting)]
+
+    def _with_waiting(self, rows: list[Command]) -> Control:
+        """Return the same control with other commands, and as much room again."""
+        empty = max(ROWS_AT_FIRST, len(rows))
+        self.actuators.first, self.actuators.waiting = 0, len(rows)
+        return self._replace(commands=rows + [Command() for _ in range(empty)])
+
+    def enlarged(self) -> Control:
+        """Return the same control with more room for commands."""
+        return self._with_waiting(self.waiting)
+
+    def for_harmonics(self, count: int) -> Control:
+        """Return the same control for a rig with so many harmonics."""
+        return self._replace(
+            start_waves=[Wave() for _ in range(count)], trial_waves=[Wave() for _ in range(count)]
+        )
+
+    def unpacked(self, rows: Any) -> Control:
+        """Return this control in the state of one that was `packed`."""
+        for name, part in self.states().items():
+            unpack(getattr(rows, name)[0], part)
+        commands = [Command(*row) for row in rows.commands[0].tolist()]
+        return self._replace(commands=commands, memory=rows.memory[0].tolist())
+
+    def states(self) -> dict[str, Any]:
+        """Return the states that kernels change."""
+        return {name: getattr(self, name) for name in ('controller', *PARTS, 'refusal')}
+
+    def copied(self) -> Control:
+        """Return another control in the same state."""
+        parts = {name: copy(part) for name, part in self.states().items()}
+        return self._replace(
+            commands=[copy(row) for row in self.commands], memory=self.memory.copy(), **parts
+        ).for_harmonics(len(self.start_waves))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the state as numbers, lists and dictionaries; JSON keeps it exactly."""
+        stored: dict[str, Any] = {n: getattr(self.controller, n) for n in _OWN_FIELDS}
+        stored |= {name: as_stored(getattr(self, name)) for name in PARTS}
+        del stored['actuators']['first']
+        stored['actuators']['waiting'] = list(map(as_stored, self.waiting))
+        return stored
+
+    def restored(self, stored: dict[str, Any]) -> Control:
+        """Return a control in the state of an `as_dict`."""
+        own = {name: stored[name] for name in _OWN_FIELDS}
+        parts: dict[str, Any] = {n: read_stored(PARTS[n], stored[n]) for n in PARTS}
+        rows = [read_stored(Command, row) for row in stored['actuators']['waiting']]
+        return self._replace(controller=Controller(**own), **parts)._with_waiting(rows)
+
+    @property
+    def active(self) -> bool:
+        """Whether a law moves the stops."""
+        return self.settings.law != 0
+
+    @property
+    def idles(self) -> bool:
+        """Whether the actuators have nothing to do."""
+        actuators = self.actuators
+        still = actuators.velocity_1 == 0.0 and actuators.velocity_2 == 0.0
+        return still and not (self.controller.returning or actuators.waiting)

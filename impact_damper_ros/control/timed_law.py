@@ -15,19 +15,14 @@ allows one impact only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf, nan
-from typing import TYPE_CHECKING
 
-from impact_damper_ros.rig.compiled import kernel
-from impact_damper_ros.rig.state import Length, Time
+from impact_damper_ros.motion.compiled import kernel
 
 from .actuator import order_stops
 from .law import best_gap, place_stops, symmetric_place
-from .sensors import Measurement, Observer, Passage, next_passage
-
-if TYPE_CHECKING:
-    from .controller import Control, ControlSettings
+from .sensors import Passage, next_passage
+from .state import Control, ControlSettings, Measurement, Observer, TimedLaw
 
 #: Least approach speed with independent stops, over |X'|.
 _LEAST_APPROACH = 0.5
@@ -71,29 +66,6 @@ def stop_to_close(p: ControlSettings, at: Passage, parked: float, optimal: float
     if approach < _LEAST_APPROACH * speed or outwards < -_WANDER * 0.5 * optimal:
         return 0
     return stop
-
-
-@dataclass(slots=True)
-class TimedLaw:
-    """
-    State of the law.
-
-    Attributes
-    ----------
-    parked : float
-        Distance of the parked stops from the middle, m; 0 before they are parked.
-    aimed : bool
-        Whether a stop has been ordered for the coming passage.
-    closed : int
-        The stop that is closed, or 0.
-    until : float
-        When it is to meet m, s.
-    """
-
-    parked: Length = 0.0
-    aimed: bool = False
-    closed: int = 0
-    until: Time = 0.0
 
 
 @kernel

@@ -14,8 +14,8 @@ import time
 from collections.abc import Callable, Iterable
 
 from impact_damper_ros.bag.messages import DiagnosticArray, DiagnosticStatus
+from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.report.formatting import mode_words
-from impact_damper_ros.rig.quoting import counted
 
 from .engine import EngineStatus
 from .motion_report import MotionReport

@@ -28,14 +28,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeAlias
 
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
 from impact_damper_ros.bag.snapshots import Snapshots
-from impact_damper_ros.control import ControlRecord, GapControlParameters, OwnLaw, Rig
-from impact_damper_ros.rig import (
+from impact_damper_ros.control.own_law import OwnLaw
+from impact_damper_ros.control.record import ControlRecord
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.rig_parameters import (
+    GapControlParameters,
     InitialConditions,
-    ParameterError,
     RigParameters,
-    RunawayError,
 )
-from impact_damper_ros.rig.event_budget import fastest_rate
+from impact_damper_ros.rig.event_budget import RunawayError, fastest_rate
+from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .commands import CommandInbox

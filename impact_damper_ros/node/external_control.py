@@ -20,9 +20,13 @@ from math import inf, nan
 from typing import NamedTuple
 
 from impact_damper_ros.bag.rig_topics import RigMessages
-from impact_damper_ros.control import ControlRecord, Order, Rig
+from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.control.sensors import mixed_bits, mixed_seed, uniform_of
-from impact_damper_ros.rig import Event, NodeSettings, ParameterError
+from impact_damper_ros.motion.event import Event
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.rig_parameters import NodeSettings
+from impact_damper_ros.rig.order import Order
+from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .commands import Command, CommandError, CommandInbox

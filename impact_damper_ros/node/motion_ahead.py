@@ -20,11 +20,13 @@ from time import monotonic_ns, thread_time_ns
 from typing import Any
 
 from impact_damper_ros.bag.rig_topics import RigMessages
-from impact_damper_ros.control import Action, ControlRecord, Rig
-from impact_damper_ros.rig import Event, EventKind, RigParameters, RunawayError, Sample
-from impact_damper_ros.rig.event_budget import EventBudget
-from impact_damper_ros.rig.forcing import frequency_at
-from impact_damper_ros.rig.swing import extremes
+from impact_damper_ros.control.record import Action, ControlRecord
+from impact_damper_ros.motion.event import Event, EventKind, Sample
+from impact_damper_ros.motion.swing import extremes
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.rig.event_budget import EventBudget, RunawayError
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.stepped_sine import frequency_at
 from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .publishing import OutgoingMessage, RigPublishers

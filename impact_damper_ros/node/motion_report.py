@@ -13,11 +13,13 @@ import math
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
+from impact_damper_ros.motion.event import Event
 from impact_damper_ros.orbits.orbit import PeriodicOrbit, Rhythm
 from impact_damper_ros.orbits.recurrence import MotionKind, Period, Section, find_period
-from impact_damper_ros.rig import Event, RigParameters
-from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.theory import ObservedMotion, Prediction, TheoryProcess
+from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.theory.prediction import ObservedMotion, Prediction
+from impact_damper_ros.theory.theory_process import TheoryProcess
 
 from .motion_ahead import KEPT, MotionTrace
 

@@ -21,7 +21,9 @@ from rcl_interfaces.msg import (
 )
 from rclpy.parameter import Parameter
 
-from impact_damper_ros.rig import (
+from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
+from impact_damper_ros.parameters.quoting import named, shown
+from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
@@ -30,11 +32,8 @@ from impact_damper_ros.rig import (
     GapControlParameters,
     InitialConditions,
     NodeSettings,
-    ParameterError,
-    ParameterSpec,
     RigParameters,
 )
-from impact_damper_ros.rig.quoting import named, shown
 
 FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
 #: Longest name that may be a misspelt one.

@@ -9,7 +9,7 @@ from concurrent.futures import wait
 from typing import TYPE_CHECKING, NamedTuple
 
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS, recorded_topics, recording_notes
-from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.parameters.quoting import counted
 
 if TYPE_CHECKING:
     from impact_damper_ros.bag import RecordingError, RunWriter

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.callback_groups import ReentrantCallbackGroup
 from std_srvs.srv import SetBool, Trigger
 
-from impact_damper_ros.rig import InitialConditions
+from impact_damper_ros.parameters.rig_parameters import InitialConditions
 
 from .engine import Done, Engine, Request
 

@@ -45,18 +45,18 @@ from impact_damper_ros.bag.messages import (
     DIAGNOSTIC_ARRAY,
     JOINT_STATE,
     STRING,
+    Parameter as RecordedParameter,
     ParameterEvent,
     String,
     encode,
 )
-from impact_damper_ros.bag.messages import Parameter as RecordedParameter
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.topics import LATCHED, QosProfile
-from impact_damper_ros.rig import ALL_SPECS
-from impact_damper_ros.rig.description import described, frequency_hint, robot_description
-from impact_damper_ros.rig.parameters_file import values_given
-from impact_damper_ros.rig.quoting import printable, shown
-from impact_damper_ros.theory import TheoryProcess
+from impact_damper_ros.parameters.description import described, frequency_hint, robot_description
+from impact_damper_ros.parameters.parameters_file import values_given
+from impact_damper_ros.parameters.quoting import printable, shown
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.theory.theory_process import TheoryProcess
 
 from .commands import (
     DEPTH,

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.rig.state import constants_of
+from impact_damper_ros.motion.state import constants_of
+from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 #: Most impacts in a period for which all stop sequences are listed.
 MOST_LISTED_IMPACTS = 6

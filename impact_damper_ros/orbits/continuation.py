@@ -390,8 +390,8 @@ def follow(
 
     Examples
     --------
-    >>> from impact_damper_ros.orbits import find_orbits
-    >>> from impact_damper_ros.rig import RigParameters
+    >>> from impact_damper_ros.orbits.search import find_orbits
+    >>> from impact_damper_ros.parameters.rig_parameters import RigParameters
     >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2)).orbits[0]
     >>> branch = follow(orbit, 'gap', 20.0, 60.0)
     >>> [point.kind.value for point in branch.special]

@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control import Outcome, Rig
-from impact_damper_ros.control.rig import Events
-from impact_damper_ros.rig import EVENT_TYPE, SAMPLE_TYPE, EventKind, RigParameters
+from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind
+from impact_damper_ros.motion.state import STICK
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.event_budget import EndlessEventsError
-from impact_damper_ros.rig.state import STICK
+from impact_damper_ros.rig.rig import Events, Outcome, Rig
 
 from .flights import Machine, machine_of
 from .multipliers import AWAY, FlightLaws

@@ -13,10 +13,8 @@ from math import inf
 from operator import attrgetter
 from typing import NamedTuple
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.first_event import first_root
-from impact_damper_ros.rig.flight import (
+from impact_damper_ros.motion.first_event import first_root
+from impact_damper_ros.motion.flight import (
     NO_EVENT,
     REVERSAL,
     Motion,
@@ -29,11 +27,9 @@ from impact_damper_ros.rig.flight import (
     starting_motion,
     turn_waves,
 )
-from impact_damper_ros.rig.forcing import SteppedSine
-from impact_damper_ros.rig.oscillator import POINTS, Line
-from impact_damper_ros.rig.run import ALL_STEPS, find_event
-from impact_damper_ros.rig.snapshot import Snapshot
-from impact_damper_ros.rig.state import (
+from impact_damper_ros.motion.next_event import ALL_STEPS, find_event
+from impact_damper_ros.motion.oscillator import POINTS, Line
+from impact_damper_ros.motion.state import (
     REST_1,
     REST_2,
     STICK,
@@ -42,7 +38,11 @@ from impact_damper_ros.rig.state import (
     Wave,
     constants_of,
 )
-from impact_damper_ros.rig.transition import strike
+from impact_damper_ros.motion.transition import strike
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.snapshot import Snapshot
+from impact_damper_ros.rig.stepped_sine import SteppedSine
 
 _run_fields = attrgetter(*Run.__dataclass_fields__)
 #: Where the search goes on after a turning point, in steps of the grid: displacements between two

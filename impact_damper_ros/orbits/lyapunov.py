@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.rig import EventKind
-from impact_damper_ros.rig.state import STICK
+from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.motion.state import STICK
 
 from .flight_arrays import Flights
 from .multipliers import FlightLaws, Y, event_matrices, jumps, velocities_of

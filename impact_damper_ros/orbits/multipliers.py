@@ -22,8 +22,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control.rig import Events
-from impact_damper_ros.rig.state import RigConstants
+from impact_damper_ros.motion.state import RigConstants
+from impact_damper_ros.rig.rig import Events
 
 from .response import Array
 

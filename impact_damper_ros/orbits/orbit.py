@@ -8,7 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, Self
 
-from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .arguments import single_harmonic
 

@@ -12,15 +12,14 @@ from typing import Literal
 
 import numpy as np
 
-from impact_damper_ros.control import Outcome, Rig
-from impact_damper_ros.rig import (
+from impact_damper_ros.parameters.parameter_spec import ParameterError, whole_number
+from impact_damper_ros.parameters.rig_parameters import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
     InitialConditions,
-    ParameterError,
     RigParameters,
 )
-from impact_damper_ros.rig.parameter_spec import whole_number
+from impact_damper_ros.rig.rig import Outcome, Rig
 
 from .arguments import (
     OrbitError,

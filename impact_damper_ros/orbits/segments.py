@@ -41,15 +41,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.rig import EventKind, RigParameters
-from impact_damper_ros.rig.state import (
-    CHATTER_1,
-    FREE,
-    REST_1,
-    SLIDE_DOWN,
-    SLIDE_UP,
-    STICK,
-)
+from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.motion.state import CHATTER_1, FREE, REST_1, SLIDE_DOWN, SLIDE_UP, STICK
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .flights import Flight, flight_at, machine_of
 from .multipliers import AWAY, FlightLaws, event_matrices, jumps, multipliers_of

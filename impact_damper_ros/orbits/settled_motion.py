@@ -10,10 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.control import Outcome, Rig
-from impact_damper_ros.control.rig import Events
-from impact_damper_ros.rig import EVENT_TYPE, Event, EventKind, RigParameters
-from impact_damper_ros.rig.event import events_of_table
+from impact_damper_ros.motion.event import EVENT_TYPE, Event, EventKind, events_of_table
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.rig.rig import Events, Outcome, Rig
 
 from .flight_arrays import STATE, Drive, Flights, row_of_rig, rows_of_samples
 from .irregularity import Indications, average_spread, quiet_phase

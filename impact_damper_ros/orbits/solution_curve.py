@@ -15,9 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, ParameterError, RigParameters
-from impact_damper_ros.rig.parameter_spec import number_between, whole_number
-from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.parameters.parameter_spec import (
+    ParameterError,
+    number_between,
+    whole_number,
+)
+from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
 
 from .arguments import OrbitError, check_forcing, single_harmonic
 from .orbit import PeriodicOrbit

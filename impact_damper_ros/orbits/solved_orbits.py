@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.control import Outcome, Rig
-from impact_damper_ros.control.rig import Events
-from impact_damper_ros.rig import Event, EventKind, RigParameters
-from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
+from impact_damper_ros.motion.event import Event, EventKind
+from impact_damper_ros.motion.state import CHATTER_1, REST_1, REST_2, STICK
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.rig.rig import Events, Outcome, Rig
 
 from .arguments import check_forcing, single_harmonic
 from .flights import flight_at_impact, largest_displacement, machine_of, rig_on

@@ -24,8 +24,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.state import constants_of
+from impact_damper_ros.motion.state import constants_of
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .arguments import OrbitError, check_forcing, check_stops
 from .response import Array, forced_response, free_response

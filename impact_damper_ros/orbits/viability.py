@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from impact_damper_ros.rig import EventKind
-from impact_damper_ros.rig.flight import (
+from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.motion.flight import (
     CONTACT_1,
     CONTACT_2,
     NO_EVENT,
@@ -21,7 +21,7 @@ from impact_damper_ros.rig.flight import (
     REVERSAL,
     rest,
 )
-from impact_damper_ros.rig.state import FREE, STICK
+from impact_damper_ros.motion.state import FREE, STICK
 
 from .flights import Flight, extremes
 from .response import Array

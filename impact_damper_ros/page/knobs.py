@@ -7,9 +7,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS
-from impact_damper_ros.rig import ALL_SPECS, PARAMETER_SPECS, ParameterError
-from impact_damper_ros.rig.units import UNITS
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.rig_parameters import (
+    ALL_SPECS,
+    GAP_CONTROL_SPECS,
+    PARAMETER_SPECS,
+)
+from impact_damper_ros.parameters.units import UNITS
 
 from .source import RequestError
 

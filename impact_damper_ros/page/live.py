@@ -23,7 +23,7 @@ from impact_damper_ros.bag.messages import (
 )
 from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, IMPACT_JOINTS, JOINTS, PAUSED_ACT
 from impact_damper_ros.bag.snapshots import FORMAT
-from impact_damper_ros.control import CONTROL_JOINTS
+from impact_damper_ros.control.record import CONTROL_JOINTS
 from impact_damper_ros.replay.command import parsed
 from impact_damper_ros.replay.rows import Messages
 from impact_damper_ros.rig.snapshot import Snapshot

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control import Action
+from impact_damper_ros.control.record import Action
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.rows import (
     Events,
     Messages,
@@ -18,9 +19,8 @@ from impact_damper_ros.replay.rows import (
     recorded_impacts,
     recorded_samples,
 )
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
 from impact_damper_ros.rig.snapshot import Snapshot
+from impact_damper_ros.rig.stepped_sine import frequency_at, frequency_steps
 
 Rows = NDArray[np.float64]
 

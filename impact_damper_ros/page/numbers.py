@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .knobs import as_json
 from .motion import Motion, between

@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
-from impact_damper_ros.rig import (
+from impact_damper_ros.parameters.rig_parameters import (
+    GAP_CONTROL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
+    GapControlParameters,
     InitialConditions,
     RigParameters,
 )

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.messages import JointStateRows
 from impact_damper_ros.bag.rig_topics import AXIS_JOINTS
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay import Command, RecordedRun, Rows
-from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.snapshot import Snapshot
-from impact_damper_ros.theory import TheoryProcess
+from impact_damper_ros.theory.theory_process import TheoryProcess
 
 from .frames import PAUSED, View
 from .knobs import as_json, knobs_of, read_values

@@ -24,7 +24,7 @@ import yaml
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.metadata import read_listing
 from impact_damper_ros.bag.run_reader import bag_files
-from impact_damper_ros.rig.quoting import printable
+from impact_damper_ros.parameters.quoting import printable
 from impact_damper_ros.theory.child_process import environment
 
 _SUFFIXES = ('.mcap', '.mcap.zstd', '.db3', '.db3.zstd')

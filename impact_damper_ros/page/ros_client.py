@@ -28,7 +28,8 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag.rig_topics import rig_nodes
-from impact_damper_ros.rig import ALL_SPECS, ParameterError
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
 from .live import NoAnswerError
 

@@ -21,7 +21,7 @@ from tornado.websocket import WebSocketHandler
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.run_reader import bag_files
-from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.parameters.quoting import counted
 
 from .client import LONGEST_MESSAGE, Client
 from .gate import Gate

@@ -18,24 +18,21 @@ from typing import Any, NamedTuple, Self
 from impact_damper_ros.bag import RecordedMessage, RecordingError, String
 from impact_damper_ros.bag.messages import STRING, decode
 from impact_damper_ros.bag.snapshots import FORMAT, RATES, motion_of
-from impact_damper_ros.control import (
+from impact_damper_ros.control.own_law import LawError, OwnLaw
+from impact_damper_ros.parameters.parameter_spec import number_between
+from impact_damper_ros.parameters.quoting import as_line, shown
+from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
-    GapControlParameters,
-    LawError,
-    OwnLaw,
-    Rig,
-)
-from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
+    GapControlParameters,
     InitialConditions,
     RigParameters,
-    RunawayError,
 )
-from impact_damper_ros.rig.parameter_spec import number_between
-from impact_damper_ros.rig.quoting import as_line, shown
-from impact_damper_ros.rig.snapshot import FORMAT as STATE_FORMAT
+from impact_damper_ros.rig.event_budget import RunawayError
+from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.snapshot import (
+    FORMAT as STATE_FORMAT,
     LATEST,
     SAME_TIME,
     check_number,

@@ -22,11 +22,14 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.snapshots import mathematics, motion_of
-from impact_damper_ros.control import ControlRecord, Order, Outcome, Rig
-from impact_damper_ros.rig import Event, InitialConditions, ParameterError, RunawayError
-from impact_damper_ros.rig.compiled import has_numba
-from impact_damper_ros.rig.event import table_of_events
-from impact_damper_ros.rig.event_budget import MOST_EVENTS, EventBudget
+from impact_damper_ros.control.record import ControlRecord
+from impact_damper_ros.motion.compiled import has_numba
+from impact_damper_ros.motion.event import Event, table_of_events
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.rig_parameters import InitialConditions
+from impact_damper_ros.rig.event_budget import MOST_EVENTS, EventBudget, RunawayError
+from impact_damper_ros.rig.order import Order
+from impact_damper_ros.rig.rig import Outcome, Rig
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 from .command import Command, Deed, Setting, restored

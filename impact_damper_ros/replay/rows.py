@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag.messages import message_row
-from impact_damper_ros.control import Action, ControlRecord, Order
-from impact_damper_ros.rig import EVENT_TYPE, EventKind, RigParameters, Sample
-from impact_damper_ros.rig.event import SAMPLE_TYPE
+from impact_damper_ros.control.record import Action, ControlRecord
+from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind, Sample
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.rig.order import Order
 
 Samples = NDArray[np.void]
 Events = NDArray[np.void]

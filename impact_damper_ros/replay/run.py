@@ -37,8 +37,13 @@ from impact_damper_ros.bag.messages import (
     header_ns,
 )
 from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_ACT
-from impact_damper_ros.control import CONTROL_JOINTS, GAP_CONTROL_SPECS, OwnLaw
-from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
+from impact_damper_ros.control.own_law import OwnLaw
+from impact_damper_ros.control.record import CONTROL_JOINTS
+from impact_damper_ros.parameters.rig_parameters import (
+    GAP_CONTROL_SPECS,
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+)
 
 from .command import Command, parsed, read_command
 from .rows import Ints, Messages

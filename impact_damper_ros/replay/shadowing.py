@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.bag.messages import message_row
 from impact_damper_ros.bag.snapshots import motion_of
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import EventKind
+from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.rig.rig import Rig
 
 from .matching import QUANTITIES, Matcher, differing_states, expected_states
 from .rows import (

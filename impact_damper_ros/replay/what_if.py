@@ -18,10 +18,13 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.bag.snapshots import motion_of
-from impact_damper_ros.control import Order, OwnLaw, Rig
-from impact_damper_ros.rig import InitialConditions, ParameterError, Sample
-from impact_damper_ros.rig.event import table_of_events
+from impact_damper_ros.control.own_law import OwnLaw
+from impact_damper_ros.motion.event import Sample, table_of_events
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.rig_parameters import InitialConditions
 from impact_damper_ros.rig.event_budget import EventBudget
+from impact_damper_ros.rig.order import Order
+from impact_damper_ros.rig.rig import Rig
 
 from .command import Command, Setting
 from .replay import Part, Step

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from impact_damper_ros.orbits import Branch, SpecialKind
-from impact_damper_ros.rig import PARAMETER_SPECS
+from impact_damper_ros.orbits.branch import Branch, SpecialKind
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 
 from .drawing import (
     COLORS,

@@ -8,9 +8,9 @@ import math
 from collections.abc import Callable, Collection, Sequence
 
 from impact_damper_ros.compare import Overall, StretchComparison
-from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.rig import ALL_SPECS
-from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
 from .formatting import NONE, instant, number, setting, unit_for
 from .table import Column, Table

@@ -10,8 +10,8 @@ from io import FileIO
 from pathlib import Path
 from typing import Protocol
 
+from impact_damper_ros.motion.event import Event, EventKind
 from impact_damper_ros.outputs import whole
-from impact_damper_ros.rig import Event, EventKind
 
 IMPACT_COLUMNS = (
     'time',

@@ -22,9 +22,9 @@ from unicodedata import category
 
 from impact_damper_ros.compare import LogVerdict, RunComparison, StretchComparison, Verdict
 from impact_damper_ros.outputs import write_texts
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.theory import GapCurve
+from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.theory.gap_curve import GapCurve
 
 from .charts import PICTURES, Picture, draw_history, draw_run
 from .comparison_tables import (

@@ -7,8 +7,9 @@ import cmath
 import math
 from collections.abc import Sequence
 
-from impact_damper_ros.orbits import Branch, PeriodicOrbit
-from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.orbits.branch import Branch
+from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.parameters.quoting import counted
 
 from .csv_tables import row
 

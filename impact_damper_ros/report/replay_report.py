@@ -6,9 +6,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from impact_damper_ros.parameters.quoting import as_line, counted
 from impact_damper_ros.replay.findings import Difference, Findings, ReplayVerdict
 from impact_damper_ros.replay.run import RecordedRun
-from impact_damper_ros.rig.quoting import as_line, counted
 
 _VERDICTS = {
     ReplayVerdict.IDENTICAL: 'identical: the run is reproduced bit for bit from its log',

@@ -16,9 +16,8 @@ from impact_damper_ros.compare import (
     StretchComparison,
     Verdict,
 )
-from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.orbits.orbit import AT_IMPACTS
-from impact_damper_ros.rig.quoting import as_line, counted
+from impact_damper_ros.orbits.orbit import AT_IMPACTS, PeriodicOrbit
+from impact_damper_ros.parameters.quoting import as_line, counted
 
 from .table import Table
 

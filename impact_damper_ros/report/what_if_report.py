@@ -14,14 +14,14 @@ import numpy as np
 from impact_damper_ros.compare import Overall
 from impact_damper_ros.compare.result import Array
 from impact_damper_ros.compare.stretches import RecordedStretch, builder_at
-from impact_damper_ros.control import Rig
+from impact_damper_ros.parameters.quoting import counted, shown
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, InitialConditions, RigParameters
 from impact_damper_ros.replay import Part, Replay, Setting
 from impact_damper_ros.replay.replay import Step
 from impact_damper_ros.replay.rows import Events, Samples
 from impact_damper_ros.replay.what_if import Ending, RecordedValues, WhatIf
-from impact_damper_ros.rig import ALL_SPECS, InitialConditions, RigParameters
 from impact_damper_ros.rig.event_budget import EventBudget
-from impact_damper_ros.rig.quoting import counted, shown
+from impact_damper_ros.rig.rig import Rig
 
 from .formatting import setting, unit_for
 from .run_figures import Motion, Side, draw_what_if

@@ -13,9 +13,9 @@ from math import tau
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from .event import Event
-    from .parameters import RigParameters
-    from .state import Mode
+    from impact_damper_ros.motion.event import Event
+    from impact_damper_ros.motion.state import Mode
+    from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 #: Most events of a run, unless others are given.
 MOST_EVENTS = 200_000

@@ -8,12 +8,13 @@ from math import inf
 from sys import float_info
 from typing import Any, NamedTuple
 
-from .event import Event, EventKind
-from .forcing import SteppedSine, frequency_steps
-from .parameter_spec import number_between, whole_number
-from .parameters import RigParameters
-from .quoting import shown
-from .state import STORED, STORED_TYPES, Mode, Run
+from impact_damper_ros.motion.event import Event, EventKind
+from impact_damper_ros.motion.state import STORED, STORED_TYPES, Mode, Run
+from impact_damper_ros.parameters.parameter_spec import number_between, whole_number
+from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+
+from .stepped_sine import SteppedSine, frequency_steps
 
 FORMAT = 6
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.

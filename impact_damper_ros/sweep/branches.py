@@ -9,8 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_damper_ros.orbits import Branch, PeriodicOrbit, follow, orbit_near
-from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.orbits.branch import Branch
+from impact_damper_ros.orbits.continuation import follow
+from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.orbits.solved_orbits import orbit_near
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .ensemble import rig_of_row
 from .grid import Grid

@@ -18,16 +18,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control import Outcome, Rig, run_ensemble
+from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.orbits.flights import flight_at, machine_of, rig_on
 from impact_damper_ros.orbits.settled_motion import cycle_of, relative_states
-from impact_damper_ros.rig import (
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.rig_parameters import (
     PARAMETER_SPECS,
     InitialConditions,
-    Mode,
-    ParameterError,
     RigParameters,
 )
+from impact_damper_ros.rig.ensemble import run_ensemble
+from impact_damper_ros.rig.rig import Outcome, Rig
 
 from .grid import Axis, Grid, RigSetup
 from .steady_state import BETWEEN, ROUND_OFF, SECTION, Array, Settling, check_cycle, comes_back

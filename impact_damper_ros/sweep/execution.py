@@ -30,9 +30,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import impact_damper_ros
-from impact_damper_ros.control import LawError, OwnLaw, Rig
-from impact_damper_ros.rig import ParameterError, RunawayError
-from impact_damper_ros.rig.parameter_spec import whole_number
+from impact_damper_ros.control.own_law import LawError, OwnLaw
+from impact_damper_ros.parameters.parameter_spec import ParameterError, whole_number
+from impact_damper_ros.rig.event_budget import RunawayError
+from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.snapshot import Snapshot
 
 from .ensemble import Transient, can_share, shared_values, transients
@@ -395,7 +396,7 @@ def sweep(
     Examples
     --------
     >>> import numpy as np
-    >>> from impact_damper_ros.rig import RigParameters
+    >>> from impact_damper_ros.parameters.rig_parameters import RigParameters
     >>> from impact_damper_ros.sweep import Grid, sweep
     >>> table = sweep(Grid(RigParameters(gravity=0.0), gap=np.linspace(30.0, 40.0, 3)))
     >>> list(table.stops)

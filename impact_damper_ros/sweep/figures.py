@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.orbits import Branch, MotionKind, PeriodicOrbit, SpecialKind, SpecialPoint
+from impact_damper_ros.orbits.branch import Branch, SpecialKind, SpecialPoint
+from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.orbits.recurrence import MotionKind
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 from impact_damper_ros.report.branch_figure import SPECIAL_MARKS
 from impact_damper_ros.report.drawing import (
     BLUE,
@@ -23,7 +26,6 @@ from impact_damper_ros.report.drawing import (
     print_style,
     save_figure,
 )
-from impact_damper_ros.rig import PARAMETER_SPECS
 
 from .best import Nearby, Optimum
 from .branches import branches_of

@@ -16,17 +16,17 @@ import numpy as np
 import numpy.typing as npt
 
 import impact_damper_ros
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
-from impact_damper_ros.rig import (
+from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
+from impact_damper_ros.parameters.parameters_file import YamlError, guarded_yaml
+from impact_damper_ros.parameters.quoting import named, shown
+from impact_damper_ros.parameters.rig_parameters import (
+    GAP_CONTROL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
+    GapControlParameters,
     InitialConditions,
-    ParameterError,
-    ParameterSpec,
     RigParameters,
 )
-from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
-from impact_damper_ros.rig.quoting import named, shown
 
 from .steady_state import Settling
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control import Outcome, Rig, RunResult
-from impact_damper_ros.control.rig import Events
+from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.motion.state import CHATTER_1, Mode
 from impact_damper_ros.orbits.flight_arrays import (
     STATE,
     Drive,
@@ -25,11 +25,15 @@ from impact_damper_ros.orbits.settled_motion import (
     relative_states,
     settle,
 )
-from impact_damper_ros.rig import EventKind, Mode, ParameterError, RigParameters
+from impact_damper_ros.parameters.parameter_spec import (
+    ParameterError,
+    number_between,
+    whole_number,
+)
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.event_budget import EndlessEventsError
-from impact_damper_ros.rig.parameter_spec import number_between, whole_number
+from impact_damper_ros.rig.rig import Events, Outcome, Rig, RunResult
 from impact_damper_ros.rig.snapshot import LATEST
-from impact_damper_ros.rig.state import CHATTER_1
 
 from .journal import Row
 

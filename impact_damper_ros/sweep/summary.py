@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.parameters.quoting import counted
 
 from .best import Nearby, Optimum
 from .grid import Grid

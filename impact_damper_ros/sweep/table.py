@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.outputs import whole
-from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.parameters.quoting import shown
 
 from .grid import Grid
 from .journal import Row

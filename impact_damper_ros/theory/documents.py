@@ -36,8 +36,8 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import PeriodicOrbit
+from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.rig.rig import Rig
 
 from .expected_motion import predictions, zero_of_force
 from .gap_curve import MOST_POINTS, PREVIEW_POINTS, GapCurve, name_of

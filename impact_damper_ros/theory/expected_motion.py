@@ -13,22 +13,16 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import (
-    OrbitError,
-    PeriodicOrbit,
-    SettledMotion,
-    find_orbits,
-    orbit_near,
-    settle,
-)
-from impact_damper_ros.orbits.arguments import period_of_force
-from impact_damper_ros.orbits.orbit import Rhythm
+from impact_damper_ros.orbits.arguments import OrbitError, period_of_force
+from impact_damper_ros.orbits.orbit import PeriodicOrbit, Rhythm
 from impact_damper_ros.orbits.recurrence import MotionKind
-from impact_damper_ros.orbits.search import counted_as, starting_points
-from impact_damper_ros.orbits.solved_orbits import counted_from_zero
-from impact_damper_ros.rig import ParameterError, RigParameters
-from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.orbits.search import counted_as, find_orbits, starting_points
+from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
+from impact_damper_ros.orbits.solved_orbits import counted_from_zero, orbit_near
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.rig.rig import Rig
 
 from .prediction import Basis, ObservedMotion, Prediction
 

@@ -8,16 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from impact_damper_ros.orbits import (
-    BestPoint,
-    Branch,
-    Limit,
-    OrbitError,
-    PeriodicOrbit,
-    follow,
-)
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.quoting import counted
+from impact_damper_ros.orbits.arguments import OrbitError
+from impact_damper_ros.orbits.branch import BestPoint, Branch, Limit
+from impact_damper_ros.orbits.continuation import follow
+from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 #: Factor from the present gap to the ends of the range that is followed, and how often, by which
 #: factor, a branch is followed beyond an end at which M moves least.

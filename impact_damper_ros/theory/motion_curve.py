@@ -8,11 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from impact_damper_ros.control import Outcome
-from impact_damper_ros.control.rig import Events
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.response import Array
 from impact_damper_ros.orbits.solved_orbits import MOST_EVENTS, after_impact
+from impact_damper_ros.rig.rig import Events, Outcome
 
 #: Points per cycle of the force, and the most in a period, but for the ends of its flights.
 _PER_CYCLE, _MOST = 250, 1500

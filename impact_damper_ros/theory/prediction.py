@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from impact_damper_ros.motion.event import Event
 from impact_damper_ros.orbits.orbit import Apart, PeriodicOrbit, Rhythm
-from impact_damper_ros.rig import Event
 
 #: Why a motion is the predicted one: it is near the measured one, the rig reaches it when it is
 #: run ahead, or it is the first of those that exist.

@@ -6,11 +6,18 @@ import random
 
 from bag import samples
 
+from impact_damper_ros import (
+    EventKind,
+    GapControlParameters,
+    InitialConditions,
+    Order,
+    ParameterError,
+    Rig,
+    RigParameters,
+)
 from impact_damper_ros.bag.messages import decode
 from impact_damper_ros.bag.snapshots import mathematics, motion_of
-from impact_damper_ros.control import GapControlParameters, Order, Rig
 from impact_damper_ros.replay import Setting
-from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, RigParameters
 
 LIVELY = RigParameters(
     stiffness=1000.0,

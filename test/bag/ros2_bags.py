@@ -8,8 +8,7 @@ import yaml
 import zstandard
 from bag import samples
 from mcap.writer import CompressionType, Writer
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as PeerWriter
+from rosbags.rosbag2 import StoragePlugin, Writer as PeerWriter
 
 from impact_damper_ros.bag import topics as interface
 

@@ -11,8 +11,7 @@ from bag.recorded_rig import NOTES, RecordedRig
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
 from replay.test_replay import replayed
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-from rosbags.rosbag2 import Writer as PeerWriter
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as PeerWriter
 
 from impact_damper_ros.bag import RecordingError, RunReader
 from impact_damper_ros.bag.bag_file import BagFile

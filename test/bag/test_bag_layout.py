@@ -12,8 +12,7 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
-from impact_damper_ros.bag import RunReader
-from impact_damper_ros.bag import topics as interface
+from impact_damper_ros.bag import RunReader, topics as interface
 
 
 @pytest.fixture(scope='module')

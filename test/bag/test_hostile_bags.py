@@ -15,8 +15,8 @@ from bag.test_bag_check import altered, records, write
 from mcap.opcode import Opcode
 
 from impact_damper_ros.bag import RecordingError, RunReader
+from impact_damper_ros.parameters.quoting import as_line, shown
 from impact_damper_ros.replay.run import RecordedRun
-from impact_damper_ros.rig.quoting import as_line, shown
 
 
 @pytest.fixture(scope='module')

@@ -9,8 +9,13 @@ from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader
 
-from impact_damper_ros.bag import RecordingError, RunReader, bag_file, recover_run
-from impact_damper_ros.bag import topics as interface
+from impact_damper_ros.bag import (
+    RecordingError,
+    RunReader,
+    bag_file,
+    recover_run,
+    topics as interface,
+)
 from impact_damper_ros.cli import recover_run as command
 
 MAGIC = 8

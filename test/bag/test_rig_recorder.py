@@ -10,13 +10,12 @@ from bag.recorded_rig import LIVELY, RecordedRig, params_file
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from impact_damper_ros import InitialConditions, Rig
 from impact_damper_ros.bag import RigRecorder, RunReader, decode, recover_run
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import InitialConditions
-from impact_damper_ros.rig.description import robot_description
+from impact_damper_ros.parameters.description import robot_description
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 PICTURE = '/robot_description'

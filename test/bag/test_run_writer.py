@@ -18,13 +18,7 @@ from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
-from impact_damper_ros.bag import (
-    RecordingError,
-    RunReader,
-    RunWriter,
-    Topic,
-    run_writer,
-)
+from impact_damper_ros.bag import RecordingError, RunReader, RunWriter, Topic, run_writer
 from impact_damper_ros.bag.run_writer import create_run_directory
 
 NOTE = Topic('/note', samples.STRING)

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros import Rig, RigParameters
 
 sys.path.append(str(Path(__file__).parents[2] / 'benchmarks'))
 peer_rigs = import_module('peer_rigs')

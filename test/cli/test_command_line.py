@@ -18,7 +18,7 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli import command_line
 from impact_damper_ros.cli.command_line import CommandError, outcome
 from impact_damper_ros.cli.rig_options import given_rig
-from impact_damper_ros.rig import ALL_SPECS
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 from impact_damper_ros.rig.event_budget import RunawayError
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -79,7 +79,7 @@ def test_the_rig_that_is_given(tmp_path):
 
 def test_what_the_library_logs_is_said_once(capsys):
     """With the command's name, on stderr whatever it is."""
-    logger = logging.getLogger('impact_damper_ros.rig')
+    logger = logging.getLogger('impact_damper_ros.motion')
 
     def work():
         for _ in range(2):

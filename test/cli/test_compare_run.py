@@ -10,10 +10,9 @@ from bag import ros2_bags, samples
 from bag.recorded_rig import NOTES, RecordedRig, params_file
 from rigs import BENCH
 
+from impact_damper_ros import EventKind, InitialConditions, Rig, RigParameters
 from impact_damper_ros.cli.compare_run import main
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 
 def run(bag, tmp_path, *arguments):

@@ -10,7 +10,7 @@ from setup_file import COMMANDS
 
 import impact_damper_ros
 from impact_damper_ros.cli import completion
-from impact_damper_ros.rig import ALL_SPECS
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 finders = pytest.importorskip('argcomplete.finders')

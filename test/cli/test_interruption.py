@@ -10,11 +10,10 @@ from pathlib import Path
 import pytest
 
 import impact_damper_ros
+from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.cli.command_line import outcome
-from impact_damper_ros.control import Rig
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS
-from impact_damper_ros.rig import RigParameters
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 

@@ -12,10 +12,13 @@ import yaml
 from setup_file import COMMANDS
 
 import impact_damper_ros
-from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.cli.simulate_rig import parameter_table
-from impact_damper_ros.control import GAP_CONTROL_SPECS
-from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, load_parameters
+from impact_damper_ros import load_parameters
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig, parameter_table
+from impact_damper_ros.parameters.rig_parameters import (
+    GAP_CONTROL_SPECS,
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+)
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 README = ROOT / 'README.md'

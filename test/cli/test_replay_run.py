@@ -15,9 +15,9 @@ from bag import samples
 from bag.recorded_rig import LIVELY, NOTES, TOPICS, RecordedRig, params_file, renamed
 
 import impact_damper_ros
+from impact_damper_ros import Rig
 from impact_damper_ros.cli.replay_run import main
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.control import Rig
 from impact_damper_ros.replay.what_if import RecordedValues
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]

@@ -9,7 +9,7 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 from node.rig_client import LIVELY, SimProcess
 
 from impact_damper_ros.cli import set_rig
-from impact_damper_ros.rig import ALL_SPECS
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
 
 @pytest.fixture(scope='module')

@@ -10,12 +10,11 @@ from pathlib import Path
 import pytest
 
 import impact_damper_ros
+from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameters, Sample
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
-from impact_damper_ros.control import GapControlParameters, Rig
-from impact_damper_ros.rig import EventKind, RigParameters, Sample
-from impact_damper_ros.rig.swing import Swing
+from impact_damper_ros.motion.swing import Swing
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 PAPER = ROOT / 'config' / 'paper.yaml'

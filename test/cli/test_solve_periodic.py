@@ -9,10 +9,9 @@ from pathlib import Path
 import pytest
 
 import impact_damper_ros
+from impact_damper_ros import find_orbits, load_parameters
 from impact_damper_ros.cli import command_line
 from impact_damper_ros.cli.solve_periodic import main
-from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.rig import load_parameters
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 PAPER = ROOT / 'config' / 'paper.yaml'

@@ -30,15 +30,21 @@ from compare.recorded import built
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from impact_damper_ros import (
+    EventKind,
+    InitialConditions,
+    Outcome,
+    Rig,
+    RigParameters,
+    load_parameters,
+)
 from impact_damper_ros.compare.motion_kind import StretchKind, kind_of
 from impact_damper_ros.compare.stretches import LoggedRig
-from impact_damper_ros.control import Outcome, Rig
 from impact_damper_ros.orbits.flight_arrays import Drive, Flights, row_of_rig
 from impact_damper_ros.orbits.irregularity import average_spread
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent
 from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.orbits.settled_motion import relative_states
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, load_parameters
 
 CUTS = (30, 100, 300, 1000)
 LONG, MOST_EVENTS = 20_000, 4_000_000

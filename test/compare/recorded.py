@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 
+from impact_damper_ros import InitialConditions, Rig
 from impact_damper_ros.compare.result import Beginning
 from impact_damper_ros.compare.stretches import LoggedRig, StretchBuilder
 from impact_damper_ros.compare.verdict import compare_stretch
-from impact_damper_ros.control import Rig
 from impact_damper_ros.replay.rows import impacts_of
-from impact_damper_ros.rig import InitialConditions
 
 DISPLACED = InitialConditions(initial_primary_position=1.0)
 

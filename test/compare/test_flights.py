@@ -11,14 +11,12 @@ from bag.recorded_rig import LIVELY, RecordedRig
 from compare.recorded import DISPLACED, as_logged, built, recorded, replayed, simulated
 from rigs import BENCH, FRICTION, OFF_RESONANCE, VERTICAL
 
+from impact_damper_ros import GapControlParameters, InitialConditions, Order, Rig, run_flights
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.compare.measures import energy_balance, measured_motion
 from impact_damper_ros.compare.result import Overall
 from impact_damper_ros.compare.stretches import LoggedRig
 from impact_damper_ros.compare.verdict import _unbalanced
-from impact_damper_ros.control import GapControlParameters, Order, Rig
-from impact_damper_ros.orbits import run_flights
-from impact_damper_ros.rig import InitialConditions
 
 AT_REST = InitialConditions()
 BROAD = BENCH.replace(

@@ -13,14 +13,10 @@ import pytest
 from compare import motion_kinds
 from rigs import BENCH
 
+from impact_damper_ros import Rig
 from impact_damper_ros.compare.motion_kind import kind_of
 from impact_damper_ros.compare.predicted import decay_rate
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits.irregularity import (
-    Indications,
-    average_spread,
-    quiet_phase,
-)
+from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.orbits.recurrence import MotionKind
 
 CHAOTIC, QUASI = MotionKind.CHAOTIC, MotionKind.QUASI_PERIODIC

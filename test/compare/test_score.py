@@ -8,11 +8,10 @@ import pytest
 from bag.recorded_rig import LIVELY, RecordedRig
 from rigs import BENCH, OFF_RESONANCE
 
+from impact_damper_ros import GapControlParameters, InitialConditions, Order, Rig
 from impact_damper_ros.cli.compare_run import main
 from impact_damper_ros.compare.score import score_bag
-from impact_damper_ros.control import GapControlParameters, Order, Rig
 from impact_damper_ros.report.score_report import score_table
-from impact_damper_ros.rig import InitialConditions
 
 TIMED = GapControlParameters(
     gap_control='timed', gap_min=0.002, gap_max=0.05, actuator_speed=2.0, actuator_delay=0.002

@@ -7,10 +7,9 @@ import pytest
 from compare.recorded import DISPLACED, compared
 from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
+from impact_damper_ros import InitialConditions, RigParameters, find_orbits
 from impact_damper_ros.compare import Verdict
-from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits.recurrence import MotionKind
-from impact_damper_ros.rig import InitialConditions, RigParameters
 
 SYMMETRIC = OFF_RESONANCE.replace(damping=0.05, damper_mass=0.3)
 

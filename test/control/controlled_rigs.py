@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from impact_damper_ros.control import GapControlParameters, Rig
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros import GapControlParameters, Rig, RigParameters
 
 #: zeta = 0.01, mu = 0.1, R = 0.5, at resonance and level: X = 50 without impacts.
 TRIAL = RigParameters(

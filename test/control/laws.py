@@ -4,7 +4,7 @@
 import math
 import sys
 
-from impact_damper_ros.control.law import optimal_gap
+from impact_damper_ros.control.state import optimal_gap
 
 
 def follow(seen, memory):

@@ -4,13 +4,12 @@ import math
 import random
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from rig.energy import Account
-from rig.random_rigs import rig_of
+from hypothesis import given, settings, strategies as st
+from motion.energy import Account
+from motion.random_rigs import rig_of
 
 from control.controlled_rigs import TRIAL, control
-from impact_damper_ros.control import Action, GapControlParameters, Order, Rig
+from impact_damper_ros import Action, EventKind, GapControlParameters, Order, Rig, RigParameters
 from impact_damper_ros.control.actuator import (
     commands_full,
     next_command,
@@ -18,8 +17,7 @@ from impact_damper_ros.control.actuator import (
     order_stops,
     start_command,
 )
-from impact_damper_ros.control.controller import Control
-from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.control.controller import control_of
 
 
 @pytest.mark.parametrize('kind', ['amplitude', 'timed', 'predictive'])
@@ -79,7 +77,7 @@ def test_stops_that_move_at_once_spend_nothing():
 
 def actuators_of(**values):
     """Return a control of stops at 1 and -1, and its actuators."""
-    there = Control.of(control('timed', **values), TRIAL.replace(gap=2.0))
+    there = control_of(control('timed', **values), TRIAL.replace(gap=2.0))
     return there, there.actuators
 
 

@@ -10,20 +10,19 @@ from control.controlled_rigs import (
     TRIAL,
     control,
 )
-from impact_damper_ros.control import Action, GapControlParameters, Rig, damper_of
-from impact_damper_ros.control.actuator import Command
-from impact_damper_ros.control.controller import (
-    LAW_NUMBERS,
-    PARTS,
-    Control,
-)
-from impact_damper_ros.rig import (
-    GAP_CONTROL_SPECS,
+from impact_damper_ros import (
+    Action,
     EventKind,
+    GapControlParameters,
     InitialConditions,
+    Rig,
     RigParameters,
+    damper_of,
 )
-from impact_damper_ros.rig.state import Length, Speed, Time
+from impact_damper_ros.control.controller import control_of
+from impact_damper_ros.control.state import LAW_NUMBERS, PARTS, Command
+from impact_damper_ros.motion.state import Length, Speed, Time
+from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS
 
 
 def test_there_is_no_preview_until_the_stops_are_back():
@@ -163,7 +162,7 @@ def test_the_detector_triggers_at_every_passage_and_only_there():
 
 
 def start():
-    return Control.of(GapControlParameters(), RigParameters(gap=4.0))
+    return control_of(GapControlParameters(), RigParameters(gap=4.0))
 
 
 def test_the_controller_has_every_law_that_the_parameter_names():

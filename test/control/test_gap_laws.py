@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from control.controlled_rigs import IDEAL, TRIAL, control
-from impact_damper_ros.control import Action, Rig, damper_of
-from impact_damper_ros.rig import InitialConditions, RigParameters
+from impact_damper_ros import Action, InitialConditions, Rig, RigParameters, damper_of
 
 INCLINE = RigParameters(angle=math.radians(45.0), friction=0.5, gravity=1.0)
 

@@ -7,7 +7,7 @@ import pytest
 
 from control import laws
 from control.controlled_rigs import IDEAL, TRIAL, amplitude_ratio, control
-from impact_damper_ros.control import Action, GapControlParameters, LawError, OwnLaw, Rig
+from impact_damper_ros import Action, GapControlParameters, LawError, OwnLaw, Rig
 
 
 def follow_rig(**values):

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from control.controlled_rigs import TRIAL
-from impact_damper_ros.control import GapControlParameters, Rig, damper_of
-from impact_damper_ros.control.controller import Control, measured
+from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameters, damper_of
+from impact_damper_ros.control.controller import control_of, measured
 from impact_damper_ros.control.sensors import (
-    Measurement,
-    Observer,
     forget_hits,
     mixed_seed,
     next_passage,
@@ -18,7 +16,7 @@ from impact_damper_ros.control.sensors import (
     observe_sample,
     sensor_noise,
 )
-from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.control.state import Measurement, Observer
 
 #: Time, X, X', Y, Y', and the stops
 MOTION = (2.5, 1.0, -2.0, 0.75, 2.5, 2.0, -3.0)
@@ -29,7 +27,7 @@ def noise(seed, index):
 
 
 def test_without_noise_the_sample_itself():
-    there = Control.of(GapControlParameters(), RigParameters())
+    there = control_of(GapControlParameters(), RigParameters())
     seen = measured(there.settings, there.observer, 3, *MOTION)
     assert seen == (2.5, 1.0, -2.0, 0.75, 2.5, 2.0, -3.0)
     assert (seen.z, seen.z_rate) == (1.75, 0.5)
@@ -64,7 +62,7 @@ def test_noise_has_the_standard_deviations_asked_for():
     control = GapControlParameters(
         gap_control_noise_position=0.1, gap_control_noise_velocity=2.0, gap_control_seed=9
     )
-    there = Control.of(control, RigParameters())
+    there = control_of(control, RigParameters())
     sensors = there.settings, there.observer
     seen = np.array([measured(*sensors, k, *MOTION) for k in range(5000)])
     assert np.std(seen[:, (1, 3)], axis=0) == pytest.approx([0.1, 0.1], rel=0.04)

@@ -5,12 +5,11 @@ import math
 import pytest
 
 from control.controlled_rigs import TRIAL, control
-from impact_damper_ros.control import Action, Rig
-from impact_damper_ros.control.controller import ControlSettings
-from impact_damper_ros.control.law import damper_of
+from impact_damper_ros import Action, EventKind, Rig, RigParameters
+from impact_damper_ros.control.controller import settings_of
 from impact_damper_ros.control.sensors import Passage
+from impact_damper_ros.control.state import damper_of
 from impact_damper_ros.control.timed_law import stop_to_close
-from impact_damper_ros.rig import EventKind, RigParameters
 
 RIGS = {
     'level': TRIAL,
@@ -103,7 +102,7 @@ def passage(**values):
 def test_which_stop_is_closed(values, symmetric, independent):
     for stops, expected in (('symmetric', symmetric), ('independent', independent)):
         law = control('timed', gap_control_stops=stops, gap_min=0.1)
-        p = ControlSettings.of(law, TRIAL)
+        p = settings_of(law, TRIAL)
         assert stop_to_close(p, passage(**values), 8.0, 10.0) == expected
 
 
@@ -116,5 +115,5 @@ def test_the_energy_condition_is_that_of_the_impact():
         mu, restitution = 0.1, 0.5
         after = ((1 - mu * restitution) * x_rate + mu * (1 + restitution) * z_rate) / (1 + mu)
         assert (abs(after) < 2.0) == falls
-        p = ControlSettings.of(control('timed'), TRIAL)
+        p = settings_of(control('timed'), TRIAL)
         assert (stop_to_close(p, passage(y_rate=y_rate), 8.0, 10.0) == 1) == falls

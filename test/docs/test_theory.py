@@ -11,11 +11,9 @@ import pytest
 from rigs import FRICTION, HORIZONTAL
 
 import impact_damper_ros
-from impact_damper_ros import Rig
-from impact_damper_ros.orbits import find_orbits, settle
+from impact_damper_ros import EventKind, Rig, RigParameters, find_orbits, settle
+from impact_damper_ros.motion.flight import support_need
 from impact_damper_ros.orbits.flights import flight_at, machine_of
-from impact_damper_ros.rig import EventKind, RigParameters
-from impact_damper_ros.rig.flight import support_need
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 PAGES = sorted((ROOT / 'docs' / 'theory').glob('*.md'))

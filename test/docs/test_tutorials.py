@@ -15,7 +15,7 @@ import pytest
 import yaml
 from docs.tutorial import ROOT, Reader, differences, pictures
 
-from impact_damper_ros.rig import GapControlParameters, InitialConditions, RigParameters
+from impact_damper_ros import GapControlParameters, InitialConditions, RigParameters
 
 PAGE = ROOT / 'impact_damper_ros' / 'page'
 TUTORIALS = ROOT / 'docs' / 'tutorials'

@@ -16,10 +16,13 @@ sys.path.append(str(CONTROLLERS))
 import lock_step  # noqa: E402
 import test_specification as specification  # noqa: E402
 
+from impact_damper_ros import (  # noqa: E402
+    GapControlParameters,
+    Rig,
+    RigParameters,
+)
 from impact_damper_ros.bag import RunReader  # noqa: E402
-from impact_damper_ros.control import GapControlParameters, Rig  # noqa: E402
 from impact_damper_ros.replay import RecordedRun, Replay  # noqa: E402
-from impact_damper_ros.rig import RigParameters  # noqa: E402
 
 RIG = specification.RIG
 

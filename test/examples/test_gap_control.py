@@ -16,8 +16,7 @@ sys.path.append(str(STUDY))
 
 import study  # noqa: E402
 
-from impact_damper_ros.control import Rig  # noqa: E402
-from impact_damper_ros.orbits import run_flights  # noqa: E402
+from impact_damper_ros import Rig, run_flights  # noqa: E402
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
+from impact_damper_ros import GapControlParameters, Order, Rig, RigParameters
 from impact_damper_ros.cli.replay_run import main as replay_run
-from impact_damper_ros.control import GapControlParameters, Order, Rig
 from impact_damper_ros.node.commands import (
     DEPTH,
     CommandInbox,
@@ -23,7 +23,7 @@ from impact_damper_ros.node.commands import (
     read_stop_command,
 )
 from impact_damper_ros.node.external_control import ExternalControl
-from impact_damper_ros.rig import NodeSettings, RigParameters
+from impact_damper_ros.parameters.rig_parameters import NodeSettings
 from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, stamp_ns, until
 
 SPACE = '/plant'

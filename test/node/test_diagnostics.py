@@ -4,8 +4,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import deserialize_message
 
+from impact_damper_ros import Action, ControlRecord, GapControlParameters
 from impact_damper_ros.bag.messages import encode
-from impact_damper_ros.control import Action, ControlRecord, GapControlParameters
 from impact_damper_ros.node.diagnostics import Diagnostics
 from impact_damper_ros.node.engine import EngineStatus
 from impact_damper_ros.node.external_control import ControllerStatus

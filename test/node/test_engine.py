@@ -16,9 +16,15 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from impact_damper_ros import (
+    EventKind,
+    GapControlParameters,
+    InitialConditions,
+    Rig,
+    RigParameters,
+)
 from impact_damper_ros.bag import RunWriter
 from impact_damper_ros.bag.rig_topics import JOINTS, PAUSED_ACT, recorded_topics
-from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.node import engine
 from impact_damper_ros.node.commands import CommandInbox, CommandTopic, read_stop_command
 from impact_damper_ros.node.engine import LOG_BACKLOG, Engine, EngineCallbacks
@@ -29,7 +35,6 @@ from impact_damper_ros.node.publishing import TopicPublisher
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from node.rig_client import DEADLINE_S, stamp_ns, until
 
 TYPES = {

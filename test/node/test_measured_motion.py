@@ -6,7 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from impact_damper_ros.control import Rig
+from impact_damper_ros import (
+    MotionKind,
+    Period,
+    Rhythm,
+    Rig,
+    RigParameters,
+    find_orbits,
+    load_parameters,
+)
 from impact_damper_ros.node.motion_ahead import KEPT, MotionTrace
 from impact_damper_ros.node.motion_report import (
     MotionMonitor,
@@ -16,10 +24,9 @@ from impact_damper_ros.node.motion_report import (
     measured_report,
     predicted_report,
 )
-from impact_damper_ros.orbits import MotionKind, Period, Rhythm, find_orbits
 from impact_damper_ros.orbits.orbit import AT_IMPACTS
-from impact_damper_ros.rig import RigParameters, load_parameters
-from impact_damper_ros.theory import Prediction, TheoryProcess
+from impact_damper_ros.theory.prediction import Prediction
+from impact_damper_ros.theory.theory_process import TheoryProcess
 
 INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_frequencies=1.02)
 ORBIT = find_orbits(INCLINED, (1, 2)).orbits[0]

@@ -13,11 +13,10 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from impact_damper_ros import Action, ControlRecord, Event, EventKind, Sample
 from impact_damper_ros.bag import messages
 from impact_damper_ros.bag.messages import clock_message, decode, encode, restamped
 from impact_damper_ros.bag.rig_topics import RigMessages
-from impact_damper_ros.control import Action, ControlRecord
-from impact_damper_ros.rig import Event, EventKind, Sample
 
 STAMPS = (0, 1, 999_999_999, 1_000_000_000, 1_700_000_000_123_456_789, 2**31 * 10**9 - 1)
 

@@ -10,9 +10,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rigs import VERTICAL
 from theory.test_theory_process import alive
 
+from impact_damper_ros import RigParameters, find_orbits
 from impact_damper_ros.node.motion_report import SETTLED_DRIFT, TOLERANCE, X_MAX_TOLERANCE
-from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.rig import RigParameters
 from node.rig_client import RigParametersClient, until
 
 INCLINED = {

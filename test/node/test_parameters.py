@@ -6,10 +6,11 @@ import math
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 
+from impact_damper_ros import load_parameters
 from impact_damper_ros.cli.simulate_rig import main
 from impact_damper_ros.node.parameters import descriptor, last_given
-from impact_damper_ros.rig import ALL_SPECS, load_parameters
-from impact_damper_ros.rig.parameters_file import values_given
+from impact_damper_ros.parameters.parameters_file import values_given
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 from node.rig_client import until
 
 

@@ -12,12 +12,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from impact_damper_ros import RigParameters
 from impact_damper_ros.bag import RunReader, recover_run
+from impact_damper_ros.parameters.description import robot_description
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.description import robot_description
 from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
 
 

@@ -8,6 +8,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from impact_damper_ros import ParameterError, ParametersFileError, RigParameters, load_parameters
 from impact_damper_ros.bag.run_writer import SHORTEST_FILE, SMALLEST_FILE
 from impact_damper_ros.node.parameters import (
     NodeParameters,
@@ -18,15 +19,7 @@ from impact_damper_ros.node.parameters import (
     parameters_from_overrides,
     promoted,
 )
-from impact_damper_ros.rig import (
-    ALL_SPECS,
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
-    ParameterError,
-    ParametersFileError,
-    RigParameters,
-    load_parameters,
-)
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS
 
 Type = Parameter.Type
 

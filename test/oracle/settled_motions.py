@@ -16,10 +16,9 @@ from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from rig.random_rigs import any_rig
+from motion.random_rigs import any_rig
 
-from impact_damper_ros import Rig
-from impact_damper_ros.orbits import PeriodicOrbit, settle
+from impact_damper_ros import PeriodicOrbit, Rig, settle
 from oracle.hybrid_oracle import DEFAULTS, OracleEvent, run
 from oracle.precise_motion import mp
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from impact_damper_ros.rig import EventKind
+from impact_damper_ros import EventKind
 from oracle.settled_motions import trial
 
 TURNS, RESTS = {EventKind.REVERSAL}, {EventKind.RELEASE, EventKind.REST}

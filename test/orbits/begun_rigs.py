@@ -2,8 +2,7 @@
 
 import math
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import InitialConditions
+from impact_damper_ros import InitialConditions, Rig
 
 
 def begun_on(orbit, *, before=False, **moved):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
-from impact_damper_ros.orbits import (
+from impact_damper_ros import (
+    EventKind,
     Limit,
     OrbitError,
     SpecialKind,
@@ -17,7 +18,6 @@ from impact_damper_ros.orbits import (
     value_of,
 )
 from impact_damper_ros.orbits.solution_curve import with_value
-from impact_damper_ros.rig import EventKind
 from orbits.begun_rigs import begun_on
 
 #: A W^2/g of the vertical rig for a force of 1 N

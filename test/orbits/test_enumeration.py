@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from rigs import INCLINED
 
-from impact_damper_ros.orbits import ImpactEquations, find_orbits, starts
+from impact_damper_ros import ImpactEquations, RigParameters, find_orbits
+from impact_damper_ros.orbits import starts
 from impact_damper_ros.orbits.solved_orbits import after_impact, orbit_of
 from impact_damper_ros.orbits.starts import many_impact_roots
-from impact_damper_ros.rig import RigParameters
 
 
 def random_rig(rng):

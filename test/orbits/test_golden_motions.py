@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rigs import FRICTION, HORIZONTAL, INCLINED, VERTICAL
 
-from impact_damper_ros.orbits import SpecialKind, find_orbits, follow
+from impact_damper_ros import SpecialKind, find_orbits, follow
 
 PAIRS = ([0.94121] * 2 + [0.57951] * 2, [0.94107] * 2 + [0.57960] * 2)
 

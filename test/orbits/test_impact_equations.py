@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from impact_damper_ros.orbits import ImpactEquations, OrbitError, find_orbits, plausible_stops
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros import (
+    ImpactEquations,
+    OrbitError,
+    RigParameters,
+    find_orbits,
+    plausible_stops,
+)
 
 LEVEL = RigParameters(gravity=0.0)
 

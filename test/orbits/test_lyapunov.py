@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import MotionKind, settle
+from impact_damper_ros import EventKind, InitialConditions, MotionKind, Rig, RigParameters, settle
 from impact_damper_ros.orbits.flight_arrays import run_flights
 from impact_damper_ros.orbits.lyapunov import deviations, monodromy_of
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 #: Frictionless and horizontal, with many impacts that never repeat.
 CHAOTIC = RigParameters(gravity=0.0, force_frequencies=1.02, gap=12.0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from impact_damper_ros.orbits import Rhythm, Section, find_period
+from impact_damper_ros import Rhythm, Section, find_period
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD
 
 

@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 from rigs import VERTICAL
 
-from impact_damper_ros.orbits import ImpactEquations
+from impact_damper_ros import EventKind, ImpactEquations, RigParameters
+from impact_damper_ros.motion.state import CHATTER_1, REST_1, REST_2, SLIDE_DOWN, SLIDE_UP, STICK
 from impact_damper_ros.orbits.segments import Node, Segments, impact_nodes
-from impact_damper_ros.rig import EventKind, RigParameters
-from impact_damper_ros.rig.state import (
-    CHATTER_1,
-    REST_1,
-    REST_2,
-    SLIDE_DOWN,
-    SLIDE_UP,
-    STICK,
-)
 
 RIG = RigParameters(
     friction=0.3,

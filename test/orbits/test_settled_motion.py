@@ -5,9 +5,14 @@ import math
 import pytest
 from control.controlled_rigs import TRIAL, control
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import MotionKind, find_orbits, settle
-from impact_damper_ros.rig import GapControlParameters, RigParameters
+from impact_damper_ros import (
+    GapControlParameters,
+    MotionKind,
+    Rig,
+    RigParameters,
+    find_orbits,
+    settle,
+)
 from orbits.begun_rigs import begun_on
 
 HORIZONTAL = RigParameters(gravity=0.0)

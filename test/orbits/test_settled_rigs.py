@@ -1,11 +1,9 @@
 """The solver against long simulation: random rigs that settle into a periodic motion."""
 
 import pytest
-from rig.random_rigs import any_rig
+from motion.random_rigs import any_rig
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import find_orbits, settle
-from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros import EventKind, Rig, RigParameters, find_orbits, settle
 
 REVERSAL, STICK, RELEASE, REST = (
     EventKind.REVERSAL,

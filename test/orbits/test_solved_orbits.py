@@ -3,11 +3,9 @@
 import pytest
 from rigs import FRICTION, INCLINED, VERTICAL
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import find_orbits, settle
+from impact_damper_ros import EventKind, InitialConditions, Rig, RigParameters, find_orbits, settle
 from impact_damper_ros.orbits.search import carried_over, settled_orbits
 from impact_damper_ros.orbits.solved_orbits import after_impact
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 
 @pytest.mark.filterwarnings('error')

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from rigs import INCLINED
 
-from impact_damper_ros.orbits import find_orbits
+from impact_damper_ros import EventKind, find_orbits
 from impact_damper_ros.orbits.flights import extremes
 from impact_damper_ros.orbits.segments import Segments, impact_nodes
-from impact_damper_ros.rig import EventKind
 from orbits.begun_rigs import begun_on
 
 

@@ -5,9 +5,8 @@ from functools import partial
 
 import pytest
 
+from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.bag import RigRecorder, RunWriter, Topic
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import RigParameters
 
 LEVEL = RigParameters(gravity=0.0)
 WRITER = partial(RunWriter, 'bag', [Topic('/text', 'std_msgs/msg/String')])

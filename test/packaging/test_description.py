@@ -10,12 +10,10 @@ import pytest
 import yaml
 from launched import Launched
 
+from impact_damper_ros import Rig, RigParameters, load_parameters as load, settle
 from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, JOINTS
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import settle
-from impact_damper_ros.rig import PARAMETER_SPECS, RigParameters
-from impact_damper_ros.rig import load_parameters as load
-from impact_damper_ros.rig.description import robot_description, rviz_setup
+from impact_damper_ros.parameters.description import robot_description, rviz_setup
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 
 ROOT = Path(__file__).parents[2]
 PRESETS = sorted((ROOT / 'config').glob('*.yaml'))

@@ -1,13 +1,18 @@
 """A rig without ROS: its messages as the node serialises them, run on by hand."""
 
+from impact_damper_ros import (
+    EventKind,
+    GapControlParameters,
+    InitialConditions,
+    Rig,
+    RigParameters,
+)
 from impact_damper_ros.bag import DiagnosticArray, DiagnosticStatus, String
 from impact_damper_ros.bag.messages import encode
 from impact_damper_ros.bag.rig_recorder import parameter_event
 from impact_damper_ros.bag.rig_topics import RigMessages
 from impact_damper_ros.bag.snapshots import Snapshots
-from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.page.live import NoAnswerError
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 OFFSET_NS = 1_700_000_000 * 10**9
 RATE = 200

@@ -1,10 +1,9 @@
 """The motion of a rig from rest, as the messages of its node would have it."""
 
-from impact_damper_ros.control import Rig
+from impact_damper_ros import Rig, RigParameters
+from impact_damper_ros.motion.event import table_of_events
 from impact_damper_ros.page.motion import Era, ForcePhase, Motion
 from impact_damper_ros.replay.rows import samples_as_rows
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.event import table_of_events
 from impact_damper_ros.rig.snapshot import Snapshot
 
 RATE = 200.0

@@ -18,13 +18,15 @@ from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.page.recorded import load_recording
-from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
+from impact_damper_ros.parameters.rig_parameters import (
+    GAP_CONTROL_SPECS,
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+)
 from page.browser import LONG, Browser
-from page.frame_times import FULL as FULL_WINDOW
-from page.frame_times import PROBE, quantile
+from page.frame_times import FULL as FULL_WINDOW, PROBE, quantile
 from page.page_process import PageProcess
 
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'

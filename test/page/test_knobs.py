@@ -9,7 +9,7 @@ import pytest
 
 import impact_damper_ros
 from impact_damper_ros.page.knobs import as_json, group, knobs_of
-from impact_damper_ros.rig import ALL_SPECS
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
 PACKAGE = Path(impact_damper_ros.__file__).parent
 

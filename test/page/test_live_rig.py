@@ -5,8 +5,8 @@ import asyncio
 import numpy as np
 import pytest
 
+from impact_damper_ros import RigParameters
 from impact_damper_ros.page.live import LiveRig
-from impact_damper_ros.rig import RigParameters
 
 from .fake_rig import FakeLink
 from .served import in_loop

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from impact_damper_ros.control import Rig
+from impact_damper_ros import Rig
 from impact_damper_ros.page.frames import PAUSED, REPLACE, REPLACE_GHOST, View
 from impact_damper_ros.page.motion import (
     ACT_COLUMNS,

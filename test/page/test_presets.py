@@ -6,10 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from impact_damper_ros.control import GapControlParameters, Rig
-from impact_damper_ros.orbits import settle
+from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameters, settle
 from impact_damper_ros.page.presets import load_presets, preset_with
-from impact_damper_ros.rig import EventKind, RigParameters
 
 PRESETS = load_presets()
 #: Of the rigs that settle: stops of a period of one cycle, and Xmax/A.

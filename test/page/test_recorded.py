@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 from bag.recorded_rig import RecordedRig
 
+from impact_damper_ros import EventKind, Rig, load_parameters
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.control import Rig
 from impact_damper_ros.page.motion import IMPACT_COLUMNS, SAMPLE_COLUMNS
 from impact_damper_ros.page.recorded import load_recording
 from impact_damper_ros.page.recordings import Recordings
+from impact_damper_ros.parameters.parameters_file import presets
 from impact_damper_ros.replay import RecordedRun
-from impact_damper_ros.rig import EventKind, load_parameters
-from impact_damper_ros.rig.parameters_file import presets
 
 from .fake_rig import FakeLink, FakeNetwork
 from .served import get, in_loop, opened, serving

@@ -10,10 +10,10 @@ import pytest
 from tornado.httpclient import HTTPClientError
 from tornado.websocket import WebSocketClosedError
 
+from impact_damper_ros import RigParameters
 from impact_damper_ros.page.client import Client
 from impact_damper_ros.page.live import LiveRig
 from impact_damper_ros.page.source import Source
-from impact_damper_ros.rig import RigParameters
 
 from .fake_rig import FakeLink, FakeNetwork, diagnostics
 from .served import get, in_loop, live_page, opened, serving, started, taken_apart, url

@@ -23,19 +23,24 @@ from bag.recorded_rig import (
     requested_run,
 )
 
+from impact_damper_ros import (
+    EventKind,
+    GapControlParameters,
+    InitialConditions,
+    Order,
+    ParameterError,
+    Rig,
+)
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.messages import decode, header_ns
 from impact_damper_ros.bag.snapshots import FORMAT
 from impact_damper_ros.cli.replay_run import main as replay_run
-from impact_damper_ros.control import GapControlParameters, Order, Rig
+from impact_damper_ros.motion.event import events_of_table
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
 from impact_damper_ros.replay.what_if import WhatIf
-from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError
-from impact_damper_ros.rig.event import events_of_table
-from impact_damper_ros.rig.snapshot import ARITHMETIC
-from impact_damper_ros.rig.snapshot import FORMAT as STATE_FORMAT
+from impact_damper_ros.rig.snapshot import ARITHMETIC, FORMAT as STATE_FORMAT
 
 sys.path.append(str(Path(__file__).parents[2] / 'benchmarks'))
 verdicts = import_module('verdicts')

@@ -7,8 +7,8 @@ from bag import samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig
 from replay.test_replay import places, replayed
 
+from impact_damper_ros import InitialConditions
 from impact_damper_ros.replay import ReplayVerdict
-from impact_damper_ros.rig import InitialConditions
 
 RIGS = {
     'chaotic': LIVELY.replace(gap=0.013, gravity=0.0),
@@ -28,7 +28,7 @@ def elsewhere(monkeypatch):
     """Record on another machine."""
     with monkeypatch.context() as there:
         for module in ('flight', 'state', 'oscillator'):
-            there.setattr(f'impact_damper_ros.rig.{module}.sin', rounded_otherwise)
+            there.setattr(f'impact_damper_ros.motion.{module}.sin', rounded_otherwise)
         there.setattr('bag.recorded_rig.mathematics', lambda: 1)
         yield lambda rig: there.undo() or rig
 

@@ -14,7 +14,7 @@ from impact_damper_ros.compare.result import (
     StretchCurves,
     Verdict,
 )
-from impact_damper_ros.theory import GapCurve
+from impact_damper_ros.theory.gap_curve import GapCurve
 
 
 @cache

@@ -15,11 +15,10 @@ from compare.recorded import compared
 from report.example_comparison import example
 from rigs import BENCH, VERTICAL
 
+from impact_damper_ros import InitialConditions, find_orbits
 from impact_damper_ros.compare import Verdict
 from impact_damper_ros.compare.result import StretchCurves
-from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.report.formatting import instant, number, unit_for
-from impact_damper_ros.rig import InitialConditions
 
 pytest.importorskip('matplotlib', reason='the report has plots')
 

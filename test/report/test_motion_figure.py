@@ -9,9 +9,9 @@ import matplotlib as mpl
 from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
 
+from impact_damper_ros import EVENT_TYPE, SAMPLE_TYPE
 from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
-from impact_damper_ros.rig import EVENT_TYPE, SAMPLE_TYPE
 
 
 def figure(closeups):

@@ -2,7 +2,7 @@
 
 import math
 
-from impact_damper_ros.rig import InitialConditions, RigParameters
+from impact_damper_ros import InitialConditions, RigParameters
 
 _RIG = RigParameters(
     stiffness=1000.0,

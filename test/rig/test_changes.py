@@ -4,12 +4,10 @@ import math
 import random
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
+from motion.random_rigs import random_change, random_rig, run, through_json
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters
-from rig.random_rigs import random_change, random_rig, run, through_json
+from impact_damper_ros import EventKind, InitialConditions, Mode, Rig, RigParameters
 
 EPS = 2.0**-52
 IMPACT, ARRIVED = EventKind.IMPACT, EventKind.STOP_ARRIVED

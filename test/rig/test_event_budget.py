@@ -6,9 +6,11 @@ import re
 
 import pytest
 
-from impact_damper_ros.control import GapControlParameters, Outcome, Rig
-from impact_damper_ros.rig import (
+from impact_damper_ros import (
     EventKind,
+    GapControlParameters,
+    Outcome,
+    Rig,
     RigParameters,
     RunawayError,
     load_parameters,

@@ -6,20 +6,13 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
+from motion.random_rigs import random_rig, run, through_json
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import (
-    EventKind,
-    InitialConditions,
-    Mode,
-    RigParameters,
-)
-from impact_damper_ros.rig.event import events_of_table
-from impact_damper_ros.rig.state import advance_time
+from impact_damper_ros import EventKind, InitialConditions, Mode, Rig, RigParameters
+from impact_damper_ros.motion.event import events_of_table
+from impact_damper_ros.motion.state import advance_time
 from oracle.reference import kept, load_reference
-from rig.random_rigs import random_rig, run, through_json
 
 EPS = 2.0**-52
 SLOPE = {'angle': math.pi / 4, 'gravity': 1.0, 'force_frequencies': [1.02]}

@@ -6,15 +6,13 @@ from collections import Counter
 from math import inf
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
+from motion.energy import Account
+from motion.random_rigs import random_command, random_rig, rig_of, through_json
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters
+from impact_damper_ros import EventKind, InitialConditions, Mode, Rig, RigParameters
 from oracle.hybrid_oracle import DEFAULTS
 from oracle.moving_stops import first_meeting
-from rig.energy import Account
-from rig.random_rigs import random_command, random_rig, rig_of, through_json
 
 EPS = 2.0**-52
 ARRIVED, TOUCHED, IMPACT = EventKind.STOP_ARRIVED, EventKind.STOP_TOUCHED, EventKind.IMPACT

@@ -1,6 +1,6 @@
 """Rigs with motions that tests of steady states look for."""
 
-from impact_damper_ros.rig import InitialConditions, RigParameters
+from impact_damper_ros import InitialConditions, RigParameters
 
 #: One-sided and vertical; m comes to rest by chatter in each cycle, if it starts on the stop.
 CHATTERING = RigParameters(

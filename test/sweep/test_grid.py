@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros import RigParameters
 from impact_damper_ros.sweep import Grid, GridError, Settling, range_from_text
 from impact_damper_ros.sweep.grid import Varied, ranges_from_file
 

@@ -26,7 +26,7 @@ def test_numbers_of_processes(jobs):
 
 
 def test_what_the_package_logs_is_left_to_the_parent_process(capfd):
-    warn = logging.getLogger('impact_damper_ros.rig').warning
+    warn = logging.getLogger('impact_damper_ros.motion').warning
     with ProcessPool(2) as pool:
         pool.submit(warn, 'this takes long').result(60)
     assert 'this takes long' not in capfd.readouterr().err

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
+from impact_damper_ros import EventKind, InitialConditions, Rig, RigParameters, find_orbits
 from impact_damper_ros.sweep import Settling
 from impact_damper_ros.sweep.steady_state import steady_state
 

@@ -19,8 +19,7 @@ from control.controlled_rigs import TRIAL, control
 from rigs import BENCH
 from small_disk import mounted
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import InitialConditions, RigParameters
+from impact_damper_ros import InitialConditions, Rig, RigParameters
 from impact_damper_ros.sweep import (
     Grid,
     JournalError,

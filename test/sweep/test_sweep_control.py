@@ -9,8 +9,7 @@ import pytest
 from control import laws
 from control.controlled_rigs import IDEAL, TRIAL, control
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import InitialConditions
+from impact_damper_ros import InitialConditions, Rig
 from impact_damper_ros.sweep import (
     Grid,
     GridError,

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import impact_damper_ros
+from impact_damper_ros import InitialConditions, RigParameters
 from impact_damper_ros.cli import sweep_rig
-from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.sweep import Grid, Settling, sweep
 from impact_damper_ros.sweep.journal import Journal, journal_path
 

@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from impact_damper_ros.orbits import find_orbits, follow
-from impact_damper_ros.rig import InitialConditions, RigParameters
+from impact_damper_ros import InitialConditions, RigParameters, find_orbits, follow
 from impact_damper_ros.sweep import (
     Grid,
     Settling,

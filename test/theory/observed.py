@@ -1,7 +1,7 @@
 """Rigs that move as the theory says."""
 
-from impact_damper_ros.rig import Event, EventKind
-from impact_damper_ros.theory import ObservedMotion
+from impact_damper_ros import Event, EventKind
+from impact_damper_ros.theory.prediction import ObservedMotion
 
 
 def motion_on(orbit):

@@ -6,11 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from impact_damper_ros.control import GapControlParameters, Rig
-from impact_damper_ros.orbits import find_orbits, follow, settle
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.theory import Prediction, theory
+from impact_damper_ros import GapControlParameters, Rig, RigParameters, find_orbits, follow, settle
+from impact_damper_ros.theory.documents import theory
 from impact_damper_ros.theory.gap_curve import follow_gap
+from impact_damper_ros.theory.prediction import Prediction
 
 LEVEL = RigParameters(gravity=0.0)
 INCLINED = RigParameters(angle=0.7853981633974483, gravity=1.0, friction=0.5).replace(

@@ -8,9 +8,7 @@ import pytest
 from rig.endless_rigs import ENDLESS
 from rigs import FRICTION, HORIZONTAL, VERTICAL
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.rig import InitialConditions, RigParameters
+from impact_damper_ros import InitialConditions, Rig, RigParameters, find_orbits
 from impact_damper_ros.theory.expected_motion import predictions, run_ahead
 from theory.observed import motion_on
 

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.theory import TheoryProcess, theory_process
+from impact_damper_ros import Rig, RigParameters, find_orbits
+from impact_damper_ros.theory import theory_process
 from impact_damper_ros.theory.child_process import decoded, encoded
+from impact_damper_ros.theory.theory_process import TheoryProcess
 from theory.observed import motion_on
 
 HORIZONTAL = RigParameters(gravity=0.0)
@@ -188,7 +187,8 @@ def test_a_process_that_cannot_live_is_tried_ever_more_rarely(start, monkeypatch
 def test_a_search_that_does_not_end_is_reported(start, forever, reason):
     program = (
         'import os\n'
-        'from impact_damper_ros.theory import Prediction, worker\n'
+        'from impact_damper_ros.theory import worker\n'
+        'from impact_damper_ros.theory.prediction import Prediction\n'
         'def endless(*_, **__):\n'
         '    yield Prediction()\n'
         f'    {forever}\n'

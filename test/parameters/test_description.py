@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.description import described, frequency_hint
-from impact_damper_ros.rig.quoting import printable, shown
+from impact_damper_ros import RigParameters
+from impact_damper_ros.parameters.description import described, frequency_hint
+from impact_damper_ros.parameters.quoting import printable, shown
 
 BENCH = RigParameters(
     primary_mass=2.0,

@@ -5,14 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from impact_damper_ros.control import LawError, Outcome, Rig, run_ensemble
-from impact_damper_ros.rig import (
-    PARAMETER_SPECS,
+from impact_damper_ros import (
     GapControlParameters,
     InitialConditions,
+    LawError,
     Mode,
+    Outcome,
+    Rig,
     RigParameters,
+    run_ensemble,
 )
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 
 numba = pytest.importorskip('numba')
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-import impact_damper_ros.control.loop as loop_module
-import impact_damper_ros.control.rig as rig_module
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import RigParameters, compiled
-from impact_damper_ros.rig.flight import motion_at
+import impact_damper_ros.rig.loop as loop_module
+import impact_damper_ros.rig.rig as rig_module
+from impact_damper_ros import Rig, RigParameters
+from impact_damper_ros.motion import compiled
+from impact_damper_ros.motion.flight import motion_at
 
 ROOT = Path(__file__).parents[2]
 LEVEL = RigParameters(gravity=0.0)

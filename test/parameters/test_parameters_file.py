@@ -12,14 +12,7 @@ import pytest
 import yaml
 
 import impact_damper_ros
-from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.cli.solve_periodic import main as solve_periodic
-from impact_damper_ros.cli.sweep_rig import main as sweep_rig
-from impact_damper_ros.rig import (
-    ALL_SPECS,
-    GAP_CONTROL_SPECS,
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
+from impact_damper_ros import (
     GapControlParameters,
     InitialConditions,
     ParameterError,
@@ -27,7 +20,21 @@ from impact_damper_ros.rig import (
     RigParameters,
     load_parameters,
 )
-from impact_damper_ros.rig.parameters_file import MOST_BYTES, YamlError, guarded_yaml, presets
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.cli.solve_periodic import main as solve_periodic
+from impact_damper_ros.cli.sweep_rig import main as sweep_rig
+from impact_damper_ros.parameters.parameters_file import (
+    MOST_BYTES,
+    YamlError,
+    guarded_yaml,
+    presets,
+)
+from impact_damper_ros.parameters.rig_parameters import (
+    ALL_SPECS,
+    GAP_CONTROL_SPECS,
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+)
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 HEAD = '/**:\n  ros__parameters:\n'
@@ -240,7 +247,7 @@ def test_presets_of_an_installation(layout, tmp_path):
     share = tmp_path / 'share' / 'impact_damper_ros' / 'config'
     shutil.copytree(ROOT / 'config', share)
     code = (
-        'from impact_damper_ros.rig.parameters_file import presets\n'
+        'from impact_damper_ros.parameters.parameters_file import presets\n'
         'for name, path in presets().items(): print(name, path)'
     )
     done = subprocess.run(

@@ -7,15 +7,18 @@ from math import inf, nan
 
 import pytest
 
-from impact_damper_ros.control import LawError, Order, OwnLaw, Rig, run_ensemble
-from impact_damper_ros.rig import (
-    ALL_SPECS,
+from impact_damper_ros import (
     GapControlParameters,
     InitialConditions,
-    NodeSettings,
+    LawError,
+    Order,
+    OwnLaw,
     ParameterError,
+    Rig,
     RigParameters,
+    run_ensemble,
 )
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, NodeSettings
 
 LEVEL = RigParameters(gravity=0.0)
 FREE = LEVEL.replace(gap=1000.0, force_amplitudes=(0.0,))

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from .parameters import PARAMETER_SPECS, RigParameters
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
 
 #: Frequencies this close to 1/(2 pi) or 2 pi times the natural one may be in the wrong unit.
 _NEAR = 1.25

@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from impact_damper_ros.control import Action, GapControlParameters, Order, Rig
-from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros import Action, EventKind, GapControlParameters, Order, Rig, RigParameters
 
 FREE = RigParameters(gravity=0.0, gap=1000.0, force_amplitudes=(0.0,))
 EXTERNAL = GapControlParameters(

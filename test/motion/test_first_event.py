@@ -6,10 +6,9 @@ from math import inf, nextafter
 import numpy as np
 import pytest
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters
-from impact_damper_ros.rig.first_event import falling_root, keeps_sign
-from impact_damper_ros.rig.flight import (
+from impact_damper_ros import EventKind, InitialConditions, Mode, Rig, RigParameters
+from impact_damper_ros.motion.first_event import falling_root, keeps_sign
+from impact_damper_ros.motion.flight import (
     CONTACT_1,
     CONTACT_2,
     NO_EVENT,
@@ -18,10 +17,18 @@ from impact_damper_ros.rig.flight import (
     REVERSAL,
     begin_flight,
 )
-from impact_damper_ros.rig.run import ALL_STEPS, find_event
+from impact_damper_ros.motion.next_event import ALL_STEPS, find_event
+from motion.break_contact import (
+    GENERATORS,
+    TOLERANCE,
+    claims,
+    flights_of,
+    launchable,
+    plain,
+    trial,
+)
 from oracle.dense_check import check
 from oracle.flight_cases import FlightCases
-from rig.break_contact import GENERATORS, TOLERANCE, claims, flights_of, launchable, plain, trial
 
 EPS = 2.0**-52
 

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import EventKind, RigParameters, Sample
+from impact_damper_ros import EventKind, Rig, RigParameters, Sample
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from impact_damper_ros.control import GapControlParameters, Observer, Rig, TimedChange, run
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros import GapControlParameters, Observer, Rig, RigParameters, TimedChange, run
 from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
 
 LEVEL = RigParameters(gravity=0.0)

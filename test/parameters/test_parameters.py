@@ -7,17 +7,19 @@ import math
 import numpy as np
 import pytest
 
-from impact_damper_ros.rig import (
+from impact_damper_ros import (
+    GapControlParameters,
+    InitialConditions,
+    ParameterError,
+    RigParameters,
+)
+from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
     SETTING_SPECS,
-    GapControlParameters,
-    InitialConditions,
     NodeSettings,
-    ParameterError,
-    RigParameters,
 )
 
 TABLES = {

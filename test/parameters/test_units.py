@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from impact_damper_ros.rig import ALL_SPECS
-from impact_damper_ros.rig.units import UNITS, USUAL, quantity
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.units import UNITS, USUAL, quantity
 
 
 @pytest.mark.parametrize(

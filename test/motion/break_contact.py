@@ -1,7 +1,7 @@
 """
 Try to break the certified first event: random and near-grazing flights by the million.
 
-    PYTHONPATH=.:test python -m rig.break_contact --count 2000000
+    PYTHONPATH=.:test python -m motion.break_contact --count 2000000
 
 Each flight's first event, as `find_event` claims it, is checked by the dense search of the oracle.
 With numba the compiled kernels are tried; without it the plain ones.
@@ -17,11 +17,11 @@ from types import FunctionType
 
 import numpy as np
 
-from impact_damper_ros.rig.compiled import compiled_namespace, has_numba, rows_of
-from impact_damper_ros.rig.flight import begin_flight
-from impact_damper_ros.rig.oscillator import Line, Oscillator, oscillators
-from impact_damper_ros.rig.run import ALL_STEPS, find_event
-from impact_damper_ros.rig.state import Mode, RigConstants, Run, Wave
+from impact_damper_ros.motion.compiled import compiled_namespace, has_numba, rows_of
+from impact_damper_ros.motion.flight import begin_flight
+from impact_damper_ros.motion.next_event import ALL_STEPS, find_event
+from impact_damper_ros.motion.oscillator import Line, Oscillator, oscillators
+from impact_damper_ros.motion.state import Mode, RigConstants, Run, Wave
 from oracle.dense_check import FALSE, MISSED, Verdict, check
 from oracle.flight_cases import EPS, FlightCases
 from oracle.flight_generators import near_grazing_flights, random_flights

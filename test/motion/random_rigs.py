@@ -14,8 +14,15 @@ import numpy as np
 import pytest
 from control import laws
 
-from impact_damper_ros.control import GapControlParameters, Order, Rig
-from impact_damper_ros.rig import EVENT_TYPE, Event, InitialConditions, RigParameters
+from impact_damper_ros import (
+    EVENT_TYPE,
+    Event,
+    GapControlParameters,
+    InitialConditions,
+    Order,
+    Rig,
+    RigParameters,
+)
 
 #: Events to the last field, as the tables of `Rig.run` have them but for the mode.
 _NAMES = EVENT_TYPE.names[:-1]

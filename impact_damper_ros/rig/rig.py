@@ -13,14 +13,23 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from impact_damper_ros.rig import GapControlParameters, InitialConditions, RigParameters
-from impact_damper_ros.rig.compiled import (
-    dtype_of,
-    has_numba,
-    packed_rows,
-    unpack,
+from impact_damper_ros.control.actuator import MOST_ORDERS, settle_stops
+from impact_damper_ros.control.controller import (
+    begin_sampling,
+    control_of,
+    forget_all,
+    measured,
+    next_sample,
+    packed_control,
+    relearn_laws,
+    settings_of,
+    switched,
 )
-from impact_damper_ros.rig.event import (
+from impact_damper_ros.control.own_law import Law, LawError, OwnLaw
+from impact_damper_ros.control.record import Action, ActRow, ControlRecord
+from impact_damper_ros.control.state import Control, Measurement
+from impact_damper_ros.motion.compiled import dtype_of, has_numba, packed_rows, unpack
+from impact_damper_ros.motion.event import (
     EVENT_TYPE,
     ROWS_AT_ONCE,
     SAMPLE_TYPE,
@@ -34,17 +43,9 @@ from impact_damper_ros.rig.event import (
     table_of_events,
     view_at,
 )
-from impact_damper_ros.rig.event_budget import RunawayError
-from impact_damper_ros.rig.first_event import set_side
-from impact_damper_ros.rig.flight import (
-    begin_flight,
-    move_to,
-)
-from impact_damper_ros.rig.forcing import SWEEP_FIELDS, SteppedSine, frequency_at
-from impact_damper_ros.rig.oscillator import Line
-from impact_damper_ros.rig.parameter_spec import ParameterError, as_float, whole_number
-from impact_damper_ros.rig.quoting import shown
-from impact_damper_ros.rig.run import (
+from impact_damper_ros.motion.first_event import set_side
+from impact_damper_ros.motion.flight import begin_flight, move_to
+from impact_damper_ros.motion.next_event import (
     ALL_STEPS,
     COMMANDS_FULL,
     DONE,
@@ -58,8 +59,8 @@ from impact_damper_ros.rig.run import (
     count_modes,
     find_event,
 )
-from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot
-from impact_damper_ros.rig.state import (
+from impact_damper_ros.motion.oscillator import Line
+from impact_damper_ros.motion.state import (
     STICK,
     Mode,
     RigConstants,
@@ -69,15 +70,20 @@ from impact_damper_ros.rig.state import (
     starting_fields,
     stop_under,
 )
-from impact_damper_ros.rig.transition import begin_from, move_stops, place_stops_at_gap
+from impact_damper_ros.motion.transition import begin_from, move_stops, place_stops_at_gap
+from impact_damper_ros.parameters.parameter_spec import ParameterError, as_float, whole_number
+from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.rig_parameters import (
+    GapControlParameters,
+    InitialConditions,
+    RigParameters,
+)
+from impact_damper_ros.rig.event_budget import RunawayError
+from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot
+from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, SteppedSine, frequency_at
 
-from .actuator import MOST_ORDERS, settle_stops
-from .controller import Control, ControlSettings, forget_all, measured, next_sample, relearn_laws
 from .loop import run_compiled, run_through, write_act
 from .order import Order
-from .own_law import Law, LawError, OwnLaw
-from .record import Action, ActRow, ControlRecord
-from .sensors import Measurement
 
 #: Steps of a search between two calls of `interrupted`; few flights take more.
 _STEPS_AT_A_STRETCH = 4
@@ -382,10 +388,10 @@ class Rig:
         # An impact at the very start, of m that moves into the stop it is on
         self._unreported: list[Event] = []
         self._unreported = self._begin()
-        control = Control.of(self._gap_control, parameters, self._law)
+        control = control_of(self._gap_control, parameters, self._law)
         self._control = control.for_harmonics(self._rig.harmonics)
         if self._gap_control.active:
-            self._control.begin(time)
+            begin_sampling(self._control, time)
 
     def _tune(self) -> None:
         """Take the constants at the present frequency."""
@@ -726,7 +732,7 @@ class Rig:
         run.room = len(rows)
         control.controller.recorded = control.controller.room = 0
         state, waves = packed_rows([run], Run), packed_rows(self._waves, Wave)
-        acting = control.packed() if controlled else None
+        acting = packed_control(control) if controlled else None
         outcomes, counts = np.zeros(1, np.int64), np.array([sampled])
         run_compiled(
             rigs,
@@ -783,9 +789,9 @@ class Rig:
         before, old, own = self._parameters, self._gap_control, self._law is not None
         settings = None
         if control is not None and control != old:
-            settings = ControlSettings.of(control, parameters, own=own)
+            settings = settings_of(control, parameters, own=own)
         events = self._change(parameters) if parameters != before else []
-        here = self._control._replace(settings=ControlSettings.of(old, parameters, own=own))
+        here = self._control._replace(settings=settings_of(old, parameters, own=own))
         self._control = here.for_harmonics(self._rig.harmonics)
         if (parameters.gap, parameters.one_sided) != (before.gap, before.one_sided):
             settle_stops(here)
@@ -800,7 +806,7 @@ class Rig:
                 forget_all(here)
         if control is not None and settings is not None:
             self._gap_control = control
-            self._control = self._control.switched(settings, self.time)
+            self._control = switched(self._control, settings, self.time)
             if control.gap_control != 'external':
                 events += self._push(0.0)
         return events
@@ -1075,7 +1081,7 @@ def _restored(held: dict[str, Any] | None, rig: Rig) -> tuple[GapControlParamete
     """Return the control of a snapshot; off, if it has none."""
     try:
         parameters = GapControlParameters(**(held['parameters'] if held else {}))
-        control = Control.of(parameters, rig.parameters, rig.own_law)
+        control = control_of(parameters, rig.parameters, rig.own_law)
         control = control.for_harmonics(rig._rig.harmonics)
         if held is None:
             return parameters, control

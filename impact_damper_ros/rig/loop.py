@@ -14,8 +14,29 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.rig.compiled import compiled, dtype_of, kernel
-from impact_damper_ros.rig.event import (
+from impact_damper_ros.control.actuator import (
+    commands_full,
+    next_command,
+    note_velocity,
+    start_command,
+)
+from impact_damper_ros.control.controller import (
+    end_sample,
+    has_law,
+    holds_off,
+    is_blind,
+    measured,
+    next_sample,
+    note_return,
+    take_crossing,
+    take_sample,
+    trigger_number,
+)
+from impact_damper_ros.control.own_law import law_failed
+from impact_damper_ros.control.record import Action, ActRow
+from impact_damper_ros.control.state import Control, ControlSettings, Measurement, Observer
+from impact_damper_ros.motion.compiled import compiled, dtype_of, kernel
+from impact_damper_ros.motion.event import (
     ROWS_AT_ONCE,
     STOP_ARRIVED,
     STOP_STARTED,
@@ -26,15 +47,9 @@ from impact_damper_ros.rig.event import (
     view_at,
     write_passage,
 )
-from impact_damper_ros.rig.first_event import pass_zero
-from impact_damper_ros.rig.flight import (
-    Lines,
-    Motion,
-    Waves,
-    motion_at,
-    places_after,
-)
-from impact_damper_ros.rig.run import (
+from impact_damper_ros.motion.first_event import pass_zero
+from impact_damper_ros.motion.flight import Lines, Motion, Waves, motion_at, places_after
+from impact_damper_ros.motion.next_event import (
     COMMANDS_FULL,
     DONE,
     FULL,
@@ -48,27 +63,8 @@ from impact_damper_ros.rig.run import (
     find_passage,
     next_event,
 )
-from impact_damper_ros.rig.state import RigConstants, Run, Wave
-from impact_damper_ros.rig.transition import begin_from, move_stops
-
-from .actuator import commands_full, next_command, note_velocity, start_command
-from .controller import (
-    Control,
-    ControlSettings,
-    end_sample,
-    has_law,
-    holds_off,
-    is_blind,
-    measured,
-    next_sample,
-    note_return,
-    take_crossing,
-    take_sample,
-    trigger_number,
-)
-from .own_law import law_failed
-from .record import Action, ActRow
-from .sensors import Measurement, Observer
+from impact_damper_ros.motion.state import RigConstants, Run, Wave
+from impact_damper_ros.motion.transition import begin_from, move_stops
 
 #: Each `Action` as a number, for the kernels.
 _COMMAND, _ARRIVED, _TOUCHED, _CROSSING, _STARTED, _ = map(int, Action)

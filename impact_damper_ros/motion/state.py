@@ -18,9 +18,10 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 
+from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
+
 from .compiled import kernel
 from .oscillator import Line, Oscillator, oscillators
-from .parameters import InitialConditions, RigParameters
 
 
 class Mode(IntEnum):

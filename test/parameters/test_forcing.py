@@ -4,15 +4,21 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
+from motion.random_rigs import random_rig, rows, without_mode
 
-from impact_damper_ros.control import Outcome, Rig
-from impact_damper_ros.orbits import OrbitError, find_orbits
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
-from impact_damper_ros.rig.forcing import frequency_at, frequency_steps, mixed, multisine
+from impact_damper_ros import (
+    EventKind,
+    InitialConditions,
+    OrbitError,
+    Outcome,
+    Rig,
+    RigParameters,
+    find_orbits,
+)
+from impact_damper_ros.parameters.forcing import mixed, multisine
+from impact_damper_ros.rig.stepped_sine import frequency_at, frequency_steps
 from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
-from rig.random_rigs import random_rig, rows, without_mode
 
 PHASES_OF_SEED_1 = [
     '0x1.c7a7e617bba41p+1',
@@ -287,7 +293,7 @@ def test_a_signal_leaves_a_long_run_where_it_was(monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr('impact_damper_ros.control.rig.constants_of', ring)
+        patch.setattr('impact_damper_ros.rig.rig.constants_of', ring)
         with pytest.raises(KeyboardInterrupt):
             run.run(0.15)
     assert (run.snapshot(), run.force_frequency) == before

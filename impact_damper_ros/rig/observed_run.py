@@ -9,7 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, groupby, takewhile
 from typing import Any, NamedTuple
 
-from impact_damper_ros.rig import Event, GapControlParameters, RigParameters
+from impact_damper_ros.motion.event import Event
+from impact_damper_ros.parameters.rig_parameters import GapControlParameters, RigParameters
 from impact_damper_ros.rig.event_budget import EventBudget
 
 from .rig import Rig

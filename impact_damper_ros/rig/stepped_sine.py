@@ -1,53 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The force: phases of its harmonics, random-phase multisine, and stepped sine.
+Stepped sine: the first harmonic goes through a range of frequencies with a continuous phase.
 
-The phases of a multisine come from SplitMix64 (Steele, Lea and Flood, 2014, OOPSLA, "Fast
-splittable pseudorandom number generators"): the same seed gives the same force on every machine
-and with every version.
-
-A stepped sine takes the first harmonic through a range of frequencies with a continuous phase. The
-instants of its steps are counted from its start, so that a long one does not drift.
+The instants of the steps are counted from the start, so that a long sweep does not drift.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
-from math import ceil, inf, sqrt, tau
-from typing import TYPE_CHECKING, NamedTuple
+from math import ceil, inf
+from typing import NamedTuple
 
-if TYPE_CHECKING:
-    from .parameters import RigParameters
-
-
-_MASK = (1 << 64) - 1
-_GOLDEN = 0x9E3779B97F4A7C15
-
-
-def mixed(word: int) -> int:
-    """Return 64 bits that depend on all bits of a word, a step of SplitMix64."""
-    word = (word + _GOLDEN) & _MASK
-    word = ((word ^ (word >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
-    word = ((word ^ (word >> 27)) * 0x94D049BB133111EB) & _MASK
-    return word ^ (word >> 31)
-
-
-@lru_cache(maxsize=64)
-def multisine(
-    level: float, low: float, high: float, lines: int, seed: int
-) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
-    """Return the harmonics of a random-phase multisine."""
-    amplitude = level * sqrt(2.0 / lines)
-    if lines == 1:
-        frequencies: tuple[float, ...] = (0.5 * (low + high),)
-    else:
-        spacing = (high - low) / (lines - 1)
-        frequencies = (*(low + j * spacing for j in range(lines - 1)), high)
-    # The sequence of SplitMix64 from the seed on
-    bits = (mixed(seed + k * _GOLDEN) for k in range(lines))
-    phases = tuple(tau * ((word >> 11) * 2.0**-53) for word in bits)
-    return (amplitude,) * lines, frequencies, phases
-
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 #: A change of one of these starts the sweep anew.
 SWEEP_FIELDS = ('sweep_mode', 'sweep_low', 'sweep_high', 'sweep_step', 'sweep_dwell')

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from impact_damper_ros.rig.first_event import next_point
-from impact_damper_ros.rig.flight import begin_flight, motion_at, starting_motion
-from impact_damper_ros.rig.oscillator import POINTS, free_bound
+from impact_damper_ros.motion.first_event import next_point
+from impact_damper_ros.motion.flight import begin_flight, motion_at, starting_motion
+from impact_damper_ros.motion.oscillator import POINTS, free_bound
+from motion.break_contact import flights_of, launchable, plain
 from oracle.flight_cases import EPS, REAL, exact_motion, precise, round_off
 from oracle.flight_generators import random_flights
 from oracle.precise_motion import mp
-from rig.break_contact import flights_of, launchable, plain
 
 RNG = np.random.default_rng
 NAMES = 'x', 'velocity', 'travel', 'relative_velocity'

@@ -22,8 +22,15 @@ from typing import Any
 
 import yaml
 
+from impact_damper_ros.parameters.rig_parameters import (
+    ALL_SPECS,
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    InitialConditions,
+    RigParameters,
+)
+
 from .parameter_spec import ParameterError
-from .parameters import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS, InitialConditions, RigParameters
 from .quoting import named, shown
 
 _NAME = 'impact_damper_ros'

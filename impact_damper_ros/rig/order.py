@@ -12,14 +12,13 @@ from __future__ import annotations
 from math import inf, nan
 from typing import TYPE_CHECKING, NamedTuple
 
-from impact_damper_ros.rig import ParameterError
-
-from .actuator import order_stops
-from .own_law import too_close
-from .record import Action, ControlRecord
+from impact_damper_ros.control.actuator import order_stops
+from impact_damper_ros.control.own_law import too_close
+from impact_damper_ros.control.record import Action, ControlRecord
+from impact_damper_ros.parameters.parameter_spec import ParameterError
 
 if TYPE_CHECKING:
-    from .controller import Control
+    from impact_damper_ros.control.state import Control
 
 #: Ranges of what is ordered: m/s, N.
 SPEEDS, FORCES = (1e-6, 1e9), (-1e12, 1e12)

@@ -7,13 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import (
-    GapControlParameters,
-    InitialConditions,
-    Mode,
-    RigParameters,
-)
+from impact_damper_ros import GapControlParameters, InitialConditions, Mode, Rig, RigParameters
 
 LEVEL = RigParameters(gravity=0.0)
 TIMED = GapControlParameters(gap_control='timed', gap_control_rate=5.0)

@@ -12,19 +12,21 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from impact_damper_ros.rig import (
-    GAP_CONTROL_SPECS,
-    PARAMETER_SPECS,
-    GapControlParameters,
-    InitialConditions,
-    RigParameters,
+from impact_damper_ros.control.controller import begin_sampling, control_of, packed_control
+from impact_damper_ros.control.own_law import Law, LawError, OwnLaw
+from impact_damper_ros.control.sensors import mixed_seed
+from impact_damper_ros.control.state import (
+    Actuators,
+    Control,
+    ControlSettings,
+    Refusal,
+    settings_fields,
 )
-from impact_damper_ros.rig.compiled import dtype_of, packed, rows_of
-from impact_damper_ros.rig.event import SAMPLE_TYPE, EventRow, Sample
-from impact_damper_ros.rig.oscillator import oscillators
-from impact_damper_ros.rig.parameter_spec import ParameterError
-from impact_damper_ros.rig.run import ALL_STEPS, COMMANDS_FULL, LAW_FAILED
-from impact_damper_ros.rig.state import (
+from impact_damper_ros.motion.compiled import dtype_of, packed, rows_of
+from impact_damper_ros.motion.event import SAMPLE_TYPE, EventRow, Sample
+from impact_damper_ros.motion.next_event import ALL_STEPS, COMMANDS_FULL, LAW_FAILED
+from impact_damper_ros.motion.oscillator import oscillators
+from impact_damper_ros.motion.state import (
     Mode,
     RigConstants,
     Run,
@@ -33,13 +35,17 @@ from impact_damper_ros.rig.state import (
     rig_fields,
     starting_fields,
 )
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.rig_parameters import (
+    GAP_CONTROL_SPECS,
+    PARAMETER_SPECS,
+    GapControlParameters,
+    InitialConditions,
+    RigParameters,
+)
 
-from .actuator import Actuators
-from .controller import Control, ControlSettings, settings_fields
 from .loop import run_compiled
-from .own_law import Law, LawError, OwnLaw, Refusal
 from .rig import later_time, most_of, own_law_of, times_between
-from .sensors import mixed_seed
 
 #: Rigs between two moments at which a run can be interrupted.
 _BLOCK = 64
@@ -117,7 +123,7 @@ def _constants(parameters: RigParameters, p: Any, count: int) -> tuple[Any, Any]
 
 def _controls(control: Control, p: Any, count: int) -> Control:
     """Return the control of each rig, like a given one but for its parameters."""
-    one: Any = control.packed()
+    one: Any = packed_control(control)
     parts = {name: part for name, part in one._asdict().items() if name != 'law'}
     arrays: dict[str, Any] = {name: np.repeat(part, count, axis=0) for name, part in parts.items()}
     for name, column in settings_fields(p, p).items():
@@ -255,8 +261,8 @@ def run_ensemble(
     runs['room'], runs['steps'], runs['most'] = _LOG_ROWS if controlled else 0, ALL_STEPS, most
     controls = None
     if controlled:
-        one = Control.of(settings, parameters, own).for_harmonics(waves.shape[1])
-        one.begin(0.0)
+        one = control_of(settings, parameters, own).for_harmonics(waves.shape[1])
+        begin_sampling(one, 0.0)
         controls = _controls(one, p, count)
     result = EnsembleResult(
         np.full(count, COMMANDS_FULL),

@@ -7,9 +7,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from impact_damper_ros.control import Rig
-from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters
-from impact_damper_ros.rig.transition import (
+from impact_damper_ros import EventKind, InitialConditions, Mode, Rig, RigParameters
+from impact_damper_ros.motion.transition import (
     CHATTER_HEIGHT,
     CHATTER_INSTANT_TOLERANCE,
     CHATTER_SPAN,
@@ -17,8 +16,7 @@ from impact_damper_ros.rig.transition import (
     chatter_duration,
     may_complete,
 )
-from oracle.hybrid_oracle import mp
-from oracle.hybrid_oracle import run as run_precisely
+from oracle.hybrid_oracle import mp, run as run_precisely
 
 EPS = 2.0**-52
 

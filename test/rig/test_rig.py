@@ -6,12 +6,10 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from rig.random_rigs import KINDS, act, random_initial, rig_of, rows, through_json, without_mode
+from hypothesis import given, settings, strategies as st
+from motion.random_rigs import KINDS, act, random_initial, rig_of, rows, through_json, without_mode
 
-from impact_damper_ros.control import Outcome, Rig
-from impact_damper_ros.rig import EventKind, Mode
+from impact_damper_ros import EventKind, Mode, Outcome, Rig
 
 SEEN = {}
 
