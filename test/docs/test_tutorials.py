@@ -32,6 +32,23 @@ def test_page(page, tmp_path):
         assert page.with_name(name).is_file()
 
 
+@pytest.mark.parametrize('line', ['mass_ratio = 0.02', 'mass_ratio = 0.1', 'restitution = 0.3'])
+def test_best_gap_of_another_structure(line, tmp_path):
+    """Numbers at the top of the page are the reader's own; those below then are others, too."""
+    pytest.importorskip('pandas')
+    pytest.importorskip('matplotlib')
+    page = TUTORIALS / 'best_gap.md'
+    name = line.partition(' =')[0]
+    text = re.sub(rf'^{name} = [0-9.]+', line, page.read_text(encoding='utf-8'), flags=re.M)
+    text = re.sub(r'^```text\n.*?^```$', '', text, flags=re.M | re.S)
+    copy = tmp_path / page.name
+    copy.write_text(text, encoding='utf-8')
+    reader = Reader(copy, tmp_path)
+    reader.read()
+    assert reader.names['best'].value < 0.9 * reader.names['without']
+    assert line in text
+
+
 def test_links_to_the_page_are_rigs():
     """A link holds a preset, parameters in their range, and settings of the view."""
     presets = yaml.safe_load((PAGE / 'presets.yaml').read_text(encoding='utf-8'))
