@@ -209,6 +209,10 @@ def test_command(line, capfd):
         pytest.importorskip('tornado')
         check_page(words)
         return
+    if command == 'set_rig':
+        pytest.importorskip('rclpy')
+        check_settings(words)
+        return
     if 'initial_' in line:
         line += ' --json basins.json'
     if command == 'simulate_rig' and MADE in words:
@@ -231,6 +235,19 @@ def check_page(words):
 
     given = rig_page._parser().parse_args(words)
     assert given.bag is None or given.bag.exists()
+
+
+def check_settings(words):
+    """Judge the values as the node does; that such commands run is in test/cli/test_set_rig.py."""
+    from impact_damper_ros.cli import set_rig
+    from impact_damper_ros.cli.rig_options import values_of
+    from impact_damper_ros.node.parameters import NodeParameters
+
+    rig, initial, _ = load_parameters('bench_rig')
+    present = NodeParameters.from_values({**rig.as_dict(), **initial.as_dict()})
+    settings = set_rig._parser().parse_args(words).settings
+    values = values_of(settings, present.as_dict(), '', 'set_rig')
+    assert present.changed(values) != present
 
 
 def check_node(words):
