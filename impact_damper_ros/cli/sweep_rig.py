@@ -259,7 +259,7 @@ def _announce(grid: Grid) -> None:
         frequencies=ranges[0] if ranges else None,
         law=grid.setup.law,
     )
-    slow = grid.setup.law and not hasattr(OwnLaw.from_text(grid.setup.law).function, 'py_func')
+    slow = grid.setup.law and not OwnLaw.from_text(grid.setup.law).compiles
     if slow and find_spec('numba'):
         say(
             'sweep_rig',

@@ -6,8 +6,8 @@ A command waits for the delay and then moves its stop, in place of the command b
 decides what happens where a stop meets m: it stands there, and goes on as soon as m lets it.
 
 The energy is that of the stop itself, of mass `actuator_mass`: each start and each reversal spends
-its kinetic energy at full speed, none of which is recovered by braking. Friction of the guides,
-and weight and inertia in the moving M, are left out. An actuator that moves at once spends none.
+its kinetic energy at its speed, none of which is recovered by braking. Friction of the guides,
+and weight and inertia in the moving M, are left out. A stop that moves at once spends none.
 
 Commands that wait are rows of `Command` in a ring that begins at `first`, in the order in which
 they are carried out.
@@ -95,6 +95,12 @@ def starting_velocity(way: float, speed: float) -> float:
     return -rate if way < 0.0 else 0.0
 
 
+@kernel(inline=True)
+def start_energy(mass: float, velocity: float) -> float:
+    """Return what an actuator spends on a start of its stop, J; 0 for one that moves at once."""
+    return 0.5 * mass * (velocity * velocity) if abs(velocity) < inf else 0.0
+
+
 @kernel
 def start_command(control: Control, place_1: float, place_2: float) -> tuple[float, float, float]:
     """
@@ -110,8 +116,7 @@ def start_command(control: Control, place_1: float, place_2: float) -> tuple[flo
     speed = p.speed * p.pace
     if row.speed == row.speed:
         speed = min(row.speed, speed)
-    share = speed / p.speed if p.speed < inf else 1.0
-    energy = p.start_energy * share * share
+    energy = start_energy(p.moving_mass, speed)
     actuators.first = (actuators.first + 1) % len(control.commands)
     actuators.waiting -= 1
     if stop_1 == stop_1:
@@ -135,8 +140,7 @@ def note_velocity(control: Control, stop: int, velocity: float) -> None:
     actuators: Actuators = control.actuators
     if velocity != 0.0:
         p = control.settings
-        share = velocity / p.speed if p.speed < inf else 1.0
-        energy = p.start_energy * share * share
+        energy = start_energy(p.moving_mass, velocity)
         actuators.energy_1 += energy if stop == 1 else 0.0
         actuators.energy_2 += energy if stop == 2 else 0.0
     if stop == 1:

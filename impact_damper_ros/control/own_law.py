@@ -159,6 +159,11 @@ class OwnLaw:
             raise LawError(f'the law {text} is {shown(law)}: give the name of a function')
         return cls(law, text)
 
+    @property
+    def compiles(self) -> bool:
+        """Whether numba compiles the function, as the decorator ``numba.njit`` has it."""
+        return hasattr(self.function, 'py_func')
+
     def __call__(self, seen: LawInput, memory: list[float]) -> tuple[float, float]:
         """Return where the stops are to be."""
         try:
@@ -296,6 +301,11 @@ def compiled_law(law: OwnLaw | None) -> Any:
     if law is None:
         return _by_address(numba.njit(_signature())(_stays))
     function = law.function
+    if not law.compiles:
+        raise LawError(
+            f'the law {law.name} is plain Python, which compiled code cannot call: decorate it '
+            'with numba.njit, or run it without compiled code'
+        )
 
     def guarded(seen: Any, memory: Any) -> tuple[float, float]:
         try:

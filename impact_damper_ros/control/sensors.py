@@ -102,10 +102,17 @@ def fault_shift(fault: int, seed: int, index: int) -> float:
     return 1.0 if chance > 0.05 else -1.0
 
 
+#: Numbers from here on are whole, 2**52.
+_WHOLE = 4503599627370496.0
+
+
 @kernel(inline=True)
 def rounded(value: float, step: float) -> float:
-    """Return a value in whole steps, or as it is if there are none."""
-    return step * floor(value / step + 0.5) if step > 0.0 else value
+    """Return a value in whole steps, or as it is if they are none or finer than its digits."""
+    if not step > 0.0:
+        return value
+    steps = value / step
+    return step * floor(steps + 0.5) if abs(steps) < _WHOLE else value
 
 
 #: Least jump in Z' taken for an impact, over the jump that an impact makes.

@@ -318,8 +318,8 @@ class ControlSettings(NamedTuple):
         Of their noise, mixed.
     delay, speed : float
         Of the actuators; the speed is infinite for stops that move at once.
-    start_energy : float
-        What an actuator spends on a start of its stop, J.
+    moving_mass : float
+        Mass that an actuator moves, kg.
     pace : float
         Share of the speed that an actuator has; below 1 with a fault.
     blocked_1, blocked_2 : bool
@@ -353,7 +353,7 @@ class ControlSettings(NamedTuple):
     seed: int
     delay: float
     speed: float
-    start_energy: float
+    moving_mass: float
     pace: float
     blocked_1: bool
     blocked_2: bool
@@ -385,7 +385,7 @@ def settings_fields(p: Any, rig: Any) -> dict[str, Any]:
         'resolution_velocity': p.gap_control_resolution_velocity,
         'fault_size': p.sensor_fault_size,
         'delay': p.actuator_delay,
-        'start_energy': 0.5 * p.actuator_mass * p.actuator_speed**2,
+        'moving_mass': p.actuator_mass,
         'half_gap': 0.5 * rig.gap,
         'one_sided': rig.one_sided,
         'mass_ratio': damper.mass_ratio,

@@ -19,7 +19,6 @@ import hashlib
 import logging
 import os
 import sys
-import threading
 import types
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
@@ -163,10 +162,6 @@ def stamp() -> Path | None:
     return None
 
 
-#: After so long, s, a compilation is reported.
-_PATIENCE = 3.0
-
-
 def _namespace() -> dict[str, Any]:
     """Return the globals that the kernels refer to, in one namespace."""
     namespace: dict[str, Any] = {}
@@ -282,6 +277,24 @@ def _dispatcher(name: str) -> Any:
     return numba.njit(twin, nogil=True, error_model='numpy', cache=keep is not None, _nrt=False)
 
 
+def _notice(log: logging.Logger) -> Any:
+    """Report that numba compiles, at its first kernel; it does not where it loads what is kept."""
+    from numba.core.event import Listener, install_listener
+
+    class Notice(Listener):  # type: ignore[misc]
+        text = 'compiling the simulator, once for each version (some 7 s, 12 s under gap control)'
+
+        def on_start(self, _event: Any) -> None:
+            if self.text:
+                log.warning(self.text)
+            self.text = ''
+
+        def on_end(self, _event: Any) -> None:
+            pass
+
+    return install_listener('numba:compile', Notice())
+
+
 #: What has been compiled or loaded in this process.
 _ENTRIES: dict[str, Any] = {}
 
@@ -291,20 +304,16 @@ def compiled(name: str, arguments: Sequence[Any]) -> Any:
     Return a kernel compiled for arguments, which have the same types in all calls.
 
     numba would look at the types of the arguments at each call, which takes longer than a short
-    run. Compiled code that cannot be kept, as on a full disk, serves this process; compiling it is
-    reported once it has taken some time.
+    run. Compiled code that cannot be kept, as on a full disk, serves this process. That the kernel
+    has to be compiled, since no process has kept it, is reported.
     """
     if name in _ENTRIES:
         return _ENTRIES[name]
     import numba
 
     log = logging.getLogger(__package__)
-    text = 'compiling the simulator, once for each version (some 7 s, 12 s under gap control)'
-    notice = threading.Timer(_PATIENCE, log.warning, (text,))
-    notice.daemon = True
-    notice.start()
     loop, kinds = _dispatcher(name), tuple(map(numba.typeof, arguments))
-    try:
+    with _notice(log):
         try:
             loop.compile(kinds)
         except OSError as error:
@@ -313,7 +322,5 @@ def compiled(name: str, arguments: Sequence[Any]) -> Any:
                 error.strerror or error,
             )
             loop.compile(kinds)
-    finally:
-        notice.cancel()
     _ENTRIES[name] = loop.get_overload(kinds)
     return _ENTRIES[name]

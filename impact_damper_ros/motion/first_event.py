@@ -263,7 +263,9 @@ def first_root(
     elif d_a < 0.0 < f_a and square > 0.0:
         # Beyond that root
         step = min(step, 2.5 * f_a / (sqrt(square) - d_a))
+    # No step is shorter, so that each gets on.
     shortest = max(_SHORTEST * oscillator.step, 2.0 * _EPSILON * end)
+    step = max(step, shortest)
     while t_a < end:
         t_b = min(t_a + step, end)
         span = t_b - t_a

@@ -178,6 +178,14 @@ def _series(factors: Any, variable: Array) -> Array:
     return total
 
 
+def _power(base: Array, order: int) -> Array:
+    """Return a power by products: numpy's own has other last bits on other processors."""
+    power = base
+    for _ in range(order - 1):
+        power = power * base
+    return power
+
+
 def _bound_on_drive(
     omega: Array, decay: Array, force: Array, circular: Array, order: int, horizon: Array
 ) -> Array:
@@ -188,7 +196,7 @@ def _bound_on_drive(
     gain = np.hypot(omega**2 - circular**2, 2.0 * decay * circular)
     with np.errstate(divide='ignore', over='ignore'):
         steady = (1.0 + np.hypot(1.0, circular / omega)) / gain
-    bound: Array = np.abs(force) * circular**order * np.minimum(from_rest, steady)
+    bound: Array = np.abs(force) * _power(circular, order) * np.minimum(from_rest, steady)
     return np.asarray(bound.sum(-1))
 
 
@@ -199,7 +207,7 @@ def _bound_on_rate(
     gain = np.hypot(omega**2 - circular**2, 2.0 * decay * circular)
     with np.errstate(divide='ignore', over='ignore'):
         steady = (circular + np.hypot(omega, circular)) / gain
-    bound: Array = np.abs(force) * circular**order * np.minimum(horizon, steady)
+    bound: Array = np.abs(force) * _power(circular, order) * np.minimum(horizon, steady)
     return np.asarray(bound.sum(-1))
 
 

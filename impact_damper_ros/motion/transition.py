@@ -164,11 +164,12 @@ def end_bounces(
     grip = (1.0 + rig.mass_ratio) * rig.grip
     left = chatter_duration(speed, press, grip, restitution)
     bounce = bounce_duration(speed, press, grip)
+    omega = sqrt(rig.free.omega_squared)
     if bounce < SHORTEST_BOUNCE * rig.free.horizon:
-        # Bounces too short to be resolved. On an elastic stop they have no end, and no energy.
-        left = left if left < inf else 0.0
+        # Bounces too short to be resolved, and without energy. On an elastic stop they have no
+        # end; no chatter may last so long that its support has to be watched.
+        left = left if omega * left <= CHATTER_SPAN else 0.0
     elif left < inf:
-        omega = sqrt(rig.free.omega_squared)
         # Infinite with one stop only; there `CHATTER_SPAN` bounds the height.
         gap = run.clearance_1 + run.clearance_2
         # The smallest possible bound of the jerk excludes most of the others.
@@ -263,6 +264,22 @@ def put_on_stop(rig: RigConstants, run: Run, stop: int) -> None:
 
 
 @kernel
+def put_between_stops(run: Run, stop: int) -> bool:
+    """Put m on a stop if the other one, which follows it, touches it still; return whether."""
+    if stop == 1:
+        if not (on_stop_2(run) and run.stop_2 != run.target_2):
+            return False
+        run.stop_2 = run.stop_1
+    else:
+        if not (on_stop_1(run) and run.stop_1 != run.target_1):
+            return False
+        run.stop_1 = run.stop_2
+    run.clearance_1 = 0.0
+    run.clearance_2 = 0.0
+    return True
+
+
+@kernel
 def hold_stop(rig: RigConstants, run: Run, stop: int) -> None:
     """Let a stop stand where it has met m."""
     if stop == 1:
@@ -293,7 +310,8 @@ def resolve_contact(
 ) -> None:
     """Resolve the contact of m with a stop, which stands there if it moves."""
     if (run.stop_velocity_1 if stop == 1 else run.stop_velocity_2) == 0.0:
-        put_on_stop(rig, run, stop)
+        if not put_between_stops(run, stop):
+            put_on_stop(rig, run, stop)
         strike(rig, lines, run, waves, log, stop)
         return
     mode_before = run.mode
@@ -345,6 +363,10 @@ def resolve_rest(
         stop = stop_under(run.mode)
     elif run.mode == STICK:
         code = STICK_EVENT
+    elif mode_before >= CHATTER_1:
+        # The stop no longer bears m where its bounces have accumulated.
+        code = RELEASE_EVENT
+        stop = stop_under(mode_before)
     elif kind == REVERSAL:
         code = REVERSAL_EVENT
     if code != 0:

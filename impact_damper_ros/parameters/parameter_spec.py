@@ -239,7 +239,8 @@ class ParameterSpec(NamedTuple):
                 f'{where} is {value!r}{unit}: give 0 ({self.zero}) or a number from '
                 f'{self.least:g} to {self.high:g}{unit}'
             )
-        return int(number) if whole else number
+        # Never -0.0: a parameter that was set to it would differ from one that is 0.
+        return int(number) if whole else number + 0.0
 
 
 def number_between(name: str, value: Any, low: float, high: float) -> float:

@@ -159,8 +159,17 @@ def _columns(
             raise ParameterError(
                 name, f'{name} does not vary in this ensemble: give some of {", ".join(names)}'
             )
-        for extreme in (column.min(), column.max()):
-            _SPECS[name].checked(float(extreme))
+        spec = _SPECS[name]
+        assert spec.low is not None
+        assert spec.high is not None
+        wrong = ~((spec.low <= column) & (column <= spec.high))
+        wrong |= (column > 0.0) & (column < spec.least)
+        if spec.kind == 'integer':
+            wrong |= column != np.floor(column)
+        if wrong.any():
+            spec.checked(float(column[np.argmax(wrong)]))
+        # Never -0.0
+        columns[name] = column + 0.0
     return columns
 
 
@@ -244,11 +253,12 @@ def run_ensemble(
         one_sided=parameters.one_sided,
     )
     vars(p).update(columns)
-    # What holds between parameters: the rig next to critical damping, the narrowest gap, and the
-    # gaps of the control that are next to each other
+    # What holds between parameters: the rig next to critical damping, the narrowest gap, the gaps
+    # of the control that are next to each other, and the slowest actuator
     closest = int(np.argmax(p.damping / np.sqrt(p.stiffness * p.primary_mass)))
     start = initial or InitialConditions()
-    for k in (closest, int(np.argmin(p.gap)), int(np.argmin(p.gap_max - p.gap_min))):
+    least = p.gap, p.gap_max - p.gap_min, p.actuator_speed
+    for k in (closest, *(int(np.argmin(column)) for column in least)):
         here = {name: float(column[k]) for name, column in columns.items()}
         start.check_within(parameters.replace(**{n: here[n] for n in here if n in _NUMBERS}))
         settings.replace(**{n: here[n] for n in here if n in _CONTROL_NUMBERS})

@@ -82,7 +82,8 @@ def run(
     observers : sequence of Observer, optional
         They are called in this order.
     changes : sequence of TimedChange, optional
-        Changes of the parameters, in the order of their instants, not later than `until`.
+        Changes of the parameters, in the order of their instants, not later than `until`. Those of
+        one instant are made one after the other.
     budget : EventBudget, optional
         The most events that the rig may have.
 
@@ -113,7 +114,7 @@ def run(
         for events in budget.portions(rig, instant):
             for observer in observers:
                 observer.happened(events)
-        if waiting and waiting[0].time_ns / 1e9 == instant:
+        while waiting and waiting[0].time_ns / 1e9 == instant:
             change = waiting.popleft()
             caused = rig.change(change.parameters, change.control)
             for observer in observers:

@@ -374,7 +374,7 @@ class Rig:
         self._start(initial or InitialConditions(), start)
 
     def _may_compile(self) -> bool:
-        return has_numba() and (self._law is None or hasattr(self._law.function, 'py_func'))
+        return has_numba() and (self._law is None or self._law.compiles)
 
     def _start(self, initial: InitialConditions, time: float) -> None:
         parameters = self._parameters
@@ -428,8 +428,9 @@ class Rig:
 
     @property
     def law(self) -> str:
-        """Name of the law that moves the stops."""
-        return self._gap_control.gap_control if self._law is None else self._law.name
+        """Name of the law that moves the stops; off, if none does."""
+        own = self._law if self._gap_control.active else None
+        return self._gap_control.gap_control if own is None else own.name
 
     @property
     def own_law(self) -> OwnLaw | None:

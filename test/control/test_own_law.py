@@ -57,6 +57,7 @@ def test_it_is_on_by_itself_and_can_be_switched_off():
     rig.change(TRIAL, GapControlParameters())
     rig.advance(80.0)
     assert rig.stops == (10.0, -10.0)
+    assert (rig.law, rig.acts) == ('off', False)
     assert rig.snapshot()['gap_control']['law']['memory'] == [0.0] * 16
 
 
@@ -106,3 +107,11 @@ def test_a_law_of_the_present_directory(tmp_path, monkeypatch):
     rig = Rig(TRIAL, law=law)
     rig.advance(30.0)
     assert (rig.law, rig.stops) == ('my_own_laws:hold', (5.0, -5.0))
+
+
+def test_a_plain_law_in_compiled_code_names_the_decorator():
+    pytest.importorskip('numba')
+    rig = Rig(TRIAL, law=laws.follow, compiled=True)
+    words = r'control\.laws:follow is plain Python, .*: decorate it with numba\.njit'
+    with pytest.raises(LawError, match=words):
+        rig.run(10.0)

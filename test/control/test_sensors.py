@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from control.controlled_rigs import TRIAL
+from control.controlled_rigs import TRIAL, control
 from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameters, damper_of
 from impact_damper_ros.control.controller import control_of, measured
 from impact_damper_ros.control.sensors import (
@@ -17,6 +17,7 @@ from impact_damper_ros.control.sensors import (
     sensor_noise,
 )
 from impact_damper_ros.control.state import Measurement, Observer
+from impact_damper_ros.motion.compiled import has_numba
 
 #: Time, X, X', Y, Y', and the stops
 MOTION = (2.5, 1.0, -2.0, 0.75, 2.5, 2.0, -3.0)
@@ -197,6 +198,19 @@ def test_faults_of_the_sensors():
     # 40 of 400 within three standard deviations
     assert abs(sum(map(bool, off)) - 40) < 18
     assert faulty('spike')[0] == seen
+
+
+@pytest.mark.parametrize('step', [1e-22, 1e-300, 5e-324])
+def test_steps_finer_than_the_digits_of_a_value_leave_it(step):
+    fine = {'gap_control_resolution_position': step, 'gap_control_resolution_velocity': step}
+    rigs = [Rig(TRIAL, control=control('timed', **values)) for values in ({}, fine)]
+    if has_numba():
+        rigs.append(Rig(TRIAL, control=control('timed', **fine), compiled=True))
+    runs = [rig.run(100.0, [30.0, 100.0]) for rig in rigs]
+    assert len(runs[0].events) > 10
+    for other in runs[1:]:
+        assert other.events.tolist() == runs[0].events.tolist()
+        assert other.samples.tolist() == runs[0].samples.tolist()
 
 
 def test_samples_are_rounded_to_whole_steps():

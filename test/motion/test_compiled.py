@@ -91,6 +91,21 @@ def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog, monkeypat
     assert 'cannot be kept (File too large)' in caplog.text
 
 
+def test_compiling_is_reported_and_loading_is_not(caplog, monkeypatch, tmp_path):
+    pytest.importorskip('numba')
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
+    stamp, arguments = compiled.stamp.__wrapped__(), (1.0, 2.0, 0.0, 0.5)
+    assert stamp.is_relative_to(tmp_path)
+    monkeypatch.setattr(compiled, 'stamp', lambda: stamp)
+    monkeypatch.setattr(compiled, '_dispatcher', compiled._dispatcher.__wrapped__)
+    for notices in (['compiling the simulator'], []):
+        monkeypatch.setattr(compiled, '_ENTRIES', {})
+        assert compiled.compiled('chatter_duration', arguments)(*arguments) == 2.0
+        assert [record.message.partition(',')[0] for record in caplog.records] == notices
+        caplog.clear()
+
+
 @pytest.mark.parametrize('code', [False, True])
 def test_more_events_than_the_first_table_takes(code, monkeypatch):
     if code:

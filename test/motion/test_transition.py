@@ -266,3 +266,46 @@ def test_within_a_chatter_m_is_shown_on_its_stop(params):
     assert error < 1.001 * share * speed
     assert abs(x - mp.mpf(sample.x)) < share * speed**2 / rig.parameters.gravity
     assert sample.primary_velocity == sample.damper_velocity
+
+
+#: m on stop 1, which bears it until M has been pushed far enough down.
+BORNE = RigParameters(angle=0.1, force_amplitudes=5.0, gap=10.0)
+
+
+@pytest.mark.parametrize('R', [0.5, 0.999, 1.0 - 1e-10, 1.0 - 1e-11, 1.0])
+def test_the_support_of_an_almost_elastic_stop_is_watched(R):
+    """Bounces too short to be resolved would go on for seconds."""
+    rest = Rig(BORNE, InitialConditions(initial_damper_offset=5.0)).advance(1.0)
+    (release,) = [e for e in rest if e.kind is EventKind.RELEASE]
+    for speed in (1e-10, 1.5e-11):
+        rig = Rig(
+            BORNE.replace(restitution_1=R, restitution_2=R),
+            InitialConditions(initial_damper_offset=5.0, initial_damper_velocity=speed),
+        )
+        kinds = [(e.kind, e.time) for e in rig.advance(1.0)]
+        assert [kind for kind, _ in kinds] == [EventKind.IMPACT, EventKind.REST, EventKind.RELEASE]
+        assert kinds[2][1] == pytest.approx(release.time, rel=1e-9)
+
+
+def test_a_chatter_that_ends_in_motion_is_a_release():
+    """Where its stop ceases to bear m within the last bounces."""
+    rest = Rig(BORNE, InitialConditions(initial_damper_offset=5.0))
+    (release,) = [e for e in rest.run(1.0).events if e['kind'] == EventKind.RELEASE]
+    before = release['time'] - 3e-5
+    twin = Rig(BORNE, InitialConditions(initial_damper_offset=5.0))
+    sample = twin.run(before, [before]).samples[0]
+    R = 1.0 - 2e-5
+    rig = Rig(
+        BORNE.replace(restitution_1=R, restitution_2=R, force_phases=before),
+        InitialConditions(
+            initial_primary_position=sample['x'],
+            initial_primary_velocity=sample['primary_velocity'],
+            initial_damper_offset=5.0,
+            initial_damper_velocity=sample['primary_velocity'] + 1e-13,
+        ),
+    )
+    events = rig.run(1e-3).events
+    assert events['kind'].tolist() == [EventKind.IMPACT, EventKind.RELEASE]
+    assert events['mode'].tolist() == [Mode.CHATTER_1, Mode.FREE]
+    assert events['stop'].tolist() == [1, 1]
+    assert 2e-5 < events['time'][1] < 1e-4

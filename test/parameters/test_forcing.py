@@ -1,6 +1,9 @@
 """The force: lines and phases of a multisine, instants and phase of a stepped sine."""
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -310,3 +313,40 @@ def test_m_at_rest_stays_at_rest():
     )
     rig = Rig(pressed, InitialConditions(initial_damper_offset=1.0))
     assert {e.kind for e in rig.advance(0.5)} == {STEP}
+
+
+CONSTANTS = """
+import hashlib
+import random
+
+from impact_damper_ros import RigParameters
+from impact_damper_ros.motion.state import constants_of
+
+draw, digest = random.Random(1), hashlib.sha256()
+for _ in range(300):
+    force = [[draw.uniform(0.1, 9.0) for _ in range(3)] for _ in range(3)]
+    parameters = RigParameters(
+        stiffness=draw.uniform(0.1, 9.0),
+        force_amplitudes=force[0],
+        force_frequencies=force[1],
+        force_phases=force[2],
+    )
+    digest.update(repr(constants_of(parameters)).encode())
+print(digest.hexdigest())
+"""
+
+
+def test_constants_do_not_depend_on_the_features_of_the_processor():
+    """Where numpy has other last bits, as in its powers with AVX-512, it is not used."""
+    used = np.show_config(mode='dicts')['SIMD Extensions'].get('found', [])
+    found = set()
+    for disabled in ('', ' '.join(used)):
+        done = subprocess.run(
+            [sys.executable, '-W', 'ignore', '-c', CONSTANTS],
+            env={**os.environ, 'NPY_DISABLE_CPU_FEATURES': disabled},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        found.add(done.stdout)
+    assert len(found) == 1

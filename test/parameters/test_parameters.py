@@ -73,6 +73,16 @@ def test_range(table, spec):
         assert words in str(caught.value)
 
 
+@pytest.mark.parametrize(('table', 'spec'), [p for p in NUMBERS if p.values[1].low <= 0.0])
+def test_no_parameter_is_minus_zero(table, spec):
+    """It would differ from 0 in a log; typed, set or read, in a list too."""
+    value = getattr(table(**{spec.name: -0.0}), spec.name)
+    typed = spec.read('-0.0')
+    for number in (value, typed):
+        entries = number if isinstance(number, tuple) else (number,)
+        assert [str(entry) for entry in entries] in (['0.0'], ['0'])
+
+
 def test_tables():
     """Names are unique; each parameter has a description, and a default within its range."""
     assert len(ALL_SPECS) == sum(map(len, TABLES.values()))

@@ -145,3 +145,18 @@ def test_a_rig_with_too_many_events_stops_alone():
     assert found.event_counts[0] == 10
     assert found.times[0] < found.times[1] == 200.0
     assert np.isnan(found.samples['x'][0, 0])
+
+
+@pytest.mark.parametrize(
+    ('values', 'words'),
+    [
+        ({'gap_control_seed': [0, 1.5, 3]}, 'gap_control_seed is 1.5: give a whole number'),
+        ({'actuator_speed': [0.0, 1e-9, 1.0]}, 'actuator_speed is 1e-09 m/s: give 0'),
+        ({'gap': [20.0, math.nan, 30.0]}, 'gap is nan m: give a number'),
+    ],
+)
+def test_every_value_is_checked(values, words):
+    """Not only the least and the largest one."""
+    timed = GapControlParameters(gap_control='timed')
+    with pytest.raises(ValueError, match=words):
+        run_ensemble(RigParameters(gravity=0.0), values, 5.0, control=timed)

@@ -61,3 +61,19 @@ def test_the_budget_of_a_run():
     with pytest.raises(EndlessEventsError, match='the rig had 2000 events'):
         run(rig, 100.0, [diary], budget=EventBudget(2000))
     assert len(diary.events) == 2000
+
+
+def test_changes_of_one_instant_are_made_one_after_the_other():
+    """And those that follow are not lost."""
+    wide, rough = LEVEL.replace(gap=30.0), LEVEL.replace(gap=30.0, friction=0.01)
+    last = LEVEL.replace(gap=20.0)
+    changes = [
+        TimedChange(10**9, {'gap': 30.0}, wide, CONTROL),
+        TimedChange(10**9, {'gap': 30.0, 'friction': 0.01}, rough, CONTROL),
+        TimedChange(2 * 10**9, {'gap': 20.0}, last, CONTROL),
+    ]
+    rig = Rig(LEVEL)
+    diary = Diary(rig)
+    run(rig, 5.0, [diary], changes)
+    assert [time_ns for time_ns, _, _ in diary.changes] == [10**9, 10**9, 2 * 10**9]
+    assert rig.parameters == last

@@ -78,3 +78,13 @@ def test_stops_go_by_the_actuators():
     (arrival,) = [e for e in events if e.kind is EventKind.STOP_ARRIVED and e.stop == 2]
     assert arrival.time == pytest.approx(12.5)
     assert [r.action for r in rig.records].count(Action.ARRIVED) == len(events)
+
+
+@pytest.mark.parametrize('limit', [0.0, 5.0])
+def test_a_speed_of_its_own_is_paid_for(limit):
+    """Also where stops move at once without one: half the moving mass times its square."""
+    control = EXTERNAL.replace(actuator_speed=limit, actuator_delay=0.0)
+    rig = Rig(FREE, control=control)
+    rig.order(Order(stop_1=400.0, speed_1=2.0))
+    rig.advance(10.0)
+    assert rig.energies == (0.5 * 0.5 * 2.0**2, 0.0)

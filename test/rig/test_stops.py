@@ -449,3 +449,32 @@ def test_a_stop_that_m_outruns_after_a_release_takes_no_speed():
         assert speeds[:, 0] == pytest.approx(speeds[:, 1], abs=1e-6)
         started += len(times)
     assert started > 40
+
+
+@pytest.mark.parametrize('side', [1, -1])
+def test_m_squeezed_by_the_stop_that_follows_it_has_one_plastic_impact(side):
+    """Whatever the round-off of the places: m touches the one stop when it hits the other."""
+    draw = random.Random(5)
+    for _ in range(200):
+        parameters = RigParameters(
+            gravity=0.0,
+            gap=2.0,
+            damping=0.1,
+            restitution_1=0.9,
+            restitution_2=0.9,
+            force_amplitudes=float(side),
+            force_frequencies=draw.uniform(0.8, 1.2),
+        )
+        rig = thrown(0.0, -1.0 * side, parameters)
+        rig.advance(0.1)
+        other = draw.uniform(0.3, 0.9)
+        rig.move_stops(*((-1.5, -other) if side > 0 else (other, 1.5)))
+        events = rig.advance(3.0)
+        first = next(e.time for e in events if e.kind is IMPACT)
+        squeezed = [e for e in events if abs(e.time - first) < 1e-9]
+        assert [e.kind for e in squeezed] == [IMPACT, REST]
+        hit = squeezed[0]
+        assert hit.stop == (2 if side > 0 else 1)
+        assert hit.damper_velocity_after == hit.primary_velocity_after
+        assert hit.y == -side * other
+        assert rig.stops[0] == rig.stops[1]
