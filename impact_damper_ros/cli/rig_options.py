@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import difflib
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
@@ -17,13 +16,12 @@ from impact_damper_ros.parameters.description import described, frequency_hint
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.parameters_file import (
     YamlError,
-    guarded_yaml_text,
     load_parameters,
     presets,
+    yaml_value,
 )
 from impact_damper_ros.parameters.quoting import named, shown
 from impact_damper_ros.parameters.rig_parameters import (
-    ALL_SPECS,
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -61,6 +59,12 @@ def add_params_argument(parser: argparse.ArgumentParser) -> None:
         type=path_of,
         metavar='PARAMS',
         help=f'ROS 2 parameters file of the rig, or a preset: {", ".join(presets())}',
+    )
+    parser.add_argument(
+        '--node',
+        default='',
+        metavar='NAME',
+        help='full name of the node whose rig it is, if the file describes several',
     )
 
 
@@ -113,15 +117,17 @@ def given_law(text: str | None, control: GapControlParameters) -> tuple[Any, Gap
 
 
 def given_rig(
-    params: Path, settings: Sequence[str] = (), *, with_control: bool = True
+    params: Path, settings: Sequence[str] = (), node: str = '', *, with_control: bool = True
 ) -> GivenRig:
     """
     Read the rig of a command from a parameters file or preset, and from ``--set`` options.
 
+    Of a file that describes several rigs, `node` names one.
+
     A command without gap control ignores the control in the file and rejects its parameters
     in ``--set``.
     """
-    parameters, initial, other = load_parameters(params)
+    parameters, initial, other = load_parameters(params, node)
     control = GapControlParameters(**_among(other, GAP_CONTROL_SPECS if with_control else ()))
     given = GivenRig(parameters, initial, control)
     return overridden(settings, given, with_control=with_control)
@@ -154,7 +160,7 @@ def values_of(
                 f'{option}{named(setting)}: there is no parameter {named(name)} to set: {remedy}'
             )
         try:
-            values[name] = _typed(name, text)
+            values[name] = yaml_value(text)
         except YamlError as error:
             # The line would be that of a file
             reason = str(error).removeprefix('line 1: ')
@@ -164,31 +170,12 @@ def values_of(
     return values
 
 
-def _typed(name: str, text: str) -> Any:
-    """Read the value of a parameter, which may have a unit."""
-    value = _value(text)
-    entries = value if isinstance(value, list) else [value]
-    spec = ALL_SPECS.get(name)
-    if spec is None or spec.low is None or not any(isinstance(e, str) for e in entries):
-        return value
-    return spec.read(text)
-
-
-def _value(text: str) -> Any:
-    """Read a value as in a parameters file; YAML 1.1 takes 1e-3 for a text."""
-    value = guarded_yaml_text(text)
-    if isinstance(value, str):
-        with suppress(ValueError):
-            return float(text)
-    return value
-
-
 def setting_value(name: str) -> Callable[[str], Any]:
     """Return a reader of a setting of the node, for `argparse`."""
 
     def read(text: str) -> Any:
         try:
-            return SETTING_SPECS[name].checked(_value(text))
+            return SETTING_SPECS[name].checked(yaml_value(text))
         except ValueError as error:
             raise argparse.ArgumentTypeError(str(error)) from error
 

@@ -162,7 +162,7 @@ async def _serve(arguments: argparse.Namespace) -> None:
             f'{arguments.bag} is no bag: give a file .mcap or .db3, or a directory of bags'
         )
     if arguments.start is not None:
-        load_parameters(preset_file(arguments.start))
+        load_parameters(preset_file(arguments.start), '/sim_node')
     if recordings.single:
         RecordedRun(arguments.bag, purpose='play')
     if arguments.bag is None:

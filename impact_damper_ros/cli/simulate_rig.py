@@ -381,7 +381,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
 
     def work() -> int:
-        given = given_rig(arguments.params, arguments.set)
+        given = given_rig(arguments.params, arguments.set, arguments.node)
         law, control = given_law(arguments.law, given.control)
         given = given._replace(control=control)
         check_outputs(arguments, arguments.params)

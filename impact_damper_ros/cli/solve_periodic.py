@@ -291,7 +291,7 @@ def _check_found(searches: Sequence[_Search], arguments: argparse.Namespace) -> 
 
 
 def _solve(arguments: argparse.Namespace) -> int:
-    given = given_rig(arguments.params, arguments.set, with_control=False)
+    given = given_rig(arguments.params, arguments.set, arguments.node, with_control=False)
     _check(arguments, given.parameters)
     if not arguments.quiet:
         hint('solve_periodic', given.parameters)

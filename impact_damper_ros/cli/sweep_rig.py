@@ -208,7 +208,7 @@ def _cores() -> int:
 
 
 def _grid(arguments: argparse.Namespace) -> Grid:
-    parameters, initial, given = given_rig(arguments.params, arguments.set)
+    parameters, initial, given = given_rig(arguments.params, arguments.set, arguments.node)
     law, control = given_law(arguments.law, given)
     ranges = [
         *([] if arguments.ranges is None else ranges_from_file(arguments.ranges)),

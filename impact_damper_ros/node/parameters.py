@@ -9,7 +9,7 @@ them, one force array at a time.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -156,42 +156,15 @@ def descriptor(spec: ParameterSpec) -> Any:
     )
 
 
-def _numbers_in(text: str) -> float | list[float] | str:
-    """Read `1e-3` and `[1, 0.5]`, which YAML and `ros2 param set` read as texts."""
-    entries = text.strip()
-    try:
-        if entries.startswith('[') and entries.endswith(']'):
-            return [float(entry) for entry in entries[1:-1].split(',')]
-        return float(entries)
-    except ValueError:
-        return text
-
-
 def _as_meant(spec: ParameterSpec, value: Any) -> Any:
     """Return a value in the type of the parameter if it can be read so, else unchanged."""
-    if spec.kind == 'string':
-        if isinstance(value, bool) and spec.choices:
-            # YAML 1.1 and `ros2 param set` read an unquoted off as false.
-            return 'on' if value else 'off'
-        return str(value) if type(value) is int else value
-    if spec.kind == 'bool' or isinstance(value, bool):
+    if spec.kind == 'string' and type(value) is int:
+        return str(value)
+    try:
+        checked = spec.checked([] if value is None else value)
+    except ParameterError:
         return value
-    if isinstance(value, str):
-        value = _numbers_in(value)
-    if spec.kind == 'integer':
-        return int(value) if isinstance(value, float) and value.is_integer() else value
-    if isinstance(value, int):
-        value = float(value)
-    if spec.kind == 'double_array':
-        if isinstance(value, float):
-            return [value]
-        if value is None:
-            return []
-        if not isinstance(value, str):
-            entries = list(value)
-            if all(isinstance(v, int | float) and not isinstance(v, bool) for v in entries):
-                return [float(v) for v in entries]
-    return value
+    return list(checked) if isinstance(checked, tuple) else checked
 
 
 def promoted(parameter: Parameter) -> Parameter:
@@ -231,23 +204,6 @@ def nearest_name(name: str, cutoff: float = 0.5) -> str:
     if len(name) > _LONGEST_NAME:
         return ''
     return ''.join(difflib.get_close_matches(name, ALL_SPECS, n=1, cutoff=cutoff))
-
-
-def last_given(overrides: Mapping[str, Any], given: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
-    """
-    Return the overrides, with the last value of each parameter that was given several types.
-
-    rcl keeps values of different types beside each other, and rclpy takes whole numbers before
-    others and numbers before texts: with ``gap: 37`` in a file, ``-p gap:=24.5`` had no effect.
-    """
-
-    def kind(value: Any) -> Any:
-        return (list, *map(type, value)) if isinstance(value, list) else type(value)
-
-    return {
-        name: given[name][-1] if len(set(map(kind, given.get(name, ())))) > 1 else value
-        for name, value in overrides.items()
-    }
 
 
 def parameters_from_overrides(

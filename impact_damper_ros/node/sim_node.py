@@ -74,7 +74,6 @@ from .parameters import (
     as_meant,
     changed_by,
     descriptor,
-    last_given,
     parameters_from_overrides,
 )
 from .publishing import Recorder, RigPublishers, TopicPublisher
@@ -206,7 +205,11 @@ class SimNode(Node):
         # There is no public way to get the overrides of parameters that are not declared yet;
         # declaring from overrides would make `37` an integer parameter.
         overrides = {name: p.value for name, p in self._parameter_overrides.items()}
-        overrides = last_given(overrides, values_given(arguments, self.get_fully_qualified_name()))
+        given, idle = values_given(arguments, self.get_fully_qualified_name())
+        # Of values of different types, rclpy takes whole numbers before others.
+        overrides |= {name: value for name, value in given.items() if name in ALL_SPECS}
+        for reason in idle:
+            self.get_logger().warning(reason)
         declared = self.list_parameters([], 0).names
         parameters = parameters_from_overrides(overrides, declared, self.get_logger().warning)
         self._declare(parameters)

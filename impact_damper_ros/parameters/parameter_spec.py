@@ -111,7 +111,16 @@ class ParameterSpec(NamedTuple):
         return '{:.4g} to {:.4g}'.format(*self.usual) if self.usual else ''
 
     def checked(self, value: Any) -> Value:
-        """Return a value, which may come from a file, checked and in the type of the kind."""
+        """
+        Return a value checked and in the type of the kind.
+
+        It may come from a file: a text is read as one that a person typed.
+        """
+        if self.low is not None:
+            if isinstance(value, str):
+                return self.read(value)
+            if isinstance(value, list | tuple) and any(isinstance(v, str) for v in value):
+                return self.read('; '.join(map(str, value)))
         if self.kind == 'string':
             return self._text(value)
         if self.kind == 'double_array':

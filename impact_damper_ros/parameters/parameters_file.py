@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Parameters files: the ROS 2 YAML that ``--params-file`` takes, read without ROS and within limits.
+Parameters files: the ROS 2 YAML that ``--params-file`` takes, read without ROS by its rules.
 
-A preset is a file of config/, which is installed as share/impact_damper_ros/config. Aliases let a
-few lines of YAML stand for a tree of any size, and deep nesting makes a loader slow or fail; both
-are refused.
+A preset is a file of config/, which is installed as share/impact_damper_ros/config.
 """
 
 from __future__ import annotations
@@ -12,10 +10,9 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from itertools import islice
-from operator import itemgetter
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -63,9 +60,8 @@ def preset_file(path: Path) -> Path:
     return presets().get(str(path), path)
 
 
+#: Longest file that is read, bytes: the presets have 3,000.
 MOST_BYTES = 1_000_000
-MOST_ENTRIES = 20_000
-MOST_LEVELS = 16
 
 #: In C where PyYAML was built with it, which is thirty times as fast.
 _Base: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
@@ -82,6 +78,11 @@ class Block(dict[Any, Any]):
         """Begin empty."""
         super().__init__()
         self.lines: dict[Any, int] = {}
+
+    def add(self, other: Block) -> None:
+        """Add what another one has, in place of what is here by the same name."""
+        self.update(other)
+        self.lines.update(other.lines)
 
 
 class _Loader(_Base):  # type: ignore[misc]
@@ -141,53 +142,18 @@ def _line(node: Any) -> int:
     return int(node.start_mark.line) + 1
 
 
-def _check(text: str) -> None:
-    """Check size, depth and aliases of a text before it is loaded."""
-    entries = depth = 0
-    for event in yaml.parse(text, Loader=_Loader):
-        entries += isinstance(event, yaml.NodeEvent)
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        anchor = getattr(event, 'anchor', None)
-        if anchor is not None:
-            sign = '*' if isinstance(event, yaml.AliasEvent) else '&'
-            fault = (
-                f'{named(sign + anchor)} is an anchor or alias, which ROS does not read: '
-                'write the value out'
-            )
-        elif entries > MOST_ENTRIES:
-            fault = (
-                f'there are more than {MOST_ENTRIES} names and values: give a file with the '
-                'parameters alone'
-            )
-        elif depth > MOST_LEVELS:
-            fault = f'is nested more than {MOST_LEVELS} deep: write fewer levels'
-        else:
-            continue
-        raise YamlError(f'line {_line(event)}: {fault}')
-
-
-def guarded_yaml(path: Path) -> Any:
-    """Read a YAML file."""
-    with path.open('rb') as stream:
-        data = stream.read(MOST_BYTES + 1)
-    if len(data) > MOST_BYTES:
+def _loaded(text: str | bytes) -> list[Any]:
+    """Return the documents of a YAML text."""
+    try:
+        return list(yaml.load_all(text, Loader=_Loader))
+    except RecursionError:
+        raise YamlError('is nested too deep: write fewer levels') from None
+    except yaml.reader.ReaderError as error:
+        before = text[: error.position]
+        line = before.count(b'\n' if isinstance(before, bytes) else '\n') + 1
         raise YamlError(
-            f'is longer than {MOST_BYTES // 10**6} MB, the most that is read: give a file with '
-            'the parameters alone'
-        )
-    try:
-        return guarded_yaml_text(data.decode('utf-8'))
-    except UnicodeDecodeError as error:
-        line = data.count(b'\n', 0, error.start) + 1
-        raise YamlError(f'line {line}: cannot be read as UTF-8 text: save it as such') from None
-
-
-def guarded_yaml_text(text: str) -> Any:
-    """Read a YAML text as `guarded_yaml` reads a file."""
-    try:
-        _check(text)
-        return yaml.load(text, Loader=_Loader)
+            f'line {line}: cannot be read as text ({error.reason}): save it as UTF-8'
+        ) from None
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None) or getattr(error, 'context_mark', None)
         place = '' if mark is None else f'line {mark.line + 1}: '
@@ -195,8 +161,33 @@ def guarded_yaml_text(text: str) -> Any:
         raise YamlError(f'{place}is not YAML: {problem}') from None
 
 
+def read_yaml(path: Path) -> list[Any]:
+    """Return the documents of a YAML file, which is in UTF-8 or UTF-16."""
+    with path.open('rb') as stream:
+        data = stream.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise YamlError(
+            f'is longer than {MOST_BYTES // 10**6} MB, the most that is read: give a file with '
+            'the parameters alone'
+        )
+    return _loaded(data)
+
+
+def yaml_value(text: str) -> Any:
+    """Return a value that is typed as in a parameters file."""
+    values = _loaded(text)
+    if len(values) > 1:
+        raise YamlError('has more than one value: give one')
+    return values[0] if values else None
+
+
 # Parameters that ROS itself gives every node
 _ROS_NAMES = ('use_sim_time', 'start_type_description_service')
+#: Most nodes that are looked for in a file.
+_MOST_NODES = 10_000
+#: Name of the node of a rig, unless it is remapped.
+_RIG = 'sim_node'
+_HEAD = 'start the file with "/**:" and, indented below it, "ros__parameters:"'
 
 
 class ParametersFileError(ValueError):
@@ -214,6 +205,18 @@ def _flattened(tree: dict[Any, Any], above: str = '') -> Iterator[tuple[str, Any
             yield name, value
 
 
+def _entries(path: Path) -> list[tuple[str, Any]]:
+    """Return the names of nodes in all documents of a file, with what stands below each."""
+    try:
+        trees = [tree for tree in read_yaml(path) if isinstance(tree, dict)]
+        found = [entry for tree in trees for entry in islice(_flattened(tree), _MOST_NODES)]
+    except RecursionError:
+        raise YamlError('is nested too deep: write fewer levels') from None
+    if not found:
+        raise ParametersFileError(f'holds no parameters: {_HEAD}')
+    return found
+
+
 def _is_of(key: str, node: str) -> bool:
     """Return whether an entry applies to a node: /* is one part of its name, /** any number."""
     # As in rclpy. Other characters of a name are letters, digits and _.
@@ -222,55 +225,76 @@ def _is_of(key: str, node: str) -> bool:
     return re.fullmatch(''.join(wild.get(p) or re.escape(p) for p in parts), node) is not None
 
 
-def _parameter_blocks(tree: Block, node: str) -> Block:
-    """
-    Merge the blocks that apply to the node; later ones take precedence.
+def _rig_of(key: str) -> str | None:
+    """Return the name of a `sim_node` to which an entry applies; None if there is none."""
+    *above, last = key.strip('/').split('/')
+    if last not in ('sim_node', '*', '**'):
+        return None
+    parts = ['rig' if part == '*' else part for part in above if part != '**']
+    parts = ['rig' if part == '*' else part for part in above if part != '**']
+    return '/'.join(['', *parts, _RIG])
 
-    ROS takes them in the order of the file. Without a name of the node, the blocks of any sim_node
-    apply, the more specific ones last.
-    """
-    blocks: list[tuple[bool, Block]] = []
-    for key, value in _flattened(tree):
-        last = key.rstrip('/').rsplit('/', 1)[-1]
-        if node:
-            applies = _is_of(key, node)
-        else:
-            applies = key in ('/**', '/*', '/**/*', '**') or last in ('sim_node', '**', '*')
-        if not applies:
-            continue
-        if not isinstance(value, dict) or 'ros__parameters' not in value:
-            raise ParametersFileError(
-                f'{named(key)} has no ros__parameters: below it, write the line '
-                '"ros__parameters:" and the parameters below that'
-            )
-        block = value['ros__parameters'] or Block()
-        if not isinstance(block, Block):
-            raise ParametersFileError(
-                f'ros__parameters of {named(key)} is not a list of "name: value" lines'
-            )
-        blocks.append((not node and last == 'sim_node', block))
-    if not blocks:
-        names = [*map(named, islice(tree, 8)), *(['...'] if len(tree) > 8 else [])]
+
+def _rig_among(keys: Collection[str]) -> str:
+    """Return the name of the one rig that a file describes."""
+    found = {rig: {k for k in keys if _is_of(k, rig)} for rig in map(_rig_of, keys) if rig}
+    if not found:
+        raise ParametersFileError(f'{_missing("sim_node", keys)}, or name one with --node')
+    rig = max(found, key=lambda name: len(found[name]))
+    others = [name for name, of_it in found.items() if not of_it <= found[rig]]
+    if others:
+        names = [*map(named, [rig, *others][:8]), *(['...'] if len(others) > 7 else [])]
         raise ParametersFileError(
-            f'no parameters for {named(node or "sim_node")} among {", ".join(names)}: '
-            'start the file with "/**:" and, indented below it, "ros__parameters:"'
+            f'describes several rigs, {", ".join(names)}: name one with --node'
         )
+    return rig
+
+
+def _missing(node: str, keys: Collection[str]) -> str:
+    names = [*map(named, islice(keys, 8)), *(['...'] if len(keys) > 8 else [])]
+    remedy = f'give one of these names, or {_HEAD}' if any(map(_rig_of, keys)) else _HEAD
+    return f'no parameters for {named(node)} among {", ".join(names)}: {remedy}'
+
+
+def _block(key: str, value: Any) -> Block:
+    """Return the parameters of an entry."""
+    if not isinstance(value, dict) or 'ros__parameters' not in value:
+        raise ParametersFileError(
+            f'{named(key)} has no ros__parameters: below it, write the line '
+            '"ros__parameters:" and the parameters below that'
+        )
+    block = value['ros__parameters'] or Block()
+    if not isinstance(block, Block):
+        raise ParametersFileError(
+            f'ros__parameters of {named(key)} is not a list of "name: value" lines'
+        )
+    return block
+
+
+def _merged(entries: Iterable[tuple[str, Any]], node: str) -> Block:
+    """
+    Return the parameters that entries give a node, as ROS does: of several the last one counts.
+
+    A name that stands there again adds to what is at its first place.
+    """
+    blocks: dict[str, Block] = {}
+    for key, value in entries:
+        if _is_of(key, node):
+            blocks.setdefault(key, Block()).add(_block(key, value))
     found = Block()
-    for _, block in sorted(blocks, key=itemgetter(0)):
-        found.update(block)
-        found.lines.update(block.lines)
+    for block in blocks.values():
+        found.add(block)
     return found
 
 
 def _values(path: Path, node: str) -> Block:
     """Return the values of known parameters that a file sets for a node."""
-    tree = guarded_yaml(path)
-    if not isinstance(tree, Block) or not tree:
-        raise ParametersFileError(
-            'holds no parameters: start the file with "/**:" and, indented below it, '
-            '"ros__parameters:"'
-        )
-    values = _parameter_blocks(tree, node)
+    entries = _entries(path)
+    keys = dict.fromkeys(key for key, _ in entries)
+    node = f'/{node.strip("/")}' if node else _rig_among(keys)
+    if not any(_is_of(key, node) for key in keys):
+        raise ParametersFileError(_missing(node, keys))
+    values = _merged(entries, node)
     allowed = [*ALL_SPECS, *_ROS_NAMES]
     for name in values:
         if str(name).split('.')[0] not in [*allowed, 'qos_overrides']:
@@ -282,21 +306,31 @@ def _values(path: Path, node: str) -> Block:
     return values
 
 
-def values_given(arguments: Sequence[str], node: str) -> dict[str, list[Any]]:
+def values_given(arguments: Sequence[str], node: str) -> tuple[dict[str, Any], list[str]]:
     """
-    Return the values that a command line gives each parameter of a node, in the order given.
-
-    Those in parameters files named there are among them.
+    Return the values that a command line and the files named there give a node.
 
     Parameters
     ----------
     arguments : sequence of str
-        With the options ``-p``, ``--param`` and ``--params-file`` after ``--ros-args``; what
-        cannot be read is left out.
+        With the options ``-p``, ``--param`` and ``--params-file`` after ``--ros-args``.
     node : str
         Full name of the node, such as ``/rig1/sim_node``.
+
+    Returns
+    -------
+    values : dict
+        The values by name, without those of a file that is a pipe: it can be read once only.
+    idle : list of str
+        Of each file that has no parameters for the node, what it has.
+
+    Raises
+    ------
+    ParametersFileError
+        If a file cannot be read, or there are files and none has parameters for the node.
     """
-    found: dict[str, list[Any]] = {}
+    entries: list[tuple[str, Any]] = []
+    files, idle = 0, []
     words, of_ros = iter(arguments), False
     for word in words:
         if word in ('--ros-args', '--'):
@@ -304,17 +338,27 @@ def values_given(arguments: Sequence[str], node: str) -> dict[str, list[Any]]:
         elif of_ros and word in ('-p', '--param'):
             left, _, text = next(words, '').partition(':=')
             owner, _, name = left.rpartition(':')
-            if not owner or _is_of(owner, node):
-                with suppress(ValueError):
-                    value = guarded_yaml_text(text)
-                    found.setdefault(name, []).append(value)
+            with suppress(ValueError):
+                given = Block()
+                given[name] = yaml_value(text)
+                entries.append((owner or '/**', {'ros__parameters': given}))
         elif of_ros and word == '--params-file':
-            with suppress(ValueError, OSError):
-                tree = guarded_yaml(Path(next(words, '')))
-                if isinstance(tree, Block):
-                    for name, value in _parameter_blocks(tree, node).items():
-                        found.setdefault(str(name), []).append(value)
-    return found
+            path = Path(next(words, ''))
+            files += 1
+            if not path.is_file():
+                continue
+            try:
+                of_file = _entries(path)
+                if not any(_is_of(key, node) for key, _ in of_file):
+                    idle.append(f'{path}: {_missing(node, dict.fromkeys(k for k, _ in of_file))}')
+                entries += of_file
+            except ParametersFileError as error:
+                idle.append(f'{path}: {error}')
+            except YamlError as error:
+                raise ParametersFileError(f'{path}: {error}') from None
+    if files and len(idle) == files:
+        raise ParametersFileError(idle[0])
+    return _merged(entries, node), idle
 
 
 def load_parameters(
@@ -330,7 +374,7 @@ def load_parameters(
         preset, such as ``bench_rig``, if there is no such file.
     node : str, optional
         Full name of a node, such as ``/rig1/sim_node``: only the entries that ROS applies to it
-        are read. Without it, those of any `sim_node`.
+        are read. Without it, those of the one `sim_node` that the file describes.
 
     Returns
     -------
@@ -344,7 +388,8 @@ def load_parameters(
     Raises
     ------
     ParametersFileError
-        If the file cannot be read, is not such a file, or names an unknown parameter.
+        If the file cannot be read, is not such a file, describes several rigs, or names an
+        unknown parameter.
     ParameterError
         If a value is not admissible.
     """

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import re
+import reprlib
+from typing import Any
 
 _LONGEST = 80
 _LONGEST_LINE = 2000
@@ -11,6 +13,22 @@ _LONGEST_WORD = 300
 _LONG_WORD = re.compile(rf'\S{{{_LONGEST_WORD + 1},}}')
 # Control characters but newline and tab; those that turn the direction of writing; halves of pairs
 _UNPRINTABLE = re.compile('[\0-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]')
+
+
+class _Short(reprlib.Repr):
+    """A part of lists and mappings, which may hold one another many times over."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlist = self.maxtuple = self.maxset = self.maxdict = 20
+        self.maxstring = self.maxother = self.maxlong = _LONGEST
+        self.maxlevel = 3
+
+    def repr1(self, x: Any, level: int) -> str:
+        return self.repr_dict(x, level) if isinstance(x, dict) else super().repr1(x, level)
+
+
+_SHORT = _Short()
 
 
 def printable(text: str) -> str:
@@ -32,7 +50,7 @@ def as_message(text: str) -> str:
     Examples
     --------
     >>> as_message(f'no file {1000 * "x"}').count('x')
-    225
+    226
     """
     return printable(_LONG_WORD.sub(lambda match: named(match[0], _LONGEST_WORD), text))
 
@@ -65,7 +83,7 @@ def shown(value: object, longest: int = _LONGEST) -> str:
         text, count = repr(value[: 4 * longest] + value[-4 * longest :]), len(value) + 2
     else:
         try:
-            text = repr(value)
+            text = (_SHORT.repr if isinstance(value, list | tuple | dict) else repr)(value)
         except ValueError:
             text = f'{type(value).__name__} of too many digits'
         count = len(text)

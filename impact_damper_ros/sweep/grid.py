@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 import impact_damper_ros
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
-from impact_damper_ros.parameters.parameters_file import YamlError, guarded_yaml
+from impact_damper_ros.parameters.parameters_file import YamlError, read_yaml
 from impact_damper_ros.parameters.quoting import named, shown
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
@@ -485,7 +485,7 @@ def _range_from_entry(name: str, entry: Any) -> tuple[str, list[float]]:
 def ranges_from_file(path: Path) -> list[tuple[str, list[float]]]:
     """Read the axes of a file of ranges, in YAML."""
     try:
-        content: Any = guarded_yaml(path)
+        (content,) = read_yaml(path) or [None]
     except OSError as error:
         reason = error.strerror or error
         raise GridError(f'{path}: cannot be read ({reason}): give a YAML file') from error

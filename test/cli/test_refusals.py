@@ -185,7 +185,7 @@ def test_a_place_that_cannot_be_written(command, words, capsys):
     """Found out first: each has something else to complain of, once the work has begun."""
     assert run(command, [*GIVEN[command].split(), *words.split(), 'm.csv/place.png']) == 1
     said = capsys.readouterr()
-    assert 'cannot write m.csv/place.png: Not a directory: a part of the path is a' in said.err
+    assert 'cannot write m.csv/place.png: a part of the path is a file' in said.err
     assert (said.out, said.err.count('\n')) == ('', 1)
 
 

@@ -84,7 +84,7 @@ class SimProcess:
         Given as `-r from:=to`.
     code : str, optional
         A program to run instead of the module.
-    parameters_file : Path, optional
+    parameters_file : Path or list of Path, optional
         Given as `--params-file`.
     **parameters : object
         Given as `-p name:=value`.
@@ -95,8 +95,9 @@ class SimProcess:
         arguments = ['--ros-args']
         for remap in remaps:
             arguments += ['-r', remap]
-        if parameters_file:
-            arguments += ['--params-file', str(parameters_file)]
+        files = parameters_file if isinstance(parameters_file, list) else [parameters_file]
+        for file in filter(None, files):
+            arguments += ['--params-file', str(file)]
         for name, value in parameters.items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             arguments += ['-p', f'{name}:={text}']

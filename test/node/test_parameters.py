@@ -8,7 +8,7 @@ from rcl_interfaces.msg import Parameter, ParameterValue
 
 from impact_damper_ros import load_parameters
 from impact_damper_ros.cli.simulate_rig import main
-from impact_damper_ros.node.parameters import descriptor, last_given
+from impact_damper_ros.node.parameters import descriptor
 from impact_damper_ros.parameters.parameters_file import values_given
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 from node.rig_client import until
@@ -24,6 +24,7 @@ def test_every_parameter_is_declared_and_described(rig):
     ('name', 'given', 'stored'),
     [
         ('gap', '5e-3', 0.005),
+        ('gap', '12 mm', 0.012),
         ('force_amplitudes', [7], [7.0]),
         ('multisine_lines', 37.0, 37),
         ('sweep_mode', False, 'off'),
@@ -102,15 +103,57 @@ def test_the_last_value_counts_whatever_its_type(launch, tmp_path):
     second.write_text('/**/sim_node: {ros__parameters: {friction: 1}}')
     words = ('--ros-args', '--params-file', str(first), '--params-file', str(second))
     words += ('-p', 'gap:=2.5', '-p', 'other:gap:=7', '-p', 'force_amplitudes:=[0.5]')
-    given = values_given(['sim_node', *words, '--', '-p', 'gap:=8'], '/rig/sim_node')
-    assert given == {'gap': [1, 2.5], 'friction': [0.5, 1], 'force_amplitudes': [[2], [0.5]]}
-    of_rcl = {'gap': 1, 'friction': 1, 'force_amplitudes': [2], 'angle': 0.1}
-    meant = {'gap': 2.5, 'friction': 1, 'force_amplitudes': [0.5], 'angle': 0.1}
-    assert last_given(of_rcl, given) == meant
-    assert values_given(['--ros-args', '-p', 'gap:=[', '--params-file', 'none'], '/a') == {}
+    given, idle = values_given(['sim_node', *words, '--', '-p', 'gap:=8'], '/rig/sim_node')
+    assert given == {'gap': 2.5, 'friction': 1, 'force_amplitudes': [0.5]}
+    assert not idle
+    assert values_given(['--ros-args', '-p', 'gap:=['], '/a') == ({}, [])
     process = launch(parameters_file=first, gap='0.o12')
     assert process.wait() == 1
-    assert "cannot start: gap is '0.o12': give a number" in process.output
+    assert "cannot start: gap is '0.o12': 'o12' is no unit of it" in process.output
+
+
+#: Files, the names of whose entries are not that of the node.
+FOR_OTHERS = {
+    'two.yaml': (
+        '/rig1/sim_node: {ros__parameters: {gap: 1.0}}\n'
+        '/rig2: {sim_node: {ros__parameters: {gap: 2.0}}}'
+    ),
+    'camera.yaml': 'camera: {ros__parameters: {gap: 1.0}}',
+    'empty.yaml': '',
+}
+
+
+def test_a_file_without_parameters_for_the_node(launch, tmp_path):
+    """The node once started the default rig without a word."""
+    paths = {name: tmp_path / name for name in FOR_OTHERS}
+    for name, path in paths.items():
+        path.write_text(FOR_OTHERS[name])
+    ended = {name: launch(parameters_file=path) for name, path in paths.items()}
+    for name, process in ended.items():
+        assert process.wait() == 1
+        (line,) = [text for text in process.output.splitlines() if 'cannot start' in text]
+        assert str(paths[name]) in line
+        assert 'start the file with "/**:"' in line
+    assert 'no parameters for /sim_node among /rig1/sim_node, /rig2/sim_node: give one of' in (
+        ended['two.yaml'].output
+    )
+    assert 'holds no parameters' in ended['empty.yaml'].output
+    files = [paths['camera.yaml'], paths['two.yaml']]
+    process = launch('__ns:=/rig2', parameters_file=files)
+    until(lambda: 'runs in real time' in process.output, lambda: process.output)
+    assert 'gap 2 m' in process.output
+    assert 'no parameters for /rig2/sim_node among camera' in process.output
+    assert process.stop() == 0
+
+
+def test_units_at_the_start(launch, tmp_path):
+    path = tmp_path / 'rig.yaml'
+    path.write_text(HEAD + '    gap: 12mm\n    angle: 10 deg\n')
+    process = launch(parameters_file=path, force_frequencies='5 Hz')
+    until(lambda: 'runs in real time' in process.output, lambda: process.output)
+    assert '5.00 Hz (31.42 rad/s)' in process.output
+    assert 'gap 0.012 m; inclined by 10°' in process.output
+    assert process.stop() == 0
 
 
 def test_commands_take_a_parameters_file_with_all_that_the_node_has(rig, tmp_path):

@@ -272,15 +272,18 @@ ENTRIES = {
     'nested with a slash': '/rig2/:\n  sim_node: {gap: 3.0}',
     'one part': '/*/sim_node: {damping: 0.5}\n/rig2/*: {angle: 0.5}\n/*: {gap: 6.0}',
     'any parts': '/**/sim_node: {gap: 0.5}\n/a/**: {gap: 7.0}\n/*/*: {friction: 0.3}',
+    'any, then one': '/**: {gap: 1.0}\n/sim_node: {gap: 2.0}\n---\n/**: {gap: 3.0}',
+    'one, then any': '/sim_node: {gap: 2.0}\n---\n/**: {gap: 3.0}',
 }
 NAMESPACES = ('', '/rig1', '/rig2', '/a/b')
 
 
+@pytest.mark.parametrize('encoding', ['utf-8', 'utf-16'])
 @pytest.mark.parametrize('entries', ENTRIES.values(), ids=ENTRIES)
-def test_the_rig_of_a_file_is_that_which_ros_gives_the_node(entries, tmp_path):
+def test_the_rig_of_a_file_is_that_which_ros_gives_the_node(entries, encoding, tmp_path):
     text = re.sub(r'\{(.+)\}', r'{ros__parameters: {\1}}', entries)
     path = tmp_path / 'rigs.yaml'
-    path.write_text(text, encoding='utf-8')
+    path.write_text(text, encoding=encoding)
     context = Context()
     context.init(['--ros-args', '--params-file', str(path)])
     try:

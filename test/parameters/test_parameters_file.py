@@ -1,5 +1,6 @@
 """Parameters files: what ROS takes is taken, what is faulty is refused in a line with a remedy."""
 
+import math
 import os
 import random
 import shutil
@@ -22,13 +23,7 @@ from impact_damper_ros import (
 )
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.cli.solve_periodic import main as solve_periodic
-from impact_damper_ros.cli.sweep_rig import main as sweep_rig
-from impact_damper_ros.parameters.parameters_file import (
-    MOST_BYTES,
-    YamlError,
-    guarded_yaml,
-    presets,
-)
+from impact_damper_ros.parameters.parameters_file import MOST_BYTES, YamlError, presets, read_yaml
 from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,
     GAP_CONTROL_SPECS,
@@ -40,6 +35,9 @@ ROOT = Path(impact_damper_ros.__file__).parents[1]
 HEAD = '/**:\n  ros__parameters:\n'
 BOMB = 'a0: &a0 [1]\n' + ''.join(
     f'a{k}: &a{k} [{", ".join([f"*a{k - 1}"] * 9)}]\n' for k in range(1, 40)
+)
+BOMB_OF_NODES = 'a0: &a0 {b: {c: 1}}\n' + ''.join(
+    f'a{k}: &a{k} {{{", ".join(f"n{j}: *a{k - 1}" for j in range(9))}}}\n' for k in range(1, 40)
 )
 
 
@@ -80,13 +78,50 @@ def test_numbers(tmp_path, number):
     assert load_parameters(written(tmp_path, f'{HEAD}    damping: {number}\n'))[0].damping == 1e-3
 
 
-def test_node_wins_over_wildcard(tmp_path):
-    text = (
-        'sim_node:\n  ros__parameters:\n    gap: 30.0\n'
-        '/**:\n  ros__parameters:\n    gap: 20.0\n    friction: 0.5\n'
-    )
-    rig, _, _ = load_parameters(written(tmp_path, text))
-    assert (rig.gap, rig.friction) == (30.0, 0.5)
+SIM_NODE = 'sim_node:\n  ros__parameters:\n    gap: 30.0\n'
+
+
+@pytest.mark.parametrize(
+    ('text', 'gap'),
+    [
+        (SIM_NODE + HEAD + '    gap: 20.0\n', 20.0),
+        (HEAD + '    gap: 20.0\n' + SIM_NODE, 30.0),
+        (HEAD + '    gap: 20.0\n' + SIM_NODE + '---\n' + HEAD + '    gap: 25.0\n', 30.0),
+        (SIM_NODE + '---\n# no more\n---\n' + HEAD + '    gap: 25.0\n', 25.0),
+        ('/rig1/**: {ros__parameters: {gap: 1.0}}\n' + HEAD + '    friction: 0.5\n', 1.0),
+    ],
+)
+def test_the_last_block_counts(tmp_path, text, gap):
+    """As for the node; test/node/test_rig_parameters.py compares this with rclpy."""
+    for encoding in ('utf-8', 'utf-8-sig', 'utf-16'):
+        assert load_parameters(written(tmp_path, text.encode(encoding)))[0].gap == gap
+
+
+RIG_2 = '/rig2/sim_node: {ros__parameters: {gap: 2.0}}\n'
+TWO_RIGS = f'/rig1/sim_node: {{ros__parameters: {{gap: 1.0}}}}\n{RIG_2}'
+
+
+@pytest.mark.parametrize(
+    ('text', 'names'),
+    [
+        (TWO_RIGS, ['/rig1/sim_node', '/rig2/sim_node']),
+        (HEAD + '    angle: 0.1\n' + TWO_RIGS, ['/rig1/sim_node', '/rig2/sim_node']),
+        (TWO_RIGS.replace('/sim_node', '/**'), ['/rig1/sim_node', '/rig2/sim_node']),
+        (
+            SIM_NODE + '/rig2: {sim_node: {ros__parameters: {gap: 2.0}}}',
+            ['/sim_node', '/rig2/sim_node'],
+        ),
+    ],
+)
+def test_a_file_of_two_rigs(tmp_path, capsys, text, names):
+    path = written(tmp_path, text)
+    words = [str(path), '--duration', '0.1', '--set', 'gravity=0']
+    assert simulate_rig(words) == 2
+    refusal = f'{path}: describes several rigs, {", ".join(names)}: name one with --node'
+    assert capsys.readouterr().err == f'simulate_rig: {refusal}\n'
+    assert simulate_rig([*words, '--node', 'rig2/sim_node']) == 0
+    assert '; gap 2 m;' in capsys.readouterr().err
+    assert simulate_rig([*words, '--node', '/rig3/sim_node']) == (0 if HEAD in text else 2)
 
 
 def test_all_parameters_of_the_node_may_stand_there(tmp_path):
@@ -105,16 +140,16 @@ def test_all_parameters_of_the_node_may_stand_there(tmp_path):
 NO_NAMES = 'no parameters for sim_node among '
 #: Contents of files, and a part of what is said of them.
 REFUSED = {
-    'alias bomb': (BOMB, 'line 1: &a0 is an anchor or alias, which ROS does not read'),
-    'itself': ('&a {/**: *a}', 'line 1: &a is an anchor or alias'),
-    'alias alone': (HEAD + '    gap: *a\n', 'line 3: *a is an anchor or alias'),
+    'alias bomb': (BOMB, NO_NAMES + 'a0, a1, a2'),
+    'alias bomb of nodes': (BOMB_OF_NODES, NO_NAMES + 'a0/b, a1/n0/b'),
+    'alias bomb of a value': (f'{HEAD}    gap: [&a [1], &b [*a, *a], [*b, *b]]\n', 'gap is [[1]'),
+    'itself': ('&a {/**: *a}', ('nested too deep', 'recursive node')),
+    'alias of nothing': (HEAD + '    gap: *a\n', 'line 3: is not YAML: found undefined alias'),
     'merge': (HEAD + '    <<: {gap: 1.0}\n', 'line 3: unknown parameter <<: remove it'),
-    # Some versions of libyaml say so first.
-    'deep': ('/**: ' + '[' * 100_000, ('line 1: is nested more than 16 deep', 'nesting depth')),
-    'deep names': ('\n'.join(f'{" " * k}k:' for k in range(950)), 'line 17: is nested more than'),
+    'deep': ('/**: ' + '[' * 100_000, ('nested too deep', 'nesting depth', 'flow level')),
+    'deep names': ('\n'.join(f'{" " * k}k:' for k in range(1300)), ('too deep', 'nesting depth')),
     'tag': (HEAD + '    one_sided: !!bool abc\n', "line 3: 'abc' is no value of the kind bool"),
     'tag of an object': (HEAD + '    gap: !!python/object:os.system x\n', 'line 3: is not YAML'),
-    'date': (HEAD + '    gap: 2026-13-45\n', "line 3: gap is '2026-13-45': give a number"),
     'digits': (HEAD + f'    gap: {"9" * 5000}\n', 'is no value of the kind int'),
     'list for a name': (HEAD + '    ? [a]\n    : 1\n', 'line 3: a list or mapping stands in'),
     'twice': (
@@ -122,29 +157,19 @@ REFUSED = {
         "line 5: 'gap' stands there twice, first in line 3: keep one of them",
     ),
     'node twice': (HEAD + '    gap: 3.0\n' + HEAD, "line 4: '/**' stands there twice"),
-    'two documents': (HEAD + '    gap: 3.0\n---\n' + HEAD, 'is not YAML: but found another doc'),
     'comments': ('# no\n' * 4_000_000, 'is longer than 1 MB'),
-    'names': (HEAD + ''.join(f'    p{k}: {k}\n' for k in range(50_000)), 'more than 20000 names'),
-    'entries': (HEAD + f'    gap: [{", ".join(["1.0"] * 100_000)}]\n', 'more than 20000 names'),
     'escape': (HEAD + '    "\\e[2Jgab": 1.0\n', r'line 3: unknown parameter \x1b[2Jgab'),
-    'control character': (HEAD + '    gap: \x1b[2J\n', 'is not YAML'),
-    'no text': (b'a: b\n\xe9: 1\n', 'line 2: cannot be read as UTF-8 text'),
-    'zeros': (b'\x00\x93MCAP', 'cannot be read'),
+    'no text': (b'a: b\n\xe9: 1\n', 'line 2: cannot be read as text'),
+    'zeros': (b'\x00\x93MCAP', 'cannot be read as text'),
     'long name': (HEAD + f'    {"g" * 900}: 1.0\n', 'characters'),
-    'long value': (HEAD + f'    gap: {"g" * 100_000}\n', 'gap is'),
     'value': (HEAD + '    gap: 3.0\n\n    angle: 45\n', 'line 5: angle is 45.0 rad: give'),
-    'nothing': ('', 'holds no parameters'),
-    'a remark': ('# nothing\n', 'holds no parameters'),
+    'unit': (HEAD + '    gap: 3 km\n', "line 3: gap is '3 km': 'km' is no unit of it: write m"),
+    'nothing': ('', 'holds no parameters: start the file with "/**:"'),
     'a list': ('[1, 2]', 'holds no parameters'),
-    'a text': ('just text', 'holds no parameters'),
     'colon': (HEAD + '    gap: 3.0: 4\n', 'line 3: is not YAML: mapping values are not allowed'),
-    'brackets': ('{: [', 'is not YAML'),
-    'tab': ('\tgap: 3', 'is not YAML'),
     'no node': ('gap: 3.0\n', NO_NAMES + 'gap: start the file with "/**:"'),
-    'a number for a node': ('1: 2\n', NO_NAMES + '1'),
-    'another node': ('camera:\n  ros__parameters:\n    gap: 3\n', NO_NAMES + 'camera'),
+    'another node': ('camera:\n  ros__parameters:\n    gap: 3\n', 'or name one with --node'),
     'no block': ('/**:\n  gap: 3.0\n', '/** has no ros__parameters'),
-    'a number for a block': ('/**: 3\n', '/** has no ros__parameters'),
     'a list for a block': (
         '/**:\n  ros__parameters: [gap, 3]\n',
         'is not a list of "name: value"',
@@ -154,9 +179,8 @@ REFUSED = {
     **{
         line: (f'{HEAD}    {line}\n', f'line 3: {line.partition(":")[0]} ')
         for line in (
-            *('gap: -3', 'gap: .nan', 'gap: .inf', 'gap: "37"', 'gap: [1.0]', 'gap:'),
-            *('gap: 1:30', 'gap: 190:20:30.5', 'one_sided: 1', 'force_phases: [0, 1]'),
-            *('damping: 3', 'initial_damper_offset: 20'),
+            *('gap: -3', 'gap:', 'gap: 1:30', 'gap: 2026-13-45', 'force_phases: [0, 1]'),
+            'initial_damper_offset: 20',
         )
     },
 }
@@ -182,17 +206,19 @@ def test_missing_file_and_directory(tmp_path):
         load_parameters(str(tmp_path))
 
 
-@pytest.mark.parametrize('command', [simulate_rig, sweep_rig])
-def test_other_commands_refuse_them_too(command, tmp_path, capsys):
-    path = written(tmp_path, BOMB)
-    words = ['--duration', '1'] if command is simulate_rig else ['-o', 'a.csv', '--vary', 'gap=1']
-    assert command([str(path), *words]) == 2
-    assert 'line 1: &a0 is an anchor' in capsys.readouterr().err
-    assert sweep_rig(['paper', '--ranges', str(path), '-o', str(tmp_path / 'a.csv')]) == 2
-    assert 'line 1: &a0 is an anchor' in capsys.readouterr().err
+def test_units(tmp_path):
+    text = '    gap: 12mm\n    force_amplitudes: [500 mN, 1]\n    force_frequencies: [4, 5 Hz]\n'
+    rig, _, other = load_parameters(
+        written(tmp_path, f'{HEAD}{text}    force_phases: "[0; 10 deg]"\n    state_rate: 1 kHz\n')
+    )
+    assert (rig.gap, rig.force_amplitudes) == (0.012, (0.5, 1.0))
+    assert rig.force_frequencies == pytest.approx((8 * math.pi, 10 * math.pi))
+    assert rig.force_phases == pytest.approx((0.0, math.pi / 18))
+    assert other == {'state_rate': '1 kHz'}
+    assert RigParameters(gap='12 mm', force_frequencies='5 Hz', angle='10°').gap == 0.012
 
 
-@pytest.mark.parametrize('text', ['!!bool abc', '&a [*a]', '[' * 1000, '{a: 1, a: 2}'])
+@pytest.mark.parametrize('text', ['!!bool abc', '[' * 2000, '{a: 1, a: 2}', '1\n---\n2'])
 def test_values_of_set_that_no_file_could_have(text, capsys):
     assert solve_periodic(['paper', '--impacts', '2', '--set', f'gap={text}']) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -202,14 +228,11 @@ def test_values_of_set_that_no_file_could_have(text, capsys):
 
 def test_at_the_limits(tmp_path):
     """What is just allowed is taken; so is a pipe."""
-    others = 'other:\n  ros__parameters:\n' + ''.join(f'    p{k}: {k}\n' for k in range(9994))
-    text = HEAD + '    gap: 3.0\n' + others
+    text = HEAD + '    gap: 3.0\n'
     path = written(tmp_path, text + '#' * (MOST_BYTES - len(text)))
     assert load_parameters(path)[0].gap == 3.0
     with pytest.raises(YamlError, match='longer than 1 MB'):
-        guarded_yaml(written(tmp_path, path.read_text() + '#'))
-    with pytest.raises(YamlError, match='more than 20000 names'):
-        guarded_yaml(written(tmp_path, text + '    one_more: 1\n'))
+        read_yaml(written(tmp_path, path.read_text() + '#'))
     reading, writing = os.pipe()
     os.write(writing, f'{HEAD}    gap: 3.5\n'.encode())
     os.close(writing)

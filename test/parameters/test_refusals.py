@@ -71,7 +71,7 @@ REFUSED = [
     ),
     *(
         rig('multisine_lines', 'whole number from 1 to', multisine_lines=value)
-        for value in (37.5, [37], '37')
+        for value in (37.5, [37], 'some')
     ),
     *(
         rig('sweep_mode', 'one of off, up, down, up_down', sweep_mode=value)
