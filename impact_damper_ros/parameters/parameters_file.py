@@ -150,9 +150,9 @@ def _loaded(text: str | bytes) -> list[Any]:
         raise YamlError('is nested too deep: write fewer levels') from None
     except yaml.reader.ReaderError as error:
         before = text[: error.position]
-        line = before.count(b'\n' if isinstance(before, bytes) else '\n') + 1
+        lines = before.count('\n') if isinstance(before, str) else before.count(b'\n')
         raise YamlError(
-            f'line {line}: cannot be read as text ({error.reason}): save it as UTF-8'
+            f'line {lines + 1}: cannot be read as text ({error.reason}): save it as UTF-8'
         ) from None
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None) or getattr(error, 'context_mark', None)
