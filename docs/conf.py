@@ -1,5 +1,6 @@
 """Settings of Sphinx for the documentation: `make docs`, or rosdoc2."""
 
+import ast
 import os
 import re
 import sys
@@ -29,6 +30,7 @@ release = version = __version__
 extensions = [
     'myst_parser',
     'sphinx.ext.autodoc',
+    'sphinx.ext.autosummary',
     'sphinx.ext.napoleon',
     'sphinx.ext.viewcode',
     'sphinx-mathjax-offline',
@@ -53,6 +55,8 @@ autodoc_typehints = 'none'
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
+# The name of a field may be that of several classes.
+suppress_warnings = ['ref.python']
 python_use_unqualified_type_names = True
 add_module_names = False
 default_role = 'code'
@@ -103,6 +107,22 @@ def _insert_help(_app: Any, _name: str, source: list[str]) -> None:
     source[0] = re.sub(r'^\{help\} (\w+)$', _help, source[0], flags=re.MULTILINE)
 
 
+def _insert_glossary(_app: Any, name: str, source: list[str]) -> None:
+    """Put the words of the page in the browser, with their sentences, in place of `{glossary}`."""
+    if name != 'reference/glossary':
+        return
+    path = ROOT / 'impact_damper_ros' / 'page' / 'static' / 'glossary.js'
+    # The object is a Python literal, too.
+    literal = re.search(r'TERMS = (\{.*?\n\});', path.read_text(encoding='utf-8'), re.DOTALL)
+    terms = ast.literal_eval(literal[1]).values()
+    lines = []
+    for term, sentence in sorted(terms, key=lambda one: one[0].lower()):
+        # 'gap d' is found as 'gap', too.
+        names = [term, *re.findall(r'^(.*[a-z]) [^\W\d_]$', term)]
+        lines += [*names, f'  {sentence}', '']
+    source[0] = source[0].replace('{glossary}\n', '\n'.join(['```{glossary}', *lines, '```', '']))
+
+
 SEARCH_WORDS = yaml.safe_load((ROOT / 'docs' / 'search_words.yaml').read_text(encoding='utf-8'))
 
 
@@ -136,7 +156,10 @@ def _check_targets(app: Any, exception: Exception | None) -> None:
     if exception or app.builder.name != 'html':
         return
     logger = logging.getLogger(__name__)
-    pages = {path: _Page(path) for path in Path(app.outdir).rglob('*.html')}
+    place = Path(app.outdir)
+    # Pages of an earlier build may lie beside these.
+    names = [f'{name}.html' for name in sorted(app.env.found_docs)]
+    pages = {place / name: _Page(place / name) for name in names}
     for path, page in pages.items():
         for target in sorted(page.targets):
             address = urlsplit(target)
@@ -145,7 +168,7 @@ def _check_targets(app: Any, exception: Exception | None) -> None:
             found = (path.parent / unquote(address.path)).resolve() if address.path else path
             known = pages[found].anchors if found in pages else set()
             if not found.exists() or (found in pages and address.fragment not in {'', *known}):
-                logger.warning('%s: no target of %r', path.relative_to(app.outdir), target)
+                logger.warning('%s: no target of %r', path.relative_to(place), target)
 
 
 def setup(app: Any) -> None:
@@ -153,5 +176,6 @@ def setup(app: Any) -> None:
     app.connect('autodoc-process-docstring', _keep_bars)
     app.connect('autodoc-skip-member', _is_bare_field)
     app.connect('source-read', _insert_help)
+    app.connect('source-read', _insert_glossary)
     app.connect('source-read', _index)
     app.connect('build-finished', _check_targets)

@@ -37,6 +37,9 @@ SEARCHES = {
     'Windows': 'start/installation',
     'symbols': 'theory/notation',
     'best gap': 'tutorials/best_gap',
+    'verdict': 'reference/glossary',
+    'settled': 'reference/glossary',
+    'find_orbits': 'reference/python/orbits',
     'Lyapunov exponent': 'tutorials/chaos',
 }
 
@@ -97,6 +100,17 @@ def test_search_finds_the_page(site):
                 missed[words] = first
         browser.close()
     assert not missed
+
+
+def test_every_public_name_has_an_entry(site):
+    pages = [
+        path.read_text(encoding='utf-8') for path in (site.pages / 'reference/python').iterdir()
+    ]
+    # Types of rows are named in a sentence.
+    names = {*impact_damper_ros.__all__} - {'__version__', 'EVENT_TYPE', 'SAMPLE_TYPE'}
+    assert len(names) > 40
+    for name in names:
+        assert any(f'id="impact_damper_ros.{name}"' in text for text in pages), name
 
 
 def test_what_is_not_there_is_reported(site):

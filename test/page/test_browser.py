@@ -237,7 +237,7 @@ def test_a_gap_out_of_all_proportion_leaves_the_scales(opened, parameters):
 def test_the_best_gap_is_there_at_once_and_marked(opened, parameters):
     page = opened()
     value = """[...document.querySelectorAll('#numbers div')]
-        .find(one => one.textContent.startsWith('gap / optimum')).querySelector('dd')"""
+        .find(one => one.textContent.startsWith('gap / best gap')).querySelector('dd')"""
     # The change makes the curve of before worthless.
     assert parameters.set(gap=0.0233) == ''
     page.wait("document.querySelector('#knob-gap').value === '23.3'")
@@ -248,7 +248,7 @@ def test_the_best_gap_is_there_at_once_and_marked(opened, parameters):
     optimum = page.run('impactDamper.theory.curve.optimum.gap')
     shown = float(page.run(f'({value}).textContent'))
     assert shown == pytest.approx(0.0233 / optimum, abs=6e-3)
-    assert page.text('#curve-line').startswith('optimum ')
+    assert page.text('#curve-line').startswith('best gap ')
     assert '≈' not in page.text('#curve-line')
 
 

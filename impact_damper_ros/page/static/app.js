@@ -411,7 +411,7 @@ for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
     verdict.numbers(numbers, theory);
     const { gap: best, basis } = theory.best;
     const sign = basis === 'part' ? '≈\u202f' : basis && `${basis} `;
-    write(byId('curve-line'), best > 0 ? `optimum ${sign}${withUnit(best, 'm')}` : '');
+    write(byId('curve-line'), best > 0 ? `best gap ${sign}${withUnit(best, 'm')}` : '');
     write(byId('map-line'), theory.orbit?.label ?? '');
   });
 }
@@ -584,7 +584,7 @@ startTour({
   optimum: () => {
     const best = theory.curve?.optimum?.gap;
     if (best > 0) turn({ gap: Number(best.toPrecision(4)) });
-    else toast('No optimal gap is known for this rig.');
+    else toast('No best gap is known for this rig.');
   },
   control: (law) => {
     toured = true;

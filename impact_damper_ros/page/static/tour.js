@@ -16,7 +16,7 @@ export function startTour(act) {
     {
       at: '#traces',
       title: 'The motion',
-      text: 'X is M (blue), Z is m (orange); the grey lines are the stops, which ride on M. Dots are impacts. Look closer with a shorter window.',
+      text: 'X is M (blue), Z is m (orange); the grey lines are the stops, which ride on M. Squares are impacts on stop 1, dots those on stop 2. Look closer with a shorter window.',
       label: 'Show the last second',
       run: () => act.window(1),
     },
@@ -30,7 +30,7 @@ export function startTour(act) {
     {
       at: '#map',
       title: 'Regular or chaotic?',
-      text: 'Every impact is a dot: force phase across, speed of m up. A few dots are a periodic motion, closed curves a quasi-periodic one, a cloud a chaotic one.',
+      text: 'Every impact is a mark: force phase across, speed of m up. A few marks are a periodic motion, closed curves a quasi-periodic one, a cloud a chaotic one.',
       label: 'Narrow it again',
       run: () => act.widen(1 / 1.5),
     },
@@ -38,7 +38,7 @@ export function startTour(act) {
       at: '#curve',
       title: 'What theory says',
       text: 'Solid: stable periodic motions over the gap; dashed: unstable ones; dotted: ones that the rig cannot make. The dot is the rig. Click on the curve to set the gap. Multipliers within the unit circle mean stable.',
-      label: 'Go to the optimal gap',
+      label: 'Go to the best gap',
       run: () => act.optimum(),
     },
     {

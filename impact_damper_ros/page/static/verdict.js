@@ -11,7 +11,7 @@ const NUMBERS = [
   ['frequency_ratio', 'frequency-ratio', 'r = Ω/ω', (value) => digits(value, 4)],
   ['static_amplitude', 'amplitude', 'amplitude A', (value) => withUnit(value, 'm')],
   ['mass_ratio', 'mass-ratio', 'µ = m/M', (value) => digits(value, 3)],
-  ['gap_ratio', 'optimal-gap', 'gap / optimum', (value, { basis }) => about(digits(value, 3), basis)],
+  ['gap_ratio', 'best-gap', 'gap / best gap', (value, { basis }) => about(digits(value, 3), basis)],
   ['impacts_per_cycle', 'impacts-per-cycle', 'impacts / cycle', (value) => digits(value, 3)],
   ['energy_per_cycle', 'energy', 'energy / cycle', (value) => withUnit(value, 'J')],
 ];
