@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, get_args
@@ -35,15 +35,14 @@ from impact_damper_ros.sweep import (
     sweep,
 )
 from impact_damper_ros.sweep.execution import MOST_JOBS
-from impact_damper_ros.sweep.grid import Follow, ranges_from_file
-from impact_damper_ros.sweep.journal import journal_path
+from impact_damper_ros.sweep.grid import Follow
+from impact_damper_ros.sweep.part_file import part_path
 from impact_damper_ros.sweep.table import FORMATS, check_format
 
 from .command_line import (
     EXIT_FAILED,
     CommandError,
     add_json_option,
-    add_path_option,
     add_quiet_option,
     check_outputs,
     command_parser,
@@ -109,7 +108,6 @@ def _parser() -> argparse.ArgumentParser:
         help='a parameter and its values; may be repeated for further axes, the first of which is '
         'the one that --follow uses',
     )
-    add_path_option(options, '--ranges', 'the axes as "vary:" in a YAML file', 'FILE.yaml')
     add_set_option(options)
     add_law_option(options)
     add(
@@ -210,10 +208,7 @@ def _cores() -> int:
 def _grid(arguments: argparse.Namespace) -> Grid:
     parameters, initial, given = given_rig(arguments.params, arguments.set, arguments.node)
     law, control = given_law(arguments.law, given)
-    ranges = [
-        *([] if arguments.ranges is None else ranges_from_file(arguments.ranges)),
-        *(range_from_text(text) for text in arguments.vary),
-    ]
+    ranges = [range_from_text(text) for text in arguments.vary]
     axes: dict[str, Any] = dict(ranges)
     if len(axes) < len(ranges):
         names = [name for name, _ in ranges]
@@ -239,7 +234,7 @@ def _check_outputs(arguments: argparse.Namespace, grid: Grid) -> None:
         check_format(arguments.output)
     except ImportError as error:
         raise CommandError(str(error)) from error
-    check_outputs(arguments, arguments.params, arguments.ranges)
+    check_outputs(arguments, arguments.params)
     if arguments.figure and len(grid.axes) > 2:
         raise ValueError(
             f'a figure shows one axis or two, not {len(grid.axes)}: leave out --figure, and draw '
@@ -288,13 +283,20 @@ class _Progress:
     def __call__(self, done: int) -> None:
         """Show how many rigs are done."""
         if not self.done:
-            # Those of a journal have not been run now
+            # Those that were done before have not been run now
             self.bar.initial = self.bar.n = done
         if done > self.done:
             self.bar.update(done - self.bar.n)
             self.done, self._last = done, time.monotonic()
         elif time.monotonic() - self._last > _PATIENCE and not self._workers():
             raise WorkersError('all workers have disconnected')
+
+
+#: Loggers that would print tracebacks of a connection that ends while tasks are under way.
+_LOGGERS = (
+    *('distributed', 'distributed.client', 'tornado', 'tornado.application'),
+    *('asyncio', 'concurrent.futures'),
+)
 
 
 @contextmanager
@@ -320,9 +322,9 @@ def _cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
             'it starts, such as tcp://10.0.0.1:8786',
             EXIT_FAILED,
         ) from error
-    # This command reports a lost connection itself, in one line
-    for name in ('distributed.batched', 'distributed.client'):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    # This command reports a lost connection and an interruption itself, in one line
+    for name in _LOGGERS:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
     def workers() -> int:
         try:
@@ -345,12 +347,14 @@ def _cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
             'memory?'
         ) from error
     finally:
-        client.close(timeout=5)
+        # It may answer no more
+        with suppress(OSError):
+            client.close(timeout=5)
 
 
 def _swept(grid: Grid, arguments: argparse.Namespace) -> pd.DataFrame:
     """Run the rest of the sweep; return its table."""
-    journal = journal_path(arguments.output)
+    part = part_path(arguments.output)
     done = 0
     try:
         here: Any = nullcontext((None, lambda: 1))
@@ -368,16 +372,15 @@ def _swept(grid: Grid, arguments: argparse.Namespace) -> pd.DataFrame:
                 finally:
                     done = progress.done
     except (KeyboardInterrupt, WorkersError, OSError) as error:
-        if journal.exists():
+        if part.exists():
             say(
                 'sweep_rig',
-                f'{done} of {grid.size} rigs are in {journal}: give the same command again to '
-                'resume',
+                f'{done} of {grid.size} rigs are in {part}: give the same command again to resume',
             )
         if isinstance(error, WorkersError):
             raise CommandError(str(error), EXIT_FAILED) from error
         if isinstance(error, OSError):
-            error.filename = error.filename or str(journal)
+            error.filename = error.filename or str(part)
         raise
 
 

@@ -7,23 +7,21 @@ A `Grid` says which rigs, `sweep` runs them on any executor and returns a pandas
 `draw_sweep` draws all that.
 """
 
-from .best import Nearby, Optimum, find_optimum
+from .best import Edge, Optimum, find_optimum
 from .branches import branches_of
 from .execution import WorkersError, sweep
 from .figures import draw_sweep
 from .grid import Grid, GridError, range_from_text
-from .journal import JournalError
 from .steady_state import Settling
 from .summary import summary_of, summary_text
 from .table import MEASURES, MetadataError, read_table
 
 __all__ = [
     'MEASURES',
+    'Edge',
     'Grid',
     'GridError',
-    'JournalError',
     'MetadataError',
-    'Nearby',
     'Optimum',
     'Settling',
     'WorkersError',

@@ -1,26 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The best rig of a sweep: the best row, refined between the values of the grid.
-
-It often lies next to the end of its branch, and may have other motions besides. So the
-surroundings are searched, too: for edges beyond which the measure is far worse, and for other
-motions of the same rig.
-"""
+"""The best rig of a sweep: its best rows, refined between the values of the grid."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from .ensemble import rig_of_row
-from .execution import State, rig_row
+from impact_damper_ros.orbits.arguments import OrbitError
+from impact_damper_ros.orbits.branch import END, Branch
+from impact_damper_ros.orbits.continuation import follow
+
+from .branches import MOST_IMPACTS, orbit_of_row, path_along
+from .execution import rig_row
 from .grid import Axis, Grid
-from .journal import Row
+from .part_file import State
+from .steady_state import Row, rig_of_row
 from .table import check_measure, complete_table
 
 if TYPE_CHECKING:
@@ -28,41 +28,36 @@ if TYPE_CHECKING:
 
 #: Which value of a measure is best.
 Best = Literal['least', 'greatest']
+#: How the motion of the best rig was reached.
+ANEW, FOLLOWED = 'from the initial conditions', 'from the motion of a rig nearby'
 #: Steps of the grid at which the search ends, for motions that repeat and for those that do not,
 #: whose measures scatter; and relative changes of a measure that are none.
 _FINEST, _FINEST_SCATTERED, _FLAT = 1e-4, 1.0 / 32.0, 1e-6
 _MOST_TRIALS = 400
+#: Rows from which the search starts: so many at most, no worse than the best by this share.
+_MOST_STARTS, _NEAR = 3, 0.1
 #: Number of further runs for a measure that scatters.
 _REPETITIONS = 4
-#: Relative accuracy of the measures of a motion that repeats.
-_EXACT = 1e-9
-#: A rig is beyond an edge if its measure is worse by more than this share.
-_CLIFF = 0.5
-#: Measures that differ by more than this share belong to different motions.
-_OTHER = 0.05
-#: Distances at which edges are searched for, in steps of the grid and as a share of the value, and
-#: the bisections in between.
-_PROBES, _FAR, _BISECTIONS = (1e-3, 0.1, 1.0), 0.05, 6
 
 
 @dataclass(frozen=True)
-class Nearby:
-    """A different motion, of the best rig or of one next to it."""
+class Edge:
+    """
+    Where a motion is lost as one parameter varies.
 
-    values: tuple[float, ...]  # value of the rig on each axis
-    #: The axis along which it differs from the best rig; None if it is the best rig.
-    axis: int | None
-    start: str  # how the motion was reached, in words
-    measure: float
-    ratio: float  # of its measure over that of the best rig; infinite if that is 0
-    motion: str  # kind of motion
-    period: int | None  # its period in cycles of the force, if it repeats
-    stops: str | None  # stops hit in a period
+    Attributes
+    ----------
+    axis : int
+        Number of the axis.
+    value : float
+        The value up to which the motion is kept.
+    reason : str
+        What happens there.
+    """
 
-    @property
-    def kind(self) -> tuple[str, int | None, str | None]:
-        """Kind, period and stops of the motion."""
-        return self.motion, self.period, self.stops
+    axis: int
+    value: float
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -86,8 +81,13 @@ class Optimum:
     grid_measure : float
         Its measure.
     values, value : tuple of float, float
-        Values on the axes and measure after the search between the values of the grid; those of
-        the grid if there was no search or it found nothing better.
+        Values on the axes and measure of the best rig that was run; those of the grid if the
+        search found nothing better.
+    start : str
+        How its motion was reached: from its initial conditions, or from the motion of a rig
+        nearby.
+    anew : float or None
+        The measure of the same rig from its initial conditions; None if it was not run from them.
     scatter : float
         Largest change of the measure of the best row if it is taken again later; 0 if its motion
         repeats. A change within the scatter is no improvement.
@@ -95,14 +95,9 @@ class Optimum:
         Whether the rig lies at the end of a range, so that a wider one may hold a better rig.
     trials : int
         Rigs run by the search.
-    edges : tuple of Nearby
-        The nearest rig on each side along each axis whose motion is different and whose measure is
-        worse by half or more, continued from the motion of the best rig or started from the
-        initial conditions. The search extends to the next value of the grid or 5 % of the value;
-        without a search, and under gap control, only the next value is considered.
-    coexisting : tuple of Nearby
-        Motions of the best rig with a different measure: from its initial conditions, from the
-        other direction, or back from beyond an edge.
+    edges : tuple of Edge
+        How far each parameter may vary within its range before the motion is lost, by `follow`;
+        none under gap control, without impacts, and where the motion does not repeat.
     """
 
     measure: str
@@ -112,11 +107,12 @@ class Optimum:
     grid_measure: float
     values: tuple[float, ...]
     value: float
+    start: str
+    anew: float | None
     scatter: float
     at_edge: bool
     trials: int
-    edges: tuple[Nearby, ...] = ()
-    coexisting: tuple[Nearby, ...] = ()
+    edges: tuple[Edge, ...] = ()
 
 
 def find_optimum(
@@ -139,7 +135,7 @@ def find_optimum(
     best : {'least', 'greatest'}, optional
         Which value of it is best.
     refine : bool, optional
-        Whether to search between the values of the grid.
+        Whether to search between the values of the grid, and for the edges of the motion.
     progress : callable, optional
         Called after each rig that the search runs.
 
@@ -156,38 +152,52 @@ def find_optimum(
 
     Notes
     -----
-    The search varies parameters that are real numbers; initial conditions, flags and whole numbers
-    stay as in the best row. It stays on the motion of that row: each rig takes over its last
-    state, that of the control included. It is that of Nelder and Mead (`scipy.optimize.minimize`),
-    which uses no slope, so that it also ends where the motion ends.
+    The search is that of Nelder and Mead (`scipy.optimize.minimize`), from up to three of the best
+    rows. It varies parameters that are real numbers; initial conditions, flags and whole numbers
+    stay as in the row. Each rig is run from its initial conditions and from the best motion so
+    far, the state of the control included. The result is the best of all rigs that were run.
     """
     check_measure(measure)
     if best not in get_args(Best):
         raise ValueError(f'best is {best!r}: give one of {", ".join(get_args(Best))}')
     table = complete_table(table)
-    controlled = Grid.from_inputs(table.attrs['inputs']).setup.control.active
+    grid = Grid.from_inputs(table.attrs['inputs'])
+    controlled = grid.setup.control.active
     eligible = table['ok' if controlled else 'settled'].fillna(False).astype(bool)
-    measures = table[measure].astype(float).where(eligible)
-    if measures.isna().all():
-        return None
     sign = 1.0 if best == 'least' else -1.0
-    row = int((sign * measures).idxmin())
-    search = _Search(table, row, measure, sign, progress)
-    at, value = search.at, search.value
-    if refine and any(search.steps) and search.state is not None:
-        search.measure_scatter()
-        search.refine()
-        edges, coexisting = search.surroundings()
-    else:
-        edges, coexisting = search.on_grid()
+    costs = sign * table[measure].astype(float).where(eligible)
+    if costs.isna().all():
+        return None
+    starts = _starts(grid, costs) if refine else [int(costs.idxmin())]
+    searches = [_Search(grid, table, row, measure, sign, progress) for row in starts]
+    if refine:
+        for search in searches:
+            search.refine()
+    found = min(searches, key=lambda search: search.cost)
     edge = any(
         len(axis) > 1 and place in (axis.values[0], axis.values[-1])
-        for axis, place in zip(search.grid.axes, search.at, strict=True)
+        for axis, place in zip(grid.axes, found.values, strict=True)
     )
     return Optimum(
-        *(measure, best, row, at, value, search.at, search.value, search.scatter, edge),
-        *(search.trials, tuple(edges), tuple(coexisting)),
+        *(measure, best, starts[0], grid.values(starts[0]), sign * float(costs[starts[0]])),
+        *(found.values, sign * found.cost, found.start, found.anew, found.scatter, edge),
+        *(sum(search.trials for search in searches), found.edges() if refine else ()),
     )
+
+
+def _starts(grid: Grid, costs: pd.Series[float]) -> list[int]:
+    """Return the rows to start from: the best one, and others as good that are not next to it."""
+    least = float(costs.min())
+    found: list[int] = []
+    places: list[Any] = []
+    for row in costs.sort_values(kind='stable').index:
+        if not costs[row] <= least + _NEAR * abs(least) or len(found) == _MOST_STARTS:
+            break
+        place = np.array(np.unravel_index(row % math.prod(grid.shape), grid.shape))
+        if all(np.abs(place - other).max() > 1 for other in places):
+            found.append(int(row))
+            places.append(place)
+    return found
 
 
 def _step(axis: Axis, value: float) -> float:
@@ -198,42 +208,37 @@ def _step(axis: Axis, value: float) -> float:
 
 
 class _Search:
-    """A search along the axes, on one motion."""
+    """A search along the axes from one row, and the best rig that it has run."""
 
     def __init__(
         self,
+        grid: Grid,
         table: pd.DataFrame,
         row: int,
         measure: str,
         sign: float,
         progress: Callable[[], object],
     ) -> None:
-        self.grid = Grid.from_inputs(table.attrs['inputs'])
-        self.table, self.row, self.measure, self.sign = table, row, measure, sign
-        self.progress = progress
-        self.settled = bool(table.settled[row])
-        self.slow = self.grid.setup.control.active
-        #: Where the search is, and the measure there.
-        self.at = self.grid.values(row)
-        self.value = float(table[measure][row])
-        self.steps = [_step(axis, v) for axis, v in zip(self.grid.axes, self.at, strict=True)]
+        self.grid, self.measure, self.sign, self.progress = grid, measure, sign, progress
         self.trials, self.scatter = 0, 0.0
-        self.state = self._state_of(row)
+        self.values = grid.values(row)
+        self.row: Any = table.loc[row]
+        self.cost = sign * float(self.row[measure])
+        self.start = ANEW if grid.follow == 'none' else FOLLOWED
+        self.anew = float(self.row[measure]) if grid.follow == 'none' else None
+        self.settled = bool(self.row.settled)
+        self.state = self._state()
 
-    def _state_of(self, row: int) -> State | None:
-        """Return a state of the motion of a row."""
-        if self.slow:
-            text = self.table.state[row]
-            return json.loads(text) if isinstance(text, str) else None
-        if not self.table.ok[row]:
-            return None
-        setup = self.grid.setup.vary(self.grid.settings(self.grid.values(row)))
-        return rig_of_row(self.table.loc[row], setup.parameters).snapshot()
+    def _state(self) -> State | None:
+        """Return a state of the motion of the row from which the search starts."""
+        if self.grid.setup.control.active:
+            return json.loads(self.row.state) if isinstance(self.row.state, str) else None
+        setup = self.grid.setup.vary(self.grid.settings(self.values))
+        return rig_of_row(self.row, setup.parameters).snapshot()
 
     def _run(self, values: tuple[float, ...], state: State | None) -> tuple[Row, State | None]:
-        """Run a rig from a state, or from its initial conditions."""
         self.trials += 1
-        done = rig_row(self.grid.setup.vary(self.grid.settings(values)), state)
+        done = rig_row(self.grid.setup, self.grid.settings(values), state)
         self.progress()
         return done
 
@@ -243,170 +248,98 @@ class _Search:
             return math.inf
         return self.sign * float(row[self.measure])
 
-    def measure_scatter(self) -> None:
-        """Measure the scatter of the measure of a motion that does not repeat, as it goes on."""
-        state = self.state
-        for _ in range(0 if self.settled else _REPETITIONS):
-            row, state = self._run(self.at, state)
-            if state is None:
-                break
-            self.scatter = max(self.scatter, abs(self._cost(row) - self.sign * self.value))
+    def _trial(self, values: tuple[float, ...]) -> float:
+        """Run a rig from its initial conditions and from the best motion; return its cost."""
+        runs = [
+            (start, *self._run(values, s)) for start, s in ((ANEW, None), (FOLLOWED, self.state))
+        ]
+        anew, least = runs[0][1], math.inf
+        for start, row, last in runs:
+            cost = self._cost(row)
+            least = min(least, cost)
+            if cost < self.cost - self.scatter:
+                self.values, self.cost, self.start = values, cost, start
+                self.row, self.state = SimpleNamespace(**row), last
+                self.anew = float(anew[self.measure]) if anew['ok'] else None
+        return least
 
     def refine(self) -> None:
         """Search between the values of the grid."""
         from scipy.optimize import minimize
 
-        axes, at, lowest = self.grid.axes, self.at, self.sign * self.value
-        free = [i for i, step in enumerate(self.steps) if step]
+        axes, at, state = self.grid.axes, self.values, self.state
+        steps = [_step(axis, value) for axis, value in zip(axes, at, strict=True)]
+        free = [i for i, step in enumerate(steps) if step]
+        if state is None or not free:
+            return
+        # As it goes on, the measure of a motion that does not repeat changes
+        for _ in range(0 if self.settled else _REPETITIONS):
+            row, state = self._run(at, state)
+            if state is None:
+                break
+            self.scatter = max(self.scatter, abs(self._cost(row) - self.cost))
 
-        def values(place: Any) -> tuple[float, ...]:
-            found = list(at)
+        def cost(place: Any) -> float:
+            values = list(at)
             for i, share in zip(free, place, strict=True):
                 low, high = axes[i].values[0], axes[i].values[-1]
-                found[i] = min(max(at[i] + float(share) * self.steps[i], low), high)
-            return tuple(found)
+                values[i] = min(max(at[i] + float(share) * steps[i], low), high)
+            return self._trial(tuple(values))
 
         corners = np.zeros((len(free) + 1, len(free)))
         for k, i in enumerate(free):
             corners[k + 1, k] = 0.5 if at[i] < axes[i].values[-1] else -0.5
-        bounds = [
-            tuple((end - at[i]) / self.steps[i] for end in (axes[i].values[0], axes[i].values[-1]))
-            for i in free
-        ]
-        found = minimize(
-            lambda place: self._cost(self._run(values(place), self.state)[0]),
+        minimize(
+            cost,
             np.zeros(len(free)),
             method='Nelder-Mead',
-            bounds=bounds,
+            bounds=[
+                tuple((end - at[i]) / steps[i] for end in (axes[i].values[0], axes[i].values[-1]))
+                for i in free
+            ],
             options={
                 'initial_simplex': corners,
                 'xatol': _FINEST if self.settled else _FINEST_SCATTERED,
-                'fatol': max(self.scatter, _FLAT * abs(lowest)),
+                'fatol': max(self.scatter, _FLAT * abs(self.cost)),
                 'maxfev': _MOST_TRIALS,
             },
         )
-        if found.fun < lowest - max(self.scatter, _EXACT * abs(lowest)):
-            self.at, self.value = values(found.x), self.sign * float(found.fun)
 
-    def _nearby(
-        self, row: Mapping[Any, Any], values: tuple[float, ...], axis: int | None, start: str
-    ) -> Nearby | None:
-        """Return the motion of a rig; None if it could not be run."""
-        import pandas as pd
-
-        if not row['ok'] or pd.isna(row[self.measure]):
-            return None
-        measure = float(row[self.measure])
-        repeats = bool(row['settled'])
-        return Nearby(
-            *(values, axis, start, measure, measure / self.value if self.value else math.inf),
-            row['motion'],
-            int(row['period']) if repeats else None,
-            row['stops'] if repeats else None,
-        )
-
-    def _is_worse(self, nearby: Nearby) -> bool:
-        return self.sign * (nearby.measure - self.value) > _CLIFF * abs(self.value)
-
-    def _turns(self) -> list[tuple[str, int]]:
-        """Return the rows of the same rig in the other directions that were followed."""
-        places = math.prod(self.grid.shape)
-        return [
-            (f'followed {direction}wards', turn * places + self.row % places)
-            for turn, direction in enumerate(self.grid.directions)
-            if turn != self.row // places
-        ]
-
-    def on_grid(self) -> tuple[list[Nearby], list[Nearby]]:
-        """Return the edges and other motions that the table itself shows."""
-
-        def at(row: int, axis: int | None, start: str) -> Nearby | None:
-            return self._nearby(self.table.loc[row], self.grid.values(row), axis, start)
-
-        own = at(self.row, None, '')
-        edges = []
-        stride = math.prod(self.grid.shape)
-        for i, count in enumerate(self.grid.shape):
-            stride //= count
-            place = self.row // stride % count
-            for step in (-1, 1):
-                if 0 <= place + step < count:
-                    edge = at(self.row + step * stride, i, 'at the next value of the grid')
-                    other = not self.settled or (edge and own and edge.kind != own.kind)
-                    if edge and self._is_worse(edge) and other:
-                        edges.append(edge)
-        others = [at(row, None, start) for start, row in self._turns()]
-        least = _OTHER * abs(self.value)
-        return edges, [o for o in others if o and abs(o.measure - self.value) > least]
-
-    def surroundings(self) -> tuple[list[Nearby], list[Nearby]]:
-        """Return the edges around the best rig, and other motions of it."""
-        own, state = self._run(self.at, self.state)
-        best = self._nearby(own, self.at, None, '')
-        begun = [('from the motion of the best rig', state)]
-        anew = self._nearby(self._run(self.at, None)[0], self.at, None, '')
-        if anew is not None and not self.slow and not self._is_worse(anew):
-            begun.append(('from the initial conditions', None))
-        starts: list[tuple[str, State | None]] = [('from the initial conditions', None)]
-        starts += [(s, there) for s, row in self._turns() if (there := self._state_of(row))]
-        edges = []
+    def edges(self) -> tuple[Edge, ...]:
+        """Return where the motion of the best rig is lost along each axis."""
+        setup = self.grid.setup.vary(self.grid.settings(self.values))
+        hits = self.settled and not setup.control.active and setup.parameters.periodic_force
+        if not hits or not 0 < self.row.impacts <= MOST_IMPACTS:
+            return ()
+        orbit = orbit_of_row(self.row, setup.parameters)
+        if orbit is None or not orbit.viable:
+            return ()
+        found: list[Edge] = []
         for i, axis in enumerate(self.grid.axes):
-            for step in (-self.steps[i], self.steps[i]):
-                found = self._edge(begun, best, i, step) if step else None
-                if found is not None:
-                    edges.append(found[0])
-                    place = found[0].values[i]
-                    starts.append((f'back from {axis.name} = {place:.6g}', found[1]))
-        others: list[Nearby] = []
-        for start, there in starts:
-            other = self._nearby(self._run(self.at, there)[0], self.at, None, start)
-            least = max(_OTHER * abs(self.value), self.scatter)
-            if other is None or abs(other.measure - self.value) <= least:
-                continue
-            # Measures of motions that do not repeat scatter
-            if not any(
-                one.kind == other.kind
-                and (
-                    one.period is None or math.isclose(one.measure, other.measure, rel_tol=_OTHER)
-                )
-                for one in others
-            ):
-                others.append(other)
-        return edges, others
-
-    def _edge(
-        self, starts: list[tuple[str, State | None]], best: Nearby | None, i: int, step: float
-    ) -> tuple[Nearby, State | None] | None:
-        """Return the nearest rig beyond an edge on one side along an axis, and its last state."""
-        axis = self.grid.axes[i]
-
-        def beyond(distance: float) -> tuple[Nearby, State | None] | None:
-            moved = min(max(self.at[i] + distance, axis.values[0]), axis.values[-1])
-            place = (*self.at[:i], moved, *self.at[i + 1 :])
-            for start, begun in starts if place != self.at else ():
-                row, last = self._run(place, begun)
-                nearby = self._nearby(row, place, i, start)
-                if nearby is None or not self._is_worse(nearby):
+            if axis.real and len(axis) > 1:
+                path, here = path_along(self.grid, i, self.values), self.values[i]
+                try:
+                    branch = follow(orbit, path, axis.values[0], axis.values[-1], start=here)
+                except (OrbitError, ArithmeticError):
                     continue
-                if not self.settled or best is None or nearby.kind != best.kind:
-                    return nearby, last
-            return None
+                found += [replace(edge, axis=i) for edge in _edges_on(branch, here)]
+        return tuple(found)
 
-        distances = [share * step for share in (_PROBES[-1:] if self.slow else _PROBES)]
-        if not self.slow and abs(step) < _FAR * abs(self.at[i]):
-            distances.append(math.copysign(_FAR * self.at[i], step))
-        near = 0.0
-        for far in distances:
-            found = beyond(far)
-            if found is None:
-                near = far
-                continue
-            for _ in range(_BISECTIONS if near else 0):
-                middle = 0.5 * (near + far)
-                nearer = beyond(middle)
-                if nearer is None:
-                    near = middle
-                else:
-                    far, found = middle, nearer
-            return found
-        return None
+
+def _edges_on(branch: Branch, value: float) -> list[Edge]:
+    """Return the ends of the stable part of a branch, but for those of the range."""
+    special = {id(point.orbit): point for point in branch.special}
+    for status, part in branch.parts():
+        ends = (part.start, part.stop - 1)
+        low, high = sorted(branch.values[k] for k in ends)
+        if status != 'stable' or not low <= value <= high:
+            continue
+        edges = []
+        for k in ends:
+            point = special.get(id(branch.orbits[k]))
+            reason = (point.reason or point.kind.value) if point else ''
+            reason = reason or (branch.ended if k else branch.began)
+            if not reason.endswith(END):
+                edges.append(Edge(0, branch.values[k], reason))
+        return sorted(edges, key=lambda edge: edge.value)
+    return []

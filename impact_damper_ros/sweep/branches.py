@@ -13,17 +13,18 @@ from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.orbits.branch import Branch
 from impact_damper_ros.orbits.continuation import follow
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.orbits.solution_curve import Path
 from impact_damper_ros.orbits.solved_orbits import orbit_near
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .ensemble import rig_of_row
 from .grid import Grid
+from .steady_state import rig_of_row
 
 if TYPE_CHECKING:
     import pandas as pd
 
 #: Motions with more impacts are not followed, nor more branches than this.
-_MOST_IMPACTS, _MOST_BRANCHES = 8, 40
+MOST_IMPACTS, _MOST_BRANCHES = 8, 40
 #: How near a motion is to one of a branch: phases in cycles, and largest |X| relative to itself.
 _SAME_PHASE, _SAME_SIZE = 0.02, 0.02
 
@@ -57,29 +58,34 @@ def branches_of(table: pd.DataFrame) -> list[Branch]:
     if not has_theory(grid):
         return []
     axis = grid.axes[0]
-
-    def rig_at(value: float) -> RigParameters:
-        return grid.setup.vary(grid.settings((value,))).parameters
-
-    one = axis.varied[0]
-    # By its name, derivatives by the gap are exact
-    path = one.name if len(axis.varied) == 1 and one.entry is None else rig_at
     found: list[Branch] = []
     few = table[
-        table.settled.fillna(False) & (table.impacts > 0) & (table.impacts <= _MOST_IMPACTS)
+        table.settled.fillna(False) & (table.impacts > 0) & (table.impacts <= MOST_IMPACTS)
     ]
     for row in few.itertuples():
         value = grid.values(int(row.point))[0]
         if len(found) == _MOST_BRANCHES or _is_on(found, row, value):
             continue
-        orbit = _orbit_of(row, rig_at(value))
+        orbit = orbit_of_row(row, grid.setup.vary(grid.settings((value,))).parameters)
         if orbit is not None and orbit.viable:
             low, high = axis.values[0], axis.values[-1]
-            found.append(follow(orbit, path, low, high, start=value))
+            found.append(follow(orbit, path_along(grid, 0, (value,)), low, high, start=value))
     return found
 
 
-def _orbit_of(row: Any, rig: RigParameters) -> PeriodicOrbit | None:
+def path_along(grid: Grid, number: int, values: tuple[float, ...]) -> Path:
+    """Return what `follow` varies along an axis, at the given values of the others."""
+    one, *others = grid.axes[number].varied
+
+    def rig_at(value: float) -> RigParameters:
+        place = (*values[:number], value, *values[number + 1 :])
+        return grid.setup.vary(grid.settings(place)).parameters
+
+    # By its name, derivatives by the gap are exact
+    return rig_at if others or one.entry is not None else one.name
+
+
+def orbit_of_row(row: Any, rig: RigParameters) -> PeriodicOrbit | None:
     """Return the periodic motion that a rig has settled into."""
     events = rig_of_row(row, rig).advance(row.period * row.cycle)
     hit = next((event for event in events if event.kind is EventKind.IMPACT), None)

@@ -27,7 +27,7 @@ from impact_damper_ros.report.drawing import (
     save_figure,
 )
 
-from .best import Nearby, Optimum
+from .best import Optimum
 from .branches import branches_of
 from .grid import Axis, Grid
 from .summary import attractor_text, attractors_of
@@ -103,12 +103,6 @@ def _place_text(axis: Axis, value: float) -> str:
 def _best_text(optimum: Optimum) -> str:
     """Return the value of a measure at the optimum for a legend, with its unit."""
     return f'{optimum.value:.4g} {MEASURES[optimum.measure].unit}'.rstrip()
-
-
-def _times(nearby: Nearby) -> str:
-    """Return the ratio of a motion to the optimum and its kind, for the legend."""
-    ratio = f'× {nearby.ratio:.3g}, ' if 0.0 < nearby.ratio < math.inf else ''
-    return f' ({ratio}{nearby.motion})'
 
 
 def _set_axes(axes: Any, across: Axis, up: Axis) -> None:
@@ -347,7 +341,7 @@ def _special_look(kind: SpecialKind) -> dict[str, Any]:
 
 
 def _draw_optimum(axes: Any, axis: Axis, optimum: Optimum) -> None:
-    """Draw the best rig, the edges around it, and its other motions."""
+    """Draw the best rig and the edges of its motion."""
     axes.plot(
         *(optimum.values[0], optimum.value),
         marker='*',
@@ -361,22 +355,11 @@ def _draw_optimum(axes: Any, axis: Axis, optimum: Optimum) -> None:
     )
     for edge in optimum.edges:
         axes.axvline(
-            edge.values[0],
+            edge.value,
             color='0.5',
             linewidth=0.8,
             linestyle=':',
-            label=f'edge at {_place_text(axis, edge.values[0])}{_times(edge)}',
-        )
-    for other in optimum.coexisting:
-        axes.plot(
-            *(optimum.values[0], other.measure),
-            marker='*',
-            markersize=6.0,
-            markerfacecolor='white',
-            markeredgecolor='black',
-            linestyle='none',
-            label=f'{other.start}{_times(other)}',
-            zorder=5,
+            label=f'edge at {_place_text(axis, edge.value)} ({edge.reason})',
         )
 
 
@@ -545,12 +528,8 @@ def _legend(table: pd.DataFrame, grid: Grid, optimum: Optimum | None) -> list[An
         label = f'{optimum.best} of {among}: {_best_text(optimum)} at {at}'
         handles.append(entry(label, **{**_STAR, 'markersize': 10}))
         handles += [
-            entry(f'edge at {_place_text(axes[i], edge.values[i])}{_times(edge)}', **_EDGE)
+            entry(f'edge at {_place_text(axes[edge.axis], edge.value)} ({edge.reason})', **_EDGE)
             for edge in optimum.edges
-            if (i := edge.axis) is not None
-        ]
-        handles += [
-            entry(f'the same rig {other.start}{_times(other)}') for other in optimum.coexisting
         ]
     handles += [
         entry(name, color=_DOTS[name], marker='o', markersize=3.0)
@@ -585,7 +564,9 @@ def surface_figure(table: pd.DataFrame, measure: str, optimum: Optimum | None) -
         mesh = _draw_map(axes, table, grid, turn, cells, norm=scale, cmap=scheme)
         if optimum is not None and turn == best:
             for edge in optimum.edges:
-                axes.plot(*([value] for value in edge.values), zorder=5, **_EDGE)
+                place = [[value] for value in optimum.values]
+                place[edge.axis] = [edge.value]
+                axes.plot(*place, zorder=5, **_EDGE)
             axes.plot(*([value] for value in optimum.values), clip_on=False, zorder=6, **_STAR)
         _set_axes(axes, across, up)
         if turn:

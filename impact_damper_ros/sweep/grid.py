@@ -9,7 +9,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self, get_args
 
 import numpy as np
@@ -17,7 +16,6 @@ import numpy.typing as npt
 
 import impact_damper_ros
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
-from impact_damper_ros.parameters.parameters_file import YamlError, read_yaml
 from impact_damper_ros.parameters.quoting import named, shown
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
@@ -36,7 +34,7 @@ _BOOLS = {'true': True, 'false': False}
 _MOST_VALUES = 1_000_000
 _MOST_RIGS = 2_000_000
 #: Raised whenever the same inputs give other rows.
-_FORMAT = 3
+_FORMAT = 4
 
 #: How rigs start: from the initial conditions, or along rising or falling values of the first axis
 #: from the last state of the one before.
@@ -464,37 +462,3 @@ def range_from_text(text: str) -> tuple[str, list[float]]:
     spacing = rest[1] if rest[1:] else 'linear'
     ends = _number(low, where, spec), _number(high, where, spec)
     return names, _spaced(*ends, rest[0], spacing, where)
-
-
-def _range_from_entry(name: str, entry: Any) -> tuple[str, list[float]]:
-    """Read one entry of a file of ranges: text, values, or a mapping with from, to and count."""
-    if isinstance(entry, Mapping):
-        keys = set(entry)
-        if not {'from', 'to', 'count'} <= keys <= {'from', 'to', 'count', 'spacing'}:
-            raise GridError(
-                f'{name}: has the keys {", ".join(map(str, entry)) or "(none)"}: give from, to '
-                'and count, and spacing: log if wanted'
-            )
-        order = ('from', 'to', 'count', 'spacing')
-        entry = ':'.join(str(entry[key]) for key in order if key in keys)
-    elif isinstance(entry, list):
-        entry = ','.join(map(str, entry))
-    return range_from_text(f'{name}={entry}')
-
-
-def ranges_from_file(path: Path) -> list[tuple[str, list[float]]]:
-    """Read the axes of a file of ranges, in YAML."""
-    try:
-        (content,) = read_yaml(path) or [None]
-    except OSError as error:
-        reason = error.strerror or error
-        raise GridError(f'{path}: cannot be read ({reason}): give a YAML file') from error
-    except YamlError as error:
-        raise GridError(f'{path}: {error}') from error
-    ranges = content.get('vary') if isinstance(content, dict) else None
-    if not isinstance(ranges, dict) or set(content) != {'vary'}:
-        raise GridError(
-            f'{path}: start the file with "vary:" and, indented below it, lines such as '
-            '"gap: 10:60:200" or "gap: {from: 10, to: 60, count: 200}"'
-        )
-    return [_range_from_entry(str(name), entry) for name, entry in ranges.items()]

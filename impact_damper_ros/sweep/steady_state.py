@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from impact_damper_ros.orbits.flight_arrays import (
     row_of_rig,
     rows_of_samples,
 )
+from impact_damper_ros.orbits.flights import flight_at, machine_of, rig_on
 from impact_damper_ros.orbits.recurrence import nearest_return
 from impact_damper_ros.orbits.settled_motion import (
     SettledMotion,
@@ -30,14 +32,14 @@ from impact_damper_ros.parameters.parameter_spec import (
     number_between,
     whole_number,
 )
-from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
 from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.rig import Events, Outcome, Rig, RunResult
 from impact_damper_ros.rig.snapshot import LATEST
 
-from .journal import Row
-
 Array = NDArray[np.float64]
+#: The columns of one rig, for JSON.
+Row = dict[str, Any]
 #: Columns of X, X', Y and Y' at the ends of cycles.
 SECTION = ('section_x', 'section_velocity', 'section_offset', 'section_relative_velocity')
 
@@ -107,9 +109,9 @@ def _chatter_time(events: Events, start: float, end: float) -> float:
 #: Least frequency of the force, over the natural one.
 _SLOWEST = 1e-4
 #: Cycles between two looks whether the motion repeats.
-BETWEEN = 50
+_BETWEEN = 50
 #: Distance of states, relative to the motion, that round-off makes.
-ROUND_OFF = 1e-12
+_ROUND_OFF = 1e-12
 
 
 def _sequence(events: Events) -> str:
@@ -199,31 +201,30 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     }
 
 
-def comes_back(states: Array, omega: Array, settling: Settling) -> NDArray[np.bool_]:
+def _comes_back(states: Array, omega: float, tolerance: float) -> bool:
     """
-    Return whether the last states of motions, shape (..., n, 4), are close to some before them.
+    Return whether the last state of a motion, shape (n, 4), is close to one before it.
 
-    `states` are X, X', Y and Y' at the ends of cycles; `omega` (rad/s), of each motion, makes
-    velocities comparable. A motion that does not come back has not settled.
+    `states` are X, X', Y and Y' at the ends of cycles; `omega` (rad/s) makes velocities
+    comparable. A motion that does not come back has not settled.
     """
-    units = np.stack([np.ones_like(omega), omega] * 2, axis=-1)
-    recent = states / units[..., None, :]
-    size = np.abs(recent[..., 0]).max(axis=-1) + np.ptp(recent[..., 2], axis=-1)
-    near: NDArray[np.bool_] = nearest_return(recent) <= max(settling.tolerance, ROUND_OFF) * size
-    return near
+    recent = states / np.array([1.0, omega] * 2)
+    size = np.abs(recent[:, 0]).max() + np.ptp(recent[:, 2])
+    return bool(nearest_return(recent) <= max(tolerance, _ROUND_OFF) * size)
 
 
 def _pass_transient(rig: Rig, settling: Settling) -> tuple[int, int]:
     """Run until the motion comes back to a state of cycles before; return cycles and events."""
     start, cycle = rig.time, cycle_of(rig.parameters)
-    omega = np.array(max(math.tau / cycle, rig.parameters.omega))
+    omega = max(math.tau / cycle, rig.parameters.omega)
     cycles = events = 0
     while cycles < settling.cycles:
-        count = min(BETWEEN, settling.cycles - cycles)
+        count = min(_BETWEEN, settling.cycles - cycles)
         counts = cycles + np.arange(1.0, count + 1.0)
         result = _run(rig, start, cycle, counts, settling.events - events)
         cycles, events = cycles + count, events + result.event_count
-        if count > 1 and comes_back(relative_states(result.samples), omega, settling):
+        states = relative_states(result.samples)
+        if count > 1 and _comes_back(states, omega, settling.tolerance):
             break
     return cycles, events
 
@@ -246,20 +247,18 @@ def check_cycle(parameters: RigParameters, settling: Settling) -> None:
         )
 
 
-def steady_state(rig: Rig, settling: Settling, transient: tuple[int, int] | None = None) -> Row:
+def steady_state(rig: Rig, settling: Settling) -> Row:
     """
     Run a rig until its motion repeats or the time is up, and return its row of the table.
 
-    The rig is at the beginning of a cycle of its force; if its transient is over already, cycles
-    and events of this are given. How it is recognised that the motion repeats: `settle`. Raises
-    `EndlessEventsError` if the rig has more events than `settling` allows.
+    The rig is at the beginning of a cycle of its force. How it is recognised that the motion
+    repeats: `settle`. Raises `EndlessEventsError` if the rig has more events than `settling`
+    allows.
     """
     check_cycle(rig.parameters, settling)
-    if transient is None:
-        # What is left of a start without force dies out, but never comes back
-        forced = any(rig.parameters.harmonics[0])
-        transient = _pass_transient(rig, settling) if forced else (0, 0)
-    after, events = transient
+    # What is left of a start without force dies out, but never comes back
+    forced = any(rig.parameters.harmonics[0])
+    after, events = _pass_transient(rig, settling) if forced else (0, 0)
     left = settling.cycles - after
     found = settle(
         rig,
@@ -267,7 +266,7 @@ def steady_state(rig: Rig, settling: Settling, transient: tuple[int, int] | None
         watch=settling.watch,
         tolerance=settling.tolerance,
         events=settling.events - events,
-        between=BETWEEN if left else settling.watch,
+        between=_BETWEEN if left else settling.watch,
     )
     if found.reason:
         raise EndlessEventsError(found.reason)
@@ -275,3 +274,27 @@ def steady_state(rig: Rig, settling: Settling, transient: tuple[int, int] | None
     row['settling_cycles'] += after
     row['events'] += events
     return row
+
+
+def rig_of_row(row: Any, parameters: RigParameters) -> Rig:
+    """Return a rig in the last state of a row of the table."""
+    x, velocity, offset, relative = (float(getattr(row, name)[-1]) for name in SECTION)
+    half = 0.5 * parameters.gap
+    # Round-off may neither put m beyond a stop nor part it from one it is on
+    if abs(abs(offset) - half) <= _ROUND_OFF * (half + abs(x)):
+        offset = math.copysign(half, offset)
+    offset = min(max(offset, -half), half)
+    start = InitialConditions(
+        initial_primary_position=x,
+        initial_primary_velocity=velocity,
+        initial_damper_offset=offset,
+        initial_damper_velocity=velocity + relative,
+    )
+    rig = Rig(parameters, start)
+    if not len(row.impact_stop):
+        return rig
+    # The air depends on the stop hit last, which initial conditions do not hold
+    resting = rig.mode if rig.mode >= Mode.STICK else 0
+    machine, last = machine_of(parameters), int(row.impact_stop[-1])
+    flight = flight_at(machine, 0.0, x, velocity, offset - half, relative, resting, last)
+    return rig_on(flight, parameters)

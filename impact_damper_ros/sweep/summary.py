@@ -3,15 +3,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.parameters.quoting import counted
 
-from .best import Nearby, Optimum
+from .best import ANEW, FOLLOWED, Optimum
 from .grid import Grid
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 #: Reasons and attractors that are listed.
 _MOST_SHOWN = 8
+#: Measures that differ by more than this share belong to different motions.
+_OTHER = 0.05
 
 
 def attractors_of(table: pd.DataFrame) -> list[dict[str, Any]]:
@@ -51,30 +54,20 @@ def attractor_text(attractor: dict[str, Any]) -> str:
 
 
 def _cautions(optimum: Optimum, names: Sequence[str]) -> list[str]:
-    """Return a line for each edge and each other motion of the optimum."""
+    """Return a sentence on each parameter that loses the motion, and one on the start."""
     texts = []
-    for edge in optimum.edges:
-        assert edge.axis is not None
-        best, there = optimum.values[edge.axis], edge.values[edge.axis]
-        far = ''
-        if best:
-            percent = 100.0 * (there - best) / abs(best)
-            far = f' ({abs(percent):.2g} % {"more" if percent > 0.0 else "less"})'
-        texts.append(
-            f'edge: at {names[edge.axis]} = {there:.6g}{far} {_as_much(edge, optimum.measure)}, '
-            f'{edge.start}'
+    for axis, edges in groupby(optimum.edges, key=attrgetter('axis')):
+        ends = ' and '.join(
+            f'{"up" if edge.value > optimum.values[axis] else "down"} to {edge.value:.6g} '
+            f'({edge.reason})'
+            for edge in edges
         )
-    texts += [
-        f'the same rig {other.start}: {_as_much(other, optimum.measure)}'
-        for other in optimum.coexisting
-    ]
+        texts.append(f'the motion is kept with {names[axis]} {ends}')
+    if optimum.anew is not None and optimum.start == FOLLOWED:
+        much = f'{optimum.measure} is {optimum.anew:.5g}'
+        if abs(optimum.anew - optimum.value) > max(_OTHER * abs(optimum.value), optimum.scatter):
+            texts.append(f'{ANEW} the same rig has another motion: {much}')
     return texts
-
-
-def _as_much(nearby: Nearby, measure: str) -> str:
-    """Return the measure of another motion, and its kind."""
-    times = f', {nearby.ratio:.3g} times as much' if 0.0 < nearby.ratio < math.inf else ''
-    return f'{measure} is {nearby.measure:.5g}{times} ({attractor_text(vars(nearby))})'
 
 
 def summary_of(table: pd.DataFrame, optimum: Optimum | None) -> dict[str, Any]:
@@ -119,11 +112,12 @@ def summary_text(path: Path, summary: dict[str, Any]) -> str:
             f'{name} = {value:.7g}'
             for name, value in zip(optimum['names'], optimum['values'], strict=True)
         )
+        start = f', {FOLLOWED}' if optimum['start'] == FOLLOWED else ''
         edge = ', at the end of a range' if optimum['at_edge'] else ''
         scatter = f' +- {optimum["scatter"]:.1g}' if optimum['scatter'] else ''
         lines.append(
             f'  {optimum["best"]} {optimum["measure"]}: {optimum["value"]:.7g}{scatter} at '
-            f'{at}{edge}'
+            f'{at}{edge}{start}'
         )
         lines += [f'    {caution}' for caution in optimum['cautions']]
     return '\n'.join(lines)

@@ -3,7 +3,8 @@
 The table of a sweep: its columns, its rows, and its file in Parquet or CSV.
 
 Units, descriptions and the inputs of the sweep are in the attributes of the table, which pandas
-stores in a Parquet file, and in comments at the head of a CSV file.
+stores in a Parquet file. A CSV file has units and inputs in comments at its head, and is not read
+back.
 """
 
 from __future__ import annotations
@@ -13,9 +14,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable
-from functools import partial
 from importlib import import_module
-from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
@@ -26,8 +25,7 @@ from impact_damper_ros.outputs import whole
 from impact_damper_ros.parameters.quoting import shown
 
 from .grid import Grid
-from .journal import Row
-from .steady_state import SECTION
+from .steady_state import SECTION, Row
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -227,13 +225,6 @@ def _array(kind: Kind, values: list[float] | None) -> Array | None:
     return None if values is None else np.array(values, 'i1' if kind == 'integers' else 'f8')
 
 
-def _cell(kind: Kind, text: str) -> Any:
-    """Read a number, or a list."""
-    if kind == 'double':
-        return float(text or 'nan')
-    return _array(kind, json.loads(text or 'null'))
-
-
 def table_of(grid: Grid, rows: Iterable[Row]) -> pd.DataFrame:
     """Return the table of a sweep from the columns of its rigs, in order."""
     import pandas as pd
@@ -295,7 +286,7 @@ def read_table(path: str | Path) -> pd.DataFrame:
     Parameters
     ----------
     path : path
-        The file, Parquet or CSV.
+        The file, Parquet.
 
     Returns
     -------
@@ -309,48 +300,19 @@ def read_table(path: str | Path) -> pd.DataFrame:
     OSError
         If it cannot be read.
     ImportError
-        Without pandas, or without pyarrow for Parquet (extra ``sweep``).
+        Without pandas and pyarrow (extra ``sweep``).
     """
+    import pandas as pd
+
     path = Path(path)
+    if _is_csv(path):
+        raise MetadataError(f'{path} is a CSV file, which is not read back: give a Parquet file')
     check_format(path)
     try:
-        return _read_csv(path) if _is_csv(path) else _read_parquet(path)
+        table = pd.read_parquet(path)
+        Grid.from_inputs(table.attrs['inputs'])
     except (KeyError, TypeError, ValueError) as error:
         raise MetadataError(f'{path} is not the table of a sweep, or not complete') from error
-
-
-def _read_parquet(path: Path) -> pd.DataFrame:
-    import pandas as pd
-
-    table = pd.read_parquet(path)
-    Grid.from_inputs(table.attrs['inputs'])
-    return table
-
-
-def _read_csv(path: Path) -> pd.DataFrame:
-    import pandas as pd
-
-    with path.open(encoding='utf-8') as stream:
-        head = list(takewhile(lambda line: line.startswith('#'), stream))
-    stored = next((line for line in head if line.startswith(_CSV_INPUTS)), '')
-    grid = Grid.from_inputs(json.loads(stored.removeprefix(_CSV_INPUTS)))
-    kinds = {column.name: column.kind for column in columns_of(grid)}
-    # pandas would read some numbers to one unit of the last digit only
-    special = {'double', 'doubles', 'integers'}
-    table = pd.read_csv(
-        path,
-        skiprows=len(head),
-        dtype={name: _DTYPES[kind] for name, kind in kinds.items() if kind not in special},
-        converters={name: partial(_cell, kind) for name, kind in kinds.items() if kind in special},
-    )
-    if list(table.columns) != list(kinds) or len(table) != grid.size:
-        raise ValueError(f'{len(table)} of {grid.size} rows')
-    table = _describe(table, grid)
-    # CSV has no other sign for what is empty and what is missing
-    table['stops'] = table.stops.mask(table.settled.fillna(False) & table.stops.isna(), '')
-    # A line that was cut short lacks its last columns
-    if table.impact_speed[table.ok].isna().any():
-        raise ValueError('a row is cut short')
     return table
 
 

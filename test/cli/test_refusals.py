@@ -128,7 +128,6 @@ REFUSALS = {
             '--vary gap=1 --vary friction=0 --vary angle=0 --figure a.png',
             'a figure shows one axis or two, not 3',
         ),
-        ('--ranges no.yaml', 'no.yaml: cannot be read'),
         *(
             (f'--vary gap=1,2 -o {name}', 'a name that ends in .parquet')
             for name in ('a.txt', 'a', 'a.parquet.bak', '.csv')

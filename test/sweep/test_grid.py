@@ -8,7 +8,7 @@ import pytest
 
 from impact_damper_ros import RigParameters
 from impact_damper_ros.sweep import Grid, GridError, Settling, range_from_text
-from impact_damper_ros.sweep.grid import Varied, ranges_from_file
+from impact_damper_ros.sweep.grid import Varied
 
 RIG = RigParameters()
 TWO = RigParameters(
@@ -30,31 +30,6 @@ def test_linear_and_logarithmic_ranges_and_lists():
     assert values('gap=[7]') == (7.0,)
     assert values('one_sided=true,false') == (False, True)
     assert values('gap=60:10:3') == (10.0, 35.0, 60.0)
-
-
-@pytest.mark.parametrize(
-    'entry',
-    [
-        '"10:60:6"',
-        '{from: 10, to: 60, count: 6}',
-        '[10, 20, 30, 40, 50, 60]',
-        '{from: 10, to: 60, count: 6, spacing: linear}',
-    ],
-)
-def test_entries_of_a_file_of_ranges(tmp_path, entry):
-    path = tmp_path / 'ranges.yaml'
-    path.write_text(f'vary:\n  gap: {entry}\n  friction: 0.5\n')
-    assert ranges_from_file(path) == [('gap', [10, 20, 30, 40, 50, 60]), ('friction', [0.5])]
-
-
-def test_a_file_that_holds_no_ranges(tmp_path):
-    path = tmp_path / 'ranges.yaml'
-    for content in ('gap: 1:2:3', 'vary: 3', 'vary:\n  gap: {low: 1}'):
-        path.write_text(content)
-        with pytest.raises(
-            GridError, match=r'start the file with "vary:"|give from, to and count'
-        ):
-            ranges_from_file(path)
 
 
 def test_several_names_take_the_same_value():

@@ -38,8 +38,8 @@ def measured(rig, settling):
     return SimpleNamespace(**steady_state(rig, settling))
 
 
-def setup_of(grid, row):
-    return grid.setup.vary(grid.settings(grid.values(row)))
+def settings_of(grid, row):
+    return grid.settings(grid.values(row))
 
 
 #: From a smallest gap that cannot be on.
@@ -105,12 +105,12 @@ def test_rows_of_varied_control():
 
 def test_followed_rigs_take_over_rig_and_control():
     grid = grid_of(gap_control_park=[1.4, 1.6], follow='up')
-    row, state = rig_row(grid.setup)
+    row, state = rig_row(grid.setup, {})
     # After the period that was measured and the cycle after it
     assert state['time'] == pytest.approx(math.tau * (row['settling_cycles'] + 2))
     assert state['gap_control']['state']['roused'] is True
-    following, _ = rig_row(setup_of(grid, 1), state)
-    fresh, _ = rig_row(setup_of(grid, 1))
+    following, _ = rig_row(grid.setup, settings_of(grid, 1), state)
+    fresh, _ = rig_row(grid.setup, settings_of(grid, 1))
     assert following['settled']
     assert following['x_max'] == pytest.approx(fresh['x_max'], rel=1e-6)
     assert following['settling_cycles'] <= fresh['settling_cycles']
@@ -148,7 +148,7 @@ def test_rigs_move_their_stops_by_a_law_of_the_users_own():
     """The motion is that of the law itself, and the inputs name it."""
     grid = grid_of(law='control.laws:follow', force_amplitudes=[0.5, 1])
     assert Grid.from_inputs(json.loads(json.dumps(grid.inputs()))) == grid
-    row, last = rig_row(grid.setup)
+    row, last = rig_row(grid.setup, {})
     rig = Rig(TRIAL, START, control=TIMED, law=laws.follow)
     rig.advance(last['time'])
     assert rig.snapshot()['gap_control'] == last['gap_control']
@@ -157,6 +157,6 @@ def test_rigs_move_their_stops_by_a_law_of_the_users_own():
 
 
 def test_a_law_that_fails_is_the_reason_in_the_row():
-    row, last = rig_row(grid_of(law='control.laws:far', force_amplitudes=[0.5]).setup)
+    row, last = rig_row(grid_of(law='control.laws:far', force_amplitudes=[0.5]).setup, {})
     assert last is None
     assert 'the law control.laws:far returned (inf, -1.0)' in row['reason']

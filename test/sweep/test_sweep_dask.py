@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -15,7 +16,7 @@ import impact_damper_ros
 from impact_damper_ros import InitialConditions, RigParameters
 from impact_damper_ros.cli import sweep_rig
 from impact_damper_ros.sweep import Grid, Settling, sweep
-from impact_damper_ros.sweep.journal import Journal, journal_path
+from impact_damper_ros.sweep.part_file import PartFile, part_path
 
 Client = pytest.importorskip('distributed').Client
 pytest.importorskip('pyarrow')
@@ -99,17 +100,44 @@ def test_a_programming_error_comes_back_from_the_cluster(cluster, monkeypatch):
         sweep(GRID, executor=client.get_executor(pure=False))
 
 
+def test_an_interrupted_sweep_ends_in_two_lines(cluster, tmp_path):
+    """Ctrl-C with work under way, as in a terminal; nothing of Dask is printed."""
+    words = [PAPER, '--vary', 'gap=3:13:2000', '--set', 'gravity=0', '--quiet']
+    path = tmp_path / 'cut.parquet'
+    words += ['--scheduler', cluster[0], '-o', str(path)]
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'impact_damper_ros.cli.sweep_rig', *words],
+        env=ENVIRONMENT,
+        stdin=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        deadline = time.monotonic() + 100.0
+        while not (part_path(path).exists() and part_path(path).read_text().count('\n') > 1):
+            assert time.monotonic() < deadline, 'no rigs came'
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=100)
+    finally:
+        process.kill()
+    assert process.returncode == 128 + signal.SIGINT
+    reported, ended = said.splitlines()
+    assert 'of 2000 rigs are in' in reported
+    assert ended == 'sweep_rig: interrupted'
+
+
 def test_a_killed_worker_loses_no_row_and_leaves_no_trace(cluster, tmp_path, monkeypatch):
     """Kill -9 of one of two workers with work in hand; what is done is run only once."""
     address, processes = cluster
     here, there = tmp_path / 'here.parquet', tmp_path / 'there.parquet'
     sweep(GRID, here)
     killed, added = [], []
-    add = Journal.add
+    add = PartFile.add
 
-    def noted(journal, rows, *chain):
+    def noted(part, rows, state):
         added.extend(point for point, _ in rows)
-        add(journal, rows, *chain)
+        add(part, rows, state)
 
     def kill_one(done):
         """Kill a worker as soon as the first rigs are back."""
@@ -117,7 +145,7 @@ def test_a_killed_worker_loses_no_row_and_leaves_no_trace(cluster, tmp_path, mon
             processes[0].kill()
             killed.append((processes[0].wait(), done))
 
-    monkeypatch.setattr(Journal, 'add', noted)
+    monkeypatch.setattr(PartFile, 'add', noted)
     with Client(address, set_as_default=False) as client:
         sweep(GRID, there, executor=client.get_executor(pure=False), progress=kill_one)
         assert len(client.nthreads()) == 1
@@ -150,6 +178,6 @@ def test_a_sweep_whose_workers_have_all_gone_says_so(cluster, tmp_path, monkeypa
     said = capsys.readouterr().err
     assert 'all workers have disconnected' in said
     assert 'give the same command again to resume' in said
-    assert journal_path(table).exists()
+    assert part_path(table).exists()
     assert sweep_rig.main(words) == 1
     assert 'has no workers: start some' in capsys.readouterr().err

@@ -10,6 +10,7 @@ from impact_damper_ros import InitialConditions, RigParameters, find_orbits, fol
 from impact_damper_ros.sweep import (
     Grid,
     Settling,
+    best,
     branches_of,
     draw_sweep,
     find_optimum,
@@ -118,50 +119,61 @@ def hysteresis():
     return swept(start=InitialConditions(), follow='both', settling=Settling(1000), gap=gaps)
 
 
-def test_optimum_at_a_cliff_names_edge_and_coexisting_motion(hysteresis, tmp_path):
+def test_optimum_at_a_cliff_names_its_edge_and_start(hysteresis, tmp_path):
     found = find_optimum(hysteresis, 'x_max')
     down = hysteresis[hysteresis.direction == 'down'].set_index('gap')
     # Followed downwards, the rig keeps to what it had above
     assert down.motion[54.0] == 'without impacts'
     assert (down.motion[44.0], down.stops[44.0]) == ('periodic', '1,2')
     assert found.values[0] == pytest.approx(54.96, abs=0.02)
-    (edge,) = found.edges
     # The two impacts are lost at 57 m, as continuation in the gap finds
-    assert edge.values[0] == pytest.approx(57.1, abs=0.2)
-    assert edge.axis == 0
-    assert edge.ratio > 5.0
-    assert edge.motion == 'chaotic'
-    swings = {other.start: other for other in found.coexisting}
-    without = swings['followed downwards']
-    assert without.motion == 'without impacts'
-    assert without.measure == pytest.approx(RIG.response_amplitude, rel=1e-6)
-    assert without.ratio == pytest.approx(9.22, abs=0.01)
-    assert without.values == found.values
+    (edge,) = found.edges
+    assert edge.value == pytest.approx(56.947, abs=1e-3)
+    assert (edge.axis, edge.reason) == (0, 'Neimark-Sacker')
+    # From rest the same rig swings as without the damper
+    assert found.start == 'from the motion of a rig nearby'
+    assert found.anew > 5.0 * found.value
     summary = summary_of(hysteresis, found)
     said = summary_text(tmp_path / 'sweep.parquet', summary)
-    assert f'edge: at gap = {edge.values[0]:.6g}' in said
-    assert '9.22 times as much (without impacts, 1 cycle)' in said
+    assert f', {found.start}' in said
+    assert f'the motion is kept with gap up to {edge.value:.6g} (Neimark-Sacker)' in said
+    assert (
+        f'from the initial conditions the same rig has another motion: x_max is {found.anew:.5g}'
+        in said
+    )
     stored = json.loads(json.dumps(summary))['optimum']
-    assert stored['edges'][0]['ratio'] == edge.ratio
-    assert stored['coexisting'][-1]['motion'] == found.coexisting[-1].motion
-    assert len(stored['cautions']) == 1 + len(found.coexisting)
+    assert stored['edges'] == [{'axis': 0, 'value': edge.value, 'reason': edge.reason}]
+    assert len(stored['cautions']) == 2
     labels = labels_of(bifurcation_figure(hysteresis, 'x_max', found))
     assert f'least: {found.value:.4g} m at d = {found.values[0]:.5g} m' in labels
-    assert f'edge at d = {edge.values[0]:.5g} m (× {edge.ratio:.3g}, chaotic)' in labels
-    assert 'followed downwards (× 9.22, without impacts)' in labels
+    assert f'edge at d = {edge.value:.5g} m (Neimark-Sacker)' in labels
 
 
-def test_optimum_on_the_grid_names_what_the_table_shows(hysteresis):
+def test_the_optimum_is_the_best_rig_that_was_run(monkeypatch):
+    """It lies at a fold, and trials that begin elsewhere settle into another motion."""
+    rig = RigParameters(gravity=0.0, damper_mass=0.1, air_force=0.004, damping=0.06, gap=5.0)
+    table = swept(rig, InitialConditions(), restitution_1=np.linspace(0.0, 0.9, 12))
+    trials = []
+    run = best.rig_row
+
+    def noted(*arguments):
+        row, state = run(*arguments)
+        trials.append(row['x_max'] if row['settled'] else np.inf)
+        return row, state
+
+    monkeypatch.setattr(best, 'rig_row', noted)
+    found = find_optimum(table, 'x_max')
+    assert found.value == min([*trials, table.x_max[table.settled].min()])
+    assert found.value < 6.968
+    low, high = found.edges
+    assert (low.reason, high.reason) == ('period doubling', 'fold')
+    assert low.value < found.values[0] <= high.value < found.values[0] + 1e-4
+
+
+def test_without_a_search_the_table_alone_is_used(hysteresis):
     found = find_optimum(hysteresis, 'x_max', refine=False)
-    assert found.trials == 0
-    assert found.grid_values == (54.0,)
-    (other,) = found.coexisting
-    assert (other.start, other.motion) == ('followed downwards', 'without impacts')
-    assert other.measure == pytest.approx(RIG.response_amplitude, rel=1e-6)
-    assert found.edges == ()
-    # At 56 m the next value is beyond the edge: of the greatest rms no other is better
-    narrow = find_optimum(hysteresis, 'x_max', 'greatest', refine=False)
-    assert all(edge.ratio < 0.5 for edge in narrow.edges)
+    assert (found.trials, found.edges) == (0, ())
+    assert found.values == found.grid_values == (54.0,)
 
 
 def test_branches_run_through_what_has_settled(hysteresis):

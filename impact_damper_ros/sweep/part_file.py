@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The rigs of a sweep that are done, in lines appended to a file beside its table.
+
+The first line holds the inputs of the sweep. Each further one holds some rigs, a list of number
+and columns each, and the state from which the next rig of their chain starts, if it follows them.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Self
+
+from .steady_state import Row
+from .table import MetadataError
+
+#: What a run depends on from here on, as its `snapshot` gives it.
+State = dict[str, Any]
+
+
+def differences(stored: Any, asked: Any, name: str = '') -> list[str]:
+    """Return a line for each value in which two sets of inputs differ."""
+    if isinstance(stored, dict) and isinstance(asked, dict):
+        return [
+            line
+            for key in {**stored, **asked}
+            for line in differences(
+                stored.get(key), asked.get(key), f'{name}.{key}' if name else str(key)
+            )
+        ]
+    if stored == asked:
+        return []
+    return [f'{name}: {_brief(stored)} there, {_brief(asked)} here']
+
+
+def _brief(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else text[:45] + ' ... ' + text[-12:]
+
+
+def part_path(output: Path) -> Path:
+    """Return the name of the file with the finished rigs of a table."""
+    return output.with_name(output.name + '.part')
+
+
+class PartFile:
+    """
+    The finished rigs of a sweep, in a file that is locked by this process.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file, made if there is none; without, the rigs are in memory alone.
+    inputs : dict
+        The inputs of the sweep.
+    anew : bool
+        Whether to discard the rigs of a sweep with other inputs.
+
+    Attributes
+    ----------
+    rows : dict of int to Row
+        The columns of each rig, by its number.
+
+    Raises
+    ------
+    MetadataError
+        If the file is of a sweep with other inputs, no such file, or in use.
+    OSError
+        If it cannot be written.
+    """
+
+    def __init__(self, path: Path | None, inputs: dict[str, Any], *, anew: bool = False) -> None:
+        self.rows: dict[int, Row] = {}
+        self._states: dict[int, State | None] = {}
+        self._path = path
+        self._file: int | None = None
+        if path is None:
+            return
+        self._file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
+        try:
+            self._lock(self._file)
+            self._open(inputs, anew=anew)
+        except BaseException:
+            self.close()
+            raise
+
+    def _lock(self, file: int) -> None:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise MetadataError(
+                f'{self._path} is in use by another sweep with this output: wait for it, or '
+                'give another --output'
+            ) from None
+
+    def _open(self, inputs: dict[str, Any], *, anew: bool) -> None:
+        """Take what the file holds, but for a line that was cut off; begin it if it is new."""
+        assert self._file is not None
+        assert self._path is not None
+        head, content = _line(inputs), self._path.read_bytes()
+        if head.startswith(content):
+            content = b''
+        *lines, rest = content.split(b'\n')
+        try:
+            stored = json.loads(lines[0]) if content else inputs
+            if 'axes' not in stored:
+                raise ValueError('no inputs')
+            rigs = [json.loads(line) for line in lines[1:]]
+            for rows, state in rigs:
+                self.rows |= dict(rows)
+                self._states[rows[-1][0]] = state
+        except (ValueError, TypeError, LookupError) as error:
+            raise MetadataError(
+                f'{self._path} does not hold the rigs of a sweep, or is damaged ({error}): move '
+                'it away, or give another --output'
+            ) from error
+        differing = differences(stored, json.loads(head))
+        if differing and not anew:
+            raise MetadataError(
+                f'{self._path} holds {len(self.rows)} rigs of a sweep with other inputs:\n  '
+                + '\n  '.join(differing[:12])
+                + '\ngive the command it began with, another --output, or --overwrite it'
+            )
+        if differing or not content:
+            self.rows, self._states = {}, {}
+            os.ftruncate(self._file, 0)
+            self._append(head)
+        elif rest:
+            os.ftruncate(self._file, len(content) - len(rest))
+
+    def add(self, rows: Sequence[tuple[int, Row]], state: State | None) -> None:
+        """Add rigs, and the state after the last of them; all are on disk once this returns."""
+        self._append(_line([rows, state]))
+        self.rows |= dict(rows)
+        self._states[rows[-1][0]] = state
+
+    def left_of(self, chain: Sequence[int]) -> tuple[Sequence[int], State | None]:
+        """Return the rigs of a chain that are not done, and the state from which they start."""
+        done = sum(row in self.rows for row in chain)
+        return chain[done:], self._states.get(chain[done - 1]) if done else None
+
+    def _append(self, line: bytes) -> None:
+        if self._file is not None:
+            while line:
+                line = line[os.write(self._file, line) :]
+            os.fsync(self._file)
+
+    def delete(self) -> None:
+        """Delete the file, since its table is written."""
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Close and unlock the file, which stays."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _line(content: Any) -> bytes:
+    return json.dumps(content, separators=(',', ':')).encode() + b'\n'
