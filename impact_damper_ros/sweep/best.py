@@ -174,14 +174,23 @@ def find_optimum(
         for search in searches:
             search.refine()
     found = min(searches, key=lambda search: search.cost)
-    edge = any(
-        len(axis) > 1 and place in (axis.values[0], axis.values[-1])
-        for axis, place in zip(grid.axes, found.values, strict=True)
-    )
     return Optimum(
-        *(measure, best, starts[0], grid.values(starts[0]), sign * float(costs[starts[0]])),
-        *(found.values, sign * found.cost, found.start, found.anew, found.scatter, edge),
-        *(sum(search.trials for search in searches), found.edges() if refine else ()),
+        measure=measure,
+        best=best,
+        point=starts[0],
+        grid_values=grid.values(starts[0]),
+        grid_measure=float(table[measure][starts[0]]),
+        values=found.values,
+        value=sign * found.cost,
+        start=found.start,
+        anew=found.anew,
+        scatter=found.scatter,
+        at_edge=any(
+            len(axis) > 1 and place in (axis.values[0], axis.values[-1])
+            for axis, place in zip(grid.axes, found.values, strict=True)
+        ),
+        trials=sum(search.trials for search in searches),
+        edges=found.edges() if refine else (),
     )
 
 
