@@ -19,8 +19,6 @@ from impact_damper_ros.rig.order import Order
 
 #: Messages of a topic that are taken where the rig stops; as many wait there.
 DEPTH = 4
-#: More commands in a second than any controller gives; how long they are counted, s.
-FLOOD, FLOOD_SPAN_S = 2500.0, 0.25
 
 
 class CommandError(ValueError):
@@ -41,8 +39,7 @@ class CommandTopic(NamedTuple):
 
     key: str
     topic: str
-    #: Takes the next message: its content, and its number among those of its publisher
-    take: Callable[[], tuple[bytes, int | None] | None]
+    take: Callable[[], bytes | None]  # the next message, if one has come
     publishers: Callable[[], int]  # how many there are
     #: Returns stamp and order of a message; raises a ValueError that says why it is none
     read: Callable[[bytes], tuple[int, Order]]
@@ -89,26 +86,6 @@ def read_force_command(content: bytes) -> tuple[int, Order]:
     return stamp_ns, Order(force=force)
 
 
-class _Flow:
-    """How fast the messages of a topic come, with those that others replaced in the queue."""
-
-    def __init__(self, clock: Callable[[], float]) -> None:
-        self._clock, self._since = clock, clock()
-        self._count = 0
-        self._last: int | None = None
-        self.flooded = False
-
-    def take(self, number: int | None) -> None:
-        step = 1 if number is None or self._last is None else number - self._last
-        # Another publisher counts from 1 on.
-        self._count += max(1, step)
-        self._last = number
-        span = self._clock() - self._since
-        if self._count > FLOOD * FLOOD_SPAN_S or span > FLOOD_SPAN_S:
-            self.flooded = self._count > FLOOD * max(span, FLOOD_SPAN_S)
-            self._since, self._count = self._clock(), 0
-
-
 class CommandInbox:
     """Takes the commands that have come; for the engine's thread."""
 
@@ -116,34 +93,29 @@ class CommandInbox:
         self,
         topics: Sequence[CommandTopic] = (),
         wait: Callable[[float], object] = time.sleep,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         #: Waits until a command comes, or for some seconds
         self.wait = wait
-        self._topics = [(topic, _Flow(clock)) for topic in topics]
+        self._topics = topics
         self.refused = 0
         self.reason = ''
 
     def take(self) -> list[Command]:
         """Return the commands that have come and can be read."""
         found = []
-        for topic, flow in self._topics:
+        for topic in self._topics:
             for _ in range(DEPTH):
-                taken = topic.take()
-                if taken is None:
+                content = topic.take()
+                if content is None:
                     break
-                content, number = taken
-                flow.take(number)
                 try:
-                    found.append(self._read(topic, flow, content))
+                    found.append(self._read(topic, content))
                 except ValueError as error:
                     self.refuse(topic.topic, error)
         return found
 
     @staticmethod
-    def _read(topic: CommandTopic, flow: _Flow, content: bytes) -> Command:
-        if flow.flooded:
-            raise CommandError(f'more than {FLOOD:g} commands per second: publish them less often')
+    def _read(topic: CommandTopic, content: bytes) -> Command:
         if (count := topic.publishers()) > 1:
             raise CommandError(f'there are {count} publishers: stop all but one')
         return Command(topic.key, topic.topic, *topic.read(content))

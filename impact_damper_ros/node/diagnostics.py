@@ -9,9 +9,8 @@ fully qualified node name, so that the reports of two rigs are distinguished.
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from impact_damper_ros.bag.messages import DiagnosticArray, DiagnosticStatus
 from impact_damper_ros.parameters.quoting import counted
@@ -20,16 +19,10 @@ from impact_damper_ros.report.formatting import mode_words
 from .engine import EngineStatus
 from .motion_report import MotionReport
 from .pacing import CATCH_UP_NS
-from .publishing import RecordingStatus
+from .recording import RecordingStatus
 
-#: The rig itself slows the engine down from this computing time per rig time on, if the computing
-#: time per wall time exceeds the second number.
-BUSY, AT_WORK = 0.5, 0.05
-#: Events per second of computing from which the events take the time, and not the search.
-EVENTFUL = 200.0
-#: The same for samples of the gap control, and for events with the flights that the predictive law
-#: tries.
-SAMPLED, TRIED = 5000.0, 1000.0
+#: What may help a rig that takes too long.
+SLOWER = 'give a lower real_time_factor, or a rig with a slower force or softer spring'
 # Levels of diagnostic_msgs/DiagnosticStatus
 OK, WARN, ERROR = 0, 1, 2
 
@@ -57,6 +50,7 @@ class Diagnostics:
         engine: EngineStatus,
         recording: RecordingStatus,
         motion: Iterable[MotionReport] = (),
+        troubles: Sequence[str] = (),
     ) -> DiagnosticArray:
         """Return the report since the last one."""
         now = self._clock()
@@ -67,6 +61,7 @@ class Diagnostics:
             self._recording(recording),
             self._control(engine),
             self._controller(engine),
+            self._network(troubles),
         ]
         self._last_report, self._last = now, engine
         return self._array(stamp_ns, [*statuses, *self._motion(motion)])
@@ -94,7 +89,6 @@ class Diagnostics:
         rig_time = (engine.time_ns - (last.time_ns if last else 0)) * 1e-9
         asked = self._state_rate * self.factor
         worst_ms = counts.worst_lateness_ns * 1e-6
-        burden = self._burden(engine, rig_time, elapsed)
         if engine.held:
             level, message = ERROR, 'held: the rig cannot go on'
         elif engine.paused:
@@ -102,20 +96,17 @@ class Diagnostics:
         elif ticks == 0 and engine.controller.awaited:
             level, message = WARN, 'stands still: lock-step waits for a command'
         elif ticks == 0 and asked * elapsed > 2.0:
-            level, message = ERROR, f'no tick for {elapsed:.1f} s'
-            if burden:
-                message += f': {burden}'
+            level = ERROR
+            message = f'no tick for {elapsed:.1f} s: the rig takes too long to compute; {SLOWER}'
         elif slips:
             level = ERROR
-            message = f'cannot hold {asked:g} Hz: skipped {slipped_ns * 1e-9:.3f} s of wall time; '
-            message += burden or 'lower state_rate or real_time_factor'
+            skipped = f'skipped {slipped_ns * 1e-9:.3f} s of wall time'
+            message = f'cannot hold {asked:g} Hz: {skipped}; lower state_rate, or {SLOWER}'
         elif overruns:
             level = WARN
             message = f'{overruns} of {ticks} ticks late by more than a period; no sample lost'
         elif not self.factor:
             level, message = OK, f'runs {rig_time / elapsed:.3g} times as fast as real time'
-            if burden and rig_time < elapsed:
-                level, message = WARN, f'{message}: {burden}'
         else:
             level, message = OK, f'holds {asked:g} Hz'
         return self._status(
@@ -137,33 +128,9 @@ class Diagnostics:
             },
         )
 
-    def _burden(self, engine: EngineStatus, rig_time: float, elapsed: float) -> str:
-        """Return why the rig takes so long, and a remedy; empty if it does not."""
-        last = self._last
-        events = engine.events - (last.events if last else 0)
-        busy = (engine.busy_ns - (last.busy_ns if last else 0)) * 1e-9
-        if busy < AT_WORK * elapsed or busy * (self.factor or 1.0) < BUSY * rig_time:
-            return ''
-        control = engine.control
-        commands = engine.commands - (last.commands if last else 0)
-        if control.active and control.gap_control_rate * rig_time > SAMPLED * busy:
-            often = f'the gap control samples {control.gap_control_rate:g} times per second'
-            remedy = 'lower gap_control_rate'
-        elif control.gap_control == 'predictive' and commands and events < TRIED * busy:
-            often = f'the predictive law moved the stops {commands} times in {rig_time:.2g} s'
-            remedy = 'choose another gap_control or a shorter gap_control_horizon'
-        elif events > EVENTFUL * busy:
-            impacts = engine.impacts - (last.impacts if last else 0)
-            kind = 'impacts' if 2 * impacts > events else 'events'
-            # Rig time goes by whole nanoseconds.
-            often = f'{events / max(rig_time, 1e-9):.2g} {kind} per second of rig time'
-            remedy = 'lower the restitution, give a wider gap or less force'
-        else:
-            often = f'the fastest of spring and force has {engine.fastest / math.tau:.3g} Hz'
-            if engine.harmonics > 1:
-                often = f'the force has {engine.harmonics} harmonics, and {often}'
-            remedy = 'give less stiffness, a heavier mass, or a slower force of fewer harmonics'
-        return f'the rig is behind: {often}; {remedy}, or lower real_time_factor'
+    def _network(self, troubles: Sequence[str]) -> DiagnosticStatus:
+        message = '; '.join(troubles) or 'no other node interferes'
+        return self._status('network', WARN if troubles else OK, message, {})
 
     def _rig(self, engine: EngineStatus, elapsed: float) -> DiagnosticStatus:
         impacts = engine.impacts - (self._last.impacts if self._last else 0)

@@ -9,7 +9,7 @@ In lock-step the rig does not move on from a measurement before the command with
 come. So a run does not depend on how long controller and middleware take. A measurement is sent
 again now and then, as a controller that has only just joined may have missed it. If none answers
 within `lock_step_timeout` of wall time, the rig goes on, and does not wait again before the next
-command.
+command, which may itself come too late to be carried out.
 """
 
 from __future__ import annotations
@@ -23,19 +23,24 @@ from impact_damper_ros.bag.rig_topics import RigMessages
 from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.control.sensors import mixed_bits, mixed_seed, uniform_of
 from impact_damper_ros.motion.event import Event
-from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import NodeSettings
 from impact_damper_ros.rig.order import Order
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .commands import Command, CommandError, CommandInbox
+from .rig_motion import RIG_FAILURES
 
 #: How much later or earlier than now a command may be stamped, if there is no `command_timeout`.
 _MOST_LATE_S = 10.0
 _NEVER_S = 1e9
 #: Of the random numbers of a measurement, those that are not noise.
 _LOSS, _JITTER = 5, 6
+
+
+def _seconds(stamp_ns: int) -> str:
+    """Return a stamp in seconds with all its digits."""
+    return f'{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}'
 
 
 class Sent(NamedTuple):
@@ -85,10 +90,12 @@ class ExternalControl:
             'off': set(),
             'both': {'stop_commands', 'force_command'},
         }.get(settings.lock_step, {settings.lock_step})
-        # The stamp of the measurement for which it is, and the commands that have come for it
+        # The stamps of the measurement for which it is, of the last one that was published, and of
+        # that which was answered last; and the commands that have come
         self._awaited_ns: int | None = None
-        self._answers: dict[str, Command] = {}
+        self._published_ns: int | None = None
         self._answered_ns: int | None = None
+        self._answers: dict[str, Command] = {}
         self._given_up = False
         self._missed = 0
 
@@ -120,6 +127,7 @@ class ExternalControl:
             self._index += 1
         while self._on_the_way and self._on_the_way[0].due_ns <= time_ns:
             sent = self._on_the_way.popleft()
+            self._published_ns = sent.stamp_ns
             if self._in_step:
                 self._awaited_ns, self._answers = sent.stamp_ns, {}
             yield sent
@@ -197,7 +205,7 @@ class ExternalControl:
         for command in self._commands(stamp_ns):
             try:
                 done = self._carry_out(self._limited_order(command.order))
-            except ParameterError as error:
+            except RIG_FAILURES as error:
                 self._inbox.refuse(command.topic, error)
                 continue
             self._note(command.order, time_ns)
@@ -208,10 +216,12 @@ class ExternalControl:
 
     def _commands(self, now_ns: int) -> list[Command]:
         """Return the commands that are due now."""
-        found = []
+        found, in_step = [], self._in_step
         for command in self._inbox.take():
             try:
-                if not self._in_step:
+                if not in_step:
+                    # Also a controller that is too slow now is waited for at the next measurement.
+                    self._given_up &= command.key not in self._topics
                     self._check_stamp(command.stamp_ns, now_ns)
                     found.append(command)
                 elif command.stamp_ns == self._awaited_ns:
@@ -233,18 +243,24 @@ class ExternalControl:
                 f'lock-step waits for {", ".join(self._topics)} only: start with lock_step:=both'
             )
         if command.stamp_ns != self._answered_ns:
-            last_ns = self._answered_ns if self._awaited_ns is None else self._awaited_ns
+            last = 'of which there is none yet'
+            if self._published_ns is not None:
+                last = f'{_seconds(self._published_ns)} s'
             raise CommandError(
-                f'its stamp is {command.stamp_ns * 1e-9:.9f} s, and lock-step takes only that of '
-                f'the last measurement, {(last_ns or 0) * 1e-9:.9f} s'
+                f'its stamp is {_seconds(command.stamp_ns)} s, and lock-step takes only that of '
+                f'the last measurement, {last}'
             )
 
     def _carry_out(self, order: Order) -> tuple[list[Event], list[ControlRecord]]:
         # A controller may answer that nothing is to be done.
         if not (order.stops or order.force == order.force):
             return [], []
-        events = self._rig.order(order)
-        return events, self._rig.records
+        mark = self._rig.mark()
+        try:
+            return self._rig.order(order), self._rig.records
+        except RIG_FAILURES:
+            self._rig.go_back(mark)
+            raise
 
     def _check_stamp(self, stamp_ns: int, now_ns: int) -> None:
         if not stamp_ns:

@@ -21,7 +21,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.theory.prediction import ObservedMotion, Prediction
 from impact_damper_ros.theory.theory_process import TheoryProcess
 
-from .motion_ahead import KEPT, MotionTrace
+from .motion_trace import KEPT, MotionTrace
 
 #: The last cycles of the force that are measured where there is no rhythm; a motion with no impact
 #: in as many cycles is one without impacts.

@@ -11,14 +11,12 @@ from __future__ import annotations
 import contextlib
 import gc
 import math
-import os
+import signal
 import sys
 import time
 import traceback
 from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path
-from shutil import which
 from typing import Any
 
 import rclpy
@@ -27,7 +25,6 @@ from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
@@ -66,9 +63,10 @@ from .commands import (
     read_stop_command,
 )
 from .diagnostics import Diagnostics
-from .engine import Engine, EngineCallbacks
+from .engine import Engine, answered
 from .motion_report import MotionMonitor
-from .pacing import EndRequest, take_priority
+from .network import Network
+from .pacing import take_priority
 from .parameters import (
     NodeParameters,
     as_meant,
@@ -76,7 +74,8 @@ from .parameters import (
     descriptor,
     parameters_from_overrides,
 )
-from .publishing import Recorder, RigPublishers, TopicPublisher
+from .publishing import RigPublishers, TopicPublisher
+from .recording import Recorder
 from .services import RigServices
 
 USAGE = """usage: sim_node [-h] [--version]
@@ -85,15 +84,6 @@ USAGE = """usage: sim_node [-h] [--version]
 The digital rig of an impact damper as a ROS 2 node. For instance:
   sim_node --ros-args -p gap:=30 -p record:=true -r __ns:=/rig1
 Parameters, with unit and range: ros2 param describe /sim_node NAME"""
-
-
-#: Options of the other commands, and the parameter of the node in place of each.
-IN_PLACE_OF = {
-    '--bag': 'record:=true',
-    '--law': 'control_law:=my_laws:catch',
-    '--rate': 'state_rate:=200.0',
-    '--set': 'gap:=0.03',
-}
 
 
 def refuse(reason: object) -> int:
@@ -112,14 +102,6 @@ def answer_foreign(arguments: Sequence[str]) -> int | None:
     if arguments[0] == '--version':
         print(f'sim_node (impact_damper_ros) {__version__}')
         return 0
-    option = arguments[0].partition('=')[0]
-    if option in IN_PLACE_OF:
-        print(
-            f'sim_node: {option} is an option of other commands; the node has a parameter: '
-            f'sim_node --ros-args -p {IN_PLACE_OF[option]}',
-            file=sys.stderr,
-        )
-        return 2
     return refuse(
         f'unknown argument {shown(arguments[0])}; parameters and remappings follow --ros-args, as '
         'in: sim_node --ros-args -p gap:=30'
@@ -134,34 +116,12 @@ def in_words(error: Exception) -> str:
     return text
 
 
-def start_message(
-    parameters: NodeParameters, publishers: RigPublishers, node: str, recording: str
-) -> str:
+def start_message(parameters: NodeParameters, node: str, recording: str) -> str:
     """Return a summary of the node in a few lines."""
-    control = parameters.control.gap_control
-    if parameters.control_law != 'none':
-        control += f' (its law is {parameters.control_law})'
-    elif control == 'external':
-        control += ': by the topics stop_commands and force_command'
-    rates = {'joint_states': parameters.state_rate, 'measurements': parameters.measurement_rate}
-    listed = ('joint_states', 'measurements', 'impacts', 'gap_control', 'snapshot')
-    topics = [
-        publishers[key].topic + (f' at {rates[key]:g} Hz' if key in rates else '')
-        for key in (*listed, 'diagnostics', 'clock')
-        if key in publishers and rates.get(key, 1.0)
-    ]
-    runs = Path(os.path.abspath(parameters.bag_directory))  # noqa: PTH100 - need not exist
-    # Without an installed ROS there is no command ros2.
-    turn_on = f'ros2 param set {node} record true' if which('ros2') else 'set_rig record=true'
     lines = [
         f'{node} runs {_pace(parameters.real_time_factor)}',
         f'rig        {described(parameters.rig)}',
-        f'control    {control}',
-        f'topics     {", ".join(topics)}',
-        f'services   {node}/reset, {node}/pause, {node}/step, {node}/step_to_impact',
-        f'recording  to {recording}'
-        if recording
-        else f'recording  off; into {runs} with: {turn_on}, or rig_page',
+        f'recording  {f"to {recording}" if recording else "off"}',
     ]
     if hint := frequency_hint(parameters.rig):
         lines.append(f'note       {hint}')
@@ -178,6 +138,9 @@ def _pace(factor: float) -> str:
 #: that moves the rig waits until that of the executor, or of a recording, is done.
 SWITCH_INTERVAL_S = 2e-5
 REPORT_PERIOD_S = 1.0
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: Time after which the executor looks for signals and for a failure of the engine.
+LOOK_PERIOD_S = 0.2
 #: Time after which the process of the theory is asked for more, while more is to come.
 THEORY_PERIOD_S = 0.1
 #: Least time between two warnings of a kind, such as those of a rig that falls behind, s.
@@ -200,7 +163,7 @@ class _NoCallbacks(CallbackGroup):
 class SimNode(Node):
     """The rig as a node: publishers, parameters, services and reports around an engine."""
 
-    def __init__(self, arguments: Sequence[str] = ()) -> None:
+    def __init__(self, arguments: Sequence[str], executor: SingleThreadedExecutor) -> None:
         super().__init__('sim_node')
         # There is no public way to get the overrides of parameters that are not declared yet;
         # declaring from overrides would make `37` an integer parameter.
@@ -219,11 +182,13 @@ class SimNode(Node):
                 f'{parameters.lock_step}: stamps count from 0, and /clock is published; give the '
                 'other nodes use_sim_time'
             )
+        # Carried out by the executor, whatever thread asks for it
+        self._post = executor.create_task
         self._warned_s: dict[str, float] = {}
-        self._warned_of_clock = False
         node = self.get_fully_qualified_name()
+        commands = {self.resolve_topic_name(key): kind for key, (_, kind, _) in _COMMANDS.items()}
+        self._network = Network(self, '/clock' if parameters.simulated_time else '', commands)
         self._topic_publishers = self._advertise(parameters)
-        self._woken = self.create_guard_condition(lambda: None)
         priority = parameters.priority
         # Of this thread and those that it starts. One lower than that of the engine, so that they
         # never keep it waiting, but those of other programs do not keep them from releasing the
@@ -231,27 +196,20 @@ class SimNode(Node):
         take_priority(max(1, priority - 1) if priority else 0)
         self._theory = TheoryProcess(warn=self.get_logger().warning)
         self._theory.enable(parameters.predict_motion)
-        self._begun = self.create_guard_condition(self._begin_course)
-        self._course: Mapping[str, Any] = {}
         self.engine = Engine(
             parameters,
             self._topic_publishers,
-            EngineCallbacks(
-                self.context.ok,
-                self.wake,
-                self._on_course,
-                self._warn_of_trouble,
-                self.create_guard_condition(self._record_anew).trigger,
-            ),
-            node,
-            self._command_inbox(),
+            node=node,
+            inbox=self._command_inbox(),
+            alive=self.context.ok,
+            on_course=partial(self._post, self._begin_course),
+            on_trouble=self._warn_of_trouble,
         )
         self._monitor = MotionMonitor(self.engine.trace, self._theory, parameters.state_rate)
-        broken = self.create_guard_condition(self._end_broken_recording)
-        self._recorder = Recorder(self.engine, self._topic_publishers, node, broken.trigger)
+        broken = partial(self._post, self._end_broken_recording)
+        self._recorder = Recorder(self.engine, self._topic_publishers, node, broken)
         self._description = String('')
         self._describe(parameters)
-        self._parameters_now = parameters
         self._diagnostics = Diagnostics(node, parameters.state_rate, parameters.real_time_factor)
         # Reports come in wall time, also when the node's clock is a simulated or stopped one.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -262,14 +220,13 @@ class SimNode(Node):
         self._asking.cancel()
         # What the topic `theory` said last
         self._document = ''
-        listeners = PublisherEventCallbacks(matched=self._on_listener)
         self._theory_publisher = self._publisher(
-            StringMessage, 'theory', _qos(LATCHED), event_callbacks=listeners
+            StringMessage, 'theory', _qos(LATCHED), self._on_listener
         )
-        RigServices(self, self.engine, lambda: self._parameters_now.initial)
+        RigServices(self, self.engine, partial(self._post, lambda: None))
         if parameters.record:
             self._open_recording(parameters)
-            self._recorder.begin(self._listing(), encode(self._description))
+            self._recorder.begin(self._listing(parameters), encode(self._description))
 
     def _warn_of_trouble(self, kind: str, text: str) -> None:
         """Warn, from the engine's thread, but not too often of one kind."""
@@ -281,14 +238,9 @@ class SimNode(Node):
     def start(self) -> None:
         """Start the rig, and log a summary."""
         self.engine.start()
-        name, log = self.get_fully_qualified_name(), self.get_logger()
-        log.info(
-            start_message(self._parameters_now, self._topic_publishers, name, self._recorder.path)
-        )
-
-    def wake(self) -> None:
-        """Wake the executor, from any thread, to check whether it should continue."""
-        self._woken.trigger()
+        name = self.get_fully_qualified_name()
+        text = start_message(self.engine.parameters, name, self._recorder.path)
+        self.get_logger().info(text)
 
     def finish(self) -> str:
         """Stop the rig and finish the bag, without ROS; return a summary of the recording."""
@@ -298,20 +250,19 @@ class SimNode(Node):
         return summary
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set parameters, all or none; a rejection names the values that are accepted."""
-        before = self._parameters_now
+        """Set parameters, all or none, once the rig has taken them; a rejection has its reason."""
+        before = self.engine.parameters
         try:
             meant = as_meant(parameter_list, before.rig)
             after = changed_by(meant, before, self.has_parameter)
             if after.record and not before.record:
                 # Whether a recording can begin is known only after a try.
                 self._open_recording(after)
+            self._change(after, meant)
         except Exception as error:
             return SetParametersResult(successful=False, reason=str(error))
         result = super().set_parameters_atomically(meant)
-        if result.successful:
-            self._parameters_now = after
-            self._apply(before, after, meant)
+        self._follow_change(before, after)
         return result
 
     # At start
@@ -339,23 +290,27 @@ class SimNode(Node):
             publishers['clock'] = self._publisher(ClockMessage, '/clock', clock)
         return publishers
 
-    def _publisher(self, kind: Any, topic: str, qos: QoSProfile, **more: Any) -> TopicPublisher:
+    def _publisher(
+        self, kind: Any, topic: str, qos: QoSProfile, on_match: Any = None
+    ) -> TopicPublisher:
         publisher = self.create_publisher(
-            kind, topic, qos, qos_overriding_options=self._qos_overrides(topic), **more
+            kind,
+            topic,
+            qos,
+            event_callbacks=self._network.events_of(self.resolve_topic_name(topic), on_match),
+            qos_overriding_options=self._qos_overrides(topic),
         )
         return TopicPublisher(publisher.topic_name, publisher.publish)
 
     def _command_inbox(self) -> CommandInbox:
         """Return the commands of a controller, which the engine's thread takes by itself."""
-        kinds = {
-            'stop_commands': (JointState, read_stop_command),
-            'force_command': (WrenchStamped, read_force_command),
-        }
+        # So that publishers of either reliability match; in lock-step a measurement is sent again.
+        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         subscriptions = {
             key: self.create_subscription(
-                kind, key, lambda _: None, DEPTH, callback_group=_NoCallbacks(), raw=True
+                kind, key, lambda _: None, qos, callback_group=_NoCallbacks(), raw=True
             )
-            for key, (kind, _) in kinds.items()
+            for key, (kind, _, _) in _COMMANDS.items()
         }
         # As `rclpy.wait_for_message` waits
         waiting = _rclpy.WaitSet(len(subscriptions), 0, 0, 0, 0, 0, self.context.handle)
@@ -366,13 +321,15 @@ class SimNode(Node):
                 waiting.add_subscription(subscription.handle)
             waiting.wait(round(seconds * 1e9))
 
-        def take(key: str) -> tuple[bytes, int | None] | None:
-            taken = subscriptions[key].handle.take_message(kinds[key][0], True)
-            return taken and (taken[0], taken[1].get('publication_sequence_number'))
+        def take(key: str) -> bytes | None:
+            taken = subscriptions[key].handle.take_message(_COMMANDS[key][0], True)
+            return taken[0] if taken is not None else None
 
         topics = [
-            CommandTopic(key, one.topic_name, partial(take, key), one.get_publisher_count, read)
-            for (key, one), (_, read) in zip(subscriptions.items(), kinds.values(), strict=True)
+            CommandTopic(
+                key, one.topic_name, partial(take, key), one.get_publisher_count, _COMMANDS[key][2]
+            )
+            for key, one in subscriptions.items()
         ]
         return CommandInbox(topics, wait)
 
@@ -393,29 +350,25 @@ class SimNode(Node):
             parameters.max_bag_duration,
         )
 
-    def _apply(
-        self, before: NodeParameters, after: NodeParameters, changed: Sequence[Parameter]
-    ) -> None:
+    def _change(self, after: NodeParameters, changed: Sequence[Parameter]) -> None:
+        """Have the engine change parameters; an error if it does not."""
         node = self.get_fully_qualified_name()
         event = ParameterEvent(0, node, (), tuple(map(_recorded, changed)), ())
-        rig = after.rig if after.rig != before.rig else None
-        control = after.control if after.control != before.control else None
-        listing = self._listing() if self._recorder.splits else b''
-        initial = after.initial if after.initial != before.initial else None
-        self.engine.ask(self.engine.change, rig, encode(event), control, initial, listing)
-        self.engine.controller.settings = after
+        listing = self._listing(after) if self._recorder.splits else b''
+        answered(self.engine.ask(self.engine.change, after, encode(event), listing))
+
+    def _follow_change(self, before: NodeParameters, after: NodeParameters) -> None:
+        """Do what follows from a change beside the motion of the rig."""
         self._describe(after)
-        turned = rig is not None and rig.force_frequencies != before.rig.force_frequencies
+        self._diagnostics.factor = after.real_time_factor
+        turned = after.rig.force_frequencies != before.rig.force_frequencies
         if turned and (hint := frequency_hint(after.rig)):
             self.get_logger().warning(hint)
-        if after.real_time_factor != before.real_time_factor:
-            self.engine.ask(self.engine.set_pace, after.real_time_factor)
-            self._diagnostics.factor = after.real_time_factor
         if after.predict_motion != before.predict_motion:
             self._theory.enable(after.predict_motion)
             self._follow_theory()
         if after.record and not before.record:
-            self._recorder.begin(self._listing(), encode(self._description))
+            self._recorder.begin(self._listing(after), encode(self._description))
             self.get_logger().info(f'recording to {self._recorder.path}')
         elif before.record and not after.record:
             summary = self._recorder.finish()
@@ -431,11 +384,17 @@ class SimNode(Node):
             self._description = String(text)
             self._publish('robot_description', encode(self._description))
 
-    def _listing(self) -> bytes:
+    def _listing(self, parameters: NodeParameters) -> bytes:
         """Return the event that lists all parameters with their values."""
-        parameters = self.get_parameters(self.list_parameters([], 0).names)
+        values = parameters.as_dict()
+        listed = [
+            RecordedParameter(name, values[name])
+            if name in values
+            else _recorded(self.get_parameter(name))
+            for name in self.list_parameters([], 0).names
+        ]
         node = self.get_fully_qualified_name()
-        return encode(ParameterEvent(0, node, tuple(map(_recorded, parameters)), (), ()))
+        return encode(ParameterEvent(0, node, tuple(listed), (), ()))
 
     def _publish(self, key: str, content: bytes) -> None:
         """Publish a message from the executor's thread; the engine records it."""
@@ -450,30 +409,16 @@ class SimNode(Node):
         engine = self.engine.status()
         recording = self._recorder.status(engine.recorded)
         motion = self._monitor.look()
-        report = self._diagnostics.report(self.engine.stamp_ns(), engine, recording, motion)
+        report = self._diagnostics.report(
+            self.engine.stamp_ns(), engine, recording, motion, self._network.troubles()
+        )
         self._publish('diagnostics', encode(report))
-        self._warn_of_others()
-
-    def _warn_of_others(self) -> None:
-        """Warn once if another node publishes the clock as well."""
-        clock = self._topic_publishers.get('clock')
-        if clock and not self._warned_of_clock and self.count_publishers(clock.topic) > 1:
-            self._warned_of_clock = True
-            self.get_logger().warning(
-                f'another node publishes {clock.topic}, too: the time of nodes with use_sim_time '
-                'jumps between the two; give the rigs ROS domains of their own, or '
-                'real_time_factor:=1.0 publish_clock:=false'
-            )
 
     # Theory
 
-    def _on_course(self, state: Mapping[str, Any]) -> None:
-        """Note that the rig has another motion; from the engine's thread."""
-        self._course = state
-        self._begun.trigger()
-
-    def _begin_course(self) -> None:
-        self._theory.ask(self._course)
+    def _begin_course(self, state: Mapping[str, Any]) -> None:
+        """Predict the motion anew: the rig has another one."""
+        self._theory.ask(state)
         self._follow_theory()
 
     def _on_listener(self, info: Any) -> None:
@@ -500,23 +445,21 @@ class SimNode(Node):
     # Recording
 
     def _end_broken_recording(self) -> None:
-        if self._parameters_now.record and self._recorder.failure():
+        if self.engine.parameters.record and self._recorder.failure():
             self.set_parameters_atomically([Parameter('record', Parameter.Type.BOOL, False)])
-
-    def _record_anew(self) -> None:
-        """Go on in another bag, in which the stamps may be earlier."""
-        if self._parameters_now.record:
-            for record in (False, True):
-                parameter = Parameter('record', Parameter.Type.BOOL, record)
-                result = self.set_parameters_atomically([parameter])
-            if not result.successful:
-                self.get_logger().error(result.reason)
 
 
 _MESSAGE_TYPES = {
     JOINT_STATE: JointState,
     STRING: StringMessage,
     DIAGNOSTIC_ARRAY: DiagnosticArray,
+}
+
+
+#: Topics that a controller publishes: type, its name, and how a message is read.
+_COMMANDS = {
+    'stop_commands': (JointState, JOINT_STATE, read_stop_command),
+    'force_command': (WrenchStamped, 'geometry_msgs/msg/WrenchStamped', read_force_command),
 }
 
 
@@ -538,26 +481,20 @@ def _description_of(parameters: NodeParameters) -> str:
     return robot_description(parameters.rig, parameters.control.widest_gap)
 
 
-def _spin(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> None:
-    executor.add_node(node)
-    while rclpy.ok() and not end.received and node.engine.failure is None:
-        try:
-            executor.spin_once()
-        except Exception:
-            # For instance a malformed request, which must not stop the rig
-            node.get_logger().error(f'a callback failed:\n{traceback.format_exc()}')
-
-
-def _run(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> int:
-    """Run the node until it has to end, or its engine fails."""
-    end.wake_with(node.wake)
+def _run(node: SimNode, executor: SingleThreadedExecutor, ended: Sequence[int]) -> int:
+    """Run the node until a signal has come, or its engine fails."""
     try:
         # The garbage collector need not go through the present objects again.
         gc.freeze()
+        executor.add_node(node)
         node.start()
-        _spin(node, executor, end)
+        while rclpy.ok() and not ended and node.engine.failure is None:
+            try:
+                executor.spin_once(timeout_sec=LOOK_PERIOD_S)
+            except Exception:
+                # For instance a malformed request, which must not stop the rig
+                node.get_logger().error(f'a callback failed:\n{traceback.format_exc()}')
     finally:
-        end.wake_with(None)
         # The terminal may be closed.
         if summary := node.finish():
             with contextlib.suppress(OSError):
@@ -569,7 +506,7 @@ def _run(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> in
     return 0
 
 
-def _serve(arguments: Sequence[str], end: EndRequest) -> int:
+def _serve(arguments: Sequence[str], ended: Sequence[int]) -> int:
     """Run the node until it ends; return the exit code."""
     try:
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
@@ -581,10 +518,10 @@ def _serve(arguments: Sequence[str], end: EndRequest) -> int:
             return code
         try:
             executor = SingleThreadedExecutor()
-            node = SimNode(arguments)
+            node = SimNode(arguments, executor)
         except Exception as error:
             return refuse(error)
-        return _run(node, executor, end)
+        return _run(node, executor, ended)
     finally:
         with contextlib.suppress(Exception):
             if node is not None:
@@ -593,13 +530,24 @@ def _serve(arguments: Sequence[str], end: EndRequest) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node."""
+    """
+    Run the node.
+
+    rclpy's own signal handler shuts ROS down from a thread of its own, and a second signal meets
+    guard conditions that are just being freed. Here a signal is only noted. It is ignored from
+    the end on, as an impatient one must not spoil the exit code.
+    """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    end = EndRequest()
+    ended: list[int] = []
+    for number in SIGNALS:
+        # SIGHUP, of a closed terminal, is ignored if the process was started so, as by nohup.
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda number, _: ended.append(number))
     try:
-        return _serve(sys.argv if argv is None else argv, end)
+        return _serve(sys.argv if argv is None else argv, ended)
     finally:
-        end.close()
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
 
 
 if __name__ == '__main__':

@@ -18,7 +18,6 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli import command_line
 from impact_damper_ros.cli.command_line import CommandError, outcome
 from impact_damper_ros.cli.rig_options import given_rig
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 from impact_damper_ros.rig.event_budget import RunawayError
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -203,16 +202,3 @@ def test_version_of_the_node():
     ]
     assert said[0] == f'sim_node (impact_damper_ros) {__version__}\n'
     assert '--version' in said[1]
-
-
-def test_an_option_of_other_commands_is_a_parameter_of_the_node(capsys):
-    pytest.importorskip('rclpy')
-    from impact_damper_ros.node.sim_node import IN_PLACE_OF, answer_foreign
-
-    for option, setting in IN_PLACE_OF.items():
-        assert setting.partition(':=')[0] in ALL_SPECS
-        for words in ([option, 'my_laws:catch'], [f'{option}=my_laws:catch']):
-            assert answer_foreign(words) == 2
-            said = capsys.readouterr().err
-            assert said.startswith(f'sim_node: {option} is an option of other commands')
-            assert said.endswith(f'sim_node --ros-args -p {setting}\n')

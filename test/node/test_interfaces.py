@@ -11,8 +11,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag.rig_topics import PAUSED_ACT
-from impact_damper_ros.cli.replay_run import main as replay_run
-from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
+from node.rig_client import RigParametersClient, stamp_ns, until
 
 
 def snapshot_after(rig, count, condition=lambda _: True):
@@ -81,47 +80,6 @@ def test_services(rig):
     rig.await_states(5)
     stamps = [stamp_ns(m.header.stamp) for m in list(rig.states)]
     assert stamps == sorted(set(stamps))
-
-
-def test_simulation_interfaces_where_they_are_installed(client, launch, namespace, tmp_path):
-    srv = pytest.importorskip('simulation_interfaces.srv')
-    msg = pytest.importorskip('simulation_interfaces.msg')
-    process = launch(f'__ns:={namespace}', predict_motion=False, record=True, **LIVELY)
-    states = client.listen(JointState, f'{namespace}/joint_states')
-    until(lambda: states or not process.running(), lambda: process.output)
-
-    def call(name, **fields):
-        kind = getattr(srv, name)
-        words = ''.join(f'_{c.lower()}' if c.isupper() else c for c in name)
-        service = client.node.create_client(kind, f'{namespace}/sim_node/{words[1:]}')
-        until(service.service_is_ready, name)
-        future = service.call_async(kind.Request(**fields))
-        return until(lambda: future.done() and future.result(), name)
-
-    def put(state):
-        answer = call('SetSimulationState', state=msg.SimulationState(state=state)).result
-        return answer.result, answer.error_message
-
-    ok = msg.Result.RESULT_OK
-    state, reset = msg.SimulationState, srv.ResetSimulation.Request
-    features = set(call('GetSimulatorFeatures').features.features)
-    assert {20, 22, 24, 25, 26, 31, 32} == features
-    assert call('GetSimulationState').state.state == state.STATE_PLAYING
-    assert put(state.STATE_PLAYING)[0] == srv.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
-    refused = call('StepSimulation', steps=1).result
-    assert (refused.result, 'pause it first' in refused.error_message) == (4, True)
-    assert put(state.STATE_PAUSED) == (ok, '')
-    assert call('GetSimulationState').state.state == state.STATE_PAUSED
-    count = len(samples_of(states))
-    assert call('StepSimulation', steps=7).result.result == ok
-    until(lambda: len(samples_of(states)) == count + 7, lambda: len(samples_of(states)) - count)
-    assert put(state.STATE_STOPPED)[0] == msg.Result.RESULT_FEATURE_UNSUPPORTED
-    for scope in (reset.SCOPE_DEFAULT, reset.SCOPE_TIME, reset.SCOPE_ALL):
-        assert 'SCOPE_STATE' in call('ResetSimulation', scope=scope).result.error_message
-    assert call('ResetSimulation', scope=reset.SCOPE_STATE).result.result == ok
-    assert put(state.STATE_QUITTING) == (ok, '')
-    assert process.wait() == 0, process.output
-    assert replay_run([str(next((tmp_path / 'process_0' / 'runs').iterdir()))]) == 0
 
 
 def samples_of(states):

@@ -15,7 +15,6 @@ from impact_damper_ros import (
     find_orbits,
     load_parameters,
 )
-from impact_damper_ros.node.motion_ahead import KEPT, MotionTrace
 from impact_damper_ros.node.motion_report import (
     MotionMonitor,
     RecentMotion,
@@ -24,6 +23,7 @@ from impact_damper_ros.node.motion_report import (
     measured_report,
     predicted_report,
 )
+from impact_damper_ros.node.motion_trace import KEPT, MotionTrace
 from impact_damper_ros.orbits.orbit import AT_IMPACTS
 from impact_damper_ros.theory.prediction import Prediction
 from impact_damper_ros.theory.theory_process import TheoryProcess

@@ -62,14 +62,18 @@ def replayed(place):
 
 
 def compare_heard(bag, topic, messages, least):
-    logged = {stamp_of(m.header.stamp): m for m in bag.messages(f'/{topic}')}
+    def numbers(message):
+        return [list(part) for part in (message.position, message.velocity, message.effort)]
+
+    # Impacts of a chatter may have the same stamp.
+    logged = {}
+    for message in bag.messages(f'/{topic}'):
+        logged.setdefault(stamp_of(message.header.stamp), []).append(numbers(message))
     until(lambda: stamp_ns(messages[-1].header.stamp) >= max(logged), 'they stay out')
     heard = [m for m in list(messages) if stamp_ns(m.header.stamp) in logged]
     assert len(heard) > least
     for message in heard:
-        same = logged[stamp_ns(message.header.stamp)]
-        for part in ('position', 'velocity', 'effort'):
-            assert list(getattr(same, part)) == list(getattr(message, part))
+        assert numbers(message) in logged[stamp_ns(message.header.stamp)]
 
 
 def test_a_run_is_reproduced_from_its_bag(rig, tmp_path):

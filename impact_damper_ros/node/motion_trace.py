@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What of the motion of a rig is kept for the reports: its last impacts and turning points."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from math import tau
+from typing import Any
+
+from impact_damper_ros.motion.event import Event, EventKind, Sample
+from impact_damper_ros.motion.swing import extremes
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.rig.stepped_sine import frequency_at
+
+#: Impacts and turning points that are kept: some dozens of periods, or a few with many impacts.
+KEPT = 512
+
+
+class MotionTrace:
+    """
+    The motion of a rig since its last change or reset, or the last step of its frequency.
+
+    The engine's thread writes. Other threads may read; they copy at once.
+    """
+
+    def __init__(
+        self, parameters: RigParameters, began: float, turned: float, step: int = 0
+    ) -> None:
+        self.parameters = parameters
+        self.began = began  # rig time, s
+        self.frequency = frequency_at(parameters, step)  # circular, of the first harmonic, rad/s
+        self.turned = turned  # its angle at the beginning, in cycles since its zero
+        self.step = step  # steps of the stepped sine done by then
+        self._impacts: deque[Event] = deque(maxlen=KEPT)
+        self._turns: deque[tuple[float, float]] = deque(maxlen=KEPT)
+        self._last: Sample | None = None
+        self._passed: Sequence[Event] = ()
+
+    @classmethod
+    def at(cls, parameters: RigParameters, snapshot: Mapping[str, Any]) -> MotionTrace:
+        """Begin at a snapshot of the rig."""
+        step, origin = snapshot['sweep']['step'], snapshot['origin']
+        since = snapshot['time'] - origin['time']
+        angle = origin['angles'][0] + frequency_at(parameters, step) * since
+        return cls(parameters, snapshot['time'], angle / tau, step)
+
+    def after(self, events: Sequence[Event]) -> MotionTrace:
+        """Take all events since the last sample; return the trace from there on."""
+        trace, first = self, 0
+        for i, event in enumerate(events):
+            if event.kind is EventKind.IMPACT:
+                trace._impacts.append(event)
+            elif event.kind is EventKind.FREQUENCY_STEP:
+                turned = trace.cycles(event.time)
+                trace = MotionTrace(trace.parameters, event.time, turned, trace.step + 1)
+                first = i + 1
+        # Between two ticks there may be several moves of the rig, each with many events.
+        before = [] if trace is not self else trace._passed
+        trace._passed = [*before, *events[first:]][-KEPT:] if before or first else events
+        return trace
+
+    def sample(self, sample: Sample) -> None:
+        """Take the next sample, unless it was taken before."""
+        last = self._last
+        if last is not None and sample.time <= last.time:
+            return
+        self._last = sample
+        if last is None:
+            self._passed = ()
+        elif self._passed or last.primary_velocity * sample.primary_velocity < 0.0:
+            for x in extremes(last, self._passed, sample):
+                self._turns.append((sample.time, abs(x)))
+            self._passed = ()
+
+    # For other threads
+
+    @property
+    def time(self) -> float:
+        """Rig time of the last sample, s."""
+        return self._last.time if self._last is not None else self.began
+
+    def cycles(self, time: float) -> float:
+        """Return the angle of the first harmonic at an instant (s), in cycles since its zero."""
+        return self.turned + (time - self.began) * self.frequency / tau
+
+    def impacts(self) -> list[Event]:
+        """Return the last impacts."""
+        return list(self._impacts)
+
+    def largest(self, since: float) -> float:
+        """Return the largest |X| from an instant (s) on, m."""
+        turns = list(self._turns)
+        within = [x for time, x in turns if time >= since]
+        if self._last is not None:
+            within.append(abs(self._last.x))
+        return max(within, default=0.0)

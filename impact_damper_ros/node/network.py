@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What other nodes of the network do that keeps messages or requests from arriving."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, qos_check_compatible
+
+
+class Network:
+    """
+    Looks for nodes of the same name, for a second clock, and for partners that do not match.
+
+    `commands` has the types of the topics that the node subscribes to by their full names.
+    """
+
+    def __init__(self, node: Node, clock: str, commands: Mapping[str, str]) -> None:
+        self._node = node
+        self._clock = clock
+        self._commands = commands
+        # Topics for which the middleware has found an incompatible subscription
+        self._mismatched: set[str] = set()
+        self._warned: set[str] = set()
+
+    def events_of(self, topic: str, matched: Any = None) -> PublisherEventCallbacks:
+        """Return the event callbacks of a publisher, given the full name of its topic."""
+        return PublisherEventCallbacks(
+            incompatible_qos=lambda _: self._mismatched.add(topic), matched=matched
+        )
+
+    def troubles(self) -> list[str]:
+        """Return what is in the way now; each is logged once."""
+        found = [*self._namesakes(), *self._clocks(), *self._subscriptions(), *self._publishers()]
+        for text in found:
+            if text not in self._warned:
+                self._warned.add(text)
+                self._node.get_logger().warning(text)
+        return found
+
+    def _namesakes(self) -> Iterator[str]:
+        own = self._node.get_name(), self._node.get_namespace()
+        if (count := self._node.get_node_names_and_namespaces().count(own)) > 1:
+            yield (
+                f'{count} nodes are named {self._node.get_fully_qualified_name()}: a request '
+                'reaches any one of them, and their messages are mixed; start each in a namespace '
+                'of its own (-r __ns:=/rig2)'
+            )
+
+    def _clocks(self) -> Iterator[str]:
+        if self._clock and self._node.count_publishers(self._clock) > 1:
+            yield (
+                f'another node publishes {self._clock}, too: the time of nodes with use_sim_time '
+                'jumps between the two; give the rigs ROS domains of their own, or '
+                'real_time_factor:=1.0 publish_clock:=false'
+            )
+
+    def _subscriptions(self) -> Iterator[str]:
+        for publisher in self._node.publishers:
+            topic = publisher.topic_name
+            if topic not in self._mismatched:
+                continue
+            for info in self._node.get_subscriptions_info_by_topic(topic):
+                fits, why = qos_check_compatible(publisher.qos_profile, info.qos_profile)
+                if fits == QoSCompatibility.ERROR:
+                    yield f'{_name(info)} does not receive {topic}: {_reason(why)}'
+
+    def _publishers(self) -> Iterator[str]:
+        for topic, kind in self._commands.items():
+            for info in self._node.get_publishers_info_by_topic(topic):
+                if info.topic_type != kind:
+                    yield (
+                        f'{_name(info)} publishes {topic} as {info.topic_type}, which is not '
+                        f'received: publish {kind}'
+                    )
+
+
+def _name(info: Any) -> str:
+    return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+
+
+def _reason(text: str) -> str:
+    """Return what the middleware says, in a line."""
+    return '; '.join(part.strip() for part in text.removeprefix('ERROR: ').split(';') if part)

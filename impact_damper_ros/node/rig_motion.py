@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The motion of a rig from tick to tick, as messages.
+
+Some rigs take long to the next tick. They are moved in slices, each of which ends at a whole
+nanosecond, where a rig can be changed, reset or paused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import ceil, inf, nextafter
+from time import monotonic_ns, thread_time_ns
+
+from impact_damper_ros.bag.rig_topics import RigMessages
+from impact_damper_ros.control.record import Action, ControlRecord
+from impact_damper_ros.motion.event import Event, EventKind
+from impact_damper_ros.rig.event_budget import EventBudget, RunawayError
+from impact_damper_ros.rig.rig import Rig
+
+from .motion_trace import MotionTrace
+from .publishing import OutgoingMessage, RigPublishers
+
+#: Failures of rigs that are admissible, but absurd.
+RIG_FAILURES = (RunawayError, ArithmeticError, ValueError)
+#: Wall time of a slice, which few rigs need for a tick, and the computing time that must have
+#: passed after that: a stalled machine is no reason to interrupt the rig.
+SLICE_NS = 20_000_000
+GRACE_NS = 15_000_000
+#: Most events on the way to the next whole nanosecond, and to the next tick.
+MOST_WITHIN_NS = 1000
+MOST_TO_TICK = 5000
+
+
+def _slice() -> Callable[[], bool]:
+    """Begin a slice; return a function that returns whether it is over."""
+    end, grace_end = monotonic_ns() + SLICE_NS, 0
+
+    def over() -> bool:
+        nonlocal grace_end
+        if monotonic_ns() < end:
+            return False
+        grace_end = grace_end or thread_time_ns() + GRACE_NS
+        return thread_time_ns() > grace_end
+
+    return over
+
+
+class RigMotion:
+    """Moves a rig and encodes its messages."""
+
+    def __init__(self, rig: Rig, publishers: RigPublishers, trace: MotionTrace) -> None:
+        #: To be replaced at a change
+        self.trace = trace
+        # So far; commands are those of the gap control
+        self.events = self.impacts = self.commands = 0
+        self.last_act: ControlRecord | None = None
+        self._rig = rig
+        self._publishers = publishers
+        self._encoder = RigMessages()
+        # Of the events on the way to the next tick
+        self._budget = EventBudget(MOST_TO_TICK)
+
+    def move_to(
+        self, time_ns: int, target_ns: int, offset_ns: int
+    ) -> tuple[int, list[OutgoingMessage]]:
+        """
+        Move the rig from an instant to another one, at most by one slice.
+
+        Returns the rig time reached, ns, and the impacts and acts of the gap control on the way.
+        """
+        mark = self._rig.mark()
+        try:
+            reached_ns, events, records = self._move(time_ns, target_ns)
+        except RIG_FAILURES:
+            self._rig.go_back(mark)
+            raise
+        return reached_ns, self._passed(events, records, offset_ns)
+
+    def _move(
+        self, time_ns: int, target_ns: int
+    ) -> tuple[int, list[Event], Sequence[ControlRecord]]:
+        rig = self._rig
+        events, records = rig.advance(target_ns / 1e9, interrupted=_slice()), rig.records
+        if rig.time >= target_ns / 1e9:
+            self._budget.restart(rig)
+            return target_ns, events, records
+        # Beyond the present instant, even if the events so far round to it: a change after some
+        # of them could not be replayed.
+        later = max(rig.time, nextafter(time_ns / 1e9, inf))
+        reached_ns = min(target_ns, ceil(later * 1e9))
+        while reached_ns / 1e9 < later:
+            reached_ns += 1
+        events += rig.advance(reached_ns / 1e9, MOST_WITHIN_NS)
+        if rig.time < reached_ns / 1e9:
+            raise RunawayError(MOST_WITHIN_NS, rig.time)
+        if reached_ns < target_ns:
+            self._budget.take(rig, len(events))
+        else:
+            self._budget.restart(rig)
+        return reached_ns, events, [*records, *rig.records]
+
+    def changed(
+        self, events: Sequence[Event], records: Sequence[ControlRecord], offset_ns: int
+    ) -> list[OutgoingMessage]:
+        """Return the messages of what a change of the rig has caused."""
+        self._budget.restart(self._rig)
+        return self._passed(events, records, offset_ns)
+
+    def _passed(
+        self, events: Sequence[Event], records: Sequence[ControlRecord], offset_ns: int
+    ) -> list[OutgoingMessage]:
+        """Take note of events and acts; return the messages of impacts, then those of acts."""
+        if events:
+            self.events += len(events)
+            self.trace = self.trace.after(events)
+        out = []
+        deflection = self._rig.parameters.static_deflection
+        for event in events:
+            if event.kind is EventKind.IMPACT:
+                stamp_ns = offset_ns + round(event.time * 1e9)
+                content = self._encoder.impact(stamp_ns, event, deflection)
+                out.append(OutgoingMessage(self._publishers['impacts'], content, stamp_ns))
+                self.impacts += 1
+        for record in records:
+            stamp_ns = offset_ns + round(record.time * 1e9)
+            content = self._encoder.control(stamp_ns, record)
+            out.append(OutgoingMessage(self._publishers['gap_control'], content, stamp_ns))
+            self.commands += record.action is Action.COMMAND
+            if record.action is not Action.ORDER:
+                self.last_act = record
+        return out
+
+    def states(self, stamp_ns: int) -> bytes:
+        """Return the joint states of the tick that the rig is at."""
+        rig, sample = self._rig.parameters, self._rig.sample()
+        self.trace.sample(sample)
+        return self._encoder.states(stamp_ns, sample, rig.static_deflection, rig.angle)
+
+    def paused_states(self, stamp_ns: int) -> bytes:
+        """Return the joint states of a rig that stands still, with a stamp of now."""
+        rig, sample = self._rig.parameters, self._rig.sample()
+        return self._encoder.paused_states(stamp_ns, sample, rig.static_deflection, rig.angle)
