@@ -28,7 +28,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
-JOINTS = ('primary', 'damper', 'stop_1', 'stop_2', 'incline')
+JOINTS = ('primary', 'damper', 'stop_1', 'stop_2', 'incline', 'base', 'relative')
 STAMP, NUMBER = struct.Struct('<iI'), struct.Struct('<d')
 # Found again in the serialised message
 MARK = 1.2345
@@ -53,8 +53,8 @@ class BarePublisher(Node):
         super().__init__('bare_publisher')
         self.out = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=100))
         self.message = JointState(name=list(JOINTS))
-        self.message.position = [MARK, 0.2, 0.3, 0.4, 0.5]
-        self.message.velocity = [0.1, 0.3, 0.1, 0.1, 0.0]
+        self.message.position = [MARK, 0.2, 0.3, 0.4, 0.5, 0.0, MARK]
+        self.message.velocity = [0.1, 0.3, 0.1, 0.1, 0.0, 0.0, 0.1]
         self.buffer = bytearray(serialize_message(self.message))
         self.first = self.buffer.index(NUMBER.pack(MARK))
         self.period_ns = round(1e9 / rate)

@@ -47,9 +47,10 @@ def recording_notes(node: str, names: Mapping[str, str]) -> dict[str, str]:
     return {'node': node, **{key: names[key] for key in own}}
 
 
-#: Joints along the axis, and all joints: the incline is an angle.
+#: Joints along the axis of what rides on M, and all joints. The incline is an angle, `base` is
+#: what the spring of M hangs on, and `relative` is the primary mass as seen from there.
 AXIS_JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
-JOINTS = (*AXIS_JOINTS, 'incline')
+JOINTS = (*AXIS_JOINTS, 'incline', 'base', 'relative')
 IMPACT_JOINTS = AXIS_JOINTS[:2]
 #: Last name, with zeros, in the joint states that a rig repeats while it is paused; they are no
 #: samples.
@@ -64,11 +65,15 @@ def state_numbers(sample: Sample, deflection: float, angle: float) -> tuple[_Num
 
     Positions count from the place of M with an unloaded spring, which no change of the rig moves;
     `deflection` is the static deflection of the rig then, m. The angle of the incline, rad, only
-    changes at once, so that its velocity is 0.
+    changes at once, so that its velocity is 0. The place of `relative` is how far the spring is
+    stretched.
     """
-    _, x, velocity, z, damper_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample
-    places = (x + deflection, z + deflection, stop_1 + deflection, stop_2 + deflection)
-    return (*places, angle), (velocity, damper_velocity, velocity_1, velocity_2, 0.0)
+    _, x, velocity, z, damper_velocity, stop_1, stop_2, velocity_1, velocity_2, *base = sample
+    here, rate = base
+    primary = x + deflection
+    places = (primary, z + deflection, stop_1 + deflection, stop_2 + deflection)
+    velocities = (velocity, damper_velocity, velocity_1, velocity_2)
+    return (*places, angle, here, primary - here), (*velocities, 0.0, rate, velocity - rate)
 
 
 def impact_numbers(event: Event, deflection: float) -> tuple[_Numbers, _Numbers, _Numbers]:
@@ -90,8 +95,8 @@ class RigMessages:
     """Encodes joint states, impacts and acts of the gap control."""
 
     def __init__(self) -> None:
-        self._states = JointStateLayout.of('', JOINTS, 5, 5, 0)
-        self._paused = JointStateLayout.of('', (*JOINTS, PAUSED_ACT), 6, 6, 0)
+        self._states = JointStateLayout.of('', JOINTS, 7, 7, 0)
+        self._paused = JointStateLayout.of('', (*JOINTS, PAUSED_ACT), 8, 8, 0)
         self._measurement = JointStateLayout.of('', AXIS_JOINTS, 4, 4, 0)
         self._impacts = {
             stop: JointStateLayout.of(f'stop_{stop}', IMPACT_JOINTS, 2, 2, 2) for stop in (1, 2)

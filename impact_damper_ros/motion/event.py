@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from math import cos, sin
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 
 from .compiled import dtype_of, kernel
 from .flight import Lines, Motion, Waves, motion_after, places_after, stop_rates
-from .state import RigConstants, Run, offset_of, place
+from .oscillator import Line
+from .state import RigConstants, Run, Wave, offset_of, place
 
 
 class EventKind(IntEnum):
@@ -93,7 +95,9 @@ class Sample(NamedTuple):
 
     `x` is X, so that all positions count from the present static equilibrium of M. `stop_1` and
     `stop_2` are the positions X + Y of the stops, which ride on M, and their velocities are X'
-    plus what they have in M: their own one while they move, that of m while they follow it.
+    plus what they have in M: their own one while they move, that of m while they follow it. `base`
+    is the displacement b of the base, so that the spring is stretched by x - base more than in
+    that equilibrium.
     """
 
     time: float
@@ -105,6 +109,8 @@ class Sample(NamedTuple):
     stop_2: float
     stop_1_velocity: float
     stop_2_velocity: float
+    base: float = 0.0
+    base_velocity: float = 0.0
 
 
 @dataclass(slots=True)
@@ -238,11 +244,33 @@ def write_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: 
 
 
 @kernel
+def base_at(
+    rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float
+) -> tuple[float, float]:
+    """Return displacement and velocity of the base at an instant of the flight, m and m/s."""
+    tau = max(0.0, (time - run.time) - run.time_low)
+    base = 0.0
+    velocity = 0.0
+    for j in range(rig.base_first, rig.base_end):
+        line: Line = lines[j]
+        wave: Wave = waves[j]
+        turn = line.frequency * tau
+        sine = sin(turn)
+        cosine = cos(turn)
+        here = wave.sine_0 * cosine + wave.cosine_0 * sine
+        ahead = wave.cosine_0 * cosine - wave.sine_0 * sine
+        base += line.base_sine * here + line.base_cosine * ahead
+        velocity += line.frequency * (line.base_sine * ahead - line.base_cosine * here)
+    return base, velocity
+
+
+@kernel
 def sample_at(
     rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float
-) -> tuple[float, float, float, float, float, float, float, float, float]:
+) -> tuple[float, float, float, float, float, float, float, float, float, float, float]:
     """Return the motion at an instant of the flight, in the order of `Sample`."""
     view: View = view_at(rig, lines, run, waves, time)
+    base, base_velocity = base_at(rig, lines, run, waves, time)
     return (
         time,
         view.x,
@@ -253,4 +281,6 @@ def sample_at(
         view.x + view.stop_2,
         view.velocity + view.stop_rate_1,
         view.velocity + view.stop_rate_2,
+        base,
+        base_velocity,
     )

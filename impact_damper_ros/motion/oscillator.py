@@ -80,6 +80,9 @@ class Line(NamedTuple):
         Cosine and sine of that angle.
     x_cosine, x_sine, v_cosine, v_sine : float
         X and X' a step after rest, for unit cosine and for unit sine of the phase at the start.
+    base_sine, base_cosine : float
+        Displacement of the base for unit sine and for unit cosine of the phase, m; 0 if it is not
+        a line of the base.
     """
 
     force: float
@@ -98,6 +101,8 @@ class Line(NamedTuple):
     x_sine: float
     v_cosine: float
     v_sine: float
+    base_sine: float
+    base_cosine: float
 
 
 class Oscillator(NamedTuple):

@@ -70,6 +70,8 @@ class RigConstants(NamedTuple):
         Distance of each stop from the middle, m.
     one_sided : bool
         Whether stop 2 is absent.
+    base_first, base_end : int
+        Rows of the harmonics that are lines of the base: from the first one to before the end.
     """
 
     free: Oscillator
@@ -86,6 +88,8 @@ class RigConstants(NamedTuple):
     push: float
     half_gap: float
     one_sided: bool
+    base_first: int
+    base_end: int
 
 
 @lru_cache(maxsize=64)
@@ -102,12 +106,12 @@ def _oscillators_of(
     return free, joint, tuple(map(Line._make, harmonics.reshape(-1).tolist()))
 
 
-def rig_fields(p: Any, sine: Any, cosine: Any, forces: Any) -> dict[str, Any]:
+def rig_fields(p: Any, sine: Any, cosine: Any, forces: Any, base: slice) -> dict[str, Any]:
     """
     Return the fields of `RigConstants` but for oscillators, of one rig or of many as arrays.
 
-    `p` has the parameters of `RigParameters`; given are sine and cosine of the angle, and the sum
-    of the moduli of the forces.
+    `p` has the parameters of `RigParameters`; given are sine and cosine of the angle, the sum of
+    the moduli of the forces, and the rows of the base.
     """
     mass_ratio = p.damper_mass / p.primary_mass
     slope = p.gravity * sine
@@ -126,6 +130,8 @@ def rig_fields(p: Any, sine: Any, cosine: Any, forces: Any) -> dict[str, Any]:
         'push': (1.0 + mass_ratio) * (most + 2.0 * abs(slope) + air + grip),
         'half_gap': 0.5 * p.gap,
         'one_sided': p.one_sided,
+        'base_first': base.start,
+        'base_end': base.stop,
     }
 
 
@@ -139,6 +145,10 @@ def constants_of(
     parameters: RigParameters, frequency: float | None = None
 ) -> tuple[RigConstants, list[Line]]:
     """Return a rig's constants and harmonics, the first of them at a frequency if it is given."""
+    base = parameters.base_rows
+    if frequency is not None and base != slice(0, 0) and base.start == 0:
+        others = parameters.base_frequencies[1:]
+        parameters = parameters.replace(base_frequencies=(frequency, *others))
     amplitudes, frequencies, phases = parameters.harmonics
     if frequency is not None:
         frequencies = (frequency, *frequencies[1:])
@@ -151,8 +161,14 @@ def constants_of(
         frequencies,
         phases,
     )
-    fields = rig_fields(parameters, *incline(parameters.angle), sum(map(abs, amplitudes)))
-    return RigConstants(free, joint, len(amplitudes), **fields), list(lines)
+    most = sum(map(abs, amplitudes))
+    fields = rig_fields(parameters, *incline(parameters.angle), most, base)
+    rows = list(lines)
+    if base.stop:
+        columns = parameters.base_motion.columns(parameters.stiffness, parameters.damping)
+        for row, sine, cosine in zip(range(base.start, base.stop), *columns, strict=True):
+            rows[row] = rows[row]._replace(base_sine=sine, base_cosine=cosine)
+    return RigConstants(free, joint, len(amplitudes), **fields), rows
 
 
 #: What a number of a state is, where a little more or less of it is another state nearby.

@@ -89,7 +89,7 @@ class LiveRig(Source):
         """Discard all messages: the node was restarted."""
         self.motion = Motion(_MOST_SAMPLES, _MOST_IMPACTS)
         self._readers = {
-            'joint_states': JointStateRows(JOINTS, (5, 5, 0)),
+            'joint_states': JointStateRows(JOINTS, (7, 7, 0)),
             'impacts': JointStateRows(IMPACT_JOINTS, (2, 2, 2)),
             'measurements': JointStateRows(AXIS_JOINTS, (4, 4, 0)),
             'gap_control': JointStateRows(CONTROL_JOINTS, (4, 4, 4)),

@@ -238,11 +238,12 @@ def robot_description(rig: RigParameters, gap_max: float = 0.0) -> str:
     """
     Return the URDF of a rig.
 
-    Its joints are those of the topic joint_states: the incline, and absolute positions along its
-    axis, so each hangs from the axis and none from another. The primary is at 0 while its spring
-    is unloaded. A stop's joint stands where the middle of the damper is when they touch, so the
-    stops' blocks begin half a damper further out. The deck is long enough for `gap_max`, the
-    largest gap of the control, up to eight times the gap.
+    Its joints are those of the topic joint_states: the incline, and absolute positions along
+    its axis, so each hangs from the axis and none from another. The primary is at 0 while its
+    spring is unloaded and its base at 0; a mark there moves with the base. A stop's joint
+    stands where the middle of the damper is when they touch, so the stops' blocks begin half a
+    damper further out. The deck is long enough for `gap_max`, the largest gap of the control,
+    up to eight times the gap.
     """
     size = picture_size(rig, gap_max)
     unit = size.damper
@@ -269,11 +270,10 @@ def robot_description(rig: RigParameters, gap_max: float = 0.0) -> str:
     <axis xyz="0 1 0"/>
     <limit lower="{angles.low!r}" upper="{angles.high!r}" effort="1e9" velocity="1e9"/>
   </joint>
-  <!-- The rail, and on it where the middle of M is while its spring is unloaded. -->
-  <link name="axis">{_box(size, 'base', 0.5 * size.rest, -1.25, rail, 1.6, 0.2)}\
-{_box(size, 'base', 0.0, -1.0, 0.05 * unit, 1.6, 0.35)}
+  <link name="axis">{_box(size, 'base', 0.5 * size.rest, -1.25, rail, 1.6, 0.2)}
   </link>
 \
+{_along_axis('base', limit, _box(size, 'base', 0.0, -1.0, 0.05 * unit, 1.6, 0.35))}\
 {_along_axis('primary', limit, _box(size, 'primary', 0.0, -0.575, 2.0 * size.deck, 1.2, 0.15))}\
 {_along_axis('damper', limit, _box(size, 'damper', 0.0, 0.0, unit, 0.8, 1.0))}\
 {_along_axis('stop_1', limit, stop_1)}\

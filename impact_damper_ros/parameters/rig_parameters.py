@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from .base_motion import QUANTITIES, BaseMotion
 from .forcing import multisine
 from .parameter_spec import (
     ParameterError,
@@ -25,6 +26,8 @@ from .parameter_spec import (
 SWEEP_MODES = ('off', 'up', 'down', 'up_down')
 #: Most steps that a sweep may have from one end to the other.
 MOST_STEPS = 100_000
+#: Largest amplitude of a harmonic of the force, N.
+_MOST_FORCE = 1e12
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -74,13 +77,37 @@ class RigParameters(ParameterTable):
     )
     one_sided: bool = flag(False, 'True removes stop 2, so that m can hit stop 1 only.')
     force_amplitudes: tuple[float, ...] = number(
-        (1.0,), -1e12, 1e12, 'N', 'Amplitudes of the harmonics of the force on M.'
+        (1.0,),
+        -_MOST_FORCE,
+        _MOST_FORCE,
+        'N',
+        'Amplitudes of the harmonics of the force on M.',
     )
     force_frequencies: tuple[float, ...] = number(
         (1.0,), 0.0, 1e6, 'rad/s', 'Circular frequencies of the harmonics of the force on M.'
     )
     force_phases: tuple[float, ...] = number(
         (0.0,), -1e6, 1e6, 'rad', 'Phases of the harmonics of the force on M.'
+    )
+    base_amplitudes: tuple[float, ...] = number(
+        (0.0,),
+        -1e9,
+        1e9,
+        'm, m/s or m/s^2',
+        'Amplitudes of the lines of the motion of the base along the axis, in the unit of '
+        'base_quantity; 0 for a base at rest.',
+    )
+    base_frequencies: tuple[float, ...] = number(
+        (1.0,), 0.0, 1e6, 'rad/s', 'Circular frequencies of the lines of the motion of the base.'
+    )
+    base_phases: tuple[float, ...] = number(
+        (0.0,), -1e6, 1e6, 'rad', 'Phases of the lines of the motion of the base.'
+    )
+    base_quantity: str = text(
+        'acceleration',
+        QUANTITIES,
+        'What base_amplitudes are amplitudes of: the displacement (m), the velocity (m/s) or the '
+        'acceleration (m/s^2) of the base.',
     )
     multisine_level: float = number(
         0.0,
@@ -119,15 +146,16 @@ class RigParameters(ParameterTable):
     def __post_init__(self) -> None:
         """Check every value, then what holds between them."""
         ParameterTable.__post_init__(self)
-        count = len(self.force_amplitudes)
-        for name in ('force_frequencies', 'force_phases'):
-            length = len(getattr(self, name))
-            if length != count:
-                raise ParameterError(
-                    name,
-                    f'{name} has {length} entries but force_amplitudes has {count}: give all '
-                    'three force arrays the same length',
-                )
+        for what in ('force', 'base'):
+            count = len(getattr(self, f'{what}_amplitudes'))
+            for name in (f'{what}_frequencies', f'{what}_phases'):
+                length = len(getattr(self, name))
+                if length != count:
+                    raise ParameterError(
+                        name,
+                        f'{name} has {length} entries but {what}_amplitudes has {count}: give all '
+                        f'three {what} arrays the same length',
+                    )
         critical = 2.0 * math.sqrt(self.stiffness * self.primary_mass)
         if not self.damping <= 0.9999 * critical:
             raise ParameterError(
@@ -136,6 +164,8 @@ class RigParameters(ParameterTable):
                 f'{self.damping / critical:.4g}: the rig must be underdamped, give at most '
                 f'{0.9999 * critical:.6g} (0.9999 of 2 sqrt(stiffness primary_mass))',
             )
+        if any(self.base_amplitudes):
+            self._check_base()
         if self.multisine_level > 0.0:
             self._check_band('multisine')
         if self.sweep_mode != 'off':
@@ -149,6 +179,27 @@ class RigParameters(ParameterTable):
                     f'to sweep_high: give at least {least:.3g} rad/s ({MOST_STEPS} steps)',
                 )
 
+    def _check_base(self) -> None:
+        lines = zip(self.base_amplitudes, self.base_frequencies, strict=True)
+        for index, (amplitude, frequency) in enumerate(lines):
+            name = f'base_frequencies[{index}]'
+            if amplitude and not frequency and self.base_quantity != 'displacement':
+                raise ParameterError(
+                    'base_frequencies',
+                    f'{name} is {frequency!r} rad/s: a base of constant {self.base_quantity} goes '
+                    f'away, give {name} more than 0, or base_quantity displacement',
+                )
+        forces, frequencies, _ = self.base_motion.force(self.stiffness, self.damping)
+        for index, (force, frequency) in enumerate(zip(forces, frequencies, strict=True)):
+            if not abs(force) <= _MOST_FORCE:
+                raise ParameterError(
+                    'base_amplitudes',
+                    f'base_amplitudes[{index}] is {self.base_amplitudes[index]!r} '
+                    f'({self.base_quantity}) at {frequency!r} rad/s, which pulls M by '
+                    f'{abs(force):.4g} N: give an amplitude that pulls by at most '
+                    f'{_MOST_FORCE:g} N, {abs(_MOST_FORCE / force):.3g} of it',
+                )
+
     def _check_band(self, name: str) -> None:
         low, high = getattr(self, f'{name}_low'), getattr(self, f'{name}_high')
         if not low < high:
@@ -159,33 +210,70 @@ class RigParameters(ParameterTable):
             )
 
     @property
+    def base_motion(self) -> BaseMotion:
+        """Displacement of the base, as lines; what base_amplitudes are does not matter here."""
+        return BaseMotion.of(
+            self.base_amplitudes, self.base_frequencies, self.base_phases, self.base_quantity
+        )
+
+    @property
+    def harmonic_groups(self) -> dict[str, tuple[tuple[float, ...], ...]]:
+        """
+        Harmonics of the force on M by where they come from, in the order of `harmonics`.
+
+        Those of the force arrays come first, then those that stand for the motion of the base,
+        then the lines of the multisine. Where the force is off, the base comes first. Groups
+        without harmonics are left out, but for one: a rig that nothing shakes has its force.
+        """
+        groups: dict[str, tuple[tuple[float, ...], ...]]
+        groups = {'force': (self.force_amplitudes, self.force_frequencies, self.force_phases)}
+        if any(self.base_amplitudes):
+            base = {'base': self.base_motion.force(self.stiffness, self.damping)}
+            groups = groups | base if any(self.force_amplitudes) else base | groups
+        if self.multisine_level > 0.0:
+            groups['multisine'] = multisine(
+                self.multisine_level,
+                self.multisine_low,
+                self.multisine_high,
+                self.multisine_lines,
+                self.multisine_seed,
+            )
+        return groups
+
+    @property
     def harmonics(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
         """
-        All harmonics of the force: amplitudes (N), circular frequencies (rad/s) and phases (rad).
+        All harmonics of the force on M: amplitudes (N), frequencies (rad/s) and phases (rad).
 
-        Those of the force arrays come first, then the lines of the multisine. A sweep is left out:
-        it changes the first frequency on the way.
+        See `harmonic_groups`. A sweep is left out: it changes the first frequency on the way.
         """
-        own = self.force_amplitudes, self.force_frequencies, self.force_phases
-        if self.multisine_level == 0.0:
-            return own
-        lines = multisine(
-            self.multisine_level,
-            self.multisine_low,
-            self.multisine_high,
-            self.multisine_lines,
-            self.multisine_seed,
-        )
-        return own[0] + lines[0], own[1] + lines[1], own[2] + lines[2]
+        amplitudes, frequencies, phases = zip(*self.harmonic_groups.values(), strict=True)
+        return sum(amplitudes, ()), sum(frequencies, ()), sum(phases, ())
+
+    @property
+    def base_rows(self) -> slice:
+        """Where the lines of the base are among the harmonics; empty for a base at rest."""
+        first = 0
+        for name, (amplitudes, _, _) in self.harmonic_groups.items():
+            if name == 'base':
+                return slice(first, first + len(amplitudes))
+            first += len(amplitudes)
+        return slice(0, 0)
+
+    @property
+    def first_harmonic(self) -> tuple[float, float, float]:
+        """Amplitude (N), circular frequency (rad/s) and phase (rad) of the first harmonic."""
+        amplitudes, frequencies, phases = next(iter(self.harmonic_groups.values()))
+        return amplitudes[0], frequencies[0], phases[0]
 
     @property
     def periodic_force(self) -> bool:
         """Whether the force is one lasting harmonic, as the theory of periodic motion assumes."""
+        amplitude, frequency, _ = self.first_harmonic
         return (
-            self.force_amplitudes[0] != 0.0
-            and self.force_frequencies[0] != 0.0
-            and not any(self.force_amplitudes[1:])
-            and self.multisine_level == 0.0
+            amplitude != 0.0
+            and frequency != 0.0
+            and not any(self.harmonics[0][1:])
             and self.sweep_mode == 'off'
         )
 
@@ -213,7 +301,7 @@ class RigParameters(ParameterTable):
     @property
     def frequency_ratio(self) -> float:
         """Ratio r of the first harmonic's frequency to the natural one."""
-        return self.force_frequencies[0] / self.omega
+        return self.first_harmonic[1] / self.omega
 
     @property
     def response_amplitude(self) -> float:
@@ -224,7 +312,7 @@ class RigParameters(ParameterTable):
         """
         r = self.frequency_ratio
         denominator = math.hypot((1.0 - r) * (1.0 + r), 2.0 * self.zeta * r)
-        static = abs(self.force_amplitudes[0]) / self.stiffness
+        static = abs(self.first_harmonic[0]) / self.stiffness
         if denominator == 0.0:
             return math.inf if static else 0.0
         return static / denominator

@@ -49,7 +49,7 @@ def published_states(samples: Samples, rig: RigParameters) -> Numbers:
     columns: list[Any] = [samples[name] for name in Sample._fields]
     parts = state_numbers(Sample(*columns), rig.static_deflection, rig.angle)
     wide = np.broadcast_arrays(*(column for part in parts for column in part))
-    return np.column_stack(wide) if len(samples) else np.empty((0, 10))
+    return np.column_stack(wide) if len(samples) else np.empty((0, 14))
 
 
 def _messages(times: Numbers, offset_ns: int, numbers: Numbers) -> Messages:
@@ -101,10 +101,12 @@ def orders_of(acts: Messages, offset_ns: int) -> list[tuple[float, Order]]:
 def recorded_samples(states: Messages, rig: RigParameters, times: Numbers) -> Samples:
     """Return recorded joint states as samples at instants, s."""
     found = np.empty(len(states), SAMPLE_TYPE)
-    x, z, stop_1, stop_2, _, velocity, damper, rate_1, rate_2, _ = states['numbers'].T
+    x, z, stop_1, stop_2, _, base, _, *rates = states['numbers'].T
+    velocity, damper, rate_1, rate_2, _, base_rate, _ = rates
     rest = rig.static_deflection
-    places = (x - rest, velocity, z - rest, damper, stop_1 - rest, stop_2 - rest, rate_1, rate_2)
-    for name, column in zip(Sample._fields, (times, *places), strict=True):
+    masses, stops = (x - rest, velocity, z - rest, damper), (stop_1 - rest, stop_2 - rest)
+    columns = (times, *masses, *stops, rate_1, rate_2, base, base_rate)
+    for name, column in zip(Sample._fields, columns, strict=True):
         found[name] = column
     return found
 

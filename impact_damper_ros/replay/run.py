@@ -58,7 +58,7 @@ _OVERTAKING = 2000
 _EXAMINED = 20
 #: Joints of the topics of rows, and their positions, velocities and efforts that are read.
 _LAYOUTS: dict[str, tuple[tuple[str, ...], tuple[int, int, int]]] = {
-    'joint_states': (JOINTS, (5, 5, 0)),
+    'joint_states': (JOINTS, (7, 7, 0)),
     'impacts': (IMPACT_JOINTS, (2, 2, 2)),
     'gap_control': (CONTROL_JOINTS, (4, 4, 4)),
 }

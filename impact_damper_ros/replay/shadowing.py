@@ -109,7 +109,7 @@ class Shadowing:
         from .replay import Advance
 
         replay, offset_ns = self._replay, self._replay.findings.offset_ns
-        self._grow(states['numbers'][:, :4], states['numbers'][:, 5:9])
+        self._grow(states['numbers'][:, :4], states['numbers'][:, 7:11])
         waiting = self._waiting
         times = (waiting['stamp_ns'] - offset_ns) / 1e9
         due = int(np.searchsorted(times, instants[-1], side='right'))
@@ -161,7 +161,8 @@ class Shadowing:
         numbers = published_states(samples, rig.parameters)
         doubt = np.abs(published_states(others, rig.parameters) - numbers)
         length, speed = self._floors()
-        floor = np.repeat([length, _FLOOR, speed, _FLOOR], [4, 1, 4, 1])
+        sizes = [length, _FLOOR, length, speed, _FLOOR, speed]
+        floor = np.repeat(sizes, [4, 1, 2, 4, 1, 2])
         differs = ~(np.abs(states['numbers'] - numbers) <= _TIMES * doubt + floor).all(axis=1)
         alike = np.array_equal(events['kind'], near_events['kind'])
         if not alike:

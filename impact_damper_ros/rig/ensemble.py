@@ -98,15 +98,32 @@ _CONTROL_NUMBERS = [
 _SPECS = {**PARAMETER_SPECS, **GAP_CONTROL_SPECS}
 
 
+def _forces(parameters: RigParameters, p: Any, count: int) -> list[Any]:
+    """Return amplitudes, frequencies and phases of the harmonics of each rig."""
+    groups = [
+        [np.tile(values, (count, 1)) for values in group]
+        if name != 'base'
+        else [
+            np.array(values)
+            for values in zip(
+                *map(parameters.base_motion.force, p.stiffness, p.damping), strict=True
+            )
+        ]
+        for name, group in parameters.harmonic_groups.items()
+    ]
+    return [np.concatenate(parts, axis=1) for parts in zip(*groups, strict=True)]
+
+
 def _constants(parameters: RigParameters, p: Any, count: int) -> tuple[Any, Any]:
     """Return the constants of all rigs, and their harmonics: of M alone, then of both masses."""
-    force = [np.array(values) for values in parameters.harmonics]
-    harmonics = len(force[0])
+    base = parameters.base_rows
+    force = _forces(parameters, p, count)
+    harmonics = force[0].shape[1]
     both, lines = oscillators(
         np.concatenate([p.primary_mass, p.primary_mass + p.damper_mass]),
         np.tile(p.stiffness, 2),
         np.tile(p.damping, 2),
-        *(np.broadcast_to(values, (2 * count, harmonics)) for values in force),
+        *(np.concatenate([values, values]) for values in force),
     )
     # The sine of Python, not that of numpy, which has other last bits
     sine, cosine = np.array([incline(angle) for angle in p.angle.tolist()]).T
@@ -116,8 +133,12 @@ def _constants(parameters: RigParameters, p: Any, count: int) -> tuple[Any, Any]
         free=both[:count],
         joint=both[count:],
         harmonics=harmonics,
-        **rig_fields(p, sine, cosine, sum(map(abs, parameters.harmonics[0]))),
+        **rig_fields(p, sine, cosine, sum(map(abs, force[0].T)), base),
     )
+    if base.stop:
+        columns = map(parameters.base_motion.columns, p.stiffness, p.damping)
+        for row, (sines, cosines) in zip(lines, columns, strict=False):
+            row['base_sine'][base], row['base_cosine'][base] = sines, cosines
     return rigs, np.concatenate([lines[:count], lines[count:]], axis=1)
 
 

@@ -343,7 +343,7 @@ def run_through(
         if status != DONE:
             break
         row = sample_at(rig, lines, run, waves, instant)
-        for k in range(9):
+        for k in range(11):
             samples[sampled, k] = row[k]
         sampled += 1
     if status == DONE:

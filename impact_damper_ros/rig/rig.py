@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from enum import IntEnum
+from itertools import chain, repeat
 from math import ceil, inf, nan
 from operator import attrgetter
 from typing import Any, NamedTuple, Self
@@ -71,6 +73,7 @@ from impact_damper_ros.motion.state import (
     stop_under,
 )
 from impact_damper_ros.motion.transition import begin_from, move_stops, place_stops_at_gap
+from impact_damper_ros.parameters.base_motion import angles_after, wait_for_change
 from impact_damper_ros.parameters.parameter_spec import ParameterError, as_float, whole_number
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import (
@@ -102,6 +105,29 @@ Events = npt.NDArray[np.void]
 _run_fields = attrgetter(*Run.__dataclass_fields__)
 _wave_fields = attrgetter(*Wave.__dataclass_fields__)
 _row_fields = attrgetter(*EventRow.__dataclass_fields__)
+
+
+def waves_after(before: RigParameters, waves: Sequence[Wave], after: RigParameters) -> list[Wave]:
+    """
+    Return the harmonics with which a rig goes on with other parameters.
+
+    A harmonic keeps its angle by its index in its group, an added one begins with zero; those of
+    the base go on as `angles_after` says.
+    """
+    groups: dict[str, list[float]] = {}
+    first = 0
+    for name, (amplitudes, _, _) in before.harmonic_groups.items():
+        groups[name] = [wave.angle for wave in waves[first : first + len(amplitudes)]]
+        first += len(amplitudes)
+    base, other = before.base_motion, after.base_motion
+    if base != other:
+        groups['base'] = angles_after(base, groups.get('base', []), other)
+    angles = [
+        angle
+        for name, (amplitudes, _, _) in after.harmonic_groups.items()
+        for angle, _ in zip(chain(groups.get(name, []), repeat(0.0)), amplitudes, strict=False)
+    ]
+    return list(map(Wave, angles))
 
 
 class Outcome(IntEnum):
@@ -777,7 +803,9 @@ class Rig:
         Notes
         -----
         The angle turned by each harmonic is continuous, so that a change of frequency does not
-        jump the force; an added harmonic starts at its phase. A change of a parameter of the
+        jump the force; an added harmonic starts at its phase. Another motion of the base begins at
+        an upward zero of its own, unless its lines go on continuously with their angles; see
+        `wait_for_change`. A change of a parameter of the
         stepped sine starts it anew, any other change leaves it alone. The position of M in the
         laboratory is continuous where its static deflection changes.
 
@@ -815,7 +843,6 @@ class Rig:
     def _change(self, parameters: RigParameters) -> list[Event]:
         before, run, side = self._parameters, self._run, self._run.crossing_side
         shift = before.static_deflection - parameters.static_deflection
-        own = len(before.force_phases), len(parameters.force_phases)
         move_to(self._rig, self._lines, run, self._waves, run.now)
         if side and shift == 0.0:
             set_side(self._rig, self._lines, run, self._waves, side)
@@ -823,19 +850,33 @@ class Rig:
         if any(getattr(parameters, name) != getattr(before, name) for name in SWEEP_FIELDS):
             self._sweep = SteppedSine.begun(parameters, run.now)
         self._tune()
-        # A harmonic keeps its angle by its index, in the force arrays or among the lines of the
-        # multisine; an added one begins with zero.
-        first, others = self._waves[: own[0]][: own[1]], self._waves[own[0] :]
-        lines = self._rig.harmonics - own[1]
-        first += [Wave() for _ in range(own[1] - len(first))]
-        others += [Wave() for _ in range(lines - len(others))]
-        self._waves = first + others[:lines]
+        self._waves = waves_after(before, self._waves, parameters)
         # An impact of the last reset is reported later, with X from the new equilibrium.
         self._unreported = [event._replace(x=event.x + shift) for event in self._unreported]
         if (parameters.gap, parameters.one_sided) != (before.gap, before.one_sided):
             place_stops_at_gap(self._rig, run)
         run.x += shift
         return self._begin()
+
+    def wait_for_change(self, parameters: RigParameters) -> float:
+        """
+        Return how long a `change` of the rig has to wait so that its base moves continuously, s.
+
+        0 where the motion of the base is not changed, or is continuous anyway. Elsewhere the time
+        until the base next passes zero upwards: the new motion begins at such a passage, too.
+        """
+        rows = self._parameters.base_rows
+        angles = [wave.angle for wave in self._waves_now()[rows]]
+        return wait_for_change(self._parameters.base_motion, angles, parameters.base_motion)
+
+    def _waves_now(self) -> list[Wave]:
+        """Return the harmonics with the angles that they have turned at the present time."""
+        run = self._run
+        tau = max(0.0, (run.now - run.time) - run.time_low)
+        return [
+            Wave(math.fmod(wave.angle + line.frequency * tau, math.tau))
+            for wave, line in zip(self._waves, self._lines, strict=False)
+        ]
 
     def move_stops(
         self, stop_1: float | None, stop_2: float | None, speed: float = inf

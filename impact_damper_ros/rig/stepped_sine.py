@@ -36,7 +36,7 @@ def frequency_at(parameters: RigParameters, step: int) -> float:
     """
     steps = frequency_steps(parameters)
     if not steps:
-        return parameters.force_frequencies[0]
+        return parameters.first_harmonic[1]
     once = steps // 2 if parameters.sweep_mode == 'up_down' else steps
     place = min(max(step, 0), steps)
     if parameters.sweep_mode == 'down':

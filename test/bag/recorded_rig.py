@@ -151,9 +151,15 @@ class RecordedRig:
         places = (s.x, s.z, s.stop_1, s.stop_2)
         content = samples.joint_state(
             self.offset + self.time_ns,
-            ['primary', 'damper', 'stop_1', 'stop_2', 'incline'],
-            [*(place + self.rest for place in places), self.rig.parameters.angle],
-            [s.primary_velocity, s.damper_velocity, s.stop_1_velocity, s.stop_2_velocity, 0.0],
+            ['primary', 'damper', 'stop_1', 'stop_2', 'incline', 'base', 'relative'],
+            [
+                *(place + self.rest for place in places),
+                *(self.rig.parameters.angle, s.base, s.x + self.rest - s.base),
+            ],
+            [
+                *(s.primary_velocity, s.damper_velocity, s.stop_1_velocity, s.stop_2_velocity),
+                *(0.0, s.base_velocity, s.primary_velocity - s.base_velocity),
+            ],
         )
         self.write('/joint_states', content)
 

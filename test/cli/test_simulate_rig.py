@@ -132,7 +132,7 @@ def test_swing_finds_the_turning_point_between_samples():
     for k in range(65):
         t = 0.013 + k * math.tau / 64
         x, v = 3.0 * math.sin(t), 3.0 * math.cos(t)
-        swing.look(Sample(t, x, v, *[0.0] * 6), [])
+        swing.look(Sample(t, x, v, *[0.0] * 8), [])
     assert swing.largest == pytest.approx(3.0, rel=1e-6)
 
 

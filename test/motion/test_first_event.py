@@ -279,4 +279,4 @@ def test_all_rest_stays_at_rest():
     rig = Rig(RigParameters(force_amplitudes=[0.0], gravity=0.0))
     assert rig.advance(1e5) == []
     assert rig.mode == Mode.FREE
-    assert rig.sample()[1:] == (0.0, 0.0, 0.0, 0.0, 18.5, -18.5, 0.0, 0.0)
+    assert rig.sample()[1:] == (0.0, 0.0, 0.0, 0.0, 18.5, -18.5, *[0.0] * 4)

@@ -42,7 +42,7 @@ def test_the_bytes_are_those_of_an_independent_serialiser():
     store, encoder = get_typestore(Stores.ROS2_JAZZY), RigMessages()
     name = 'sensor_msgs/msg/JointState'
     for seed in range(50):
-        sample, stamp_ns = Sample(*numbers(9, seed)), STAMPS[seed % len(STAMPS)]
+        sample, stamp_ns = Sample(*numbers(11, seed)), STAMPS[seed % len(STAMPS)]
         rest = numbers(1, 50 + seed)[0]
         found = [encoder.states(stamp_ns, sample, rest, -rest)]
         for stop in (1, 2):
@@ -63,11 +63,11 @@ def test_the_bytes_are_those_of_an_independent_serialiser():
 
 def test_bytes_depend_on_the_values_alone():
     """Arbitrary bytes in the padding would end up in the log."""
-    sample = Sample(*numbers(9, 1))
+    sample = Sample(*numbers(11, 1))
     first = RigMessages().states(1, sample, 0.5, 0.1)
     assert {RigMessages().states(1, sample, 0.5, 0.1) for _ in range(20)} == {first}
     encoder = RigMessages()
-    encoder.states(2, Sample(*numbers(9, 2)), 0.5, 0.2)
+    encoder.states(2, Sample(*numbers(11, 2)), 0.5, 0.2)
     assert encoder.states(1, sample, 0.5, 0.1) == first
 
 

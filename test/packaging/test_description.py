@@ -117,13 +117,13 @@ def extent(urdf, link, place=0.0):
 def test_urdf_has_the_joints_of_joint_states(drawn):
     rig, _, urdf = drawn
     prismatic = [joint for joint in urdf.findall('joint') if joint.get('type') == 'prismatic']
-    assert [joint.get('name') for joint in prismatic] == list(AXIS_JOINTS)
-    assert {joint.get('name') for joint in urdf.findall('joint')} == set(JOINTS)
+    assert [joint.get('name') for joint in prismatic] == ['base', *AXIS_JOINTS]
+    assert {joint.get('name') for joint in urdf.findall('joint')} == set(JOINTS) - {'relative'}
     # All from the same frame, since the positions are absolute, and along the same axis.
     assert {joint.find('parent').get('link') for joint in prismatic} == {'axis'}
     assert {joint.find('axis').get('xyz') for joint in prismatic} == {'1 0 0'}
     # Frames carry the names of the joints: the topic impacts has them as frame_id.
-    assert [joint.find('child').get('link') for joint in prismatic] == list(AXIS_JOINTS)
+    assert [joint.find('child').get('link') for joint in prismatic] == ['base', *AXIS_JOINTS]
 
     # One tree, as every reader of URDF asks; each name once, each material known.
     links = [link.get('name') for link in urdf.findall('link')]

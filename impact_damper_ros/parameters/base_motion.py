@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Motion of the base along the axis, and the force on M that stands for it.
+
+The base moves by b(t), a sum of lines. In absolute coordinates the spring and the dashpot under M
+pull it by K b + C b', so that each line b = B sin(W t + p) is one line of the force:
+
+    K b + C b' = B sqrt(K^2 + C^2 W^2) sin(W t + p + atan2(C W, K)).
+
+m touches M only, and knows nothing of the base. In coordinates relative to the base -M b'' would
+act on M and -m b'' on m, so that m would no longer fly with a constant acceleration: X and Z are
+therefore absolute, and X - b is computed from them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+QUANTITIES = ('displacement', 'velocity', 'acceleration')
+#: The unit of each quantity, and those in which people give it.
+QUANTITY_UNITS = {
+    'displacement': ('m', 'cm', 'mm', 'µm', 'um'),
+    'velocity': ('m/s', 'cm/s', 'mm/s'),
+    'acceleration': ('m/s^2', 'm/s²', 'mm/s^2', 'mm/s²', 'g'),
+}
+#: Steps in a period of the fastest line in which a passage of b through zero is looked for, and
+#: most of them.
+_STEPS_PER_PERIOD = 16
+_MOST_STEPS = 1_000_000
+
+
+class BaseMotion(NamedTuple):
+    """
+    Lines of b(t): b = sum of B sin(W t + p).
+
+    Attributes
+    ----------
+    amplitudes, frequencies, phases : tuple of float
+        Displacement B of each line, m, its circular frequency W, rad/s, and phase p, rad.
+    """
+
+    amplitudes: tuple[float, ...]
+    frequencies: tuple[float, ...]
+    phases: tuple[float, ...]
+
+    @classmethod
+    def of(
+        cls,
+        amplitudes: Sequence[float],
+        frequencies: Sequence[float],
+        phases: Sequence[float],
+        quantity: str,
+    ) -> BaseMotion:
+        """Return a base of which displacement, velocity or acceleration is given."""
+        if quantity == 'displacement':
+            return cls(tuple(amplitudes), tuple(frequencies), tuple(phases))
+        if quantity == 'velocity':
+            # b' = v sin(W t + p), so that b = (v/W) sin(W t + p - pi/2)
+            sizes = (v / w if v else 0.0 for v, w in zip(amplitudes, frequencies, strict=True))
+            return cls(tuple(sizes), tuple(frequencies), tuple(p - 0.5 * math.pi for p in phases))
+        # b'' = a sin(W t + p), so that b = -(a/W^2) sin(W t + p)
+        sizes = (-a / (w * w) if a else 0.0 for a, w in zip(amplitudes, frequencies, strict=True))
+        return cls(tuple(sizes), tuple(frequencies), tuple(phases))
+
+    @property
+    def moves(self) -> bool:
+        """Whether there is a motion."""
+        return any(self.amplitudes)
+
+    @property
+    def size(self) -> float:
+        """Bound of abs(b), m."""
+        return sum(map(abs, self.amplitudes))
+
+    def force(self, stiffness: float, damping: float) -> tuple[tuple[float, ...], ...]:
+        """Return amplitudes (N), frequencies (rad/s) and phases (rad) of the force on M."""
+        lines = list(zip(self.amplitudes, self.frequencies, self.phases, strict=True))
+        amplitudes = tuple(b * math.hypot(stiffness, damping * w) for b, w, _ in lines)
+        phases = tuple(p + math.atan2(damping * w, stiffness) for _, w, p in lines)
+        return amplitudes, self.frequencies, phases
+
+    def columns(self, stiffness: float, damping: float) -> tuple[list[float], list[float]]:
+        """Return b of each line for unit sine and for unit cosine of the phase of its force, m."""
+        sines, cosines = [], []
+        for b, w in zip(self.amplitudes, self.frequencies, strict=True):
+            pull = math.hypot(stiffness, damping * w)
+            sines.append(b * (stiffness / pull))
+            cosines.append(-b * (damping * w / pull))
+        return sines, cosines
+
+    def at(self, angles: Sequence[float], after: float = 0.0) -> tuple[float, float]:
+        """Return b and b' some time after the lines have turned by angles, m and m/s."""
+        place = speed = 0.0
+        for b, w, p, angle in zip(*self, angles, strict=True):
+            phase = angle + w * after + p
+            place += b * math.sin(phase)
+            speed += b * w * math.cos(phase)
+        return place, speed
+
+    def upward_zero(self, angles: Sequence[float]) -> float:
+        """
+        Return how long after angles b next passes zero upwards, s; 0 where it does so there.
+
+        Notes
+        -----
+        Zeros of b are looked for in steps, so that two passages within one of them may be left
+        out; it does not matter at which of its upward zeros the motion of a base is changed.
+        Infinite for a base that never passes zero.
+        """
+        acting = [(w, p, angle) for b, w, p, angle in zip(*self, angles, strict=True) if b]
+        if not acting:
+            return 0.0
+        before, speed = self.at(angles)
+        if abs(before) <= 1e-9 * self.size and speed > 0.0:
+            return 0.0
+        if len(acting) == 1:
+            ((w, p, angle),) = acting
+            (b,) = filter(None, self.amplitudes)
+            start = 0.0 if b > 0.0 else math.pi
+            return ((start - angle - p) % math.tau) / w if w else math.inf
+        step = math.tau / (_STEPS_PER_PERIOD * max(w for w, _, _ in acting) or math.inf)
+        for k in range(_MOST_STEPS if step else 0):
+            after, _ = self.at(angles, (k + 1) * step)
+            if before < 0.0 <= after:
+                return self._root(angles, k * step, (k + 1) * step)
+            before = after
+        return math.inf
+
+    def _root(self, angles: Sequence[float], low: float, high: float) -> float:
+        """Return the zero between two times at which b has opposite signs, by bisection."""
+        while low < (middle := 0.5 * (low + high)) < high:
+            low, high = (middle, high) if self.at(angles, middle)[0] < 0.0 else (low, middle)
+        return high
+
+    def angles_from_zero(self) -> list[float]:
+        """Return angles at which b passes zero upwards: those after the first such time."""
+        start = [0.0] * len(self.amplitudes)
+        wait = self.upward_zero(start)
+        if not math.isfinite(wait):
+            return start
+        return [math.fmod(w * wait, math.tau) for w in self.frequencies]
+
+
+def quantity_of(unit: str) -> str:
+    """Return the quantity that has a unit: that of 0.2 g is an acceleration."""
+    return next(name for name, units in QUANTITY_UNITS.items() if unit in units)
+
+
+def angles_after(before: BaseMotion, angles: Sequence[float], after: BaseMotion) -> list[float]:
+    """
+    Return the angles of the lines with which another motion of a base goes on.
+
+    A line keeps its angle by its index where that keeps b continuous. Elsewhere the new motion
+    begins at an upward zero of its own, which keeps b continuous if the old one is at zero.
+    """
+    kept = list(angles[: len(after.amplitudes)])
+    kept += [0.0] * (len(after.amplitudes) - len(kept))
+    if before.moves and after.moves:
+        here, there, small = before.at(angles), after.at(kept), 1e-9 * max(before.size, after.size)
+        at_zero = abs(here[0]) <= small
+        if abs(here[0] - there[0]) <= small and not (at_zero and here[1] * there[1] < 0.0):
+            return kept
+    return after.angles_from_zero() if after.moves else kept
+
+
+def wait_for_change(before: BaseMotion, angles: Sequence[float], after: BaseMotion) -> float:
+    """Return how long a change has to wait so that b stays continuous, s."""
+    if before == after or not before.moves:
+        return 0.0
+    here = before.at(angles)[0]
+    there = after.at(angles_after(before, angles, after))[0] if after.moves else 0.0
+    if abs(here - there) <= 1e-9 * max(before.size, after.size):
+        return 0.0
+    return before.upward_zero(angles)
