@@ -24,7 +24,14 @@ ROOT = Path(impact_damper_ros.__file__).parents[1]
 README = ROOT / 'README.md'
 PAGES = [README, *sorted((ROOT / 'docs').rglob('*.md'))]
 #: Those that test/docs/test_tutorials.py works through from top to bottom.
-TUTORIALS = sorted([*ROOT.glob('docs/tutorials/*.md'), ROOT / 'docs/start/first_ten_minutes.md'])
+TUTORIALS = sorted(
+    [
+        *ROOT.glob('docs/tutorials/*.md'),
+        *ROOT.glob('docs/start/first_ten_minutes.md'),
+        *ROOT.glob('docs/start/your_structure.md'),
+        *ROOT.glob('docs/controllers/scores.md'),
+    ]
+)
 #: The recording that the pages speak of.
 BAG = 'runs/run_20261120_221707'
 #: The one that a command of the README makes, for others after it.
@@ -37,8 +44,10 @@ FOREIGN = (
         'colcon',
         'dask',
         'docker',
+        'done',
         'eval',
         'export',
+        'for',
         'git',
         'mkdir',
         'pip',
@@ -52,6 +61,7 @@ LESS = (
     ('--duration 42000', '--duration 420'),
     ('sweep_dwell=2000', 'sweep_dwell=20'),
     ('--duration 3600', '--duration 20'),
+    ('multisine_lines=128', 'multisine_lines=16'),
     ('=0.4:1.2:33', '=0.4:1.2:2 --no-search'),
     ('--cycles 300 --watch 100', '--cycles 60 --watch 21'),
     ('horizon=1,1.25,1.5,1.75,2,2.1,2.25,2.5', 'horizon=2.1'),

@@ -19,7 +19,12 @@ from impact_damper_ros import GapControlParameters, InitialConditions, RigParame
 
 PAGE = ROOT / 'impact_damper_ros' / 'page'
 TUTORIALS = ROOT / 'docs' / 'tutorials'
-PAGES = [*sorted(TUTORIALS.glob('*.md')), ROOT / 'docs' / 'start' / 'first_ten_minutes.md']
+START = ROOT / 'docs' / 'start'
+PAGES = [
+    *sorted(TUTORIALS.glob('*.md')),
+    *(START / name for name in ('first_ten_minutes.md', 'your_structure.md')),
+    ROOT / 'docs' / 'controllers' / 'scores.md',
+]
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.stem)
