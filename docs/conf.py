@@ -107,6 +107,32 @@ def _insert_help(_app: Any, _name: str, source: list[str]) -> None:
     source[0] = re.sub(r'^\{help\} (\w+)$', _help, source[0], flags=re.MULTILINE)
 
 
+def _members(match: re.Match[str]) -> str:
+    """Name what a module offers, or the part of it that is made in some rooms, with a table."""
+    module, *rooms = match[1].split()
+    found = import_module(module)
+    # A name that comes from another folder is documented there.
+    places = tuple(f'{module}.{room}.' for room in rooms) or f'{module}.'
+    listed = {name: getattr(found, name) for name in found.__all__}
+    kinds = {
+        name: 'class' if isinstance(value, type) else 'function'
+        for name, value in listed.items()
+        if callable(value) and value.__module__.startswith(places)
+    }
+    entries = [
+        f'.. auto{kind}:: {name}\n' + '   :members:\n' * (kind == 'class')
+        for name, kind in kinds.items()
+    ]
+    table = ['.. autosummary::', '   :nosignatures:', '', *(f'   {name}' for name in kinds), '']
+    lines = [f'.. currentmodule:: {module}', '', *table, *entries]
+    return '\n'.join(['```{eval-rst}', *lines, '```'])
+
+
+def _insert_members(_app: Any, _name: str, source: list[str]) -> None:
+    """Put the documentation of public names in place of each line `{members} MODULE ROOM ...`."""
+    source[0] = re.sub(r'^\{members\} (.+)$', _members, source[0], flags=re.MULTILINE)
+
+
 def _insert_glossary(_app: Any, name: str, source: list[str]) -> None:
     """Put the words of the page in the browser, with their sentences, in place of `{glossary}`."""
     if name != 'reference/glossary':
@@ -176,6 +202,7 @@ def setup(app: Any) -> None:
     app.connect('autodoc-process-docstring', _keep_bars)
     app.connect('autodoc-skip-member', _is_bare_field)
     app.connect('source-read', _insert_help)
+    app.connect('source-read', _insert_members)
     app.connect('source-read', _insert_glossary)
     app.connect('source-read', _index)
     app.connect('build-finished', _check_targets)
