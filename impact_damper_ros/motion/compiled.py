@@ -304,8 +304,9 @@ def compiled(name: str, arguments: Sequence[Any]) -> Any:
     Return a kernel compiled for arguments, which have the same types in all calls.
 
     numba would look at the types of the arguments at each call, which takes longer than a short
-    run. Compiled code that cannot be kept, as on a full disk, serves this process. That the kernel
-    has to be compiled, since no process has kept it, is reported.
+    run. Compiled code that cannot be kept, as on a full disk, serves this process; code that was
+    kept and is damaged, as by a power cut, is compiled again. That the kernel has to be compiled,
+    since no process has kept it, is reported.
     """
     if name in _ENTRIES:
         return _ENTRIES[name]
@@ -321,6 +322,14 @@ def compiled(name: str, arguments: Sequence[Any]) -> Any:
                 'the compiled code cannot be kept (%s): the next process compiles it again',
                 error.strerror or error,
             )
+            loop.compile(kinds)
+        except Exception as error:
+            # Whatever pickle and LLVM raise; what is wrong with the kernel comes up again.
+            log.warning(
+                'the compiled code kept beside %s is damaged (%s): it is compiled again',
+                *(stamp(), error),
+            )
+            loop._cache.flush()
             loop.compile(kinds)
     _ENTRIES[name] = loop.get_overload(kinds)
     return _ENTRIES[name]

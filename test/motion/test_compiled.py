@@ -91,7 +91,7 @@ def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog, monkeypat
     assert 'cannot be kept (File too large)' in caplog.text
 
 
-def test_compiling_is_reported_and_loading_is_not(caplog, monkeypatch, tmp_path):
+def test_compiling_and_damage_are_reported_and_loading_is_not(caplog, monkeypatch, tmp_path):
     pytest.importorskip('numba')
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
@@ -99,10 +99,22 @@ def test_compiling_is_reported_and_loading_is_not(caplog, monkeypatch, tmp_path)
     assert stamp.is_relative_to(tmp_path)
     monkeypatch.setattr(compiled, 'stamp', lambda: stamp)
     monkeypatch.setattr(compiled, '_dispatcher', compiled._dispatcher.__wrapped__)
-    for notices in (['compiling the simulator'], []):
+    damaged = [f'the compiled code kept beside {stamp} is damaged', 'compiling the simulator']
+    for suffix, damage, notices in (
+        ('', None, ['compiling the simulator']),
+        ('', None, []),
+        ('.nbi', lambda data: data[: len(data) // 2], damaged),
+        ('.nbi', lambda data: data.replace(b'chatter', b'chat\xcaer'), damaged),
+        ('.nbc', lambda data: bytes(len(data)), damaged),
+        ('', None, []),
+    ):
+        for kept in stamp.parents[1].parent.rglob(f'*{suffix}') if suffix else ():
+            kept.write_bytes(damage(kept.read_bytes()))
         monkeypatch.setattr(compiled, '_ENTRIES', {})
         assert compiled.compiled('chatter_duration', arguments)(*arguments) == 2.0
-        assert [record.message.partition(',')[0] for record in caplog.records] == notices
+        said = [record.message for record in caplog.records]
+        assert len(said) == len(notices)
+        assert all(map(str.startswith, said, notices))
         caplog.clear()
 
 
