@@ -24,8 +24,9 @@ from launch_ros.substitutions import FindPackageShare
 from launch_ros.utilities import make_namespace_absolute, prefix_namespace
 
 from impact_damper_ros import load_parameters
+from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.node.parameters import NodeParameters
-from impact_damper_ros.parameters.description import robot_description, rviz_setup
+from impact_damper_ros.node.rviz_setup import rviz_setup
 from impact_damper_ros.parameters.parameters_file import preset_file
 
 SHARE = FindPackageShare('impact_damper_ros')

@@ -15,9 +15,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.motion.event import Event, EventKind
 from impact_damper_ros.outputs import write_text
-from impact_damper_ros.parameters.description import robot_description
 from impact_damper_ros.parameters.parameter_spec import number_between
 from impact_damper_ros.parameters.rig_parameters import INITIAL_SPECS
 from impact_damper_ros.rig.observed_run import Observer

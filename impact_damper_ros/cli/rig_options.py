@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from impact_damper_ros.control.own_law import LawError, OwnLaw
-from impact_damper_ros.parameters.description import described, frequency_hint
+from impact_damper_ros.parameters.description import described, unit_hint
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.parameters_file import (
     YamlError,
@@ -233,12 +233,12 @@ def announce(
     frequencies: tuple[float, float] | None = None,
     law: str = '',
 ) -> None:
-    """Say which rig a command works on, before it does, and whether a frequency may be in Hz."""
+    """Say which rig a command works on, before it does, and whether it may have another unit."""
     say(command, rig_line(rig, control, law))
     hint(command, rig, frequencies)
 
 
 def hint(command: str, rig: RigParameters, frequencies: tuple[float, float] | None = None) -> None:
-    """Say whether a frequency may be in Hz, as `announce` does."""
-    if note := frequency_hint(rig, frequencies):
+    """Say whether a parameter may have another unit, as `announce` does."""
+    if note := unit_hint(rig, frequencies):
         say(command, f'note: {note}')

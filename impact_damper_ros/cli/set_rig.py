@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`set_rig`: set parameters of a running rig, or list them, without the `ros2` command."""
+"""`set_rig`: set, list and watch a running rig, without the `ros2` command."""
 
 from __future__ import annotations
 
@@ -12,25 +12,27 @@ from importlib.util import find_spec
 from typing import Any
 
 from impact_damper_ros.bag.rig_topics import rig_nodes
-from impact_damper_ros.parameters.quoting import named
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.quoting import named, printable
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, PARAMETER_SPECS, RigParameters
 from impact_damper_ros.report.formatting import setting
 from impact_damper_ros.report.table import Column, Table
 
 from .command_line import EXIT_FAILED, CommandError, command_parser, outcome
-from .rig_options import values_of
+from .rig_options import hint, values_of
 
 #: Time in which the rigs of the network become known, and in which one must answer, s.
 DISCOVERY_S, PATIENCE_S = 1.0, 15.0
 
 _DESCRIPTION = """\
-Set parameters of a running rig, all at once, or list all with values, units and ranges.
-The same as "ros2 param set" and "ros2 param list", without the ros2 command.
+Set parameters of a running rig, all at once, or list all with values, units and ranges; or print
+its diagnostics as they come. The same as "ros2 param set", "ros2 param list" and "ros2 topic echo
+/diagnostics", without the ros2 command.
 """
 _EPILOG = """\
 Exit code: 0 on success; 1 if no rig answers; 2 if a name or a value is invalid, or the rig rejects
 it: nothing is changed then; 130 on Ctrl-C, 143 on SIGTERM.
-Example: set_rig gap=0.012 record=true
+Examples: set_rig gap=0.012 record=true
+          set_rig --watch --node /rig1/sim_node
 """
 
 
@@ -45,6 +47,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--node', metavar='NAME', help='full name of the node of the rig, if several run'
+    )
+    parser.add_argument(
+        '--watch',
+        action='store_true',
+        help='print the diagnostics of the rig, once a second, until Ctrl-C',
+    )
+    parser.add_argument(
+        '--values',
+        action='store_true',
+        help='with --watch: print all values, too',
     )
     return parser
 
@@ -143,15 +155,58 @@ def listed(values: Mapping[str, Any]) -> str:
     return Table(columns, [('', rows)]).text()
 
 
+_LEVELS = 'OK', 'WARN', 'ERROR', 'STALE'
+
+
+def reported(statuses: Sequence[Any], *, values: bool) -> str:
+    """Return some statuses of the diagnostics in a line each, with their values below."""
+    rows = [(s.name, _LEVELS[ord(s.level)], s.message) for s in statuses]
+    columns = [Column(title, 'text') for title in ('status', 'level', 'message')]
+    lines = Table(columns, [('', rows)]).text().splitlines()[1:]
+    if values:
+        lines = [
+            text
+            for line, status in zip(lines, statuses, strict=True)
+            for text in (line, *(f'    {pair.key}: {pair.value}' for pair in status.values))
+        ]
+    return '\n'.join(lines)
+
+
+def watch(node: Any, name: str, *, values: bool) -> None:
+    """Print the diagnostics of a rig as they come, without end."""
+    import rclpy
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    own = f'{name.lstrip("/")}: '
+
+    def show(array: Any) -> None:
+        statuses = [status for status in array.status if status.name.startswith(own)]
+        if statuses:
+            print(printable(reported(statuses, values=values)), end='\n\n', flush=True)
+
+    node.create_subscription(DiagnosticArray, '/diagnostics', show, 10)
+    while True:
+        # Python looks for a signal in between.
+        rclpy.spin_once(node, timeout_sec=0.2)
+
+
 def _set(arguments: argparse.Namespace) -> int:
+    if arguments.values and not arguments.watch:
+        raise CommandError('--values is for diagnostics that are watched: give --watch, too')
     with ros_node('set_rig') as node:
         rig = RigParameterClient(node, arguments.node)
+        if arguments.watch and not arguments.settings:
+            watch(node, rig.name, values=arguments.values)
         present = rig.values()
         given = values_of(arguments.settings, present, '', 'set_rig')
         if given:
             rig.set(given)
             present = rig.values()
         print(listed({name: present[name] for name in given or present}))
+        if given:
+            hint('set_rig', RigParameters(**{n: present[n] for n in PARAMETER_SPECS}))
+        if arguments.watch:
+            watch(node, rig.name, values=arguments.values)
     return 0
 
 

@@ -48,8 +48,9 @@ from impact_damper_ros.bag.messages import (
     encode,
 )
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS
+from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.bag.topics import LATCHED, QosProfile
-from impact_damper_ros.parameters.description import described, frequency_hint, robot_description
+from impact_damper_ros.parameters.description import described, unit_hint
 from impact_damper_ros.parameters.parameters_file import values_given
 from impact_damper_ros.parameters.quoting import printable, shown
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
@@ -123,7 +124,7 @@ def start_message(parameters: NodeParameters, node: str, recording: str) -> str:
         f'rig        {described(parameters.rig)}',
         f'recording  {f"to {recording}" if recording else "off"}',
     ]
-    if hint := frequency_hint(parameters.rig):
+    if hint := unit_hint(parameters.rig):
         lines.append(f'note       {hint}')
     return '\n  '.join(lines)
 
@@ -361,8 +362,7 @@ class SimNode(Node):
         """Do what follows from a change beside the motion of the rig."""
         self._describe(after)
         self._diagnostics.factor = after.real_time_factor
-        turned = after.rig.force_frequencies != before.rig.force_frequencies
-        if turned and (hint := frequency_hint(after.rig)):
+        if (hint := unit_hint(after.rig)) and hint != unit_hint(before.rig):
             self.get_logger().warning(hint)
         if after.predict_motion != before.predict_motion:
             self._theory.enable(after.predict_motion)

@@ -12,10 +12,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from impact_damper_ros import InitialConditions, Rig
 from impact_damper_ros.bag import RigRecorder, RunReader, decode, recover_run
+from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
-from impact_damper_ros.parameters.description import robot_description
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 PICTURE = '/robot_description'

@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros import RigParameters
 from impact_damper_ros.bag import RunReader, recover_run
-from impact_damper_ros.parameters.description import robot_description
+from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun

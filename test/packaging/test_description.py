@@ -12,7 +12,8 @@ from launched import Launched
 
 from impact_damper_ros import Rig, RigParameters, load_parameters as load, settle
 from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, JOINTS
-from impact_damper_ros.parameters.description import robot_description, rviz_setup
+from impact_damper_ros.bag.robot_description import robot_description
+from impact_damper_ros.node.rviz_setup import rviz_setup
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 
 ROOT = Path(__file__).parents[2]

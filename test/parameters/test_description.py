@@ -4,8 +4,9 @@ import math
 
 import pytest
 
-from impact_damper_ros import RigParameters
-from impact_damper_ros.parameters.description import described, frequency_hint
+from impact_damper_ros import RigParameters, load_parameters
+from impact_damper_ros.parameters.description import described, frequency_hint, unit_hint
+from impact_damper_ros.parameters.parameters_file import presets
 from impact_damper_ros.parameters.quoting import printable, shown
 
 BENCH = RigParameters(
@@ -76,6 +77,31 @@ def test_hint_at_bands():
     assert frequency_hint(noise).startswith('multisine_low and multisine_high are 3 to 7 rad/s')
     # What exerts no force has no frequency
     assert frequency_hint(BENCH.replace(force_frequencies=5.0, force_amplitudes=0.0)) == ''
+
+
+@pytest.mark.parametrize(
+    ('changes', 'meant'),
+    [
+        ({'gap': 24.0}, '0.024'),
+        ({'gap': 5.0}, '0.005'),
+        ({'gap': 5.0, 'force_frequencies': 300.0, 'damping': 0.0}, '0.005'),
+        ({'gap': 5.0, 'sweep_mode': 'up', 'sweep_low': 25.0, 'sweep_high': 40.0}, '0.005'),
+        ({'gap': 0.3}, ''),
+        ({'gap': 0.001}, ''),
+        ({'gap': 5.0, 'one_sided': True}, ''),
+        ({'gap': 5.0, 'force_amplitudes': 0.0}, ''),
+        ({'gap': 5e4}, ''),
+    ],
+)
+def test_hint_at_millimetres(changes, meant):
+    hint = unit_hint(BENCH.replace(**changes))
+    assert hint.startswith(f'gap is {changes["gap"]:g} m, ') is bool(meant)
+    assert hint.endswith(f'if millimetres were meant, give {meant}') is bool(meant)
+
+
+def test_no_hint_at_the_gap_of_the_presets():
+    for name in presets():
+        assert unit_hint(load_parameters(name)[0]) == ''
 
 
 @pytest.mark.parametrize(
