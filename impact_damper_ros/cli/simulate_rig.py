@@ -18,6 +18,7 @@ from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.control.record import Action
 from impact_damper_ros.motion.event import Event, EventKind, Sample
+from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.motion.swing import Swing
 from impact_damper_ros.outputs import is_stream
 from impact_damper_ros.parameters.parameter_spec import ParameterSpec
@@ -67,6 +68,8 @@ from .rig_options import (
     timed_changes,
 )
 
+#: The force on M is that of the harmonics and of a controller.
+STATE_COLUMNS = (*Sample._fields, 'force', 'primary_acceleration')
 EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:-1], 'force_frequency')
 
 # The end of a run that its summary describes, and how closely it looks for the largest |X|
@@ -197,12 +200,15 @@ class _Summary(Observer):
     def __init__(self, rig: Rig, duration: float) -> None:
         self._rig = rig
         self._look = _cycle(rig.parameters) / _LOOKS_PER_CYCLE
+        self._cycles = min(_WATCHED_CYCLES, duration / _cycle(rig.parameters))
         self._from = max(0.0, duration - _WATCHED_CYCLES * _cycle(rig.parameters))
         self._started = time.perf_counter()
         self._counts: Counter[EventKind] = Counter()
         self._commands = 0
         self._impacts: dict[int, Event] = {}
         self._swing = Swing()
+        # Largest |Y| at the looks
+        self._reach = 0.0
         self._since_look: list[Event] = []
 
     def ticks(self) -> Iterator[float]:
@@ -216,7 +222,9 @@ class _Summary(Observer):
 
     def reached(self, instant: float) -> None:
         if instant >= self._from:
-            self._swing.look(self._rig.sample(), self._since_look)
+            sample = self._rig.sample()
+            self._swing.look(sample, self._since_look)
+            self._reach = max(self._reach, abs(sample.z - sample.x))
             self._since_look = []
 
     def text(self, *, whole: bool) -> str:
@@ -229,7 +237,7 @@ class _Summary(Observer):
             f'events      {", ".join(events) or "none"}',
         ]
         if whole:
-            lines.append(f'largest |X| {largest:.7g} m in the last {_WATCHED_CYCLES} cycles')
+            lines.append(f'largest |X| {largest:.7g} m in the last {self._cycles:.3g} cycles')
             amplitude = parameters.response_amplitude
             if parameters.periodic_force and math.isfinite(amplitude):
                 lines[-1] += (
@@ -252,7 +260,23 @@ class _Summary(Observer):
                 f"X' = {event.primary_velocity_after:.7f} m/s, "
                 f"Z' = {event.damper_velocity_after:.7f} m/s"
             )
+        since = max((event.time for event in self._impacts.values()), default=0.0)
+        silent = (rig.time - since) / _cycle(parameters)
+        if whole and silent >= _WATCHED_CYCLES:
+            lines.append(
+                f'no impact   m has not hit a stop for {silent:.4g} cycles{self._remedy()}'
+            )
         return '\n'.join(lines)
+
+    def _remedy(self) -> str:
+        """Return how m would hit a fixed stop that it does not rest on."""
+        rig = self._rig
+        if rig.control.active or rig.mode in (Mode.REST_1, Mode.REST_2):
+            return ''
+        return (
+            f': |Y| is up to {self._reach:.4g} m, half the gap {rig.parameters.gap / 2.0:.4g} m; '
+            f'give a gap below {2.0 * self._reach:.4g} m, or an initial_damper_velocity'
+        )
 
 
 class _Progress(Observer):
@@ -309,7 +333,7 @@ class _StateTable(Observer):
 
     def reached(self, instant: float) -> None:
         if instant == self._written / self._rate:
-            self._table.write(row(self._rig.sample()))
+            self._table.write(row((*self._rig.sample(), *self._rig.drive())))
             self._written += 1
 
 
@@ -321,7 +345,7 @@ def _outputs(
         yield _ImpactTable(table)
     if (table := open_table(arguments.events, EVENT_COLUMNS, stack)) is not None:
         yield _EventTable(rig, table)
-    if (table := open_table(arguments.states, Sample._fields, stack)) is not None:
+    if (table := open_table(arguments.states, STATE_COLUMNS, stack)) is not None:
         yield _StateTable(rig, table, arguments.rate)
     if arguments.bag is not None:
         recorder = RigRecorder(

@@ -21,6 +21,7 @@ IMPACT_COLUMNS = (
     'primary_velocity_after',
     'damper_velocity_before',
     'damper_velocity_after',
+    'kind',
 )
 
 
@@ -32,7 +33,7 @@ def row(values: Sequence[object]) -> str:
 def impact_rows(events: Sequence[Event]) -> str:
     """Return the lines of the impacts among some events, and of rests, which end chatters."""
     return ''.join(
-        row([getattr(event, column) for column in IMPACT_COLUMNS])
+        row([getattr(event, column) for column in IMPACT_COLUMNS[:-1]] + [event.kind.name.lower()])
         for event in events
         if event.kind in (EventKind.IMPACT, EventKind.REST)
     )

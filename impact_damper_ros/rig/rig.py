@@ -8,7 +8,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 from itertools import chain, repeat
-from math import ceil, inf, nan
+from math import ceil, inf, nan, sin
 from operator import attrgetter
 from typing import Any, NamedTuple, Self
 
@@ -46,7 +46,7 @@ from impact_damper_ros.motion.event import (
     view_at,
 )
 from impact_damper_ros.motion.first_event import set_side
-from impact_damper_ros.motion.flight import begin_flight, move_to
+from impact_damper_ros.motion.flight import begin_flight, move_to, oscillator_of
 from impact_damper_ros.motion.next_event import (
     ALL_STEPS,
     COMMANDS_FULL,
@@ -1013,6 +1013,22 @@ class Rig:
 
     def _sample(self, time: float) -> Sample:
         return Sample(*sample_at(self._rig, self._lines, self._run, self._waves, time))
+
+    def drive(self) -> tuple[float, float]:
+        """Return the present force on M, N, and X'', m/s^2, after any event at that time."""
+        run, lines, view = self._run, self._lines, self._view()
+        tau = max(0.0, (run.now - run.time) - run.time_low)
+        sines = [
+            sin(wave.angle + line.frequency * tau + line.phase)
+            for line, wave in zip(lines, self._waves, strict=False)  # alone; those with m follow
+        ]
+        alone, moving = (
+            sum(lines[first + j].force * sine for j, sine in enumerate(sines))
+            for first in (0, run.first)
+        )
+        oscillator = oscillator_of(self._rig, run)
+        held = 2.0 * oscillator.decay * view.velocity + oscillator.omega_squared * view.x
+        return self.parameters.primary_mass * alone + run.force, run.constant + moving - held
 
     def preview(
         self, times: Sequence[float], interrupted: Callable[[], bool] | None = None

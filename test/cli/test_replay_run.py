@@ -97,7 +97,8 @@ def test_what_if_is_what_simulate_rig_says(tmp_path, capsys):
     params = params_file(tmp_path / 'params.yaml', LIVELY)
     words = ['--duration', '2', '--rate', '200', '--set', 'gap=0.006', *files]
     assert simulate_rig([str(params), *words]) == 0
-    assert table(states) == rows
+    more = ('force', 'primary_acceleration')
+    assert [{k: v for k, v in r.items() if k not in more} for r in table(states)] == rows
     assert table(impacts) == hits
     assert len(rows) == 401
     # Rows of rest have the same velocities before and after.

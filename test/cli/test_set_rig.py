@@ -1,12 +1,16 @@
 """`set_rig` on a running node, over DDS."""
 
+import os
 import re
+import signal
+import subprocess
+import sys
 from contextlib import nullcontext
 
 import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
-from node.rig_client import LIVELY, SimProcess
+from node.rig_client import LIVELY, SOURCE, SimProcess
 
 from impact_damper_ros.cli import set_rig
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
@@ -79,6 +83,48 @@ def test_what_cannot_be_set_changes_nothing(monkeypatch, capsys):
             assert set_rig.main(['angle=0.3', setting]) == 2
             assert reason in capsys.readouterr().err
         assert rig.values()['angle'] == 0.0
+
+
+@pytest.mark.usefixtures('node')
+def test_a_gap_in_millimetres_is_noted(capsys):
+    assert set_rig.main(['gap=12', 'damping=0.5']) == 0
+    assert 'note: gap is 12 m, ' in capsys.readouterr().err
+    assert set_rig.main(['gap=12 mm']) == 0
+    assert 'note' not in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures('node')
+@pytest.mark.parametrize('values', [False, True])
+def test_diagnostics_are_watched(values):
+    """Until Ctrl-C, as a process; after a change that is made first."""
+    words = ['-m', 'impact_damper_ros.cli.set_rig', 'gap=0.012', '--watch']
+    process = subprocess.Popen(
+        [sys.executable, *words, *(['--values'] if values else [])],
+        env={**os.environ, 'PYTHONPATH': str(SOURCE)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    lines = []
+    try:
+        for line in process.stdout:
+            lines.append(line.rstrip())
+            if 'predicted motion' in line and sum('rig   ' in text for text in lines) > 1:
+                break
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 130
+    finally:
+        process.kill()
+        process.communicate()
+    assert lines[0].startswith('parameter  value')
+    assert lines[1].startswith('gap        0.012')
+    assert any(re.fullmatch(r'bench/sim_node: recording +OK +off', line) for line in lines)
+    assert ('    State rate [Hz]: 200' in lines) is values
+
+
+def test_values_without_watching(capsys):
+    assert set_rig.main(['--values']) == 2
+    assert 'give --watch, too' in capsys.readouterr().err
 
 
 def test_no_rig_and_several(node, tmp_path, monkeypatch, capsys):

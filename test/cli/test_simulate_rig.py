@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import impact_damper_ros
@@ -31,7 +32,8 @@ def run(tmp_path, *arguments, settings=(), params=PAPER):
     overrides = [word for setting in settings for word in ('--set', setting)]
     code = main([str(params), '--impacts', str(impacts), *arguments, *overrides])
     rows = table(impacts) if impacts.exists() else []
-    return code, [{k: int(v) if k == 'stop' else float(v) for k, v in r.items()} for r in rows]
+    kinds = {'stop': int, 'kind': str}
+    return code, [{k: kinds.get(k, float)(v) for k, v in r.items()} for r in rows]
 
 
 def test_first_impacts_from_rest(tmp_path):
@@ -40,6 +42,69 @@ def test_first_impacts_from_rest(tmp_path):
     assert [row['stop'] for row in rows] == [1, 2, 1, 2]
     expected = [43.62266009691099, 45.40718583180668, 46.77474766084761, 50.874097144989875]
     assert [row['time'] for row in rows] == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    'settings',
+    [
+        ['friction=0'],
+        ['friction=0.5', 'angle=0.3'],
+        ['force_amplitudes=[1.2, 0.4]', 'force_frequencies=[31.4, 70]', 'force_phases=[0, 1]'],
+        ['one_sided=true', 'angle=1.2', 'air_force=0.1'],
+    ],
+)
+def test_force_and_acceleration_of_the_states(tmp_path, settings):
+    """By finite differences of the velocity, and by the definition of the force."""
+    states, events = tmp_path / 'states.csv', tmp_path / 'events.csv'
+    words = ['--duration', '3', '--rate', '4000', '--states', str(states)]
+    code, _ = run(tmp_path, *words, '--events', str(events), settings=settings, params='bench_rig')
+    assert code == 0
+    samples = np.genfromtxt(states, delimiter=',', names=True)
+    times = [float(event['time']) for event in table(events)]
+    between = np.searchsorted(times, samples['time'])
+    smooth = (between[:-2] == between[2:]).nonzero()[0] + 1
+    assert len(smooth) > 10_000
+    velocity, acceleration = samples['primary_velocity'], samples['primary_acceleration']
+    slope = (velocity[smooth + 1] - velocity[smooth - 1]) * 2000.0
+    assert slope == pytest.approx(acceleration[smooth], abs=2e-3)
+    force = 1.2 * np.sin(31.416 * samples['time'])
+    if 'force_amplitudes' in settings[0]:
+        force = 1.2 * np.sin(31.4 * samples['time']) + 0.4 * np.sin(70.0 * samples['time'] + 1.0)
+    assert samples['force'] == pytest.approx(force, abs=1e-9)
+
+
+def test_rest_is_marked_among_the_impacts(tmp_path):
+    settings = ['one_sided=true', 'angle=1.5', 'restitution_1=0.4', 'gap=1']
+    code, rows = run(tmp_path, '--duration', '60', settings=settings)
+    assert code == 0
+    for row in rows:
+        same = row['primary_velocity_before'] == row['primary_velocity_after']
+        assert row['kind'] == ('rest' if same else 'impact')
+    assert {row['kind'] for row in rows} == {'impact', 'rest'}
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        ('--duration 1', 'in the last 5 cycles'),
+        ('--duration 8', 'in the last 20 cycles'),
+        (
+            '--duration 8 --set gap=0.07',
+            'no impact   m has not hit a stop for 40 cycles: |Y| is',
+        ),
+        ('--duration 8 --set gap=5', 'note: gap is 5 m, 82.5 times'),
+        ('--duration 8 --set gap=5', 'or an initial_damper_velocity'),
+    ],
+)
+def test_what_a_summary_reports(words, said, capsys):
+    assert main(['bench_rig', *words.split()]) == 0
+    assert said in capsys.readouterr().err
+
+
+def test_a_rig_that_is_hit_is_not_reported_as_without_impacts(capsys):
+    assert main(['bench_rig', '--duration', '10']) == 0
+    assert main(['bench_rig', '--duration', '10', '--set', 'gap=0.0000001']) == 0
+    assert 'has not hit' not in capsys.readouterr().err
 
 
 def test_a_golden_steady_state(tmp_path, capsys):
