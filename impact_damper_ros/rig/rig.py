@@ -8,7 +8,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 from itertools import chain, repeat
-from math import ceil, inf, nan, sin
+from math import ceil, inf, nan
 from operator import attrgetter
 from typing import Any, NamedTuple, Self
 
@@ -1019,7 +1019,7 @@ class Rig:
         run, lines, view = self._run, self._lines, self._view()
         tau = max(0.0, (run.now - run.time) - run.time_low)
         sines = [
-            sin(wave.angle + line.frequency * tau + line.phase)
+            math.sin(wave.angle + line.frequency * tau + line.phase)
             for line, wave in zip(lines, self._waves, strict=False)  # alone; those with m follow
         ]
         alone, moving = (
