@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from impact_damper_ros.control.own_law import LawError, OwnLaw
-from impact_damper_ros.parameters.description import described, unit_hint
+from impact_damper_ros.parameters.description import Varied, described, unit_hint
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.parameters_file import (
     YamlError,
@@ -230,15 +230,15 @@ def announce(
     rig: RigParameters,
     control: GapControlParameters | None = None,
     *,
-    frequencies: tuple[float, float] | None = None,
+    varied: Varied | None = None,
     law: str = '',
 ) -> None:
     """Say which rig a command works on, before it does, and whether it may have another unit."""
     say(command, rig_line(rig, control, law))
-    hint(command, rig, frequencies)
+    hint(command, rig, varied)
 
 
-def hint(command: str, rig: RigParameters, frequencies: tuple[float, float] | None = None) -> None:
+def hint(command: str, rig: RigParameters, varied: Varied | None = None) -> None:
     """Say whether a parameter may have another unit, as `announce` does."""
-    if note := unit_hint(rig, frequencies):
+    if note := unit_hint(rig, varied):
         say(command, f'note: {note}')

@@ -243,15 +243,16 @@ def _check_outputs(arguments: argparse.Namespace, grid: Grid) -> None:
 
 
 def _announce(grid: Grid) -> None:
-    """Print the rig, and notes on frequencies that may have been given in Hz and on a slow law."""
-    ranges = [
-        (float(axis.values[0]), float(axis.values[-1]))
+    """Print the rig, and notes on what may have been given in another unit and on a slow law."""
+    varied = {
+        p.name: (float(min(axis.values)), float(max(axis.values)))
         for axis in grid.axes
-        if any(p.name == 'force_frequencies' and not p.entry for p in axis.varied)
-    ]
+        for p in axis.varied
+        if not p.entry and p.name in ('force_frequencies', 'gap')
+    }
     announce(
         *('sweep_rig', grid.setup.parameters, grid.setup.control),
-        frequencies=ranges[0] if ranges else None,
+        varied=varied,
         law=grid.setup.law,
     )
     slow = grid.setup.law and not OwnLaw.from_text(grid.setup.law).compiles

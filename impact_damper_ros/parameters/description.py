@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import TypeAlias
 
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
@@ -41,32 +42,39 @@ it; gap 37 m; level'
     return '; '.join(parts)
 
 
-def unit_hint(rig: RigParameters, varied: tuple[float, float] | None = None) -> str:
+#: Range of each parameter that is varied, by its name.
+Varied: TypeAlias = Mapping[str, tuple[float, float]]
+
+
+def unit_hint(rig: RigParameters, varied: Varied | None = None) -> str:
     """
     Return a hint if a parameter looks as if it had another unit; else nothing.
 
-    Frequencies may be in Hz, and the gap in millimetres. If the frequency of the first harmonic
-    is varied, `varied` is its range, rad/s.
+    Frequencies may be in Hz, and the gap in millimetres. `varied` has the ranges of what is
+    varied.
     """
-    return '; '.join(filter(None, (frequency_hint(rig, varied), gap_hint(rig))))
+    varied = varied or {}
+    hints = frequency_hint(rig, varied.get('force_frequencies')), gap_hint(rig, varied.get('gap'))
+    return '; '.join(filter(None, hints))
 
 
-def gap_hint(rig: RigParameters) -> str:
-    """Return a hint if the gap looks as if it were given in millimetres; else nothing."""
+def gap_hint(rig: RigParameters, varied: tuple[float, float] | None = None) -> str:
+    """Return a hint if the gap, or its range, looks as if it were given in millimetres."""
     largest = max(*map(abs, rig.harmonics[0]), rig.multisine_level)
     swing = 2.0 * largest / rig.stiffness / max(2.0 * rig.zeta, 1.0 / _MAGNIFICATION)
+    low, high = varied or (rig.gap, rig.gap)
     least, most = _WIDE
-    if rig.one_sided or not least * swing < rig.gap < most * swing:
+    if rig.one_sided or not least * swing < low <= high < most * swing:
         return ''
     return (
-        f'gap is {rig.gap:.6g} m, {rig.gap / swing:.3g} times the {swing:.3g} m that M moves from '
-        'end to end at resonance without impacts: lengths are in metres; if millimetres were '
-        f'meant, give {rig.gap / 1000.0:.6g}'
+        f'gap is {_range(low, high)} m, {high / swing:.3g} times the {swing:.3g} m that M moves '
+        'from end to end at resonance without impacts: lengths are in metres; if millimetres were '
+        f'meant, give {_range(low / 1000.0, high / 1000.0)}'
     )
 
 
 def frequency_hint(rig: RigParameters, varied: tuple[float, float] | None = None) -> str:
-    """Return a hint if frequencies look as if they were given in Hz, as `unit_hint` does."""
+    """Return a hint if frequencies, or a range of them, look as if they were given in Hz."""
     for name, low, high in _bands(rig, varied):
         if low <= rig.omega <= high:
             continue

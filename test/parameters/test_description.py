@@ -99,6 +99,15 @@ def test_hint_at_millimetres(changes, meant):
     assert hint.endswith(f'if millimetres were meant, give {meant}') is bool(meant)
 
 
+def test_hint_at_ranges():
+    varied = {'gap': (4.0, 60.0), 'force_frequencies': (4.0, 6.0)}
+    frequencies, gaps = unit_hint(BENCH, varied).split('; gap is ')
+    assert frequencies.endswith('give 25.1327 to 37.6991')
+    assert gaps.startswith('4 to 60 m, ')
+    assert gaps.endswith('give 0.004 to 0.06')
+    assert unit_hint(BENCH, {'gap': (0.004, 60.0), 'stiffness': (1.0, 2.0)}) == ''
+
+
 def test_no_hint_at_the_gap_of_the_presets():
     for name in presets():
         assert unit_hint(load_parameters(name)[0]) == ''
