@@ -188,8 +188,8 @@ def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
 
 def _cycle(parameters: RigParameters) -> float:
     """Return the period of the first harmonic, or the natural one if that is off or stepped."""
-    frequency = parameters.force_frequencies[0]
-    if not frequency or not parameters.force_amplitudes[0] or parameters.sweep_mode != 'off':
+    frequency = parameters.first_harmonic[1]
+    if not frequency or not parameters.first_harmonic[0] or parameters.sweep_mode != 'off':
         frequency = parameters.omega
     return math.tau / frequency
 

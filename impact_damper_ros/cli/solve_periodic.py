@@ -260,8 +260,8 @@ def _slow_words(rig: RigParameters) -> str:
     return (
         'still searching; the time grows with the impacts, the cycles and the ratio of the '
         'natural frequency to that of the force, here '
-        f'{rig.omega / rig.force_frequencies[0]:.3g}; Ctrl-C ends the search'
-        if rig.force_frequencies[0]
+        f'{rig.omega / rig.first_harmonic[1]:.3g}; Ctrl-C ends the search'
+        if rig.first_harmonic[1]
         else 'still searching; Ctrl-C ends the search'
     )
 

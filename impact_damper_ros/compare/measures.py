@@ -48,7 +48,7 @@ def measured_motion(
     amplitude = rig.response_amplitude
     steady = rig.sweep_mode == 'off'
     known = steady and 0.0 < amplitude < math.inf
-    cycles = (end - start) * rig.force_frequencies[0] / math.tau * steady
+    cycles = (end - start) * rig.first_harmonic[1] / math.tau * steady
     if math.isnan(per_cycle) and cycles > 0.0:
         per_cycle = len(hits) / cycles
     return MeasuredMotion(

@@ -210,7 +210,7 @@ def _why_no_theory(stretch: RecordedStretch) -> str:
         return 'the force is a multisine: it has no period within the range searched'
     if rig.sweep_mode != 'off':
         return 'the frequency of the force is swept'
-    if rig.force_amplitudes[0] == 0.0 or rig.force_frequencies[0] == 0.0:
+    if rig.first_harmonic[0] == 0.0 or rig.first_harmonic[1] == 0.0:
         return 'the first harmonic of the force is zero: there are no cycles to count'
     if stretch.drive is None:
         return 'the phase of the force is not in the bag (no snapshot)'
@@ -226,8 +226,8 @@ def _why_no_theory(stretch: RecordedStretch) -> str:
 def _cycle(stretch: RecordedStretch) -> float:
     """Return the duration of a cycle of the force, or of the natural vibration, s."""
     rig = stretch.parameters
-    forced = rig.force_amplitudes[0] != 0.0 and rig.force_frequencies[0] != 0.0
-    return math.tau / (rig.force_frequencies[0] if forced else rig.omega)
+    forced = rig.first_harmonic[0] != 0.0 and rig.first_harmonic[1] != 0.0
+    return math.tau / (rig.first_harmonic[1] if forced else rig.omega)
 
 
 def _at_rest(samples: Samples) -> bool:
@@ -398,7 +398,7 @@ class _Comparison:
             period = motion.period if motion is not None else None
             predicted = predicted_curve(drive, orbit, period, time)
         rig = stretch.parameters
-        forced = rig.force_amplitudes[0] != 0.0
+        forced = rig.first_harmonic[0] != 0.0
         cycles = max(1, motion.recurrence.cycles if motion is not None else 1)
         shown = stretch.end - _SHOWN * self.cycle * cycles
         settled = stretch.samples[stretch.samples['time'] >= steady]
@@ -410,7 +410,7 @@ class _Comparison:
             phases=drive.phase(impacts['time']) % 1.0 if drive is not None and forced else None,
             predicted=predicted,
             convergence=motion.as_curve() if motion is not None else None,
-            spectrum=spectrum(settled, rig.force_frequencies[0] / math.tau if forced else 0.0),
+            spectrum=spectrum(settled, rig.first_harmonic[1] / math.tau if forced else 0.0),
         )
 
 

@@ -145,13 +145,10 @@ def constants_of(
     parameters: RigParameters, frequency: float | None = None
 ) -> tuple[RigConstants, list[Line]]:
     """Return a rig's constants and harmonics, the first of them at a frequency if it is given."""
+    if frequency is not None and frequency != parameters.first_harmonic[1]:
+        parameters = parameters.with_first_frequency(frequency)
     base = parameters.base_rows
-    if frequency is not None and base != slice(0, 0) and base.start == 0:
-        others = parameters.base_frequencies[1:]
-        parameters = parameters.replace(base_frequencies=(frequency, *others))
     amplitudes, frequencies, phases = parameters.harmonics
-    if frequency is not None:
-        frequencies = (frequency, *frequencies[1:])
     free, joint, lines = _oscillators_of(
         parameters.primary_mass,
         parameters.damper_mass,

@@ -66,7 +66,7 @@ class RecentMotion(NamedTuple):
 def measure(trace: MotionTrace, state_rate: float) -> RecentMotion:
     """Measure the motion of a rig since its last change or reset."""
     parameters, frequency, now = trace.parameters, trace.frequency, trace.time
-    if not (frequency and parameters.force_amplitudes[0] and not parameters.multisine_level):
+    if not (frequency and parameters.first_harmonic[0] and not parameters.multisine_level):
         cycle = math.tau / parameters.omega
         recently = trace.largest(now - MEASURED_CYCLES * cycle)
         enough = state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE
@@ -125,8 +125,7 @@ def measure(trace: MotionTrace, state_rate: float) -> RecentMotion:
 def _response_amplitude(parameters: RigParameters, frequency: float) -> float:
     """Return the amplitude A without impacts, also in a stepped sine, m."""
     if parameters.sweep_mode != 'off':
-        others = parameters.force_frequencies[1:]
-        parameters = parameters.replace(force_frequencies=(frequency, *others))
+        parameters = parameters.with_first_frequency(frequency)
     return parameters.response_amplitude
 
 

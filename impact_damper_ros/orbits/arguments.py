@@ -25,7 +25,7 @@ class OrbitError(ValueError):
 
 def single_harmonic(parameters: RigParameters) -> bool:
     """Return whether the force has no other active harmonic than its first."""
-    return parameters.multisine_level == 0.0 and not any(parameters.force_amplitudes[1:])
+    return not any(parameters.harmonics[0][1:])
 
 
 def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
@@ -35,7 +35,7 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
     It must repeat after so many cycles of its first harmonic, or be one harmonic if they are
     not given, as the periodic theory assumes.
     """
-    amplitude, first = parameters.force_amplitudes[0], parameters.force_frequencies[0]
+    amplitude, first = parameters.first_harmonic[0], parameters.first_harmonic[1]
     if 0.0 < first < _SLOWEST * parameters.omega:
         raise OrbitError(
             f'the first harmonic of the force has a frequency of {first:g} rad/s, '
@@ -63,13 +63,10 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
         )
     if cycles is None:
         raise OrbitError(
-            f'the force has {len(parameters.force_amplitudes)} harmonics: the impact equations '
-            'are for one, give force_amplitudes, force_frequencies and force_phases one entry '
-            'each, or use find_orbits'
+            f'the force has {len(parameters.harmonics[0])} harmonics: the impact equations are '
+            'for one, give one entry in the arrays of force or base, or use find_orbits'
         )
-    for force, frequency in zip(
-        parameters.force_amplitudes, parameters.force_frequencies, strict=True
-    ):
+    for force, frequency in zip(*parameters.harmonics[:2], strict=True):
         turns = frequency / first
         if force != 0.0 and not _whole(cycles * turns):
             period = next((k for k in range(1, _MOST_NAMED) if _whole(k * turns)), 0)
@@ -128,7 +125,7 @@ def pressed_to(parameters: RigParameters, stop: int) -> bool:
 def symmetric(parameters: RigParameters) -> bool:
     """Return whether the mirror image of each motion, half a cycle later, is another one."""
     machine, lines = constants_of(parameters)
-    first = parameters.force_frequencies[0]
+    first = parameters.first_harmonic[1]
     turns = [line.frequency / first for line in lines[: machine.harmonics] if line.force != 0.0]
     return (
         not parameters.one_sided

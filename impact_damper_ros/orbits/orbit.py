@@ -227,7 +227,7 @@ class PeriodicOrbit(Rhythm):
     @property
     def cycle(self) -> float:
         """Period of the force, s."""
-        return math.tau / self.parameters.force_frequencies[0]
+        return math.tau / self.parameters.first_harmonic[1]
 
     @property
     def period(self) -> float:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from operator import attrgetter
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -136,7 +136,7 @@ def _hits(solution: Solution) -> bool:
     problem = solution.segments
     before = solution.flights.end
     scale = max(
-        problem.length * problem.parameters.force_frequencies[0], float(np.abs(before[:, 1]).max())
+        problem.length * problem.parameters.first_harmonic[1], float(np.abs(before[:, 1]).max())
     )
     return bool(np.abs(before[:, 3]).min() > SAME * scale)
 
@@ -208,9 +208,9 @@ def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
     At rest; displaced; moving fast; with m next to a stop. Scaled by the response without
     impacts and the gap.
     """
-    static = abs(parameters.force_amplitudes[0]) / parameters.stiffness
+    static = abs(parameters.first_harmonic[0]) / parameters.stiffness
     amplitude = min(parameters.response_amplitude, 5.0 * static)
-    speed = amplitude * parameters.force_frequencies[0]
+    speed = amplitude * parameters.first_harmonic[1]
     half = 0.5 * parameters.gap
     limit = INITIAL_SPECS['initial_primary_velocity'].high
     assert limit is not None
@@ -243,7 +243,7 @@ def _settled_near(
     long is given up early.
     """
     parameters = rig.parameters
-    period = cycles * math.tau / parameters.force_frequencies[0]
+    period = cycles * math.tau / parameters.first_harmonic[1]
     periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
     busy = 0
     for i in range(periods):
@@ -274,7 +274,7 @@ def settled_orbits(
 
 def _left_for(orbit: PeriodicOrbit, most_events: int) -> Iterator[PeriodicOrbit | None]:
     """Yield the motions for which a rig leaves an unstable one, on either side of it."""
-    rate = orbit.parameters.force_frequencies[0]
+    rate = orbit.parameters.first_harmonic[1]
     for side in (_PUSH, -_PUSH):
         rig = after_impact(orbit, orbit.parameters, side * orbit.x_max * rate)
         yield from _settled_near(rig, orbit.instants[0], orbit.cycles, most_events)
@@ -294,9 +294,8 @@ def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrb
         if share < _LEAST_SHARE:
             return None
         ahead = min(1.0, done + share)
-        first, *others = parameters.force_amplitudes
         rig = parameters.replace(
-            force_amplitudes=(first, *(ahead * other for other in others)),
+            **_with_share_of_others(parameters, ahead),
             **{name: here[name] + ahead * (there[name] - here[name]) for name in varied},
         )
         moved = orbit_at(found, rig)
@@ -344,11 +343,17 @@ def _followed_orbits(
 
 def _with_first_harmonic(parameters: RigParameters) -> RigParameters:
     """Return the rig driven by the first harmonic of its force only."""
-    return parameters.replace(
-        force_amplitudes=parameters.force_amplitudes[:1],
-        force_frequencies=parameters.force_frequencies[:1],
-        force_phases=parameters.force_phases[:1],
-    )
+    return parameters.replace(**_with_share_of_others(parameters, 0.0))
+
+
+def _with_share_of_others(parameters: RigParameters, share: float) -> dict[str, Any]:
+    """Return the amplitudes of force and base with a share of all harmonics but the first."""
+    amplitudes: dict[str, Any] = {}
+    for group in parameters.harmonic_groups:
+        own = getattr(parameters, f'{group}_amplitudes')
+        kept = 0 if amplitudes else 1
+        amplitudes[f'{group}_amplitudes'] = (*own[:kept], *(share * a for a in own[kept:]))
+    return amplitudes
 
 
 def _simpler_orbits(

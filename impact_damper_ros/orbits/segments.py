@@ -224,7 +224,7 @@ class Segments:
         self.cycles = cycles
         self.machine = machine_of(parameters)
         rig, lines = self.machine
-        self.cycle = math.tau / parameters.force_frequencies[0]
+        self.cycle = math.tau / parameters.first_harmonic[1]
         self.period = cycles * self.cycle
         self.rate = math.sqrt(rig.free.omega_squared)
         self.layout = layout = _layout(self.nodes)
@@ -247,7 +247,7 @@ class Segments:
         across = 0.0 if rig.one_sided else 2.0 * rig.half_gap
         self._across = np.multiply(across, layout.across)
         swing = abs(lines[0].force) / rig.free.omega_squared
-        fall = float(np.abs(self.laws.slide).max()) / parameters.force_frequencies[0] ** 2
+        fall = float(np.abs(self.laws.slide).max()) / parameters.first_harmonic[1] ** 2
         length = max(swing, fall, across if layout.both_hit else 0.0)
         self.set_units(length, length * self.rate, self.rate)
 

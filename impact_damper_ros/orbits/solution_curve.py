@@ -120,11 +120,8 @@ class Steps:
     def value(self, parameters: RigParameters) -> float:
         """Return the value at which the branch begins with a rig; or raise `OrbitError`."""
         if isinstance(self.path, str):
-            if self.path == 'force_frequencies' and not single_harmonic(parameters):
-                raise OrbitError(
-                    'force_frequencies is the frequency of the first harmonic, and the others do '
-                    'not follow it: give a function that returns the rig with all of them'
-                )
+            if self.path in ('force_frequencies', 'base_frequencies'):
+                self._check_frequency(parameters)
             value = value_of(parameters, self.path)
         else:
             tried = (self.low, self.high) if self.start is None else (self.start,)
@@ -141,6 +138,17 @@ class Steps:
                 f'not {self.low:.9g} to {self.high:.9g}'
             )
         return value
+
+    def _check_frequency(self, parameters: RigParameters) -> None:
+        """Raise `OrbitError` where one frequency is not that of the motion."""
+        if not single_harmonic(parameters):
+            raise OrbitError(
+                f'{self.name} is the frequency of the first harmonic, and the others do not '
+                'follow it: give a function that returns the rig with all of them'
+            )
+        shaker = next(iter(parameters.harmonic_groups))
+        if self.name != f'{shaker}_frequencies':
+            raise OrbitError(f'the {shaker} shakes the rig: follow {shaker}_frequencies')
 
     @property
     def bounds(self) -> tuple[float, ...]:
@@ -227,7 +235,7 @@ class SolutionCurve:
 
     def _set_units(self, segments: Segments) -> None:
         # With angles of the force as unknowns, they do not depend on its frequency.
-        segments.set_units(*self._units, segments.parameters.force_frequencies[0])
+        segments.set_units(*self._units, segments.parameters.first_harmonic[1])
 
     def _segments(self, value: float) -> Segments:
         """Return the boundary-value problem at a value of the parameter."""

@@ -278,14 +278,20 @@ def counted_from_zero(parameters: RigParameters, angles: Sequence[float]) -> Rig
     frequencies on a live rig there may be none. `angles` are those of one instant, without the
     phases, rad. The lines of a multisine, for which there is no periodic theory, stay as they are.
     """
-    back = (angles[0] % math.tau) / (parameters.force_frequencies[0] or math.inf)
-    phases: list[float] = []
-    for phase, angle, frequency in zip(
-        parameters.force_phases, angles, parameters.force_frequencies, strict=False
-    ):
-        late = math.remainder(angle - frequency * back, math.tau) if phases else 0.0
-        phases.append(math.remainder(phase + late, math.tau) if abs(late) > _SAME_ANGLE else phase)
-    return parameters.replace(force_phases=tuple(phases))
+    back = (angles[0] % math.tau) / (parameters.first_harmonic[1] or math.inf)
+    counted, first = {}, 0
+    for group in parameters.harmonic_groups:
+        if group == 'multisine':
+            continue
+        own = getattr(parameters, f'{group}_phases'), getattr(parameters, f'{group}_frequencies')
+        phases: list[float] = []
+        for j, (phase, frequency) in enumerate(zip(*own, strict=True), first):
+            late = math.remainder(angles[j] - frequency * back, math.tau) if j else 0.0
+            moved = abs(late) > _SAME_ANGLE
+            phases.append(math.remainder(phase + late, math.tau) if moved else phase)
+        counted[f'{group}_phases'] = tuple(phases)
+        first += len(phases)
+    return parameters.replace(**counted)
 
 
 def orbit_near(
@@ -311,7 +317,7 @@ def orbit_near(
         The motion to which Newton's method converges; None if it does not.
     """
     check_forcing(parameters, cycles)
-    cycle = math.tau / parameters.force_frequencies[0]
+    cycle = math.tau / parameters.first_harmonic[1]
     instant = cycle * (phase % cycles)
     flight = flight_at_impact(
         machine_of(parameters),

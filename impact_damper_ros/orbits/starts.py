@@ -73,8 +73,8 @@ class ImpactEquations:
         self.stops = stops
         self.cycles = cycles
         self.impacts = len(stops)
-        self.frequency = parameters.force_frequencies[0]
-        self.phase = parameters.force_phases[0]
+        self.frequency = parameters.first_harmonic[1]
+        self.phase = parameters.first_harmonic[2]
         self.cycle = math.tau / self.frequency
         self.period = cycles * self.cycle
         # The paper's lambda of the flight after each impact; 0 if it returns to the same stop

@@ -49,8 +49,8 @@ class ForcePhase:
         rig = snapshot.parameters
         begun = snapshot.run.time + snapshot.run.time_low
         turned = snapshot.angles[0] / math.tau if snapshot.angles else 0.0
-        own = rig.force_phases[0] / math.tau
-        times, frequencies = [begun], [rig.force_frequencies[0] / math.tau]
+        own = rig.first_harmonic[2] / math.tau
+        times, frequencies = [begun], [rig.first_harmonic[1] / math.tau]
         start, step = snapshot.sweep
         if rig.sweep_mode != 'off':
             steps = np.arange(step, frequency_steps(rig) + 1)
@@ -59,7 +59,7 @@ class ForcePhase:
         self._times, self._frequencies = np.array(times), np.array(frequencies)
         lengths = np.diff(self._times) * self._frequencies[:-1]
         self._cycles = turned + own + np.concatenate([[0.0], np.cumsum(lengths)])
-        self._known = rig.force_amplitudes[0] != 0.0 and bool(self._frequencies.any())
+        self._known = rig.first_harmonic[0] != 0.0 and bool(self._frequencies.any())
 
     def at(self, time: Rows) -> Rows:
         """Return the phases at instants, in cycles from 0 to 1; NaN without a force."""

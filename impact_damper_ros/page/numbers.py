@@ -19,7 +19,7 @@ _CYCLES, _SCORED_S = 20, 60.0
 
 def numbers_of(rig: RigParameters, motion: Motion, end: float) -> dict[str, Any]:
     """Return the message with the numbers of a rig and of its motion up to an instant, s."""
-    frequency, amplitude = rig.force_frequencies[0], rig.response_amplitude
+    frequency, amplitude = rig.first_harmonic[1], rig.response_amplitude
     numbers = {
         'natural_frequency_hz': rig.omega / math.tau,
         'damping_ratio': rig.zeta,

@@ -18,13 +18,10 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-QUANTITIES = ('displacement', 'velocity', 'acceleration')
-#: The unit of each quantity, and those in which people give it.
-QUANTITY_UNITS = {
-    'displacement': ('m', 'cm', 'mm', 'µm', 'um'),
-    'velocity': ('m/s', 'cm/s', 'mm/s'),
-    'acceleration': ('m/s^2', 'm/s²', 'mm/s^2', 'mm/s²', 'g'),
-}
+from .units import UNITS
+
+#: What the amplitudes of a base may be amplitudes of, and the SI unit of each.
+QUANTITIES = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
 #: Steps in a period of the fastest line in which a passage of b through zero is looked for, and
 #: most of them.
 _STEPS_PER_PERIOD = 16
@@ -145,7 +142,7 @@ class BaseMotion(NamedTuple):
 
 def quantity_of(unit: str) -> str:
     """Return the quantity that has a unit: that of 0.2 g is an acceleration."""
-    return next(name for name, units in QUANTITY_UNITS.items() if unit in units)
+    return next(name for name, si in QUANTITIES.items() if unit in UNITS[si])
 
 
 def angles_after(before: BaseMotion, angles: Sequence[float], after: BaseMotion) -> list[float]:

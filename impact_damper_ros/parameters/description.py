@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import TypeAlias
 
 from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 #: Frequencies this close to 1/(2 pi) or 2 pi times the natural one may be in the wrong unit.
 _NEAR = 1.25
@@ -124,7 +125,7 @@ def _force(rig: RigParameters) -> Iterator[str]:
         for amplitude, frequency in zip(rig.force_amplitudes, rig.force_frequencies, strict=True)
         if amplitude
     ]
-    if rig.sweep_mode != 'off' and rig.force_amplitudes[0]:
+    if rig.sweep_mode != 'off' and rig.first_harmonic[0]:
         amplitude, _ = drives.pop(0)
         low, high = rig.sweep_low, rig.sweep_high
         yield (
@@ -143,20 +144,38 @@ def _force(rig: RigParameters) -> Iterator[str]:
             f'multisine {rig.multisine_level:.4g} N rms from {_hertz(low)} to {_hertz(high)} = '
             f'{_share(rig, low, high)}'
         )
-    elif not any(rig.force_amplitudes):
+    yield from _base(rig)
+    if not any(rig.harmonics[0]):
         yield 'no force'
+
+
+def _base(rig: RigParameters) -> Iterator[str]:
+    """Yield descriptions of the motion of the base."""
+    lines = [
+        (abs(a), w) for a, w in zip(rig.base_amplitudes, rig.base_frequencies, strict=True) if a
+    ]
+    for amplitude, frequency in lines[:1]:
+        size = {
+            'displacement': f'{1e3 * amplitude:.4g} mm',
+            'velocity': f'{amplitude:.4g} m/s',
+            'acceleration': f'{amplitude:.4g} m/s^2 = {amplitude / STANDARD_GRAVITY:.4g} g',
+        }[rig.base_quantity]
+        at = f'{_hertz(frequency)} ({frequency:.4g} rad/s) = {_share(rig, frequency)}'
+        yield f'base moved by {size} at {at}'
+    if len(lines) > 1:
+        yield f'and {len(lines) - 1} line{"s" if len(lines) > 2 else ""} more of the base'
 
 
 def _bands(
     rig: RigParameters, varied: tuple[float, float] | None
 ) -> Iterator[tuple[str, float, float]]:
     """Yield name, lowest and highest frequency of each force, without zeros."""
-    own = rig.force_frequencies[0]
+    own = rig.first_harmonic[1]
     if rig.sweep_mode != 'off':
         yield 'sweep_low and sweep_high', rig.sweep_low, rig.sweep_high
     elif varied is not None:
         yield 'force_frequencies', *varied
-    elif own and rig.force_amplitudes[0]:
-        yield 'force_frequencies', own, own
+    elif own and rig.first_harmonic[0]:
+        yield f'{next(iter(rig.harmonic_groups))}_frequencies', own, own
     if rig.multisine_level:
         yield 'multisine_low and multisine_high', rig.multisine_low, rig.multisine_high

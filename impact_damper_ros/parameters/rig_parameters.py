@@ -105,7 +105,7 @@ class RigParameters(ParameterTable):
     )
     base_quantity: str = text(
         'acceleration',
-        QUANTITIES,
+        tuple(QUANTITIES),
         'What base_amplitudes are amplitudes of: the displacement (m), the velocity (m/s) or the '
         'acceleration (m/s^2) of the base.',
     )
@@ -265,6 +265,11 @@ class RigParameters(ParameterTable):
         """Amplitude (N), circular frequency (rad/s) and phase (rad) of the first harmonic."""
         amplitudes, frequencies, phases = next(iter(self.harmonic_groups.values()))
         return amplitudes[0], frequencies[0], phases[0]
+
+    def with_first_frequency(self, frequency: float) -> RigParameters:
+        """Return the rig with another circular frequency of the first harmonic, rad/s."""
+        name = f'{next(iter(self.harmonic_groups))}_frequencies'
+        return self.replace(**{name: (frequency, *getattr(self, name)[1:])})
 
     @property
     def periodic_force(self) -> bool:

@@ -6,28 +6,25 @@ from __future__ import annotations
 import re
 from math import pi, tau
 
+#: 1 g as an acceleration, m/s^2.
+STANDARD_GRAVITY = 9.80665
+_LENGTHS = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'µm': 1e-6, 'um': 1e-6}
+_SPEEDS = {'m/s': 1.0, 'cm/s': 1e-2, 'mm/s': 1e-3}
+_ACCELERATIONS = {
+    'm/s^2': 1.0,
+    'm/s²': 1.0,
+    'mm/s^2': 1e-3,
+    'mm/s²': 1e-3,
+    'g': STANDARD_GRAVITY,
+}
+#: Of the motion of a base, whose unit says which quantity is meant.
+_OF_BASE = 'm, m/s or m/s^2'
 #: Units of a quantity by its SI unit, as factors to that.
 UNITS: dict[str, dict[str, float]] = {
-    'm': {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'µm': 1e-6, 'um': 1e-6},
-    'm/s': {'m/s': 1.0, 'cm/s': 1e-2, 'mm/s': 1e-3},
-    'm/s^2': {'m/s^2': 1.0, 'm/s²': 1.0, 'mm/s^2': 1e-3, 'mm/s²': 1e-3},
-    # Amplitudes of the motion of a base, whose unit says which quantity is meant
-    'm, m/s or m/s^2': {
-        'm, m/s or m/s^2': 1.0,
-        'm': 1.0,
-        'cm': 1e-2,
-        'mm': 1e-3,
-        'µm': 1e-6,
-        'um': 1e-6,
-        'm/s': 1.0,
-        'cm/s': 1e-2,
-        'mm/s': 1e-3,
-        'm/s^2': 1.0,
-        'm/s²': 1.0,
-        'mm/s^2': 1e-3,
-        'mm/s²': 1e-3,
-        'g': 9.80665,
-    },
+    'm': _LENGTHS,
+    'm/s': _SPEEDS,
+    'm/s^2': _ACCELERATIONS,
+    _OF_BASE: {_OF_BASE: 1.0, **_LENGTHS, **_SPEEDS, **_ACCELERATIONS},
     'kg': {'kg': 1.0, 'g': 1e-3, 't': 1e3},
     'N': {'N': 1.0, 'mN': 1e-3, 'kN': 1e3},
     'N/m': {'N/m': 1.0, 'kN/m': 1e3, 'N/mm': 1e3},

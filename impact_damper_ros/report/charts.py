@@ -140,7 +140,7 @@ _NUMBER = 0.02
 
 def _cycles(stretch: StretchComparison) -> float:
     """Return the number of cycles of the force in a stretch."""
-    return (stretch.end - stretch.start) * stretch.parameters.force_frequencies[0] / math.tau
+    return (stretch.end - stretch.start) * stretch.parameters.first_harmonic[1] / math.tau
 
 
 def _coarser(stretch: StretchComparison, envelope: Array, most: float) -> Array:

@@ -58,7 +58,7 @@ def zero_of_force(rig: Rig) -> float:
     """Return the last rig time at which the angle of the first harmonic was zero, s."""
     state = rig.state()
     turned = state.angles[0] % math.tau
-    return state.run.time + state.run.time_low - turned / state.parameters.force_frequencies[0]
+    return state.run.time + state.run.time_low - turned / state.parameters.first_harmonic[1]
 
 
 class _Orbits:

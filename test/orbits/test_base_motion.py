@@ -1,0 +1,65 @@
+"""Periodic motions of rigs on a moving base: those of the same rig under the equivalent force."""
+
+import math
+
+import pytest
+
+from impact_damper_ros import OrbitError, Rig, RigParameters, find_orbits, follow, settle
+
+W = 20.0 * math.pi
+ON_TABLE = RigParameters(
+    primary_mass=5.0,
+    stiffness=5.0 * W**2,
+    damping=2.0 * 0.02 * 5.0 * W,
+    damper_mass=0.25,
+    gap=0.016,
+    restitution_1=0.6,
+    restitution_2=0.6,
+    force_amplitudes=0.0,
+    base_amplitudes=2.0,
+    base_frequencies=W,
+)
+
+
+def forced(rig):
+    """Return a rig with the force that stands for the motion of its base, and no base."""
+    amplitude, frequency, phase = rig.first_harmonic
+    return rig.replace(
+        base_amplitudes=0.0,
+        force_amplitudes=amplitude,
+        force_frequencies=frequency,
+        force_phases=phase,
+    )
+
+
+def test_motions_are_those_under_the_equivalent_force():
+    on_table, under_force = (find_orbits(p, (1, 2)).orbits for p in (ON_TABLE, forced(ON_TABLE)))
+    assert len(on_table) == len(under_force) >= 2
+    for one, other in zip(on_table, under_force, strict=True):
+        assert one.x_max == pytest.approx(other.x_max, rel=1e-12)
+        assert one.phases == pytest.approx(other.phases, abs=1e-12)
+        assert one.stable == other.stable
+    settled = settle(Rig(ON_TABLE))
+    stable = [orbit.x_max for orbit in on_table if orbit.stable and orbit.viable]
+    assert min(abs(settled.x_max / x - 1.0) for x in stable) < 1e-6
+
+
+@pytest.mark.parametrize('name', ['base_frequencies', 'stiffness', 'damping'])
+def test_branches_pass_through_the_motions_of_other_rigs(name):
+    """The force on M depends on the frequency of the base and on spring and dashpot."""
+    start = next(o for o in find_orbits(ON_TABLE, (1, 2)).orbits if o.stable and o.viable)
+    value = getattr(ON_TABLE, name)
+    value = value[0] if isinstance(value, tuple) else value
+    branch = follow(start, name, 0.97 * value, 1.03 * value)
+    for share in (0.98, 1.02):
+        there = ON_TABLE.replace(**{name: share * value})
+        expected = {round(o.x_max, 9) for o in find_orbits(forced(there), (1, 2)).orbits}
+        found = [orbit.x_max for orbit in branch.at([share * value])[0]]
+        assert found
+        assert all(min(abs(x - e) for e in expected) < 2e-9 for x in found)
+
+
+def test_a_force_that_is_off_is_not_followed():
+    start = find_orbits(ON_TABLE, (1, 2)).orbits[0]
+    with pytest.raises(OrbitError, match='the base shakes the rig: follow base_frequencies'):
+        follow(start, 'force_frequencies', 0.5, 2.0)
