@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from mcap.records import Attachment
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
 
 from impact_damper_ros import __version__
@@ -98,6 +99,7 @@ class BagFile:
         channels: Sequence[Channel],
         custom: Mapping[str, str],
         name: str | None = None,
+        distro: str = '',
     ) -> None:
         self.directory = Path(directory)
         self._stem = name or self.directory.absolute().name
@@ -105,6 +107,7 @@ class BagFile:
         self.path = self._path(0)
         self.channels = tuple(channels)
         self.custom = {str(key): str(value) for key, value in custom.items()}
+        self._distro = distro
         #: Messages by channel, in all files
         self.counts = [0] * len(self.channels)
         # The files before the present one, and messages by channel up to it
@@ -135,18 +138,18 @@ class BagFile:
             writer.start(PROFILE, LIBRARY)
             # At the head, so that a recording cut before its first chunk names its topics.
             self._note_metadata(writer, FileInformation(path.name), [0] * len(self.channels))
-            schemas: dict[str, int] = {}
+            # The number 0 stands for no schema.
+            schemas: dict[tuple[str, str, bytes], int] = {('', '', b''): 0}
             channel_ids: list[int] = []
             for channel in self.channels:
-                if channel.type not in schemas:
-                    schemas[channel.type] = writer.register_schema(
-                        channel.type, channel.schema_encoding, channel.schema
-                    )
+                schema = channel.type, channel.schema_encoding, channel.schema
+                if schema not in schemas:
+                    schemas[schema] = writer.register_schema(*schema)
                 channel_id = writer.register_channel(
                     channel.topic,
                     channel.message_encoding,
-                    schemas[channel.type],
-                    channel.metadata(),
+                    schemas[schema],
+                    dict(channel.metadata),
                 )
                 channel_ids.append(channel_id)
             writer.flush()  # type: ignore[no-untyped-call]
@@ -196,22 +199,51 @@ class BagFile:
             channels=self.channels,
             counts=tuple(self.counts),
             custom=self.custom,
+            distro=self._distro,
         )
 
     def _note_metadata(self, writer: Writer, file: FileInformation, counts: Sequence[int]) -> None:
         """Write the metadata of a file into it, as if it were a bag of its own."""
-        metadata = BagMetadata((file,), self.channels, tuple(counts), self.custom)
+        metadata = BagMetadata((file,), self.channels, tuple(counts), self.custom, self._distro)
         writer.add_metadata('rosbag2', {'serialized_metadata': metadata.serialized()})
 
-    def add(self, channel: int, content: bytes, stamp_ns: int) -> None:
-        """Add a message to the current chunk."""
-        number = self.counts[channel] & 0xFFFFFFFF
-        self._writer.add_message(self._channel_ids[channel], stamp_ns, content, stamp_ns, number)
+    def add(
+        self,
+        channel: int,
+        content: bytes,
+        stamp_ns: int,
+        *,
+        publish_ns: int | None = None,
+        sequence: int | None = None,
+    ) -> None:
+        """Add a message to the current chunk; it is published when recorded, and counted."""
+        self._writer.add_message(
+            self._channel_ids[channel],
+            stamp_ns,
+            content,
+            stamp_ns if publish_ns is None else publish_ns,
+            self.counts[channel] & 0xFFFFFFFF if sequence is None else sequence,
+        )
         self.counts[channel] += 1
         if self._first_ns is None or stamp_ns < self._first_ns:
             self._first_ns = stamp_ns
         if self._last_ns is None or stamp_ns > self._last_ns:
             self._last_ns = stamp_ns
+
+    def attach(self, attachment: Attachment) -> None:
+        """Add an attachment."""
+        self.flush()
+        self._writer.add_attachment(
+            attachment.create_time,
+            attachment.log_time,
+            attachment.name,
+            attachment.media_type,
+            attachment.data,
+        )
+
+    def note(self, name: str, metadata: Mapping[str, str]) -> None:
+        """Add a metadata record."""
+        self._writer.add_metadata(name, dict(metadata))
 
     def flush(self) -> None:
         """Close the chunk and hand all that is pending to the operating system."""

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-One MCAP file of a bag, finished, cut short or damaged, as the `mcap` library reads it.
+One MCAP file of a bag, finished, cut short or damaged.
 
-Opening a file walks through its records once: the checksums of data and summary are compared then,
-the counts of its statistics when all its messages were read. Nothing is expanded beyond its
-declared size and beyond `LARGEST`. The format: https://mcap.dev/spec
+Opening a file passes from record to record; the messages are in blocks, which are read one by one.
+Nothing is expanded beyond its declared size and beyond `LARGEST`. The records are those of the
+`mcap` library; its readers end at the first damage, and take five times as long. The format:
+https://mcap.dev/spec
 """
 
 from __future__ import annotations
@@ -14,69 +15,89 @@ import stat
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile, McapError, RecordLengthLimitExceeded
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import (
-    Channel,
-    Chunk,
+    Attachment,
+    Channel as McapChannel,
     DataEnd,
     Footer,
     Header,
-    McapRecord,
-    Message,
-    MessageIndex,
     Metadata,
     Schema,
     Statistics,
 )
-from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.writer import MCAP0_MAGIC
 
-from impact_damper_ros.parameters.quoting import counted, shown
+from impact_damper_ros.parameters.quoting import shown
 
 from .errors import RecordingError
+from .topics import Channel, full_type
 
 MAGIC = MCAP0_MAGIC
 #: Largest record, and largest content of a chunk or of a compressed message, bytes.
 LARGEST = 128 * 1024 * 1024
-_LIMIT = f'at most {LARGEST} bytes are read'
 #: Messages of a chunk: in a full one they have 128 bytes each.
 _MOST_MESSAGES = LARGEST // 128
-#: Bytes that are expanded at once.
+#: Bytes that are read, expanded or taken together as one block.
 _PIECE = 1024 * 1024
 #: How a message begins that rosbag2 has compressed by itself. No encapsulation of CDR does.
 ZSTD = b'\x28\xb5\x2f\xfd'
+LATEST_STAMP = 2**63 - 1
 
 #: Opcode and length of a record.
 _HEAD = struct.Struct('<BQ')
-#: Channel, sequence, log time and publish time.
+#: Channel, sequence, log time and publish time of a message.
 _MESSAGE = struct.Struct('<HIQQ')
-#: First and last stamp, size, checksum, and length of the compression's name.
+#: First and last stamp, size, checksum, and length of the compression's name of a chunk.
 _CHUNK = struct.Struct('<QQQII')
-#: Opcode, length of the rest, places of the summary and of its offsets.
-_FOOTER = struct.Struct('<BQQQ')
-_END_LENGTH = _FOOTER.size + 4 + len(MAGIC)
+#: The records that describe a file, and those that a chunk may hold.
+_RECORDS: dict[int, Any] = {
+    Opcode.HEADER: Header,
+    Opcode.FOOTER: Footer,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: McapChannel,
+    Opcode.STATISTICS: Statistics,
+    Opcode.METADATA: Metadata,
+    Opcode.DATA_END: DataEnd,
+}
+_IN_CHUNKS = frozenset(map(int, (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)))
+_DAMAGE = (
+    *(ValueError, ArithmeticError, MemoryError, RuntimeError, struct.error),
+    *(McapError, zstandard.ZstdError),
+)
+
+#: A message: number of its channel, sequence, log time, publish time, content.
+StoredMessage = tuple[int, int, int, int, bytes]
+
+
+def most_expanded(size: int) -> int:
+    """Return how many bytes may come out of so many compressed ones: at rest 60 times as many."""
+    return 64 * 1024 * 1024 + 100 * size
 
 
 @dataclass(slots=True)
 class Block:
-    """A record that holds messages: a chunk, or a message outside of any chunk."""
+    """A part of a file that holds messages: a chunk, or messages outside of any chunk."""
 
-    position: int  # of the record in the file
+    position: int  # in the file
     length: int  # of what is there of it
     start_ns: int  # earliest stamp
     end_ns: int  # latest stamp
+    expanded: int = 0  # bytes of the records of a chunk, as it declares
+    chunked: bool = False
     whole: bool = True  # false for the chunk in the middle of which a file was cut
-    counts: Counter[int] | None = None  # messages by channel; None until it is read
+    count: int | None = None  # of its messages, once it was read
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -99,18 +120,19 @@ class McapFile:
         self.path, self.source = path, source
         self.profile = self.library = ''
         self.blocks: list[Block] = []  # in file order
-        self.schemas: dict[int, Schema] = {}  # by id
-        self.channels: dict[int, Channel] = {}  # by id
+        self.channels: dict[int, Channel] = {}  # by number
         self.counts: Mapping[int, int] = {}  # messages by channel
         self.metadata: list[Metadata] = []
+        self.others = 0  # records of kinds that the format does not know
         self.finished = False  # whether it ends with footer and magic
         self.unusable = 0  # bytes at the end that belong to no whole record
-        #: Stamp of the first message of a topic that comes after a later one, of those read
-        self.disordered_ns: int | None = None
+        self._schemas: dict[int, Schema] = {}
+        self._described: set[tuple[int, bytes]] = set()
+        self._attachments: list[tuple[int, int]] = []  # position and length of each
         self._statistics: Statistics | None = None
         self._faults: list[str] = []
         try:
-            with open_file(path) as stream:
+            with self.opened() as stream:
                 self._open(stream)
                 self._count(stream)
         except OSError as error:
@@ -121,83 +143,110 @@ class McapFile:
         """Whether this package has written the file."""
         return self.library.startswith('impact_damper_ros/')
 
+    def opened(self) -> AbstractContextManager[BinaryIO]:
+        """Return the open file, for `read`."""
+        return open_file(self.path)
+
     def faults(self) -> Iterator[str]:
         """Yield where the file contradicts itself, once all its blocks were read."""
         yield from self._faults
-        said, read = self._statistics, [block.counts for block in self.blocks]
-        if said is None or not self.finished or None in read:
-            return
-        listed, there = map(self._by_topic, (said.channel_message_counts, _sum(read)))
-        yield from miscounts('its statistics count', listed, said.message_count, there)
-
-    def _by_topic(self, counts: Mapping[int, int]) -> Counter[str]:
-        """Return the messages of each topic, of which there may be several channels."""
-        found: Counter[str] = Counter()
-        for number, count in counts.items():
-            channel = self.channels.get(number)
-            found[channel.topic if channel else f'channel {number}'] += count
-        return found
+        counts = [block.count for block in self.blocks]
+        if self._statistics is not None and None not in counts:
+            stated, there = self._statistics.message_count, sum(count or 0 for count in counts)
+            if stated != there:
+                yield f'its statistics count {stated:,} messages, not {there:,}'
 
     # Opening
 
     def _open(self, stream: BinaryIO) -> None:
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(0)
         magic = stream.read(len(MAGIC))
         if not magic:
             cause = 'the file is empty (0 bytes): the recording ended before anything was written'
             raise RecordingError('read', self.source, cause)
         if not MAGIC.startswith(magic):
             cause = 'it is not an MCAP file (it does not start with the MCAP magic bytes)'
-            raise RecordingError(
-                'read', self.source, cause, 'name a bag directory or a .mcap file'
-            )
-        size = stream.seek(0, os.SEEK_END)
-        stream.seek(0)
-        position = min(len(MAGIC), size)
-        data_end, footer = 0, None
-        try:
-            for record in self._records(stream):
-                begin, position = position, stream.tell()
+            remedy = 'name a bag directory or a .mcap file'
+            raise RecordingError('read', self.source, cause, remedy)
+        self.unusable = size - self._pass_records(stream, len(magic), size)
+        if not self.finished and self.blocks and self.blocks[-1].chunked:
+            # What a power cut left unwritten of it may be there as zeros.
+            self.blocks[-1].whole = False
+        declared = sum(b.expanded for b in self.blocks if b.expanded <= LARGEST)
+        if declared > most_expanded(size):
+            cause = f'its chunks declare {declared} bytes, more than 100 times its size'
+            raise RecordingError('read', self.source, cause, 'no recording is so compressible')
+
+    def _pass_records(self, stream: BinaryIO, position: int, size: int) -> int:
+        """Note the records of the file; return where the last whole one ends."""
+        while True:
+            stream.seek(position)
+            head = stream.read(_HEAD.size)
+            # A record of kind 0 does not exist: that part of the file was never written.
+            if len(head) < _HEAD.size or not head[0]:
+                return position
+            opcode, length = _HEAD.unpack(head)
+            end = position + _HEAD.size + length
+            if opcode == Opcode.CHUNK:
+                self._take_chunk(stream, position, min(end, size) - position)
+            if end > size:
+                return position
+            if opcode == Opcode.MESSAGE:
+                self._take_message(stream, position, length)
+            elif opcode == Opcode.ATTACHMENT:
+                self._attachments.append((position + _HEAD.size, length))
+            elif opcode > max(Opcode):
+                self.others += 1
+            elif opcode in _RECORDS:
+                try:
+                    record = _record(opcode, _read_limited(stream, length))
+                except _DAMAGE as error:
+                    self._faults.append(f'the record at byte {position} is damaged ({error})')
+                    return position
                 if isinstance(record, DataEnd):
-                    data_end = position
+                    if record.data_section_crc not in (0, _checksum(stream, position)):
+                        self._faults.append('the checksum of its data does not match')
                 elif isinstance(record, Footer):
-                    footer = record
+                    self.finished = stream.read() == MAGIC
+                    return size if self.finished else end
                 else:
-                    self._take(record, begin, position - begin)
-            # The library reads the magic after the footer
-            self.finished = stream.tell() == size
-            position = stream.tell()
-        except OSError:
-            raise
-        except RecordLengthLimitExceeded as error:
-            self._faults.append(f'{error}; the rest is not read')
-        except Exception:  # whatever a cut or damage makes the library raise
-            self._take_cut_chunk(stream, position, size - position)
-        self.unusable = size - position
-        if self.finished and footer is not None:
-            self._check_summary(stream, data_end, size - _END_LENGTH, footer)
+                    self._take(record)
+            position = end
 
-    def _records(self, stream: BinaryIO) -> Iterator[McapRecord]:
-        reader = _RecordReader(
-            stream, emit_chunks=True, validate_crcs=True, record_size_limit=LARGEST
-        )
-        try:
-            yield from reader.records
-        except CRCValidationError as error:
-            self._faults.append('the checksum of its data does not match')
-            yield error.record
-            yield from _records_from(stream)
+    def _take_chunk(self, stream: BinaryIO, position: int, length: int) -> None:
+        head = stream.read(_CHUNK.size)
+        if len(head) == _CHUNK.size:
+            start, end, expanded, *_ = _CHUNK.unpack(head)
+            self.blocks.append(Block(position, length, start, end, expanded, chunked=True))
 
-    def _take(self, record: McapRecord, position: int, length: int) -> None:
-        """Note a record that is whole."""
-        if isinstance(record, Chunk):
-            start, end = record.message_start_time, record.message_end_time
-            self.blocks.append(Block(position, length, start, end))
-        elif isinstance(record, Message):
-            self.blocks.append(Block(position, length, record.log_time, record.log_time))
-        elif isinstance(record, Schema):
-            self.schemas[record.id] = record
-        elif isinstance(record, Channel):
-            self.channels[record.id] = record
+    def _take_message(self, stream: BinaryIO, position: int, length: int) -> None:
+        """Note a message outside of any chunk; those that follow each other are one block."""
+        head = stream.read(_MESSAGE.size)
+        if min(length, len(head)) < _MESSAGE.size:
+            return
+        stamp_ns, length = _MESSAGE.unpack(head)[2], length + _HEAD.size
+        last = self.blocks[-1] if self.blocks else Block(0, 0, 0, 0)
+        if last.chunked or last.position + last.length != position or last.length > _PIECE:
+            self.blocks.append(Block(position, length, stamp_ns, stamp_ns))
+        else:
+            last.length += length
+            last.start_ns, last.end_ns = min(stamp_ns, last.start_ns), max(stamp_ns, last.end_ns)
+
+    def _take(self, record: Any) -> None:
+        """Note a record that describes the file."""
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record
+        elif isinstance(record, McapChannel):
+            schema = self._schemas.get(record.schema_id) or Schema(0, b'', '', '')
+            self.channels[record.id] = Channel(
+                topic=record.topic,
+                type=full_type(schema.name),
+                schema=schema.data,
+                metadata=record.metadata,
+                schema_encoding=schema.encoding,
+                message_encoding=record.message_encoding,
+            )
         elif isinstance(record, Header):
             self.profile, self.library = record.profile, record.library
         elif isinstance(record, Metadata):
@@ -205,212 +254,197 @@ class McapFile:
         elif isinstance(record, Statistics):
             self._statistics = record
 
-    def _take_cut_chunk(self, stream: BinaryIO, position: int, length: int) -> None:
-        """Note the chunk in the middle of which the file ends, if it does."""
-        stream.seek(position)
-        head = stream.read(_HEAD.size + _CHUNK.size)
-        if len(head) == _HEAD.size + _CHUNK.size and head[0] == Opcode.CHUNK:
-            start, end, *_ = _CHUNK.unpack_from(head, _HEAD.size)
-            self.blocks.append(Block(position, length, start, end, whole=False))
-
-    def _check_summary(self, stream: BinaryIO, begin: int, end: int, footer: Footer) -> None:
-        if not footer.summary_start:
-            return
-        stream.seek(begin)
-        places = footer.summary_start, footer.summary_offset_start
-        head = _FOOTER.pack(Opcode.FOOTER, _FOOTER.size + 4 - _HEAD.size, *places)
-        crc = zlib.crc32(head, zlib.crc32(stream.read(max(0, end - begin))))
-        if footer.summary_start != begin:
-            at = footer.summary_start
-            self._faults.append(f'its footer places the summary at byte {at}, not {begin}')
-        elif footer.summary_crc not in (0, crc):
-            self._faults.append('the checksum of its summary does not match')
-
     def _count(self, stream: BinaryIO) -> None:
         """Count the messages: as the statistics do, or where these cannot be by reading them."""
         listed = {} if self._statistics is None else self._statistics.channel_message_counts
         if self.finished and any(listed.values()) and self.channels.keys() >= listed.keys():
             self.counts = listed
             return
-        usable = []
+        usable, counts = [], Counter[int]()
         for block in self.blocks:
-            try:
-                stamps = [stamp for _, stamp, _ in self.read(stream, block)]
-            except RecordingError:  # raised again when the messages are read
-                stamps = [block.start_ns, block.end_ns]
-            if stamps:
+            messages, fault = self.read(stream, block)
+            if messages:
+                stamps = [stamp for _, _, stamp, *_ in messages]
                 block.start_ns, block.end_ns = min(stamps), max(stamps)
+                counts.update(channel for channel, *_ in messages)
+            if messages or fault:
                 usable.append(block)
-        self.blocks = usable
-        self.counts = _sum([block.counts for block in usable])
+        self.blocks, self.counts = usable, counts
 
     # Reading
 
     def read(
         self, stream: BinaryIO, block: Block, channels: Collection[int] | None = None
-    ) -> list[tuple[int, int, bytes]]:
-        """Return channel, stamp and content of the whole messages of a block, in file order."""
+    ) -> tuple[list[StoredMessage], str]:
+        """Return the whole messages of a block, in file order, and what is wrong with it."""
+        stream.seek(block.position)
+        records, fault = b'', ''
         try:
-            stream.seek(block.position)
-            if block.whole:
-                record = next(_records_from(stream), None)
-            else:
-                record = _cut_chunk(stream.read(min(block.length, LARGEST)))
-            if isinstance(record, Message):
-                block.counts = Counter([record.channel_id])
-                return [(record.channel_id, record.log_time, record.data)]
-            if not isinstance(record, Chunk):
-                raise ValueError('it is no chunk')
-            return self._messages(block, _expanded_chunk(record, whole=block.whole), channels)
+            records = _read_limited(stream, block.length)
+            if block.chunked:
+                records, fault = _expanded_chunk(records[_HEAD.size :], whole=block.whole)
         except _DAMAGE as error:
-            cause = f'the chunk at byte {block.position} is damaged ({error})'
-            remedy = 'recover_run saves the rest of the bag'
-            raise RecordingError('read', self.source, cause, remedy) from error
+            fault = str(error)
+        messages, wrong = self._messages(block, records, channels)
+        fault = fault or wrong
+        kind = 'chunk' if block.chunked else 'message'
+        return messages, fault and f'the {kind} at byte {block.position} is damaged ({fault})'
 
     def _messages(
         self, block: Block, records: bytes, channels: Collection[int] | None
-    ) -> list[tuple[int, int, bytes]]:
+    ) -> tuple[list[StoredMessage], str]:
         # The library's own splitting takes 2 s longer for an hour of joint states at 200 Hz.
-        found: list[tuple[int, int, bytes]] = []
-        counts: dict[int, int] = {}
-        latest: dict[int, int] = {}
-        position, end, message = 0, len(records), int(Opcode.MESSAGE)
+        found: list[StoredMessage] = []
+        low, high, count = LATEST_STAMP, 0, 0
+        position, end, message, fault = 0, len(records), int(Opcode.MESSAGE), ''
         while position + _HEAD.size <= end:
             opcode, length = _HEAD.unpack_from(records, position)
             start = position + _HEAD.size
-            position = start + length
-            if position > end:
-                position = start - _HEAD.size
+            if opcode not in _IN_CHUNKS or start + length > end:
                 break
-            if opcode == message:
-                channel, _, stamp_ns, _ = _MESSAGE.unpack_from(records, start)
-                if stamp_ns < latest.get(channel, 0) and self.disordered_ns is None:
-                    self.disordered_ns = stamp_ns
-                latest[channel] = stamp_ns
-                counts[channel] = counts.get(channel, 0) + 1
-                if channels is None or channel in channels:
-                    found.append((channel, stamp_ns, records[start + _MESSAGE.size : position]))
-                    if len(found) > _MOST_MESSAGES:
-                        raise ValueError(f'it holds more than {_MOST_MESSAGES} messages')
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._describe(opcode, records[start:position])
+            position = start + length
+            if opcode != message:
+                fault = self._describe(opcode, records[start:position]) or fault
+                continue
+            if length < _MESSAGE.size:
+                fault = f'a message of {length} bytes is too short'
+                break
+            channel, sequence, stamp_ns, publish_ns = _MESSAGE.unpack_from(records, start)
+            if stamp_ns > LATEST_STAMP:
+                fault = f'a message is stamped {stamp_ns} ns; stamps end at {LATEST_STAMP} ns'
+                continue
+            count += 1
+            if channels is None or channel in channels:
+                content = records[start + _MESSAGE.size : position]
+                found.append((channel, sequence, stamp_ns, publish_ns, content))
+            if stamp_ns < low:
+                low = stamp_ns
+            if stamp_ns > high:
+                high = stamp_ns
+            if count > _MOST_MESSAGES:
+                fault = f'it holds more than {_MOST_MESSAGES} messages'
+                break
         if block.whole and position != end:
-            raise ValueError('the last record is cut')
-        block.counts = Counter(counts)
-        return found
+            fault = fault or 'a record in it is cut or of no kind that a chunk may hold'
+        if count and not block.start_ns <= low <= high <= block.end_ns and block.whole:
+            fault = fault or 'its messages are not of the time that it states'
+        block.count = count
+        return found, fault
 
-    def _describe(self, opcode: int, content: bytes) -> None:
-        """Take a schema or a channel that the summary does not have."""
-        stream = ReadDataStream(BytesIO(content))
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(stream)
-            self.schemas.setdefault(schema.id, schema)
-        else:
-            channel = Channel.read(stream)
-            self.channels.setdefault(channel.id, channel)
+    def _describe(self, opcode: int, content: bytes) -> str:
+        """Take a schema or a channel described for the first time; return what is wrong."""
+        key = opcode, content[:2]
+        if key in self._described:
+            return ''
+        self._described.add(key)
+        try:
+            record = _record(opcode, content)
+        except _DAMAGE as error:
+            return f'a description in it is damaged: {error}'
+        if not isinstance(record, McapChannel) or record.id not in self.channels:
+            self._take(record)
+        return ''
 
-
-_DAMAGE = (
-    *(ValueError, ArithmeticError, MemoryError, RuntimeError, struct.error),
-    *(McapError, zstandard.ZstdError),
-)
-
-
-class _RecordReader(StreamReader):
-    """Reads records, the indexes of messages empty: they are long, and nothing here uses them."""
-
-    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
-        if opcode != Opcode.MESSAGE_INDEX:
-            return super()._read_record(opcode, length)
-        if len(self._stream.read(length)) < length:
-            raise EndOfFile
-        return MessageIndex(0, [])
+    def attachments(self, stream: BinaryIO) -> Iterator[Attachment | str]:
+        """Yield the attachments; in place of one that cannot be read, what is wrong with it."""
+        for position, length in self._attachments:
+            stream.seek(position)
+            try:
+                yield Attachment.read(ReadDataStream(BytesIO(_read_limited(stream, length))))
+            except _DAMAGE as error:
+                yield f'the attachment at byte {position} is damaged ({error})'
 
 
-def _records_from(stream: BinaryIO) -> Iterator[McapRecord]:
-    """Yield the records from the present place of a file on."""
-    reader = _RecordReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=LARGEST)
-    return iter(reader.records)
+def _record(opcode: int, content: bytes) -> Any:
+    return _RECORDS[opcode].read(ReadDataStream(BytesIO(content)))
 
 
-def _cut_chunk(content: bytes) -> Chunk:
-    """Return the chunk of which the beginning is there."""
-    start, end, size, crc, length = _CHUNK.unpack_from(content, _HEAD.size)
-    name = _HEAD.size + _CHUNK.size
-    return Chunk(
-        compression=content[name : name + length].decode(),
-        data=content[name + length + 8 :],
-        message_start_time=start,
-        message_end_time=end,
-        uncompressed_crc=crc,
-        uncompressed_size=size,
-    )
+def _read_limited(stream: BinaryIO, length: int) -> bytes:
+    if length > LARGEST:
+        raise ValueError(f'it has {length} bytes; at most {LARGEST} are read')
+    return stream.read(length)
 
 
-def _expanded_chunk(chunk: Chunk, *, whole: bool) -> bytes:
-    """Return the records of a chunk; of a cut one, as many bytes as there are."""
-    size = chunk.uncompressed_size
+def _checksum(stream: BinaryIO, end: int) -> int:
+    """Return the checksum of a file up to a place."""
+    stream.seek(0)
+    crc = 0
+    for begin in range(0, end, _PIECE):
+        crc = zlib.crc32(stream.read(min(_PIECE, end - begin)), crc)
+    return crc
+
+
+# Compression
+
+
+def _expanded_chunk(content: bytes, *, whole: bool) -> tuple[bytes, str]:
+    """
+    Return the records of a chunk as far as they can be expanded, and what is wrong with it.
+
+    Of one that is not whole, missing records are nothing wrong.
+    """
+    *_, size, crc, length = _CHUNK.unpack_from(content)
+    begin = _CHUNK.size + length
     if size > LARGEST:
-        raise ValueError(f'{size} bytes are declared; {_LIMIT}')
-    if chunk.compression == 'zstd':
-        records = _expanded(chunk.data, size)
-    elif chunk.compression == 'lz4':
-        records = bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size + 1))
-    elif chunk.compression == '':
-        records = chunk.data
-    else:
-        raise ValueError(f'unknown compression {shown(chunk.compression)}')
+        raise ValueError(f'{size} bytes are declared; at most {LARGEST} are read')
+    # After the name of the compression comes the length of what is compressed.
+    compression, packed = content[_CHUNK.size : begin].decode(), content[begin + 8 :]
+    records, fault = _expanded(compression, packed, size, _PIECE)
+    if fault and len(records) < size:
+        # What comes before the damage
+        records, fault = _expanded(compression, packed, size, 1)
     if len(records) > size:
         raise ValueError(f'more than the {size} bytes declared')
-    if whole and len(records) != size:
-        raise ValueError(f'{len(records)} bytes instead of {size}')
-    if whole and chunk.uncompressed_crc not in (0, zlib.crc32(records)):
-        raise ValueError('the checksum does not match')
-    return records
+    if len(records) != size:
+        fault = (fault or f'{len(records)} bytes instead of {size}') if whole else ''
+    elif crc not in (0, zlib.crc32(records)):
+        fault = 'the checksum does not match'
+    return records, fault
 
 
-def _expanded(packed: bytes, size: int) -> bytes:
-    """Decompress a zstd frame as far as possible, to little more than `size` bytes."""
-    reader = zstandard.ZstdDecompressor().stream_reader(packed)
+def _expanded(compression: str, packed: bytes, size: int, step: int) -> tuple[bytes, str]:
+    """Return what is compressed, to little more than `size` bytes, and the damage that ends it."""
     pieces, length = [], 0
-    while length <= size and (piece := reader.read(min(_PIECE, size + 1 - length))):
-        pieces.append(piece)
-        length += len(piece)
-    return b''.join(pieces)
+    try:
+        for piece in _pieces(compression, packed, step):
+            pieces.append(piece)
+            length += len(piece)
+            if length > size:
+                break
+    except (zstandard.ZstdError, RuntimeError) as error:
+        return b''.join(pieces), str(error)
+    return b''.join(pieces), ''
 
 
-def plain_content(content: bytes) -> bytes:
-    """Return a message as it was sent: rosbag2 may compress each one by itself."""
+def _pieces(compression: str, packed: bytes, step: int) -> Iterator[bytes]:
+    """Yield what is compressed; a damage loses up to `step` bytes before it."""
+    if compression == 'zstd':
+        reader = zstandard.ZstdDecompressor().stream_reader(packed)
+        while piece := reader.read(step):
+            yield piece
+    elif compression == 'lz4':
+        expander = lz4.frame.LZ4FrameDecompressor()
+        yield expander.decompress(packed, step)
+        while not (expander.eof or expander.needs_input):
+            yield expander.decompress(b'', step)
+    elif compression == '':
+        yield packed
+    else:
+        raise ValueError(f'unknown compression {shown(compression)}')
+
+
+def plain_content(content: bytes, left: int = LARGEST) -> bytes:
+    """
+    Return a message as it was sent: rosbag2 may compress each one by itself.
+
+    `left` is how many bytes may come out of it.
+    """
     if content[:4] != ZSTD:
         return content
-    try:
-        size = zstandard.get_frame_parameters(content).content_size
-        if size == zstandard.CONTENTSIZE_UNKNOWN:
-            size = LARGEST
-        if size > LARGEST:
-            raise ValueError(f'{size} bytes are declared; {_LIMIT}')
-        plain = _expanded(content, size)
-    except zstandard.ZstdError as error:
-        raise ValueError(f'it is compressed and damaged: {error}') from error
-    if len(plain) > size:
-        raise ValueError(f'it expands to more than {size} bytes')
+    limit = min(LARGEST, max(left, 0))
+    plain, fault = _expanded('zstd', content, limit, _PIECE)
+    if fault:
+        raise ValueError(f'it is compressed and damaged: {fault}')
+    if len(plain) > limit:
+        raise ValueError(f'it expands to more than {limit} bytes')
     return plain
-
-
-def _sum(counts: Iterable[Counter[int] | None]) -> Counter[int]:
-    total: Counter[int] = Counter()
-    for held in counts:
-        total.update(held or {})
-    return total
-
-
-def miscounts(
-    what: str, listed: Mapping[str, int], total: int | None, there: Mapping[str, int]
-) -> Iterator[str]:
-    """Yield where messages are not counted as they are there: by topic, or else in all."""
-    wrong = [n for n in sorted({*listed, *there}) if listed.get(n, 0) != there.get(n, 0)]
-    for name in wrong if listed else ():
-        said = counted(listed.get(name, 0), 'message', ',')
-        yield f'{what} {said} on {name}, not {there.get(name, 0):,}'
-    if total not in (None, number := sum(there.values())) and not (wrong and listed):
-        yield f'{what} {counted(total or 0, "message", ",")} in all, not {number:,}'

@@ -15,7 +15,7 @@ from impact_damper_ros.outputs import write_text
 from impact_damper_ros.parameters.quoting import counted
 
 from .errors import RecordingError
-from .mcap_file import miscounts, open_file
+from .mcap_file import open_file
 from .topics import LONGEST_YAML, Channel, dump_yaml, load_yaml
 
 FILE_NAME = 'metadata.yaml'
@@ -54,6 +54,7 @@ class BagMetadata:
     channels: tuple[Channel, ...]
     counts: tuple[int, ...]  # messages in each channel
     custom: Mapping[str, str] = field(default_factory=dict)  # free notes of the recorder
+    distro: str = ''  # distribution of ROS; the present one if not given
 
     @property
     def whole(self) -> FileInformation:
@@ -79,7 +80,7 @@ class BagMetadata:
                         'name': channel.topic,
                         'type': channel.type,
                         'serialization_format': channel.message_encoding,
-                        'offered_qos_profiles': [dict(qos) for qos in channel.qos_profiles],
+                        'offered_qos_profiles': channel.qos_profiles,
                         'type_description_hash': channel.type_hash,
                     },
                     'message_count': count,
@@ -94,7 +95,7 @@ class BagMetadata:
                 for file in self.files
             ],
             'custom_data': dict(self.custom) or None,
-            'ros_distro': os.environ.get('ROS_DISTRO') or 'jazzy',
+            'ros_distro': self.distro or os.environ.get('ROS_DISTRO') or 'jazzy',
         }
 
     def serialized(self) -> str:
@@ -125,14 +126,14 @@ def read_listing(directory: Path) -> dict[str, Any] | None:
     return dict(listing)
 
 
-def listed_files(listing: Mapping[str, Any]) -> set[str]:
-    """Return the names of the files that ``metadata.yaml`` lists."""
-    return {Path(path).name for path in listing['relative_file_paths']}
+def listed_files(listing: Mapping[str, Any]) -> list[str]:
+    """Return the names of the files that ``metadata.yaml`` lists, in order."""
+    return list(dict.fromkeys(Path(path).name for path in listing['relative_file_paths']))
 
 
-def notes_of(content: object) -> dict[str, str]:
+def notes_of(content: Mapping[str, Any]) -> dict[str, str]:
     """Return the notes of the recorder in the metadata: texts and numbers."""
-    custom = content.get('custom_data') if isinstance(content, dict) else None
+    custom = content.get('custom_data')
     if not isinstance(custom, dict):
         return {}
     return {
@@ -142,42 +143,23 @@ def notes_of(content: object) -> dict[str, str]:
     }
 
 
-def qos_profiles(text: str) -> tuple[Mapping[str, Any], ...]:
-    """Return the profiles in the YAML of a channel; none if it is not a list of them."""
-    try:
-        profiles = load_yaml(text)
-    except yaml.YAMLError:
-        return ()
-    if not isinstance(profiles, list) or not all(isinstance(p, dict) for p in profiles):
-        return ()
-    return tuple(profiles)
-
-
 def _count(content: Mapping[str, Any]) -> int | None:
     number = content.get('message_count')
     return number if isinstance(number, int) and not isinstance(number, bool) else None
 
 
-def _items(content: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
-    held = content.get(name)
-    return [item for item in held if isinstance(item, dict)] if isinstance(held, list) else []
+def listing_faults(listing: Mapping[str, Any], there: int) -> Iterator[str]:
+    """Yield whether ``metadata.yaml`` does not count the messages that are in the files."""
+    stated = _count(listing)
+    if stated not in (None, there):
+        yield f'metadata.yaml counts {counted(stated or 0, "message", ",")} in all, not {there:,}'
 
 
-def listing_faults(listing: Mapping[str, Any], counts: Mapping[str, int]) -> Iterator[str]:
-    """Yield where ``metadata.yaml`` does not count the messages that are in the files."""
-    listed: dict[str, int] = {}
-    for item in _items(listing, 'topics_with_message_count'):
-        about, number = item.get('topic_metadata'), _count(item)
-        name = about.get('name') if isinstance(about, dict) else None
-        if isinstance(name, str) and number is not None:
-            listed[name] = listed.get(name, 0) + number
-    yield from miscounts('metadata.yaml counts', listed, _count(listing), counts)
-
-
-def listing_remarks(listing: Mapping[str, Any], counts: Mapping[str, int]) -> Iterator[str]:
+def listing_remarks(listing: Mapping[str, Any], there: int) -> Iterator[str]:
     """Yield the number of messages that another recorder received and did not write."""
-    received = [_count(item) for item in _items(listing, 'files')]
-    there = sum(counts.values())
+    held = listing.get('files')
+    files = held if isinstance(held, list) else []
+    received = [_count(file) for file in files if isinstance(file, dict)]
     total = sum(number for number in received if number is not None)
     if received and None not in received and total > there:
         yield (

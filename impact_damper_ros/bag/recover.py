@@ -5,16 +5,19 @@ from __future__ import annotations
 
 import secrets
 import shutil
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from impact_damper_ros.parameters.quoting import as_line
 
 from .bag_file import BagFile
 from .errors import RecordingError
-from .mcap_file import open_file, plain_content
-from .metadata import qos_profiles
+from .mcap_file import McapFile, StoredMessage, plain_content
+from .metadata import FILE_NAME
 from .run_reader import RecordedTopic, RunReader
+from .sqlite_file import SqliteFile
 from .topics import Channel
 
 #: Bytes of messages that wait in memory.
@@ -35,11 +38,15 @@ class Recovery:
     start_ns, end_ns : int
         Earliest and latest stamp.
     unusable : int
-        Bytes of the source that could not be used.
+        Bytes of the source that could not be used, or only in part.
+    doubtful : int
+        Messages of damaged chunks among those saved: some may be altered.
     was_complete : bool
         Whether the source was complete; the new bag is then a copy.
     faults : tuple of str
         Contradictions within the source.
+    left_out : tuple of str
+        What else than messages is not in the new bag.
     """
 
     source: Path
@@ -48,8 +55,10 @@ class Recovery:
     start_ns: int
     end_ns: int
     unusable: int
+    doubtful: int
     was_complete: bool
     faults: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @property
     def message_count(self) -> int:
@@ -106,30 +115,20 @@ def recover_run(source: Path | str, output: Path | str | None = None) -> Recover
 
 
 def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recovery:
-    channels = _channels(reader)
-    places = {channel.topic: place for place, channel in enumerate(channels)}
-    bag = BagFile(draft, channels, reader.custom, name=output.name)
-    unusable, waiting = reader.unusable, 0
+    # The same topic in several files is one channel.
+    places: dict[object, int] = {}
+    channels: list[Channel] = []
+    for file in reader.files:
+        for channel in file.channels.values():
+            if places.setdefault(_key(channel), len(channels)) == len(channels):
+                channels.append(channel)
+    bag = BagFile(draft, channels, reader.custom, name=output.name, distro=reader.distro)
+    copy = _Copy(bag, places, left_out=_files_beside(reader))
     try:
         for file in reader.files:
-            with open_file(file.path) as stream:
-                for block in file.blocks:
-                    try:
-                        messages = file.read(stream, block)
-                    except RecordingError:
-                        unusable += block.length
-                        continue
-                    for channel, stamp_ns, content in messages:
-                        plain = _plain(content)
-                        if channel not in file.channels or plain is None or stamp_ns >= 2**63:
-                            unusable += len(content)
-                            continue
-                        bag.add(places[file.channels[channel].topic], plain, stamp_ns)
-                        waiting += len(plain)
-                    if waiting > _MOST_WAITING:
-                        bag.flush()
-                        waiting = 0
-        faults = (*reader.faults(), *filter(None, [reader.missing]))
+            copy.add_file(file)
+        faults = (*reader.faults(), *copy.faults, *filter(None, [reader.missing]))
+        unusable = reader.unusable + copy.unusable
         whole = reader.complete and not faults and not unusable
         if not whole:
             bag.custom['recovered_from'] = as_line(source.name)
@@ -147,33 +146,73 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
         start_ns=whole_bag.start_ns or 0,
         end_ns=whole_bag.end_ns or 0,
         unusable=unusable,
+        doubtful=copy.doubtful,
         was_complete=whole,
         faults=faults,
+        left_out=tuple(copy.left_out),
     )
 
 
-def _plain(content: bytes) -> bytes | None:
-    """Return a message as it was sent; None if it cannot be decompressed."""
-    try:
-        return plain_content(content)
-    except ValueError:
-        return None
+class _Copy:
+    """Copies the files of a recording to a new bag, and counts what cannot be copied."""
+
+    def __init__(self, bag: BagFile, places: dict[object, int], left_out: list[str]) -> None:
+        self._bag, self._places = bag, places
+        self._waiting = 0
+        self.faults: list[str] = []
+        self.unusable = self.doubtful = 0
+        self.left_out = left_out
+
+    def add_file(self, file: McapFile | SqliteFile) -> None:
+        handle: AbstractContextManager[Any] = file.opened()
+        with handle as opened:
+            for block in file.blocks:
+                messages, fault = file.read(opened, block)
+                saved = sum(self._add(file, message) for message in messages)
+                if fault:
+                    self.faults.append(f'{fault}; {saved} of its messages are saved')
+                    self.doubtful += saved
+                    self.unusable += block.length
+                if self._waiting > _MOST_WAITING:
+                    self._bag.flush()
+                    self._waiting = 0
+            for attachment in file.attachments(opened):
+                if isinstance(attachment, str):
+                    self.left_out.append(attachment)
+                else:
+                    self._bag.attach(attachment)
+        for record in file.metadata:
+            if record.name != 'rosbag2':
+                self._bag.note(record.name, record.metadata)
+        if file.others:
+            self.left_out.append(f'{file.others} records of kinds that are unknown')
+
+    def _add(self, file: McapFile | SqliteFile, message: StoredMessage) -> bool:
+        """Add a message, unless it cannot be used."""
+        number, sequence, stamp_ns, publish_ns, content = message
+        try:
+            plain = plain_content(content)
+        except ValueError:
+            plain = None
+        if number not in file.channels or plain is None:
+            self.unusable += len(content)
+            return False
+        place = self._places[_key(file.channels[number])]
+        self._bag.add(place, plain, stamp_ns, publish_ns=publish_ns, sequence=sequence)
+        self._waiting += len(plain)
+        return True
 
 
-def _channels(reader: RunReader) -> list[Channel]:
-    """Return the channels of all files, one per topic."""
-    found: dict[str, Channel] = {}
-    for file in reader.files:
-        for channel in file.channels.values():
-            schema = file.schemas.get(channel.schema_id)
-            described = Channel(
-                topic=channel.topic,
-                type=schema.name if schema else '',
-                schema=schema.data if schema else b'',
-                type_hash=channel.metadata.get('topic_type_hash', ''),
-                qos_profiles=qos_profiles(channel.metadata.get('offered_qos_profiles', '')),
-                schema_encoding=schema.encoding if schema else '',
-                message_encoding=channel.message_encoding,
-            )
-            found.setdefault(channel.topic, described)
-    return list(found.values())
+def _key(channel: Channel) -> object:
+    """Return what distinguishes a channel: publishers of one topic may come and go."""
+    encodings = channel.schema_encoding, channel.message_encoding
+    return channel.topic, channel.type, channel.schema, channel.type_hash, encodings
+
+
+def _files_beside(reader: RunReader) -> list[str]:
+    """Return the files in the directory of the bag that are no part of it."""
+    if not reader.path.is_dir():
+        return []
+    parts = {FILE_NAME, *(file.source.name for file in reader.files)}
+    others = sorted(p.name for p in reader.path.iterdir() if p.name[0] != '.')
+    return [f'the file {as_line(name)} beside the bag' for name in others if name not in parts]

@@ -5,21 +5,20 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, insort
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import yaml
 
 from impact_damper_ros.parameters.quoting import shown
 
 from .errors import RecordingError
-from .foreign import Unpacked
-from .mcap_file import ZSTD, McapFile, open_file, plain_content
+from .mcap_file import ZSTD, McapFile, most_expanded, plain_content
 from .metadata import (
     listed_files,
     listing_faults,
@@ -27,7 +26,9 @@ from .metadata import (
     notes_of,
     read_listing,
 )
+from .sqlite_file import SqliteFile
 from .topics import load_yaml
+from .unpacked import Unpacked
 
 
 class RecordedMessage(NamedTuple):
@@ -39,9 +40,8 @@ class RecordedMessage(NamedTuple):
     content: bytes
 
 
-@dataclass(frozen=True)
-class RecordedTopic:
-    """A topic of a bag."""
+class RecordedTopic(NamedTuple):
+    """A topic of a bag, with messages of one type."""
 
     name: str
     type: str
@@ -54,24 +54,35 @@ _MOST_HELD = 512 * 1024 * 1024
 _HELD_EACH = 250
 #: Topics that the node has recorded from its first version on.
 _NOTED = ('joint_states', 'impacts', 'snapshot')
+_REMEDY = 'name a bag directory or a .mcap file'
 
 
 def bag_files(path: Path | str) -> list[Path]:
-    """Return the files of a bag, in order: its own path, or those in the directory."""
+    """
+    Return the files of a bag, in order: its own path, or those in the directory.
+
+    They are those that `metadata.yaml` lists. Without a list that can be read, or where none of
+    them is there, they are all files of the kind that rosbag2 writes; hidden ones never are.
+    """
     path = Path(path)
     if not path.is_dir():
         if not path.exists():
-            cause = 'there is no such file or directory'
-            raise RecordingError('read', path, cause, 'name a bag directory or a .mcap file')
+            raise RecordingError('read', path, 'there is no such file or directory', _REMEDY)
         return [path]
-    for kind in ('*.mcap', '*.mcap.zstd', '*.db3', '*.db3.zstd'):
-        if found := sorted(path.glob(kind), key=_file_number):
-            packed = path.glob('*.mcap.zstd') if kind == '*.mcap' else ()
-            # The last file of a recording that was cut short is not compressed.
-            found += [file for file in packed if file.with_suffix('') not in found]
+    listing = None
+    with suppress(RecordingError):
+        listing = read_listing(path)
+    if listing is not None:
+        listed = [path / name for name in listed_files(listing)]
+        if found := [file for file in listed if file.exists()]:
+            return found
+    for kind in ('mcap', 'db3'):
+        # The last file of a recording that was cut short is not compressed.
+        plain = [file for file in path.glob(f'*.{kind}') if file.name[0] != '.']
+        packed = [file for file in path.glob(f'*.{kind}.zstd') if file.name[0] != '.']
+        if found := plain + [file for file in packed if file.with_suffix('') not in plain]:
             return sorted(found, key=_file_number)
-    cause = 'there is no .mcap file in this directory'
-    raise RecordingError('read', path, cause, 'name a bag directory or a .mcap file')
+    raise RecordingError('read', path, 'there is no .mcap file in this directory', _REMEDY)
 
 
 def _file_number(path: Path) -> tuple[int, str]:
@@ -91,15 +102,15 @@ class RunReader:
     Parameters
     ----------
     path : Path or str
-        A bag directory or a single ``.mcap`` file. It may have been cut short, by ``kill -9`` or a
-        power cut; then its whole messages are read, and `complete` is False.
+        A bag directory or a single file, MCAP or SQLite. It may have been cut short, by
+        ``kill -9`` or a power cut; then its whole messages are read, and `complete` is False.
 
     Attributes
     ----------
     path : Path
         As given.
-    topics : dict of str to RecordedTopic
-        By name.
+    topics : dict of (str, str) to RecordedTopic
+        By name and type: a topic that has messages of two types is two topics here.
     start_ns, end_ns : int or None
         Earliest and latest stamp; None without messages.
     complete : bool
@@ -108,7 +119,9 @@ class RunReader:
         Bytes at the end of a cut file that belong to no whole record.
     custom : dict of str to str
         The recorder's notes.
-    files : list of McapFile
+    distro : str
+        The distribution of ROS that it states; empty if none.
+    files : list of McapFile or SqliteFile
         Its files, in order.
 
     Raises
@@ -120,7 +133,7 @@ class RunReader:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self._unpacked = Unpacked()
-        self.files: list[McapFile] = []
+        self.files: list[McapFile | SqliteFile] = []
         self._empty: list[str] = []
         paths = bag_files(self.path)
         for name in paths:
@@ -128,8 +141,10 @@ class RunReader:
                 # A recorder of several files was killed before it wrote to its last one.
                 self._empty.append(name.name)
                 continue
-            file = McapFile(self._unpacked.file(name), name)
-            if file.profile not in ('ros2', '') or (file.finished and not file.profile):
+            plain, is_sqlite = self._unpacked.file(name)
+            file = SqliteFile(plain, name) if is_sqlite else McapFile(plain, name)
+            # Some recorders state none
+            if file.profile not in ('ros2', ''):
                 cause = f'its MCAP profile is {file.profile!r}, not ros2: ROS 2 did not write it'
                 raise RecordingError('read', name, cause)
             self.files.append(file)
@@ -138,36 +153,36 @@ class RunReader:
         self._listing: Mapping[str, Any] | None = None
         self._listing_error = ''
         if self.path.is_dir():
-            found = {file.source.name for file in self.files}
             try:
                 self._listing = read_listing(self.path)
             except RecordingError as error:
                 self._listing_error = str(error)
-            whole = self._listing is not None and listed_files(self._listing) == found
-            self.complete = self.complete and whole
+            self.complete &= self._listing is not None and not self.missing
         blocks = [block for file in self.files for block in file.blocks]
         self.start_ns: int | None = min((block.start_ns for block in blocks), default=None)
         self.end_ns: int | None = max((block.end_ns for block in blocks), default=None)
-        self.topics: dict[str, RecordedTopic] = {}
+        counts: Counter[tuple[str, str]] = Counter()
         for file in self.files:
             for number, channel in file.channels.items():
-                schema = file.schemas.get(channel.schema_id)
-                interface = schema.name if schema else ''
-                earlier = self.topics.get(channel.topic)
-                count = file.counts.get(number, 0) + (earlier.message_count if earlier else 0)
-                self.topics[channel.topic] = RecordedTopic(channel.topic, interface, count)
-        self.custom = self._custom()
+                counts[channel.topic, channel.type] += file.counts.get(number, 0)
+        self.topics = {key: RecordedTopic(*key, count) for key, count in counts.items()}
+        self.custom: dict[str, str] = {}
+        self.distro = ''
+        for described in self._descriptions():
+            self.custom |= notes_of(described)
+            self.distro = str(described.get('ros_distro') or self.distro)
 
-    def _custom(self) -> dict[str, str]:
-        """Return the notes of all files."""
-        notes = notes_of(self._listing)
+    def _descriptions(self) -> Iterator[Mapping[str, Any]]:
+        """Yield what metadata.yaml and the files say of the bag, each in the form of the first."""
+        yield self._listing or {}
         for file in self.files:
             held = [record.metadata for record in file.metadata if record.name == 'rosbag2']
             # The first one is there even in a recording that was cut short.
-            for metadata in (held[:1] + held[-1:])[-2:]:
+            for metadata in held[:1] + held[1:][-1:]:
                 with suppress(yaml.YAMLError, KeyError):
-                    notes |= notes_of(load_yaml(metadata['serialized_metadata']))
-        return notes
+                    described = load_yaml(metadata['serialized_metadata'])
+                    if isinstance(described, dict):
+                        yield described
 
     @property
     def missing(self) -> str:
@@ -175,7 +190,7 @@ class RunReader:
         if self._listing is None:
             return ''
         there = {file.source.name for file in self.files} | set(self._empty)
-        names = sorted(listed_files(self._listing) - there)
+        names = [name for name in listed_files(self._listing) if name not in there]
         others = f' and {len(names) - 1} more' if len(names) > 1 else ''
         return f'metadata.yaml lists {shown(names[0])}{others}, not there' if names else ''
 
@@ -196,27 +211,19 @@ class RunReader:
         for file in self.files:
             what = 'the bag' if len(self.files) == 1 else file.source.name
             found += [f'{what} is not whole: {text}' for text in file.faults()]
+        names = {name for name, _ in self.topics}
         if self.own:
-            found += [
-                f'messages are out of order in {file.source.name}, the first at stamp '
-                f'{file.disordered_ns} ns'
-                for file in self.files
-                if file.disordered_ns is not None
-            ]
             found += [
                 f'the bag is not whole: its notes name the topic {topic}, which is not in it'
                 for topic in (self.custom.get(name, '') for name in _NOTED)
-                if topic and topic not in self.topics and self.complete
+                if topic and topic not in names and self.complete
             ]
         if self._listing_error:
             found.append(self._listing_error)
         if self._listing is not None and self.complete:
-            texts = listing_faults(self._listing, self._counts())
+            texts = listing_faults(self._listing, self.message_count)
             found += [f'the bag is not whole: {text}' for text in texts]
         return found
-
-    def _counts(self) -> dict[str, int]:
-        return {topic.name: topic.message_count for topic in self.topics.values()}
 
     def remarks(self) -> list[str]:
         """Return what else a user should know of the recording."""
@@ -224,7 +231,7 @@ class RunReader:
         if self.dropped:
             found.append(f'the recorder notes that it has dropped {self.dropped:,} messages')
         if self._listing is not None and self.complete and not self.own:
-            found += listing_remarks(self._listing, self._counts())
+            found += listing_remarks(self._listing, self.message_count)
         return found
 
     @property
@@ -235,7 +242,9 @@ class RunReader:
     def __iter__(self) -> Iterator[RecordedMessage]:
         return self.records()
 
-    def records(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
+    def records(
+        self, topics: Collection[str | tuple[str, str]] | None = None
+    ) -> Iterator[RecordedMessage]:
         """
         Yield the messages in the order of their stamps; equal stamps keep the order of the bag.
 
@@ -243,8 +252,8 @@ class RunReader:
 
         Parameters
         ----------
-        topics : collection of str, optional
-            Full names of those wanted; all if not given.
+        topics : collection of str and (str, str), optional
+            Those wanted, each by its full name or by name and type; all if not given.
 
         Raises
         ------
@@ -256,31 +265,32 @@ class RunReader:
             for number, file in enumerate(self.files)
             for place, block in enumerate(file.blocks)
         )
+        wanted = [self._wanted(file, topics) for file in self.files]
+        left = most_expanded(sum(file.source.stat().st_size for file in self.files))
         # The messages of each block that later blocks may still precede, in the order of the bag.
         pending: list[tuple[int, int, list[RecordedMessage]]] = []
         with ExitStack() as stack:
-            opened, stream, held = -1, None, 0
+            opened, stream, held = -1, cast('Any', None), 0
             for start, number, place, block in queue:
                 if ready := _taken(pending, start):
                     yield from merge(*ready, key=_STAMP)
                     held = sum(len(m.content) + _HELD_EACH for *_, found in pending for m in found)
-                file = self.files[number]
-                if stream is None or opened != number:
+                file, channels = self.files[number], wanted[number]
+                if opened != number:
                     # One at a time: of a long run there are more than may be open.
                     stack.close()
-                    opened, stream = number, stack.enter_context(open_file(file.path))
-                wanted = {
-                    channel: (described.topic, self.topics[described.topic].type)
-                    for channel, described in file.channels.items()
-                    if topics is None or described.topic in topics
-                }
-                messages: list[RecordedMessage] = []
-                for channel, stamp_ns, content in file.read(stream, block, wanted):
-                    topic, kind = wanted[channel]
-                    plain = content
+                    opened, stream = number, stack.enter_context(file.opened())
+                stored, fault = file.read(stream, block, channels)
+                if fault:
+                    remedy = 'recover_run saves the rest of the bag'
+                    raise RecordingError('read', file.source, fault, remedy)
+                messages = []
+                for channel, _, stamp_ns, _, content in stored:
+                    topic, plain = channels[channel], content
                     if content.startswith(ZSTD):
-                        plain = self._plain(topic, stamp_ns, content)
-                    messages.append(RecordedMessage(topic, kind, stamp_ns, plain))
+                        plain = self._plain(content, topic[0], stamp_ns, left)
+                        left -= len(plain)
+                    messages.append(RecordedMessage(*topic, stamp_ns, plain))
                     held += len(plain) + _HELD_EACH
                     if held > _MOST_HELD:
                         self._refuse_overlap()
@@ -289,9 +299,17 @@ class RunReader:
                     insort(pending, (number, place, messages))
             yield from merge(*_taken(pending, math.inf), key=_STAMP)
 
-    def _plain(self, topic: str, stamp_ns: int, content: bytes) -> bytes:
+    @staticmethod
+    def _wanted(
+        file: McapFile | SqliteFile, topics: Collection[str | tuple[str, str]] | None
+    ) -> dict[int, tuple[str, str]]:
+        """Return name and type of the wanted channels of a file, by number."""
+        keys = {number: (c.topic, c.type) for number, c in file.channels.items()}
+        return {n: k for n, k in keys.items() if topics is None or k in topics or k[0] in topics}
+
+    def _plain(self, content: bytes, topic: str, stamp_ns: int, left: int) -> bytes:
         try:
-            return plain_content(content)
+            return plain_content(content, left)
         except ValueError as error:
             cause = f'the message of {topic} at {stamp_ns} ns cannot be expanded: {error}'
             raise RecordingError('read', self.path, cause) from error

@@ -71,10 +71,6 @@ def definition(interface: str) -> str:
 
 #: How rosbag2 writes an unlimited duration.
 _INFINITE = {'sec': 9223372036, 'nsec': 854775807}
-#: Limits to the YAML of a bag. A bag of 500 topics and 5,000 files has some 2 MB of it.
-LONGEST_YAML = 8 * 1024 * 1024
-_DEEPEST_YAML = 20
-_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 @dataclass(frozen=True)
@@ -147,8 +143,10 @@ class Topic:
             topic=self.name,
             type=self.type,
             schema=definition(self.type).encode(),
-            type_hash=type_hash(self.type),
-            qos_profiles=(self.qos.as_mapping(),),
+            metadata={
+                'offered_qos_profiles': dump_yaml([self.qos.as_mapping()]),
+                'topic_type_hash': type_hash(self.type),
+            },
         )
 
 
@@ -160,19 +158,40 @@ class Channel:
     topic: str
     type: str
     schema: bytes  # definition of the type with its dependencies
-    type_hash: str  # as of REP 2016; empty if unknown
-    qos_profiles: tuple[Mapping[str, Any], ...] = ()  # one per publisher
+    metadata: Mapping[str, str]  # of the MCAP channel, as rosbag2 writes it
     #: As of the MCAP registry of well-known encodings.
     schema_encoding: str = 'ros2msg'
     message_encoding: str = 'cdr'
 
-    def metadata(self) -> dict[str, str]:
-        """Return the metadata of the MCAP channel, as rosbag2 writes it."""
-        profiles = [dict(profile) for profile in self.qos_profiles]
-        return {
-            'offered_qos_profiles': dump_yaml(profiles) if profiles else '',
-            'topic_type_hash': self.type_hash,
-        }
+    @property
+    def type_hash(self) -> str:
+        """The hash of the type (REP 2016); empty if unknown."""
+        return self.metadata.get('topic_type_hash', '')
+
+    @property
+    def qos_profiles(self) -> list[dict[str, Any]]:
+        """The quality of service of each publisher; none if it is not stated as rosbag2 does."""
+        try:
+            profiles = load_yaml(self.metadata.get('offered_qos_profiles', ''))
+        except yaml.YAMLError:
+            return []
+        if isinstance(profiles, list) and all(isinstance(p, dict) for p in profiles):
+            return profiles
+        return []
+
+
+def full_type(name: str) -> str:
+    """Return the full name of a type, which some recorders write without ``/msg/``."""
+    package, _, rest = name.partition('/')
+    return f'{package}/msg/{rest}' if rest and '/' not in rest else name
+
+
+#: Limits to the YAML of a bag. A bag of 500 topics and 5,000 files has some 2 MB of it, and
+#: 130,000 events of the parser.
+LONGEST_YAML = 8 * 1024 * 1024
+_MOST_EVENTS = 400_000
+_DEEPEST_YAML = 20
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 def load_yaml(text: str) -> Any:
@@ -184,7 +203,9 @@ def load_yaml(text: str) -> Any:
     if len(text) > LONGEST_YAML:
         raise yaml.YAMLError(f'it is {len(text)} characters long; at most {LONGEST_YAML} are read')
     depth = 0
-    for event in yaml.parse(text, Loader=_LOADER):
+    for number, event in enumerate(yaml.parse(text, Loader=_LOADER)):
+        if number > _MOST_EVENTS:
+            raise yaml.YAMLError(f'it has more than {_MOST_EVENTS} entries')
         depth += isinstance(event, yaml.CollectionStartEvent)
         depth -= isinstance(event, yaml.CollectionEndEvent)
         if depth > _DEEPEST_YAML:

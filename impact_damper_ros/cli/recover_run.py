@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 
 from impact_damper_ros.bag import RecordingError, Recovery, recover_run
 from impact_damper_ros.parameters.quoting import as_line, counted, printable
@@ -37,7 +36,8 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-#: Characters of a name from a file that are shown.
+#: Faults, and characters of a name from a file, that are shown.
+_MOST_FAULTS = 20
 _MOST_SHOWN = 100
 
 
@@ -55,14 +55,20 @@ def report(recovery: Recovery) -> str:
     count = counted(recovery.message_count, 'message')
     lines.append(f'saved {count} over {seconds:.3f} s to {printable(str(recovery.output))}')
     lines.append(f'  stamps {recovery.start_ns} to {recovery.end_ns} ns')
-    topics = [replace(t, name=_short(t.name), type=_short(t.type)) for t in recovery.topics]
+    topics = [t._replace(name=_short(t.name), type=_short(t.type)) for t in recovery.topics]
     width = max(len(topic.name) for topic in topics)
     lines += [
         f'  {topic.name:<{width}}  {topic.message_count:>8}  {topic.type}' for topic in topics
     ]
     if not recovery.was_complete:
         lines.append(f'bytes not usable: {recovery.unusable}')
-    lines += [f'fault: {as_line(fault)}' for fault in recovery.faults]
+    if recovery.doubtful:
+        count = counted(recovery.doubtful, 'message')
+        lines.append(f'of damaged parts, so that some may be altered: {count}')
+    lines += [f'fault: {as_line(fault)}' for fault in recovery.faults[:_MOST_FAULTS]]
+    if len(recovery.faults) > _MOST_FAULTS:
+        lines.append(f'and {len(recovery.faults) - _MOST_FAULTS} more faults')
+    lines += [f'not copied: {as_line(thing)}' for thing in recovery.left_out[:_MOST_FAULTS]]
     return '\n'.join(lines)
 
 

@@ -85,7 +85,7 @@ def _unchecked(replay: Replay) -> tuple[str, ...]:
     checked = {topics.joint_states, topics.impacts, topics.gap_control, topics.snapshot}
     found = [
         name
-        for name in sorted(replay.recorded.reader.topics)
+        for name in sorted({name for name, _ in replay.recorded.reader.topics})
         if name not in checked and name != topics.parameter_events
     ]
     if topics.parameter_events:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.bag.messages import JointStateRows
+from impact_damper_ros.bag.messages import JOINT_STATE, JointStateRows
 from impact_damper_ros.bag.rig_topics import AXIS_JOINTS
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay import Command, RecordedRun, Rows
@@ -86,7 +86,7 @@ def load_recording(path: Path) -> Recording:
     """Read a bag, whole, cut or recovered; ValueError if it holds no motion, or RecordingError."""
     run = RecordedRun(path, purpose='play')
     # Surplus samples are dropped at the end.
-    count = run.reader.topics[run.topics.joint_states].message_count
+    count = run.reader.topics[run.topics.joint_states, JOINT_STATE].message_count
     motion = Motion(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
     changes: list[dict[str, Any]] = []
     packed: list[bytes] = []
@@ -131,10 +131,10 @@ def _measured(run: RecordedRun, offsets: list[tuple[int, int]]) -> NDArray[np.fl
     """Return what the sensors measured, given from which stamp on rig time 0 has which stamp."""
     topic = run.reader.custom.get('measurements') or f'{run.topics.namespace}measurements'
     contents: list[bytes] = []
-    if topic in run.reader.topics:
-        # The walk has met what is damaged.
-        with contextlib.suppress(RecordingError):
-            contents.extend(record.content for record in run.reader.records([topic]))
+    # The walk has met what is damaged.
+    with contextlib.suppress(RecordingError):
+        wanted = [(topic, JOINT_STATE)]
+        contents.extend(record.content for record in run.reader.records(wanted))
     rows, readable = JointStateRows(AXIS_JOINTS, (4, 4, 0)).read(contents, 0)
     stamps_ns, offsets_ns = np.array(offsets).T
     rows = rows[readable]

@@ -43,6 +43,8 @@ from impact_damper_ros.rig.snapshot import (
 _LATEST_NS = 2**31 * 10**9
 #: How often a search for the end of a flight may pause before it is given up, after some seconds.
 _MOST_LOOKS = 30_000
+#: Things done between two snapshots, each of which takes a third of a millisecond.
+_MOST_DONE = 10_000
 
 
 def _refuse(name: str) -> float:
@@ -206,14 +208,21 @@ def _checked(held: dict[str, Any], law: OwnLaw | None) -> Command:
     for name, number in numbers.items():
         if type(number) is not int:
             raise ValueError(f'{name} is {shown(number)}: it must be a whole number')
+    for name in ('reason', 'node'):
+        if type(held[name]) is not str:
+            raise ValueError(f'{name} is {shown(held[name])}: it must be a text')
+    if not all(type(topic) is str for topic in held['topics'].values()):
+        raise ValueError(f'topics is {shown(held["topics"])}: all names must be texts')
+    if len(held['done']) > _MOST_DONE:
+        raise ValueError(f'done has {len(held["done"])} entries: at most {_MOST_DONE} are read')
     number_between('rate', held['rate'], *RATES)
     return Command(
         offset_ns + time_ns,
         offset_ns,
         time_ns,
-        as_line(str(held['reason'])),
-        node=str(held['node']),
-        topics={str(key): str(name) for key, name in held['topics'].items()},
+        as_line(held['reason']),
+        node=held['node'],
+        topics=held['topics'],
         rate=held['rate'],
         done=tuple(_deed(name, value) for name, value in held['done']),
         initial=InitialConditions(**held['initial']),

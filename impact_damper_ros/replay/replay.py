@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.bag.messages import JOINT_STATE
 from impact_damper_ros.bag.snapshots import mathematics, motion_of
 from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.motion.compiled import has_numba
@@ -175,10 +176,11 @@ class Replay:
         self._period_ns = 1e9 / start.rate
         self._left_out = 0
         topics, stamped = recorded.topics, recorded.stamped
-        counts = {name: topic.message_count for name, topic in recorded.reader.topics.items()}
-        self._compiled = counts[topics.joint_states] >= _COMPILED_FROM and has_numba()
+        held = recorded.reader.topics
+        samples = held[topics.joint_states, JOINT_STATE].message_count
+        self._compiled = samples >= _COMPILED_FROM and has_numba()
         # A rig that does not move as recorded may have impacts without end.
-        self._budget = EventBudget(2 * (MOST_EVENTS + sum(counts.values())))
+        self._budget = EventBudget(2 * (MOST_EVENTS + recorded.reader.message_count))
         self._matchers = [
             Matcher(key, getattr(topics, key), findings, recorded.disorder, stamped=stamped)
             for key in ('impacts', 'gap_control')

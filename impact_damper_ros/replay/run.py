@@ -177,7 +177,7 @@ class RecordedRun:
         if first is not None:
             self.start = read_command(first, self.reader.path, purpose, law)
             at_once = self.start.stamp_ns == first.stamp_ns
-        if not self.reader.topics[self.topics.joint_states].message_count:
+        if not self.reader.topics[self.topics.joint_states, JOINT_STATE].message_count:
             cause = f'there is no message on {self.topics.joint_states}: nothing to compare'
             raise RecordingError(purpose, path, cause)
         self.stamped = self.reader.own or (at_once and self._has_rig_stamps())
@@ -192,7 +192,7 @@ class RecordedRun:
             different = 0
             # The walk reports messages that cannot be read.
             with suppress(RecordingError, CdrError):
-                for record in islice(self.reader.records([topic]), _EXAMINED):
+                for record in islice(self.reader.records([(topic, JOINT_STATE)]), _EXAMINED):
                     different += 1 if record.stamp_ns != header_ns(record.content) else -1
             if different > 0:
                 return False
@@ -261,7 +261,8 @@ class RecordedRun:
         """Yield the messages one by one, in the order of the bag."""
         names = self.topics
         rows = {names.joint_states, names.impacts, names.gap_control} - {''}
-        wanted = {*rows, names.snapshot, names.parameter_events} - {''}
+        wanted = {(topic, JOINT_STATE) for topic in rows}
+        wanted |= {(names.snapshot, STRING), (names.parameter_events, PARAMETER_EVENT)}
         record = None
         try:
             for record in self.reader.records(wanted):
@@ -394,10 +395,10 @@ def _by_snapshots(
     reader: RunReader, purpose: str, law: OwnLaw | None
 ) -> Iterator[tuple[RigTopics, RecordedMessage]]:
     """Yield the rigs whose snapshots are in a bag, each with its first one."""
-    for name, topic in sorted(reader.topics.items()):
-        if topic.type != STRING or not topic.message_count:
+    for (name, kind), topic in sorted(reader.topics.items()):
+        if kind != STRING or not topic.message_count:
             continue
-        record = next(reader.records([name]), None)
+        record = next(reader.records([(name, kind)]), None)
         if record is None:
             continue
         try:
@@ -410,7 +411,7 @@ def _by_snapshots(
                 continue
         command = read_command(record, reader.path, purpose, law)
         there = {
-            key: topic if (known := reader.topics.get(topic)) and known.type == kind else ''
+            key: topic if (topic, kind) in reader.topics else ''
             for key, kind in (
                 *((key, JOINT_STATE) for key in _LAYOUTS),
                 ('parameter_events', PARAMETER_EVENT),
@@ -424,13 +425,19 @@ def _by_names(reader: RunReader) -> Iterator[tuple[RigTopics, None]]:
     """Yield the rigs whose joint states have their usual name, in any namespace."""
     topics = reader.topics
     events = next((t.name for t in topics.values() if t.type == PARAMETER_EVENT), '')
-    for name in sorted(topics):
+    for name, kind in sorted(topics):
         space, _, last = name.rpartition('/')
-        if last == 'joint_states' and topics[name].type == JOINT_STATE:
+        if last == 'joint_states' and kind == JOINT_STATE:
             others = (f'{space}/{key}' for key in ('impacts', 'gap_control'))
-            there = [other if other in topics else '' for other in others]
+            there = [other if (other, JOINT_STATE) in topics else '' for other in others]
             node = reader.custom.get('node', '')
             yield RigTopics(node, '', name, there[0], there[1], events), None
+
+
+def _held(reader: RunReader) -> str:
+    """Return the topics of a bag with their types, for messages to the user."""
+    topics = (f'{name} of {kind or "no type"}' for name, kind in sorted(reader.topics))
+    return f'topics: {", ".join(topics) or "none"}'
 
 
 def _find_rig(
@@ -452,13 +459,15 @@ def _find_rig(
     ]
     if len(chosen) == 1:
         if not chosen[0][0].joint_states:
-            cause = 'the joint states that its snapshots name are not in it'
+            cause = (
+                'the joint states that its snapshots name are not in it, or of another type than '
+                f'{JOINT_STATE} ({_held(reader)})'
+            )
             raise RecordingError(purpose, reader.path, cause, 'record this topic too')
         return chosen[0]
     if not found:
-        held = ', '.join(sorted(reader.topics)) or 'none'
         wanted = 'no message of a snapshot' if snapshot_needed else 'no topic joint_states'
-        cause = f'no rig is recorded in it: {wanted} (topics: {held})'
+        cause = f'no rig is recorded in it: {wanted} ({_held(reader)})'
         remedy = 'give a bag that sim_node has recorded, or record the topic snapshot too'
         raise RecordingError(purpose, reader.path, cause, remedy)
     names = ', '.join(rig.node or rig.namespace for rig, _ in found)

@@ -23,13 +23,13 @@ MEMORY = 768 * 1024**2
 SECONDS = 60
 
 
-def _limited(command: str, bag: Path, output: Path) -> None:
+def _limited(command: str, bag: Path, output: Path, seconds: int) -> None:
     """Run a command in this process, with its output in a file."""
     os.setsid()
     with Path('/proc/self/statm').open() as stream:
         used = int(stream.read().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
-    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     descriptor = os.open(output, os.O_CREAT | os.O_WRONLY | os.O_TRUNC)
     os.dup2(descriptor, 1)
@@ -48,18 +48,18 @@ def output_of(command: str, bag: Path) -> Path:
     return bag.with_name(f'{bag.name}_{command}.txt')
 
 
-def run(command: str, bag: Path) -> str:
+def run(command: str, bag: Path, seconds: int = SECONDS) -> str:
     """Run a command on a bag; return what is wrong, or an empty text."""
     output = output_of(command, bag)
     process = multiprocessing.get_context('fork').Process(
-        target=_limited, args=(command, bag, output)
+        target=_limited, args=(command, bag, output, seconds)
     )
     process.start()
-    process.join(2 * SECONDS)
+    process.join(2 * seconds)
     if process.is_alive():
         process.kill()
         process.join()
-        return f'it has not ended after {2 * SECONDS} s'
+        return f'it has not ended after {2 * seconds} s'
     code, text = process.exitcode, output.read_bytes()
     if code is None or code < 0:
         return f'it was ended by {signal.Signals(-(code or 0)).name}'

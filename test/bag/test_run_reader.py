@@ -67,8 +67,7 @@ def test_topics_and_times(bag):
     types = {topic.name: topic.type for topic in samples.TOPICS}
     run = RunReader(bag)
     assert run.message_count == len(messages)
-    assert run.topics['/impacts'].message_count == 10
-    assert run.topics['/impacts'].type == samples.JOINT_STATE
+    assert run.topics['/impacts', samples.JOINT_STATE].message_count == 10
     assert (run.start_ns, run.end_ns) == (messages[0][2], messages[-1][2])
     assert [tuple(record) for record in run] == [
         (topic, types[topic], stamp, content)
@@ -107,12 +106,9 @@ def test_paths_that_hold_no_bag(tmp_path):
     with pytest.raises(RecordingError, match=r'there is no \.mcap file'):
         RunReader(tmp_path)
     (tmp_path / 'old_0.db3').write_bytes(b'SQLite format 3\0' + bytes(1000))
-    with pytest.raises(RecordingError, match='ros2 bag convert -i ') as caught:
+    words = r"old_0\.db3': it is stored in SQLite, and cannot be read: .*\.recover"
+    with pytest.raises(RecordingError, match=words):
         RunReader(tmp_path)
-    assert '"storage_id": "mcap", "all_topics": true' in str(caught.value)
-    assert f"{tmp_path}/old_0.db3': it is stored in SQLite, and cannot be read" in str(
-        caught.value
-    )
 
 
 def test_a_damaged_chunk_is_named(bag, tmp_path):

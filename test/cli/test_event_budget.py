@@ -66,7 +66,7 @@ def test_simulate_rig_ends_with_whole_files(tmp_path, capsys, name, law):
     assert reader.complete
     assert reader.unusable == reader.dropped == 0
     impacts = sum(row['kind'] == 'impact' for row in rows)
-    assert reader.topics['/impacts'].message_count == impacts
+    assert reader.topics['/impacts', samples.JOINT_STATE].message_count == impacts
     assert replay_run([str(bag)]) == 0
     assert f'{impacts} impacts' in capsys.readouterr().out
     assert compare_run([str(bag)]) == 0

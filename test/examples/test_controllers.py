@@ -48,7 +48,7 @@ def recorded(bag, seconds):
         name.rpartition('/')[2]: [
             (r.stamp_ns, r.content) for r in reader.records([name]) if r.stamp_ns < seconds * 1e9
         ]
-        for name in reader.topics
+        for name, _ in reader.topics
         if name.endswith(('/joint_states', '/impacts', '/gap_control', '/measurements'))
     }
 

@@ -75,7 +75,7 @@ def test_live_switching_while_recording_is_replayed_bit_for_bit(node, tmp_path, 
     assert 'of the gap control' in capsys.readouterr().out
     # What came over DDS is what was recorded.
     reader = RunReader(directory)
-    (topic,) = [name for name in reader.topics if name.endswith('/gap_control')]
+    (topic,) = [name for name, _ in reader.topics if name.endswith('/gap_control')]
     told = {_told(deserialize_message(r.content, JointState)) for r in reader.records([topic])}
     assert len(told) > 60
     until(lambda: told <= {_told(message) for message in list(acts)}, 'acts are missing')

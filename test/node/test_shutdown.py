@@ -141,6 +141,6 @@ def test_a_failed_engine_is_reported_and_the_bag_finished(launch, namespace, tmp
     assert 'RuntimeError: no first root' in process.output
     reader = RunReader(run_directory(tmp_path / 'process_0'))
     assert reader.complete
-    counts = {name: topic.message_count for name, topic in reader.topics.items()}
+    counts = {topic.name: topic.message_count for topic in reader.topics.values()}
     # The samples at 0, 5, ... 500 ms
     assert counts[f'{namespace}/joint_states'] == 101

@@ -1,0 +1,359 @@
+"""Bags that other recorders write, or that a power cut leaves, through the commands."""
+
+import json
+import re
+import shutil
+import sqlite3
+import stat
+import struct
+
+import pytest
+from bag import ros2_bags, samples
+from bag.recorded_rig import RecordedRig
+from bag.test_bag_check import of_records, records
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from impact_damper_ros.bag import RunReader, topics as interface
+from impact_damper_ros.cli.recover_run import main as recover_run
+from impact_damper_ros.cli.replay_run import main as replay_run
+
+
+@pytest.fixture(scope='module')
+def messages():
+    return RecordedRig(rate=200.0).start().run(400).messages
+
+
+def write(
+    path,
+    messages,
+    *,
+    profile='ros2',
+    spelled=lambda kind: kind,
+    text=True,
+    schema=True,
+    extra=None,
+    first=False,
+    chunked=True,
+):
+    """Write an MCAP file as the independent library does; `extra` is done to the writer."""
+    with path.open('wb') as stream:
+        writer = Writer(stream, chunk_size=30_000, use_chunking=chunked)
+        writer.start(profile, 'other')
+        channels = {}
+        if extra is not None and first:
+            extra(writer)
+        for topic, content, stamp in messages:
+            if topic not in channels:
+                kind = ros2_bags.kind_of(topic)
+                definition = interface.definition(kind).encode() if text else b''
+                number = writer.register_schema(spelled(kind), 'ros2msg', definition)
+                channels[topic] = writer.register_channel(topic, 'cdr', number * schema)
+            writer.add_message(channels[topic], stamp, content, stamp - 777, 5)
+        if extra is not None and not first:
+            extra(writer)
+        writer.finish()
+    return path
+
+
+def command(main, capsys, *arguments):
+    """Run a command; return its exit code and what it prints."""
+    code = main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    assert 'Traceback' not in captured.err
+    return code, captured.out + captured.err
+
+
+def is_identical(path, capsys):
+    code, text = command(replay_run, capsys, path)
+    assert code == 0, text
+    assert 'verdict     identical' in text
+
+
+def stored(path):
+    """Return type, topic, sequence, both times and content of what a file holds, in its order."""
+    (file,) = path.glob('*.mcap') if path.is_dir() else [path]
+    with file.open('rb') as stream:
+        return [
+            (s.name if s else '', c.topic, m.sequence, m.log_time, m.publish_time, m.data)
+            for s, c, m in make_reader(stream).iter_messages(log_time_order=False)
+        ]
+
+
+# Of other recorders
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'chunked': False},
+        {'profile': ''},
+        {'spelled': lambda kind: kind.replace('/msg/', '/')},
+        {'text': False},
+    ],
+    ids=['fastwrite', 'no_profile', 'short_types', 'no_text'],
+)
+@pytest.mark.parametrize('finished', [True, False])
+def test_files_of_other_recorders(tmp_path, messages, options, finished, capsys):
+    path = write(tmp_path / 'run.mcap', messages, **options)
+    if finished:
+        is_identical(path, capsys)
+    else:
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        code, text = command(replay_run, capsys, path)
+        assert (code, 'identical as far as it could be compared' in text) == (3, True)
+    code, text = command(recover_run, capsys, path)
+    assert (code, 'nothing was lost' in text) == (0, finished)
+    saved = stored(tmp_path / 'run_recovered')
+    assert saved == [
+        (ros2_bags.kind_of(t), t, 5, s, s - 777, c) for t, c, s in messages[: len(saved)]
+    ]
+    assert len(saved) == len(messages) if finished else len(saved) > len(messages) // 4
+
+
+def test_topics_without_a_type_are_named(tmp_path, messages, capsys):
+    path = write(tmp_path / 'run.mcap', messages, schema=False)
+    code, text = command(replay_run, capsys, path)
+    assert code == 2
+    assert '/snapshot of no type' in text
+
+
+@pytest.mark.parametrize('first', [True, False])
+def test_two_types_on_one_topic(tmp_path, messages, first, capsys):
+    """Another program publishes notes on the topic of the joint states."""
+    note = samples.serialise(samples.STRING, samples.make(samples.STRING, 'a note'))
+
+    def add(writer):
+        text = interface.definition(samples.STRING).encode()
+        schema = writer.register_schema(samples.STRING, 'ros2msg', text)
+        channel = writer.register_channel('/joint_states', 'cdr', schema)
+        stamp = messages[0 if first else -1][2]
+        writer.add_message(channel, stamp, note, stamp)
+
+    path = write(tmp_path / 'run.mcap', messages, extra=add, first=first)
+    is_identical(path, capsys)
+    code, text = command(recover_run, capsys, path)
+    assert (code, 'nothing was lost' in text) == (0, True)
+    assert stored(tmp_path / 'run_recovered') == stored(path)
+    is_identical(tmp_path / 'run_recovered', capsys)
+    topics = RunReader(tmp_path / 'run_recovered').topics
+    assert topics['/joint_states', samples.STRING].message_count == 1
+
+
+def test_recovery_keeps_what_is_not_a_message(tmp_path, messages, capsys):
+    def add(writer):
+        writer.add_attachment(11, 22, 'photo.jpg', 'image/jpeg', b'\xff\xd8' * 5000)
+        writer.add_metadata('operator', {'name': 'A', 'room': '12'})
+
+    directory = tmp_path / 'run'
+    directory.mkdir()
+    path = write(directory / 'run_0.mcap', messages, extra=add)
+    (directory / 'note.txt').write_text('the third one')
+    content, before = path.read_bytes(), stored(path)
+    # A record of a kind of its own, which only its maker can copy
+    found = records(content)
+    path.write_bytes(of_records([found[0], (0x90, b'mine'), *found[1:]]))
+    code, text = command(recover_run, capsys, directory)
+    assert code == 0
+    assert 'not copied: the file note.txt beside the bag' in text
+    assert 'not copied: 1 records of kinds that are unknown' in text
+    (saved,) = (tmp_path / 'run_recovered').glob('*.mcap')
+    with saved.open('rb') as stream:
+        reader = make_reader(stream)
+        (photo,) = reader.iter_attachments()
+        metadata = {m.name: m.metadata for m in reader.iter_metadata()}
+    held = photo.create_time, photo.log_time, photo.name, photo.media_type, photo.data
+    assert held == (11, 22, 'photo.jpg', 'image/jpeg', b'\xff\xd8' * 5000)
+    assert metadata['operator'] == {'name': 'A', 'room': '12'}
+    assert stored(saved) == before
+
+
+# The files of a directory
+
+
+def test_the_bag_is_what_metadata_yaml_lists(tmp_path, messages, capsys):
+    bag = ros2_bags.write_bag(tmp_path / 'bag', messages, files=2)
+    shutil.copy(bag / 'bag_0.mcap', bag / 'bag_0 (copy).mcap')
+    (bag / '._bag_1.mcap').write_bytes(b'Mac OS X')
+    is_identical(bag, capsys)
+    code, text = command(recover_run, capsys, bag)
+    assert code == 0
+    assert f'saved {len(messages)} messages' in text
+    assert 'not copied: the file bag_0 (copy).mcap beside the bag' in text
+
+
+def test_hidden_files_are_no_part_of_a_bag(tmp_path, messages, capsys):
+    bag = ros2_bags.write_bag(tmp_path / 'bag', messages)
+    (bag / '._bag_0.mcap').write_bytes(b'Mac OS X')
+    (bag / 'metadata.yaml').unlink()
+    code, text = command(replay_run, capsys, bag)
+    assert code == 3
+    assert 'identical as far as it could be compared' in text
+
+
+# Cut and damaged
+
+
+def test_a_tail_of_zeros_loses_what_a_cut_loses(tmp_path, messages, capsys):
+    """After a power cut the length of a file may be there, and not its content."""
+    path = write(tmp_path / 'whole.mcap', messages)
+    content = path.read_bytes()
+    for part in (3, 5, 8):
+        cut = len(content) * part // 10
+        for name, held in (
+            (f'cut_{part}', content[:cut]),
+            (f'zeros_{part}', content[:cut] + bytes(20_000)),
+        ):
+            (tmp_path / f'{name}.mcap').write_bytes(held)
+            code, text = command(replay_run, capsys, tmp_path / f'{name}.mcap')
+            assert (code, 'identical as far as it could be compared' in text) == (3, True)
+            assert command(recover_run, capsys, tmp_path / f'{name}.mcap')[0] == 0
+        saved = [stored(tmp_path / f'{name}_{part}_recovered') for name in ('cut', 'zeros')]
+        assert saved[0] == saved[1] == stored(path)[: len(saved[0])]
+        assert len(saved[0]) > len(messages) * (part - 2) // 10
+
+
+@pytest.mark.parametrize('compression', list(CompressionType))
+def test_a_damaged_chunk_is_saved_in_part(tmp_path, messages, compression, capsys):
+    path = tmp_path / 'run.mcap'
+    ros2_bags.write_file(path, messages, sorted({topic for topic, *_ in messages}), compression)
+    content = bytearray(path.read_bytes())
+    chunks = [i for i, (opcode, _) in enumerate(records(bytes(content))) if opcode == Opcode.CHUNK]
+    found = records(bytes(content))
+    held = bytearray(found[chunks[1]][1])
+    place = len(held) * 6 // 10
+    held[place : place + 8] = b'\xff' * 8
+    found[chunks[1]] = Opcode.CHUNK, bytes(held)
+    path.write_bytes(of_records(found))
+    code, text = command(recover_run, capsys, path)
+    assert code == 0
+    assert re.search(r'fault: the chunk at byte \d+ is damaged \(.*\); \d+ of its messages', text)
+    (doubtful,) = re.findall(r'some may be altered: (\d+) messages', text)
+    saved = {
+        (topic, content, stamp)
+        for _, topic, _, stamp, _, content in stored(tmp_path / 'run_recovered')
+    }
+    assert len(saved - set(messages)) <= int(doubtful)
+    lost = len(set(messages) - saved)
+    assert lost < len(messages) // len(chunks)
+    if compression is CompressionType.NONE:
+        assert lost <= 2
+
+
+def test_stamps_beyond_those_of_ros(tmp_path, messages, capsys):
+    """In place of a traceback of numpy: the stamp is named, and the rest saved."""
+    far = [*messages]
+    topic, content, _ = far[100]
+    far[100] = topic, content, 2**63
+    path = write(tmp_path / 'run.mcap', far)
+    code, text = command(replay_run, capsys, path)
+    assert code == 3
+    assert 'a message is stamped 9223372036854775808 ns; stamps end at' in text
+    code, text = command(recover_run, capsys, path)
+    assert (code, f'saved {len(messages) - 1} messages' in text) == (0, True)
+
+
+# SQLite
+
+
+@pytest.fixture
+def database(tmp_path, messages):
+    return ros2_bags.write_database(tmp_path / 'bag', ros2_bags.joined(messages, 0))
+
+
+def names(directory):
+    return sorted(path.name for path in directory.iterdir())
+
+
+def test_a_database_with_a_write_ahead_log(tmp_path, database, messages, capsys):
+    """As the preset `resilient` leaves it after kill -9: what the log holds is read."""
+    (file,) = database.glob('*.db3')
+    connection = sqlite3.connect(file)
+    connection.execute('PRAGMA journal_mode=WAL')
+    connection.execute('PRAGMA wal_autocheckpoint=0')
+    rows = connection.execute('SELECT * FROM messages ORDER BY id DESC LIMIT 200').fetchall()
+    connection.execute('DELETE FROM messages WHERE id > (SELECT MAX(id) - 200 FROM messages)')
+    connection.commit()
+    connection.execute('PRAGMA wal_checkpoint(TRUNCATE)')
+    connection.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
+    connection.commit()
+    bag = tmp_path / 'killed'
+    shutil.copytree(database, bag)  # while the connection is open
+    connection.close()
+    (bag / f'{file.name}-shm').unlink()
+    assert (bag / f'{file.name}-wal').stat().st_size
+    before = {path.name: path.read_bytes() for path in bag.iterdir()}
+    for path in bag.iterdir():
+        path.chmod(stat.S_IREAD)
+    bag.chmod(stat.S_IREAD | stat.S_IEXEC)
+    try:
+        is_identical(bag, capsys)
+        assert command(recover_run, capsys, bag, '--output', tmp_path / 'saved')[0] == 0
+        assert {path.name: path.read_bytes() for path in bag.iterdir()} == before
+    finally:
+        bag.chmod(stat.S_IRWXU)
+    assert len(stored(tmp_path / 'saved')) == len(messages)
+
+
+def test_a_database_in_wal_mode_stays_alone(database, capsys):
+    (file,) = database.glob('*.db3')
+    connection = sqlite3.connect(file)
+    connection.execute('PRAGMA journal_mode=WAL')
+    connection.close()
+    before = names(database)
+    is_identical(database, capsys)
+    assert names(database) == before
+
+
+def test_a_database_in_a_place_with_an_odd_name(tmp_path, database, capsys):
+    database.rename(tmp_path / 'run #3 100%?')
+    is_identical(tmp_path / 'run #3 100%?', capsys)
+
+
+@pytest.mark.parametrize('part', [0.4, 0.9])
+def test_a_truncated_database(tmp_path, database, messages, part, capsys):
+    (file,) = database.glob('*.db3')
+    content = file.read_bytes()
+    file.write_bytes(content[: int(len(content) * part)])
+    code, text = command(replay_run, capsys, database)
+    assert code == 3
+    assert 'identical as far as it could be compared' in text
+    code, text = command(recover_run, capsys, database, '--output', tmp_path / 'saved')
+    assert code == 0
+    assert re.search(f'it ends after \\d+ of {len(content)} bytes', text)
+    saved = [
+        (topic, content, stamp) for _, topic, _, stamp, _, content in stored(tmp_path / 'saved')
+    ]
+    assert saved == ros2_bags.joined(messages, 0)[: len(saved)]
+    assert len(saved) > len(messages) * (part - 0.2)
+
+
+def test_findings_of_a_reader_of_json(tmp_path, messages, capsys):
+    """The same messages give the same findings in every form."""
+    arrived = ros2_bags.joined(messages, 0)
+    found = []
+    for number, bag in enumerate(
+        (
+            ros2_bags.write_bag(tmp_path / 'a', arrived),
+            ros2_bags.write_bag(tmp_path / 'b', arrived, files=3, message_zstd=True),
+            ros2_bags.write_bag(tmp_path / 'c', arrived, compression=CompressionType.LZ4),
+            ros2_bags.write_database(tmp_path / 'd', arrived),
+            write(tmp_path / 'e.mcap', arrived, chunked=False),
+        )
+    ):
+        result = tmp_path / f'{number}.json'
+        assert command(replay_run, capsys, bag, '--json', result)[0] == 0
+        held = json.loads(result.read_text())
+        found.append({key: value for key, value in held.items() if key != 'bag'})
+    assert all(held == found[0] for held in found)
+
+
+def test_the_page_size_of_a_database_cannot_be_zero(database, capsys):
+    (file,) = database.glob('*.db3')
+    content = bytearray(file.read_bytes())
+    struct.pack_into('>H', content, 16, 0)
+    file.write_bytes(content)
+    code, text = command(recover_run, capsys, database)
+    assert code == 1
+    assert 'it is stored in SQLite, and cannot be read' in text
