@@ -194,10 +194,8 @@ def places(message: Message) -> list[tuple[Any, ...]]:
     kind = message.schema.rpartition('/')[2]
     if kind == 'JointState':
         found: list[tuple[Any, ...]] = [('stamp', 'sec'), ('stamp', 'nanosec')]
-        if held.header.frame_id in ('stop_1', 'stop_2'):
+        if held.header.frame_id:
             found.append(('frame',))
-        if message.topic.endswith('/gap_control'):
-            found.append(('act',))
         return found + [(a, i) for a in _ARRAYS for i in range(len(getattr(held, a)))]
     if kind == 'String':
         return list(leaves(json.loads(held.data)))
@@ -238,9 +236,8 @@ def alter(message: Message, place: tuple[Any, ...], factor: float) -> Message:
         stamp = held.header.stamp if hasattr(held, 'header') else held.stamp
         _stamped(stamp, place[1], factor)
     elif first == 'frame':
-        held.header.frame_id = 'stop_2' if held.header.frame_id == 'stop_1' else 'stop_1'
-    elif first == 'act':
-        held.name[-1] = 'crossing' if held.name[-1] == 'command' else 'command'
+        other = {'stop_1': 'stop_2', 'stop_2': 'stop_1', 'command': 'crossing'}
+        held.header.frame_id = other.get(held.header.frame_id, 'command')
     elif first in _ARRAYS:
         numbers = getattr(held, first).copy()
         numbers[place[1]] = altered(float(numbers[place[1]]), factor)

@@ -307,8 +307,7 @@ def message_row(numbers: int) -> np.dtype[np.void]:
         [
             ('log_ns', np.int64),  # stamp of the recording
             ('stamp_ns', np.int64),  # stamp in the message
-            ('frame', 'U16'),
-            ('act', 'U16'),  # what else than a state the message is about
+            ('frame', 'U16'),  # the stop of an impact, an act, or a state that is no sample
             ('numbers', np.float64, (numbers,)),
         ]
     )
@@ -417,11 +416,7 @@ _MOST_LAYOUTS = 8
 
 
 class JointStateRows:
-    """
-    Reads the joint states of one topic: the first `counts` numbers of each kind, by joints.
-
-    After the names of the joints, one more may say what a message is about: an act.
-    """
+    """Reads the joint states of one topic: the first `counts` numbers of each kind, by joints."""
 
     def __init__(self, joints: tuple[str, ...], counts: tuple[int, int, int]) -> None:
         self._joints, self._counts = joints, counts
@@ -430,9 +425,8 @@ class JointStateRows:
     def _layout(self, content: bytes) -> JointStateLayout:
         layout = JointStateLayout(content)
         whole = layout.counts[:2] == (len(layout.names),) * 2
-        here, more = layout.names[: len(self._joints)], layout.names[len(self._joints) :]
         few = any(n < needed for n, needed in zip(layout.counts, self._counts, strict=True))
-        if here != self._joints or len(more) > 1 or not whole or few:
+        if layout.names != self._joints or not whole or few:
             held = ', '.join(layout.names) or 'none'
             raise CdrError(f'its joints are {held}, not {", ".join(self._joints)}')
         # The oldest are the commonest
@@ -466,7 +460,6 @@ class JointStateRows:
                 at, there = left[fits], rows[fits]
                 found['stamp_ns'][at] = layout.stamps(there)
                 found['frame'][at] = layout.frame_id
-                found['act'][at] = ''.join(layout.names[len(self._joints) :])
                 found['numbers'][at] = layout.numbers(there, self._counts)
                 left, rows = left[~fits], rows[~fits]
         return found, readable

@@ -52,9 +52,8 @@ def recording_notes(node: str, names: Mapping[str, str]) -> dict[str, str]:
 AXIS_JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
 JOINTS = (*AXIS_JOINTS, 'incline', 'base', 'relative')
 IMPACT_JOINTS = AXIS_JOINTS[:2]
-#: Last name, with zeros, in the joint states that a rig repeats while it is paused; they are no
-#: samples.
-PAUSED_ACT = 'paused'
+#: The `frame_id` of the joint states that a rig repeats while it is paused; they are no samples.
+PAUSED_FRAME = 'paused'
 
 _Numbers = tuple[float, ...]
 
@@ -96,13 +95,13 @@ class RigMessages:
 
     def __init__(self) -> None:
         self._states = JointStateLayout.of('', JOINTS, 7, 7, 0)
-        self._paused = JointStateLayout.of('', (*JOINTS, PAUSED_ACT), 8, 8, 0)
+        self._paused = JointStateLayout.of(PAUSED_FRAME, JOINTS, 7, 7, 0)
         self._measurement = JointStateLayout.of('', AXIS_JOINTS, 4, 4, 0)
         self._impacts = {
             stop: JointStateLayout.of(f'stop_{stop}', IMPACT_JOINTS, 2, 2, 2) for stop in (1, 2)
         }
         self._control = {
-            action: JointStateLayout.of('', (*CONTROL_JOINTS, action.name.lower()), 4, 4, 4)
+            action: JointStateLayout.of(action.name.lower(), CONTROL_JOINTS, 3, 3, 3)
             for action in Action
         }
 
@@ -114,8 +113,7 @@ class RigMessages:
         self, stamp_ns: int, sample: Sample, deflection: float, angle: float
     ) -> bytes:
         """Return the joint states that a paused rig repeats."""
-        positions, velocities = state_numbers(sample, deflection, angle)
-        return self._paused.filled(stamp_ns, (*positions, 0.0), (*velocities, 0.0))
+        return self._paused.filled(stamp_ns, *state_numbers(sample, deflection, angle))
 
     def measurement(
         self, stamp_ns: int, positions: Sequence[float], velocities: Sequence[float]

@@ -26,7 +26,7 @@ from struct import pack
 from typing import Any
 
 #: Format of the messages of a rig, which its snapshots name.
-FORMAT = 6
+FORMAT = 7
 #: Least and greatest rate of joint states, Hz; their stamps are whole nanoseconds.
 RATES = 1e-12, 1e9
 #: Arguments of the functions of which `mathematics` takes the bits.

@@ -91,14 +91,14 @@ class ControlRecord(NamedTuple):
 
     @property
     def act(self) -> str:
-        """Name of the action, as the topic `gap_control` has it after those of the joints."""
+        """Name of the action, the `frame_id` of its message on the topic `gap_control`."""
         return self.action.name.lower()
 
     @property
-    def numbers(self) -> tuple[tuple[float, float, float, float], ...]:
-        """Positions, velocities and efforts of `CONTROL_JOINTS`, and zeros for the act."""
+    def numbers(self) -> tuple[tuple[float, float, float], ...]:
+        """Positions, velocities and efforts of `CONTROL_JOINTS`."""
         return (
-            (self.target_1, self.target_2, self.amplitude, 0.0),
-            (self.velocity_1, self.velocity_2, self.x_rate, 0.0),
-            (self.energy_1, self.energy_2, self.force, 0.0),
+            (self.target_1, self.target_2, self.amplitude),
+            (self.velocity_1, self.velocity_2, self.x_rate),
+            (self.energy_1, self.energy_2, self.force),
         )

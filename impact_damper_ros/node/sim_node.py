@@ -23,8 +23,9 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.callback_groups import CallbackGroup
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
@@ -32,6 +33,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
@@ -148,17 +150,11 @@ THEORY_PERIOD_S = 0.1
 WARNING_PERIOD_S = 5.0
 
 
-class _NoCallbacks(CallbackGroup):
-    """Of subscriptions for which the executor does not wake up."""
+class _TakenByEngine(ReentrantCallbackGroup):
+    """Of subscriptions for which the executor does not wake up, but for their events."""
 
-    def can_execute(self, _entity: Any) -> bool:
-        return False
-
-    def beginning_execution(self, _entity: Any) -> bool:
-        return False
-
-    def ending_execution(self, _entity: Any) -> None:
-        pass
+    def can_execute(self, entity: Any) -> bool:
+        return not isinstance(entity, Subscription)
 
 
 class SimNode(Node):
@@ -305,14 +301,29 @@ class SimNode(Node):
 
     def _command_inbox(self) -> CommandInbox:
         """Return the commands of a controller, which the engine's thread takes by itself."""
-        # So that publishers of either reliability match; in lock-step a measurement is sent again.
-        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        subscriptions = {
-            key: self.create_subscription(
-                kind, key, lambda _: None, qos, callback_group=_NoCallbacks(), raw=True
+        subscriptions: dict[str, Subscription] = {}
+
+        def subscribe(key: str, reliability: ReliabilityPolicy) -> None:
+            subscriptions[key] = self.create_subscription(
+                _COMMANDS[key][0],
+                key,
+                lambda _: None,
+                QoSProfile(depth=DEPTH, reliability=reliability),
+                callback_group=_TakenByEngine(),
+                event_callbacks=SubscriptionEventCallbacks(incompatible_qos=partial(loosen, key)),
+                raw=True,
             )
-            for key, (kind, _, _) in _COMMANDS.items()
-        }
+
+        def loosen(key: str, _event: Any) -> None:
+            """Go on with a subscription that a best-effort publisher matches, too."""
+            before = subscriptions[key]
+            if before.qos_profile.reliability == ReliabilityPolicy.RELIABLE:
+                text = f'{before.topic_name} is published best effort: commands may get lost'
+                self.get_logger().warning(text)
+                subscribe(key, ReliabilityPolicy.BEST_EFFORT)
+
+        for key in _COMMANDS:
+            subscribe(key, ReliabilityPolicy.RELIABLE)
         # As `rclpy.wait_for_message` waits
         waiting = _rclpy.WaitSet(len(subscriptions), 0, 0, 0, 0, 0, self.context.handle)
 
@@ -328,7 +339,11 @@ class SimNode(Node):
 
         topics = [
             CommandTopic(
-                key, one.topic_name, partial(take, key), one.get_publisher_count, _COMMANDS[key][2]
+                key,
+                one.topic_name,
+                partial(take, key),
+                lambda key=key: subscriptions[key].get_publisher_count(),
+                _COMMANDS[key][2],
             )
             for key, one in subscriptions.items()
         ]

@@ -21,7 +21,7 @@ from impact_damper_ros.bag.messages import (
     JointStateRows,
     decode,
 )
-from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, IMPACT_JOINTS, JOINTS, PAUSED_ACT
+from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, IMPACT_JOINTS, JOINTS, PAUSED_FRAME
 from impact_damper_ros.bag.snapshots import FORMAT
 from impact_damper_ros.control.record import CONTROL_JOINTS
 from impact_damper_ros.replay.command import parsed
@@ -92,7 +92,7 @@ class LiveRig(Source):
             'joint_states': JointStateRows(JOINTS, (7, 7, 0)),
             'impacts': JointStateRows(IMPACT_JOINTS, (2, 2, 2)),
             'measurements': JointStateRows(AXIS_JOINTS, (4, 4, 0)),
-            'gap_control': JointStateRows(CONTROL_JOINTS, (4, 4, 4)),
+            'gap_control': JointStateRows(CONTROL_JOINTS, (3, 3, 3)),
         }
         # Those whose messages may still come
         self._eras: list[Era] = []
@@ -239,12 +239,12 @@ class LiveRig(Source):
         rows, readable = self._readers[topic].read(contents, 0)
         rows = rows[readable]
         if topic == 'joint_states' and len(rows):
-            self._paused = bool(rows['act'][-1] == PAUSED_ACT)
+            self._paused = bool(rows['frame'][-1] == PAUSED_FRAME)
             stamp, now = rows['stamp_ns'][-1] / 1e9, time.time()
             self._epoch = stamp if abs(stamp - now) < _WALL_S else now
             self._held = rows[-1:] if self._paused else None
             # A paused rig repeats its last sample.
-            rows = rows[rows['act'] != PAUSED_ACT]
+            rows = rows[rows['frame'] != PAUSED_FRAME]
         if len(self._eras) == 1:
             return [(self._eras[0], rows)]
         places = self._places(rows['stamp_ns'].tolist())

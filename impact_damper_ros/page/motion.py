@@ -96,8 +96,8 @@ class Era:
 
     def acts(self, messages: Messages) -> Rows:
         """Return acts of the control as `ACT_COLUMNS`."""
-        target_1, target_2, energy_1, energy_2, force = messages['numbers'][:, [0, 1, 8, 9, 10]].T
-        command = np.isin(messages['act'], COMMANDS)
+        target_1, target_2, energy_1, energy_2, force = messages['numbers'][:, [0, 1, 6, 7, 8]].T
+        command = np.isin(messages['frame'], COMMANDS)
         times = (messages['stamp_ns'] - self.offset_ns) / 1e9
         return np.column_stack([times, command, target_1, target_2, force, energy_1 + energy_2])
 

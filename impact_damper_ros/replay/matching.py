@@ -35,14 +35,14 @@ def _quantities(joints: tuple[str, ...], effort: str) -> list[tuple[str, str]]:
     parts = [('position', 'm'), ('velocity', 'm/s')] + ([('effort', effort)] if effort else [])
     numbers = [(f'{part} of {joint}', unit) for part, unit in parts for joint in joints]
     numbers = [(n, u.replace('m', 'rad') if n.endswith('incline') else u) for n, u in numbers]
-    return [('stamp', 'ns'), ('frame_id', ''), ('act', ''), *numbers]
+    return [('stamp', 'ns'), ('frame_id', ''), *numbers]
 
 
 #: Quantities of the messages by topic.
 QUANTITIES = {
     'joint_states': _quantities(JOINTS, ''),
     'impacts': _quantities(IMPACT_JOINTS, 'N s'),
-    'gap_control': _quantities((*CONTROL_JOINTS, 'the act'), 'J'),
+    'gap_control': _quantities(CONTROL_JOINTS, 'J'),
 }
 
 
@@ -58,13 +58,13 @@ def _contents(rows: Messages) -> list[bytes]:
 
 
 def _values(row: np.void) -> list[Any]:
-    return [int(row['stamp_ns']), str(row['frame']), str(row['act']), *row['numbers'].tolist()]
+    return [int(row['stamp_ns']), str(row['frame']), *row['numbers'].tolist()]
 
 
 def _telling(key: str, recorded: np.void, replayed: np.void) -> tuple[str, str, Any, Any]:
     """Return quantity, unit and values of that in which two messages differ most."""
     there, here = _values(recorded), _values(replayed)
-    wrong = [a != b for a, b in zip(there[:3], here[:3], strict=True)]
+    wrong = [a != b for a, b in zip(there[:2], here[:2], strict=True)]
     # By their bits: 0.0 and -0.0 differ, and so may two NaN.
     wrong += (recorded['numbers'].view(np.int64) != replayed['numbers'].view(np.int64)).tolist()
     rows = zip(QUANTITIES[key], there, here, wrong, strict=True)
@@ -86,7 +86,7 @@ class Matcher:
         self._key, self._findings, self._stamped = key, findings, stamped
         self._disorder = disorder
         self._last = b''
-        numbers = len(QUANTITIES[key]) - 3
+        numbers = len(QUANTITIES[key]) - 2
         self._recorded = self._expected = np.empty(0, message_row(numbers))
         self._gaps: deque[SampleGap] = deque(maxlen=_REMEMBERED_GAPS)
         #: Stamps of the first and of the last recorded message
@@ -160,7 +160,7 @@ class Matcher:
         """Note a message that is only recorded, or only in the replay."""
         what = 'impact' if self._key == 'impacts' else 'act of the gap control'
         # An impact is named by its stop, an act by its kind
-        name = str(row['frame'] or row['act'])
+        name = str(row['frame'])
         self.differ(row['stamp_ns'], what, '', *((name, None) if recorded else (None, name)))
 
     def differ(self, stamp_ns: int, *difference: Any) -> None:
@@ -178,7 +178,7 @@ def _parted(rows: Messages, before_ns: float) -> tuple[Messages, Messages]:
 def expected_states(states: Messages, numbers: Numbers, *, stamped: bool) -> Messages:
     """Return the joint states that should have been recorded, given the numbers of the replay."""
     found = states.copy()
-    found['numbers'], found['frame'], found['act'] = numbers, '', ''
+    found['numbers'], found['frame'] = numbers, ''
     if stamped:
         found['stamp_ns'] = found['log_ns']
     return found

@@ -83,18 +83,18 @@ def published_impacts(events: Events, rig: RigParameters, offset_ns: int) -> Mes
 def published_acts(records: Sequence[ControlRecord], offset_ns: int) -> Messages:
     """Return the messages of acts of the gap control."""
     times = np.array([record.time for record in records])
-    numbers = np.array([sum(record.numbers, ()) for record in records]).reshape(-1, 12)
+    numbers = np.array([sum(record.numbers, ()) for record in records]).reshape(-1, 9)
     found = _messages(times, offset_ns, numbers)
-    found['act'] = [record.act for record in records]
+    found['frame'] = [record.act for record in records]
     return found
 
 
 def orders_of(acts: Messages, offset_ns: int) -> list[tuple[float, Order]]:
     """Return what a controller outside the rig ordered, among some acts, with the rig times, s."""
-    orders = acts[acts['act'] == Action.ORDER.name.lower()]
+    orders = acts[acts['frame'] == Action.ORDER.name.lower()]
     times = (orders['stamp_ns'] - offset_ns) / 1e9
-    # Targets, speeds and the force among four positions, four velocities and four efforts
-    chosen = orders['numbers'][:, [0, 1, 4, 5, 10]]
+    # Targets, speeds and the force among three positions, three velocities and three efforts
+    chosen = orders['numbers'][:, [0, 1, 3, 4, 8]]
     return [(t, Order(*row)) for t, row in zip(times.tolist(), chosen.tolist(), strict=True)]
 
 

@@ -36,7 +36,7 @@ from impact_damper_ros.bag.messages import (
     decode,
     header_ns,
 )
-from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_ACT
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_FRAME
 from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.control.record import CONTROL_JOINTS
 from impact_damper_ros.parameters.rig_parameters import (
@@ -60,7 +60,7 @@ _EXAMINED = 20
 _LAYOUTS: dict[str, tuple[tuple[str, ...], tuple[int, int, int]]] = {
     'joint_states': (JOINTS, (7, 7, 0)),
     'impacts': (IMPACT_JOINTS, (2, 2, 2)),
-    'gap_control': (CONTROL_JOINTS, (4, 4, 4)),
+    'gap_control': (CONTROL_JOINTS, (3, 3, 3)),
 }
 
 
@@ -350,7 +350,7 @@ class _Tables:
         if self._run.stamped:
             disorder.note(MISDATED, topic, log_ns[stamps_ns != log_ns])
         # A paused rig repeats its joint states; the node does not record them, others may.
-        kept = rows['act'] != PAUSED_ACT
+        kept = rows['frame'] != PAUSED_FRAME
         before_ns, before = self._last.get(topic, (None, b''))
         steps = np.diff(stamps_ns, prepend=stamps_ns[0] - 1)
         steps[0] = 1 if before_ns is None else stamps_ns[0] - before_ns

@@ -208,7 +208,7 @@ class Shadowing:
                 self._matcher.differ(stamp_ns, 'frame_id', '', frame, str(here['frame'][0]))
             elif len(wrong):
                 numbers = (float(t['numbers'][0, wrong[0]]) for t in (recorded, here))
-                self._matcher.differ(stamp_ns, *QUANTITIES['impacts'][3 + wrong[0]], *numbers)
+                self._matcher.differ(stamp_ns, *QUANTITIES['impacts'][2 + wrong[0]], *numbers)
         if len(here):
             self._begin(recorded['numbers'][0], time, float(events['time'][-1]))
         nothing = published_states(NO_SAMPLES, rig.parameters)

@@ -101,7 +101,7 @@ class RecordedRig:
     def announce(self, reason):
         self.number += 1
         text = {
-            'format': 6,
+            'format': 7,
             'run': self.run_id,
             'number': self.number,
             'node': NODE,
@@ -141,9 +141,9 @@ class RecordedRig:
                 self.write('/impacts', content, stamp)
         for record in self.rig.records:
             stamp = self.offset + round(record.time * 1e9)
-            names = ['stop_1', 'stop_2', 'primary', record.action.name.lower()]
+            names, frame = ['stop_1', 'stop_2', 'primary'], record.action.name.lower()
             numbers = [list(part) for part in record.numbers]
-            content = samples.joint_state(stamp, names, *numbers)
+            content = samples.joint_state(stamp, names, *numbers, frame)
             self.write('/gap_control', content, stamp)
 
     def states(self):

@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag import RunReader
-from impact_damper_ros.bag.rig_topics import PAUSED_ACT
+from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.node.pacing import CATCH_UP_NS
 from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
@@ -109,11 +109,11 @@ def test_held_rigs_say_so_and_are_replayed_wherever_the_machine_stalls(
     def hold(values):
         assert parameters.set_atomically(**values) == '', values
         assert client.call(Trigger, f'{namespace}/sim_node/reset').success
-        until(lambda: states[-1].name[-1] == PAUSED_ACT, values)
+        until(lambda: states[-1].header.frame_id == PAUSED_FRAME, values)
 
     def go_on(values):
         assert parameters.set_atomically(**values) == '', values
-        until(lambda: states[-1].name[-1] != PAUSED_ACT, values)
+        until(lambda: states[-1].header.frame_id != PAUSED_FRAME, values)
 
     for values in HELD.values():
         hold(values)
@@ -133,7 +133,7 @@ def test_held_rigs_say_so_and_are_replayed_wherever_the_machine_stalls(
     # Harmless initial conditions are a remedy.
     assert parameters.set(initial_damper_offset=0.0) == ''
     assert client.call(Trigger, f'{namespace}/sim_node/reset').success
-    until(lambda: states[-1].name[-1] != PAUSED_ACT)
+    until(lambda: states[-1].header.frame_id != PAUSED_FRAME)
     reports.clear()
     rig = until(lambda: statuses(reports, 'rig'))
     assert rig[-1].level == DiagnosticStatus.OK
@@ -184,7 +184,7 @@ def test_stamps_follow_a_step_of_the_system_clock(
     until(lambda: 'they are moved on' in process.output, lambda: process.output)
     if paused:
         pause(True)
-        until(lambda: states[-1].name[-1] == PAUSED_ACT)
+        until(lambda: states[-1].header.frame_id == PAUSED_FRAME)
     new = tmp_path / 'new'
     new.write_text(f'{step_s}')
     new.rename(tmp_path / 'process_0' / 'set_by')
@@ -196,7 +196,7 @@ def test_stamps_follow_a_step_of_the_system_clock(
     until(lambda: abs(ahead_ns() - step_s * 10**9) < CATCH_UP_NS)
     if paused:
         pause(False)
-        until(lambda: states[-1].name[-1] != PAUSED_ACT)
+        until(lambda: states[-1].header.frame_id != PAUSED_FRAME)
     count = len(states)
     until(lambda: len(states) > count + 100)
     assert abs(ahead_ns() - step_s * 10**9) < 2 * CATCH_UP_NS

@@ -8,8 +8,8 @@ import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
-from rclpy.qos import QoSProfile
+from geometry_msgs.msg import Wrench, WrenchStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
@@ -58,14 +58,14 @@ class Plant:
         return [
             (stamp_ns(m.header.stamp), *m.position[:2], *m.velocity[:2], m.effort[2])
             for m in self.acts[since:]
-            if m.name[-1] == 'order'
+            if m.header.frame_id == 'order'
         ]
 
-    def report(self):
-        """Return message and values of the last report on the controller."""
+    def report(self, task='controller'):
+        """Return message and values of the last report on the controller, or something else."""
         for report in reversed(list(self.reports)):
             for status in report.status:
-                if status.name == f'{SPACE[1:]}/sim_node: controller':
+                if status.name == f'{SPACE[1:]}/sim_node: {task}':
                     return status.message, {v.key: v.value for v in status.values}
         return '', {}
 
@@ -132,7 +132,7 @@ def test_commands_are_carried_out_and_replayed_bit_for_bit(plant, capsys):
     assert plant.parameters.set(gap_control='off') == ''
     assert plant.parameters.set(gap_control='external') == ''
     plant.obeyed(lambda: plant.send_force(-1.0), nan, nan, nan, nan, -1.0)
-    moved = {m.name[-1] for m in plant.acts}
+    moved = {m.header.frame_id for m in plant.acts}
     assert {'order', 'command', 'arrived'} <= moved
     assert plant.parameters.set(record=False) == ''
     (bag,) = plant.runs.iterdir()
@@ -249,6 +249,39 @@ def test_refusals_are_reported_and_a_second_controller_is_one(plant):
     plant.refused(lambda: plant.send_stops(0.01, -0.01), '2 publishers')
     plant.client.node.destroy_publisher(other)
     plant.obeyed(lambda: plant.send_stops(0.01, -0.01), 0.01, -0.01, *[math.nan] * 3)
+
+
+def test_a_best_effort_controller_is_obeyed_and_reported(plant):
+    loose = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+    plant.client.node.destroy_publisher(plant.stops)
+    plant.stops = plant.client.node.create_publisher(JointState, f'{SPACE}/stop_commands', loose)
+    plant.obeyed(lambda: plant.send_stops(0.011, -0.012), 0.011, -0.012, *[math.nan] * 3)
+    assert f'{SPACE}/stop_commands is published best effort' in plant.process.output
+    plant.client.node.destroy_publisher(plant.stops)
+    # A reliable one again
+    plant.stops = plant.client.node.create_publisher(JointState, f'{SPACE}/stop_commands', 10)
+    plant.obeyed(lambda: plant.send_stops(0.013, -0.012), 0.013, -0.012, *[math.nan] * 3)
+
+
+def test_partners_that_do_not_match_are_reported(plant):
+    """A message of another type, and a subscription that asks for more than is offered."""
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+    def report():
+        return plant.report('network')[0]
+
+    with RigClient() as other:
+        other.node.create_publisher(Wrench, f'{SPACE}/force_command', 10)
+        other.node.create_subscription(JointState, f'{SPACE}/impacts', print, latched)
+        until(
+            lambda: (
+                'publishes /plant/force_command as geometry_msgs/msg/Wrench,' in report()
+                and '/test_client does not receive /plant/impacts' in report()
+            ),
+            report,
+        )
+    assert plant.process.output.count('does not receive /plant/impacts') == 1
+    until(lambda: report() == 'no other node interferes', report)
 
 
 def test_the_watchdog_parks_the_stops(plant):

@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from impact_damper_ros.bag.rig_topics import PAUSED_ACT
+from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
 from node.rig_client import RigParametersClient, stamp_ns, until
 
 
@@ -70,7 +70,7 @@ def test_services(rig):
         ok, text = call('step')
         assert ok
         assert re.fullmatch(r'paused after a step, at rig time [\d.]+ s', text)
-        until(lambda: rig.states[-1].name[-1] == PAUSED_ACT)
+        until(lambda: rig.states[-1].header.frame_id == PAUSED_FRAME)
     assert len(samples_of(rig.states)) == samples + 1
     ok, text = call('step_to_impact')
     assert (ok, text[:39]) == (True, 'running on until after the next impact,')
@@ -84,7 +84,7 @@ def test_services(rig):
 
 def samples_of(states):
     """Return the joint states that are samples of the motion, not of a paused rig."""
-    return [m for m in list(states) if m.name[-1] != PAUSED_ACT]
+    return [m for m in list(states) if m.header.frame_id != PAUSED_FRAME]
 
 
 def test_theory_is_published(client, launch, namespace):

@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-from impact_damper_ros.bag.rig_topics import PAUSED_ACT
+from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
 from node.rig_client import LIVELY, SOURCE, RigParametersClient, until
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -76,7 +76,7 @@ def test_the_frames_of_a_paused_rig_follow_the_angle_too(rig):
         assert rig.client.call(SetBool, '/sim_node/pause', SetBool.Request(data=True)).success
         assert rig.parameters.set(angle=0.4) == ''
         until(lambda: rig.states[-1].position[4] == 0.4)
-        assert rig.states[-1].name[-1] == PAUSED_ACT
+        assert rig.states[-1].header.frame_id == PAUSED_FRAME
     finally:
         assert rig.client.call(SetBool, '/sim_node/pause', SetBool.Request(data=False)).success
 
