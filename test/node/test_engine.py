@@ -194,8 +194,9 @@ def test_states_and_impacts_are_those_of_the_rig(ran):
         impacts += [e for e in rig.advance(t_ns / 1e9) if e.kind is EventKind.IMPACT]
         sample = rig.sample()
         v = sample.primary_velocity
-        assert list(message.position) == [sample.x, sample.z, sample.stop_1, sample.stop_2, 0.0]
-        assert list(message.velocity) == [v, sample.damper_velocity, v, v, 0.0]
+        stops = sample.stop_1, sample.stop_2
+        assert list(message.position) == [sample.x, sample.z, *stops, 0.0, 0.0, sample.x]
+        assert list(message.velocity) == [v, sample.damper_velocity, v, v, 0.0, 0.0, v]
     assert len(impacts) > 20
     for event, message in zip(impacts, bench.messages('impacts'), strict=True):
         assert stamp_ns(message.header.stamp) == round(event.time * 1e9)
@@ -319,7 +320,7 @@ def test_reset_puts_the_rig_back_and_time_goes_on():
         assert bench.engine.failure is None
     states = bench.messages('states')
     (index,) = [i for i, m in enumerate(states) if stamp_ns(m.header.stamp) == ticket.time_ns]
-    assert list(states[index].position) == [2.0, 1.75, 2.5, 1.5, 0.0]
+    assert list(states[index].position) == [2.0, 1.75, 2.5, 1.5, 0.0, 0.0, 2.0]
     steps = {stamp_ns(b.header.stamp) - stamp_ns(a.header.stamp) for a, b in pairwise(states)}
     assert steps == {10_000_000}
     (reset,) = [s for s in bench.snapshots() if s['reason'] == 'reset']

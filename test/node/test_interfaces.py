@@ -53,7 +53,7 @@ def test_services(rig):
     snapshot = snapshot_after(rig, count, lambda s: s['reason'] == 'reset')
     instant = snapshot['stamp_offset_ns'] + snapshot['time_ns']
     (state,) = until(lambda: [m for m in list(rig.states) if stamp_ns(m.header.stamp) == instant])
-    assert list(state.position) == [0.01, 0.01 - 0.002, 0.015, 0.005, 0.0]
+    assert list(state.position) == [0.01, 0.01 - 0.002, 0.015, 0.005, 0.0, 0.0, 0.01]
     # The gap has closed on where the damper would start: said, and harmless.
     assert rig.parameters.set(gap=0.002) == ''
     ok, text = call('reset')
