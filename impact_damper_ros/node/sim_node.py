@@ -337,12 +337,15 @@ class SimNode(Node):
             taken = subscriptions[key].handle.take_message(_COMMANDS[key][0], True)
             return taken[0] if taken is not None else None
 
+        def publishers(key: str) -> int:
+            return subscriptions[key].get_publisher_count()
+
         topics = [
             CommandTopic(
                 key,
                 one.topic_name,
                 partial(take, key),
-                lambda key=key: subscriptions[key].get_publisher_count(),
+                partial(publishers, key),
                 _COMMANDS[key][2],
             )
             for key, one in subscriptions.items()
