@@ -60,9 +60,6 @@ REFUSED = {
     'gab=3': 'gab=3: there is no parameter gab to set: did you mean gap?',
     'xyzzy=3': 'set_rig lists all parameters',
     'gap': 'gap: give NAME=VALUE',
-    'gap=': 'gap=: give NAME=VALUE',
-    'gap=wide': "gap is 'wide': give a number from",
-    'record=1': 'record is 1: give true or false',
     # Of every ROS node, not of the rig
     'use_sim_time=true': 'there is no parameter use_sim_time to set',
     'gap=-1': 'gap is -1.0 m: give a number from',

@@ -1,6 +1,5 @@
 """How parameters are read, judged and described, without a running node."""
 
-import math
 import re
 
 import pytest
@@ -34,29 +33,19 @@ def changed(*request, **values):
     ('name', 'given', 'meant'),
     [
         ('gap', 37, 37.0),
-        ('gap', '1e-3', 0.001),
+        ('gap', '12 mm', 0.012),
         ('gap', 'wide', 'wide'),
-        ('gap', True, True),
         ('gap', [37.0], [37.0]),
-        ('one_sided', True, True),
         ('one_sided', 1, 1),
         ('force_amplitudes', 2, [2.0]),
-        ('force_amplitudes', 2.5, [2.5]),
         ('force_amplitudes', [1, 2], [1.0, 2.0]),
         ('force_amplitudes', '[1, 0.5]', [1.0, 0.5]),
-        ('force_amplitudes', '3e-1', [0.3]),
+        ('force_amplitudes', ['1', '500 mN'], [0.001, 0.5]),
         ('force_amplitudes', ['a'], ['a']),
         ('bag_directory', 2024, '2024'),
-        ('bag_directory', 'runs/a', 'runs/a'),
-        ('state_rate', 500, 500.0),
-        ('multisine_lines', 37, 37),
         ('multisine_lines', 37.0, 37),
-        ('multisine_lines', '37', 37),
         ('multisine_lines', '1e2', 100),
         ('multisine_lines', 37.5, 37.5),
-        ('multisine_lines', 'many', 'many'),
-        ('multisine_level', 2, 2.0),
-        ('sweep_mode', 'up', 'up'),
         ('sweep_mode', False, 'off'),
     ],
 )
@@ -100,36 +89,16 @@ def test_contradictory_lengths_are_rejected():
         changed(*request)
 
 
-@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_what_is_not_finite_is_rejected_everywhere(value):
-    for name, spec in ALL_SPECS.items():
-        given = {name: [value] if spec.kind == 'double_array' else value}
-        if spec.kind.startswith('double'):
-            for read in (
-                NodeParameters().changed,
-                lambda given: parameters_from_overrides(given, (), pytest.fail),
-            ):
-                with pytest.raises(ParameterError, match=name):
-                    read(given)
-
-
 @pytest.mark.parametrize(
     ('parameter', 'words'),
     [
         (Parameter('gap', value=-1.0), ['gap', '-1.0 m', 'from']),
-        (Parameter('gap', value='wide'), ['gap', "'wide'", 'from']),
-        (Parameter('gap', Type.NOT_SET), ['gap', 'None']),
         (Parameter('gpa', value=1.0), ['gpa', 'did you mean gap?']),
         (Parameter('xyzzy', value=1.0), ['xyzzy', 'simulate_rig --parameters']),
         (Parameter('state_rate', value=100), ['state_rate', 'fixed', '-p state_rate:=100']),
-        (Parameter('one_sided', value=1), ['one_sided', 'true or false']),
-        (Parameter('damping', value=5.0), ['underdamped', '1.9998']),
-        (Parameter('bag_directory', value=' '), ['bag_directory']),
         (Parameter('initial_damper_offset', value=20.0), ['from -18.5 to 18.5 m']),
         (Parameter('force_amplitudes', Type.BOOL_ARRAY, []), ['0 entries']),
-        (Parameter('multisine_lines', value=37.5), ['37.5', 'whole number from 1 to 512']),
-        (Parameter('multisine_lines', value=0), ['multisine_lines', 'from 1 to 512']),
-        (Parameter('sweep_mode', value='fast'), ["'fast'", 'one of off, up, down, up_down']),
+        (Parameter('gap_control', value='always'), ["'always'", 'one of off']),
         (Parameter('use_sim_time', value=True), ['use_sim_time is true', 'give publish_clock']),
         (Parameter('sweep_mode', value=3), ["'3'", 'one of off, up, down, up_down']),
     ],
@@ -181,28 +150,12 @@ def test_a_simulated_time_of_others_is_refused():
         parameters_from_overrides({'use_sim_time': True}, ('use_sim_time',), pytest.fail)
 
 
-@pytest.mark.parametrize('factor', [1e-9, 0.0009])
-def test_a_factor_too_slow_to_be_meant_is_an_error(factor):
-    with pytest.raises(ParameterError, match='give 0'):
-        NodeParameters.from_values({'real_time_factor': factor})
-
-
-@pytest.mark.parametrize(
-    ('name', 'value', 'words'),
-    [
-        ('max_bag_size', 99_999, r'is 99999 B: give 0 \(no limit\) or a number from 100000 to'),
-        ('max_bag_size', -1, 'from 0 to'),
-        ('max_bag_duration', 0.999, r'is 0.999 s: give 0 \(no limit\) or a number from 1 to'),
-        ('max_bag_duration', float('nan'), 'max_bag_duration is nan'),
-    ],
-)
-def test_limits_to_files_too_small_to_be_meant_are_an_error(name, value, words):
-    with pytest.raises(ParameterError, match=words):
-        NodeParameters.from_values({name: value})
-    least = {'max_bag_size': SMALLEST_FILE, 'max_bag_duration': SHORTEST_FILE}[name]
-    for good in (0, least):
-        assert getattr(NodeParameters.from_values({name: type(least)(good)}), name) == good
-    assert f'0, or at least {least:g}.' in descriptor(ALL_SPECS[name]).additional_constraints
+def test_limits_to_files_are_those_of_the_writer():
+    for name, least in (('max_bag_size', SMALLEST_FILE), ('max_bag_duration', SHORTEST_FILE)):
+        for good in (0, least):
+            value = type(least)(good)
+            assert getattr(NodeParameters.from_values({name: value}), name) == good
+        assert f'0, or at least {least:g}.' in descriptor(ALL_SPECS[name]).additional_constraints
 
 
 def test_nearest_name():

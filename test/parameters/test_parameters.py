@@ -1,6 +1,7 @@
 """The tables of parameters: ranges, kinds of values, and what holds between values."""
 
 import dataclasses
+import itertools
 import json
 import math
 
@@ -28,12 +29,6 @@ TABLES = {
     GapControlParameters: GAP_CONTROL_SPECS,
     NodeSettings: SETTING_SPECS,
 }
-NUMBERS = [
-    pytest.param(table, spec, id=name)
-    for table, specs in TABLES.items()
-    for name, spec in specs.items()
-    if spec.low is not None
-]
 #: What the ends of some ranges need to be admissible.
 SUPPORT = {
     'damping': {'stiffness': 1e15, 'primary_mass': 1e9},
@@ -42,45 +37,62 @@ SUPPORT = {
     'gap_min': {'gap_max': 1e9},
     'gap_max': {'gap_min': 1e-9},
 }
+#: Ends that are not admissible beside any other value.
+APART = {'gap_min': 1e9, 'gap_max': 1e-9}
+NO_NUMBERS = ('one', '', None, True, 1j, [[1.0]], {}, b'1', object())
+NO_TEXTS = ('sideways', '', None, 1, ['up'], b'up')
 
 
-@pytest.mark.parametrize(('table', 'spec'), NUMBERS)
-def test_range(table, spec):
-    """Both ends are in, the next floats are out, and the message says what to give."""
-    whole = spec.kind == 'integer'
+def wrong_values(spec):
+    """Yield what a parameter cannot be, and a part of what is to be said of it."""
+    if spec.kind == 'bool':
+        yield from ((value, 'give true or false') for value in (1, 0, 'true', None, [True]))
+    elif spec.choices:
+        yield from ((value, f'give one of {spec.span}') for value in NO_TEXTS)
+    elif spec.kind == 'string':
+        yield from ((value, 'give a text') for value in (' ', None, b'up'))
+    else:
+        span = f'from {spec.span} {spec.unit}'.rstrip()
+        for end, side in ((spec.low, -math.inf), (spec.high, math.inf)):
+            sign = int(math.copysign(1, side))
+            beyond = end + sign if spec.kind == 'integer' else math.nextafter(end, side)
+            far = end + sign * (abs(end) + 1)
+            yield from ((value, span) for value in (beyond, far, math.nan, side, sign * 10**400))
+            # As a person types it
+            yield repr(far), span
+        yield from ((value, 'give ') for value in NO_NUMBERS)
+        if spec.least:
+            yield 0.5 * spec.least, f'give 0 ({spec.zero}) or a number from {spec.least:g} to'
+        if spec.kind == 'integer':
+            yield spec.low + 0.5, 'give a whole number from'
 
-    def built(number):
-        value = [number] if spec.kind == 'double_array' else number
+
+@pytest.mark.parametrize('table', TABLES, ids=lambda table: table.__name__)
+def test_every_parameter_has_its_range_and_says_so(table):
+    """Both ends are in; below, above, not a number and of another type are refused by name."""
+
+    def built(spec, value):
         return getattr(table(**{**SUPPORT.get(spec.name, {}), spec.name: value}), spec.name)
 
-    for end, side in ((spec.low, -math.inf), (spec.high, math.inf)):
-        if {'gap_min': spec.high, 'gap_max': spec.low}.get(spec.name) != end:
-            assert built(end) == ((end,) if spec.kind == 'double_array' else end)
-        beyond = end + math.copysign(1, side) if whole else math.nextafter(end, side)
-        for value in (beyond, math.nan, side, int(math.copysign(1, side)) * 10**400):
-            with pytest.raises(ParameterError) as caught:
-                built(value)
-            assert caught.value.name == spec.name
-    for value in ('one', None, True, 1j, [[1.0]], {}, b'1', object()):
-        with pytest.raises(ParameterError, match=f'{spec.name}.* is .*: give ') as caught:
-            built(value)
+    def refusal(spec, value):
+        with pytest.raises(ParameterError) as caught:
+            pytest.fail(f'{spec.name} is {built(spec, value)}')
         assert caught.value.name == spec.name
-    value = 2.0 * spec.high + 1.0
-    with pytest.raises(ParameterError) as caught:
-        built(value)
-    span = f'{int(spec.low)} to {int(spec.high)}' if whole else f'{spec.low:g} to {spec.high:g}'
-    for words in (spec.name, repr(value), span, spec.unit):
-        assert words in str(caught.value)
+        return str(caught.value)
 
-
-@pytest.mark.parametrize(('table', 'spec'), [p for p in NUMBERS if p.values[1].low <= 0.0])
-def test_no_parameter_is_minus_zero(table, spec):
-    """It would differ from 0 in a log; typed, set or read, in a list too."""
-    value = getattr(table(**{spec.name: -0.0}), spec.name)
-    typed = spec.read('-0.0')
-    for number in (value, typed):
-        entries = number if isinstance(number, tuple) else (number,)
-        assert [str(entry) for entry in entries] in (['0.0'], ['0'])
+    for name, spec in TABLES[table].items():
+        listed = spec.kind == 'double_array'
+        for end in {spec.low, spec.high} - {None, APART.get(name)}:
+            assert built(spec, [end] if listed else end) == ((end,) if listed else end)
+        for value, words in wrong_values(spec):
+            inside = listed and isinstance(value, float | int) and not isinstance(value, bool)
+            said = refusal(spec, [value] if inside else value)
+            assert said.startswith(tuple(f'{name}{x} ' for x in (' is', '[0] is', ' has'))), said
+            assert words in said, (value, said)
+        for entries, count in (([], 0), ([1.0] * 2000, 2000), (itertools.repeat(1.0), 'or more')):
+            if listed:
+                said = refusal(spec, entries)
+                assert f'{count} entries: give 1 to 1024, one for each harmonic' in said
 
 
 def test_tables():

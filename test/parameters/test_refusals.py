@@ -1,6 +1,5 @@
 """What is refused: the one who asked is named, with the value, and what to give instead."""
 
-import itertools
 import json
 import math
 from math import inf, nan
@@ -18,7 +17,7 @@ from impact_damper_ros import (
     RigParameters,
     run_ensemble,
 )
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, NodeSettings
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
 LEVEL = RigParameters(gravity=0.0)
 FREE = LEVEL.replace(gap=1000.0, force_amplitudes=(0.0,))
@@ -64,29 +63,10 @@ def law(text, words):
 #: Parts of what is said, with the parameter that is blamed in the first; and what was tried, with
 #: a rig under external control.
 REFUSED = [
-    # Parameters
-    *(
-        rig('one_sided is', 'true or false', one_sided=value)
-        for value in (1, 0, 'true', None, [True])
-    ),
-    *(
-        rig('multisine_lines', 'whole number from 1 to', multisine_lines=value)
-        for value in (37.5, [37], 'some')
-    ),
-    *(
-        rig('sweep_mode', 'one of off, up, down, up_down', sweep_mode=value)
-        for value in ('sideways', '', True, None, 1, ['up'], b'up')
-    ),
-    *(
-        rig('force_phases', force_phases=value)
-        for value in ([], 'abc', None, {1.0: 2.0}.items(), TWO)
-    ),
+    # What holds between parameters; the range of each is tested in test_parameters
     rig('force_frequencies', '2 entries', 'has 1', force_frequencies=TWO),
-    rig('force_frequencies', 'the same length', force_amplitudes=TWO),
-    rig('force_amplitudes', 'has 2000 entries', force_amplitudes=[1.0] * 2000),
-    rig('force_amplitudes', 'or more', force_amplitudes=itertools.count()),
     rig('force_frequencies', '[1] is -1.0', force_amplitudes=[1, 1], **THREE),
-    *(rig('damping', 'underdamped, give at most 1.9998', damping=c) for c in (1.99981, 2.0, 5.0)),
+    rig('damping', 'underdamped, give at most 1.9998', damping=1.99981),
     rig(
         'multisine_high 1.5 rad/s',
         *('multisine_low is 2.0 rad/s', 'more than 2', 'both'),
@@ -107,12 +87,6 @@ REFUSED = [
     ),
     control('gap_min', 'gap_max', 'below', gap_min=0.5, gap_max=0.5),
     control('gap_min', '2.0', 'both at once', gap_min=2.0, gap_max=1.0),
-    control('gap_control', 'off, amplitude, timed', gap_control='on'),
-    control(
-        'actuator_speed is 1e-09 m/s: give 0 (at once) or a number from 1e-06 to 1e+09 m/s',
-        actuator_speed=1e-9,
-    ),
-    table(NodeSettings, ["bag_directory is ' ': give a text"], bag_directory=' '),
     (('gapp is not a parameter of the rig',), lambda _: LEVEL.replace(gapp=1.0)),
     # Each value is in its range, but not beside the others.
     (('damping',), lambda _: RigParameters(damping=1.5).replace(stiffness=0.1)),
@@ -128,14 +102,9 @@ REFUSED = [
     ),
     # What a person types
     typed('gap', 'abc', 'mm', "'abc': give a number from 1e-06 to 1e+12 mm"),
-    typed('gap', '', '', "'': give a number from 1e-09 to 1e+09 m"),
-    typed('gap', '-5', 'mm', '-5.0 mm: give a number from 1e-06 to 1e+12 mm'),
-    typed('gap', '1e999', '', 'inf m: give a number from 1e-09 to 1e+09 m'),
     typed('gap', '1,000', 'mm', "'1,000': write 1.000 or 1000"),
     typed('gap', '3 inch', 'mm', "'3 inch': 'inch' is no unit of it: write m, cm, mm, µm, um"),
-    typed('friction', '5 m', '', "'5 m': 'm' is no unit of it: write %"),
     typed('force_amplitudes', '2,5', 'N', "'2,5': write 2.5 for one number, or 2; 5 for two"),
-    typed('multisine_lines', '3.5', '', '3.5: give a whole number from 1 to 512'),
     typed('max_bag_size', '3 kB', '', '3.0 kB: give 0 (no limit) or a number from 100 to 1e+12'),
     # Times: a control that was begun at 1e300 s once sought its next sample for ever.
     *(
