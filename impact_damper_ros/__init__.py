@@ -67,10 +67,10 @@ if TYPE_CHECKING:
         RigParameters as RigParameters,
     )
     from .rig.ensemble import EnsembleResult as EnsembleResult, run_ensemble as run_ensemble
-    from .rig.event_budget import RunawayError as RunawayError
     from .rig.observed_run import Observer as Observer, TimedChange as TimedChange, run as run
     from .rig.order import Order as Order
     from .rig.rig import Outcome as Outcome, Rig as Rig, RunResult as RunResult
+    from .rig.runaway import RunawayError as RunawayError
 
 __version__ = '0.2.0'
 
@@ -97,10 +97,10 @@ _MODULES = {
     'parameters.parameters_file': 'ParametersFileError load_parameters',
     'parameters.rig_parameters': 'GapControlParameters InitialConditions RigParameters',
     'rig.ensemble': 'EnsembleResult run_ensemble',
-    'rig.event_budget': 'RunawayError',
     'rig.observed_run': 'Observer TimedChange run',
     'rig.order': 'Order',
     'rig.rig': 'Outcome Rig RunResult',
+    'rig.runaway': 'RunawayError',
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names.split()}
 __all__ = ['__version__', *_HOME]

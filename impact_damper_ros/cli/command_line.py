@@ -22,7 +22,7 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.outputs import check_file, in_words, is_stream, write_text
 from impact_damper_ros.parameters.quoting import as_message
 from impact_damper_ros.parameters.units import quantity
-from impact_damper_ros.rig.event_budget import MOST_EVENTS, PER_PERIOD, REMEDY, RunawayError
+from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
 
 from .completion import complete
 
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 EXIT_FAILED, EXIT_INPUT = 1, 2
 
 
-#: What a command that takes ``--most-events`` advises where a rig has more.
-BUDGET_REMEDY = f'{REMEDY}, or allow more with --most-events'
+#: What a command that takes ``--most-events`` also advises where a rig has more.
+ALLOW_MORE = ', or allow more with --most-events'
 
 
 class CommandError(Exception):
@@ -210,14 +210,14 @@ def add_quiet_option(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def add_most_events_option(parser: argparse.ArgumentParser, whose: str = '') -> None:
-    """Let a command take ``--most-events``, see `EventBudget`."""
+    """Let a command take ``--most-events``, see `Rig.advance`."""
     parser.add_argument(
         '--most-events',
         type=up_to(10**12),
-        default=MOST_EVENTS,
+        default=MOST_IN_PERIOD,
         metavar='N',
-        help=f'end the run after N events{whose} if there are more than {PER_PERIOD} per period '
-        f'of the rig [{MOST_EVENTS}]',
+        help=f'end the run where there are more than N events{whose} in one period of the fastest '
+        f'of spring and force [{MOST_IN_PERIOD}]',
     )
 
 

@@ -21,10 +21,10 @@ from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, ope
 from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.report.replay_report import findings_json, findings_text
 from impact_damper_ros.report.what_if_report import WhatIfReport
-from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
+from impact_damper_ros.rig.runaway import RunawayError
 
 from .command_line import (
-    BUDGET_REMEDY,
+    ALLOW_MORE,
     EXIT_FAILED,
     CommandError,
     add_bag_argument,
@@ -109,7 +109,7 @@ def _run(arguments: argparse.Namespace, replay: Replay, report: WhatIfReport | N
             if report is not None:
                 try:
                     samples, events = report.look(part)
-                except EndlessEventsError as error:
+                except RunawayError as error:
                     (samples, events), ended = report.other.reached, error
             if states is not None:
                 for sample in samples.tolist():
@@ -117,7 +117,7 @@ def _run(arguments: argparse.Namespace, replay: Replay, report: WhatIfReport | N
             if impacts is not None:
                 impacts.write(impact_rows(events_of_table(events)))
             if ended is not None:
-                raise CommandError(f'what if: {ended}', EXIT_FAILED) from ended
+                raise CommandError(f'what if: {ended}{ALLOW_MORE}', EXIT_FAILED) from ended
             time = replay.rig.time - replay.start.time
             bar.update(max(0.0, min(span, time) - bar.n))
 
@@ -159,7 +159,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             what_if = WhatIfReport(
                 *(replay, held, held_initial),
                 drawn=arguments.figure is not None,
-                budget=EventBudget(arguments.most_events, BUDGET_REMEDY),
+                most_in_period=arguments.most_events,
             )
             if not arguments.quiet:
                 rig = {n: value for n, value in held.items() if n in PARAMETER_SPECS}

@@ -37,14 +37,14 @@ from impact_damper_ros.report.csv_tables import (
 )
 from impact_damper_ros.report.formatting import mode_words, setting
 from impact_damper_ros.report.table import Table
-from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
 from impact_damper_ros.rig.observed_run import Observer, TimedChange, run
 from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, frequency_at
 
 from .command_line import (
-    BUDGET_REMEDY,
+    ALLOW_MORE,
     EXIT_FAILED,
     CommandError,
     add_most_events_option,
@@ -371,7 +371,6 @@ def _simulate(
     duration = arguments.duration
     rig = Rig(given.parameters, given.initial, control=given.control, law=law)
     summary = _Summary(rig, duration)
-    budget = EventBudget(arguments.most_events, BUDGET_REMEDY)
 
     def report(*, whole: bool) -> None:
         if not arguments.quiet:
@@ -383,10 +382,11 @@ def _simulate(
             bar = stack.enter_context(
                 progress_bar('simulated', duration, 's', quiet=arguments.quiet)
             )
-            run(rig, duration, [summary, *outputs, _Progress(rig, bar)], changes, budget)
-    except EndlessEventsError as error:
+            observers = [summary, *outputs, _Progress(rig, bar)]
+            run(rig, duration, observers, changes, arguments.most_events)
+    except RunawayError as error:
         report(whole=False)
-        raise CommandError(f'{error}; {_kept(arguments)}', EXIT_FAILED) from error
+        raise CommandError(f'{error}{ALLOW_MORE}; {_kept(arguments)}', EXIT_FAILED) from error
     report(whole=True)
 
 

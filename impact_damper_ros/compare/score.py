@@ -24,8 +24,8 @@ from impact_damper_ros.replay import RecordedRun, Replay, WhatIf
 from impact_damper_ros.replay.command import Command
 from impact_damper_ros.replay.replay import Step
 from impact_damper_ros.replay.rows import NO_SAMPLES
-from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.rig import Outcome, Rig
+from impact_damper_ros.rig.runaway import RunawayError
 
 from .result import Array, Overall, as_plain
 from .stretches import RecordedStretch, Stretches, builder_at
@@ -139,14 +139,14 @@ class _History:
         self.compiled: bool | None = False
 
     def run(self, held: Mapping[str, Any]) -> list[RecordedStretch]:
-        """Return the stretches of a run with some parameters held, or raise EndlessEventsError."""
+        """Return the stretches of a run with some parameters held, or raise RunawayError."""
         other = WhatIf(self._command, {'gap_control': 'off', **held})
         other.rig = Rig.restore(other.rig.snapshot(), self._command.law, compiled=self.compiled)
         builder, found = builder_at(other.rig.snapshot(), self._start), []
         for time, step in [*self._steps, (self._end, None)]:
             result = other.rig.run(max(time, other.rig.time))
             if result.outcome is not Outcome.COMPLETE:
-                raise EndlessEventsError(result.reason)
+                raise RunawayError(result.reason)
             builder.take(NO_SAMPLES, result.events)
             found.append(builder.finish(time, other.rig.snapshot()))
             if step is not None:
@@ -175,7 +175,7 @@ def _best_gap(history: _History, alone: Overall, rig: Any, own: set[float]) -> f
     def rms(log_gap: float) -> float:
         try:
             return _joined(history.run({'gap': math.exp(log_gap)})).x_rms
-        except EndlessEventsError:
+        except RunawayError:
             return math.inf
 
     ideal = math.log(share * alone.x_max)

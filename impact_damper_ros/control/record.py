@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 #: Joints of the topic `gap_control`.
 CONTROL_JOINTS = ('stop_1', 'stop_2', 'primary')
@@ -82,12 +81,10 @@ class ControlRecord(NamedTuple):
     force: float = 0.0
 
     @classmethod
-    def of(cls, rows: Sequence[ActRow]) -> list[Self]:
-        """Return the rows that the loop has written as records."""
-        return [
-            cls(row.time, Action(row.action), *(getattr(row, n) for n in cls._fields[2:-1]))
-            for row in rows
-        ]
+    def of(cls, row: tuple[Any, ...]) -> Self:
+        """Return a row that the loop has written, with the fields of `ActRow`, as a record."""
+        time, *numbers, action = row
+        return cls(time, Action(action), *numbers)
 
     @property
     def act(self) -> str:

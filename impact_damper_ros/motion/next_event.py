@@ -24,7 +24,7 @@ DONE = 0
 FULL = 1
 #: The rig has had its most events.
 SPENT = 2
-#: The rig has events without end at one instant.
+#: The rig has more events in a period of the fastest of spring and force than it may have.
 RUNAWAY = 3
 #: The steps of a search were made after which to pause.
 PAUSED = 4
@@ -35,8 +35,7 @@ LAW_FAILED = 6
 #: An event was resolved.
 GOING = 7
 
-#: More events than any chatter has, at one instant to round-off.
-MOST_AT_ONCE = 10_000
+_CYCLE = 6.283185307179586
 #: More steps than any search takes.
 ALL_STEPS = 2**62
 #: What a float lacks, at most, to the instant that it stands for, relative to that.
@@ -87,7 +86,7 @@ def next_event(
     """Go to the event that is due, resolve and report it; return `GOING`, or why not."""
     if run.happened >= run.most:
         return SPENT
-    if run.at_once > MOST_AT_ONCE:
+    if run.in_period >= run.most_in_period:
         return RUNAWAY
     if 0 < run.room < run.written + ROWS_AT_ONCE:
         return FULL
@@ -95,10 +94,10 @@ def next_event(
     resolve(rig, lines, run, waves, log)
     run.happened += 1
     run.now = max(run.now, run.time)
-    if run.time > run.instant + 0.5e-9 * rig.joint.horizon:
-        run.instant = run.time
-        run.at_once = 0
-    run.at_once += 1
+    if (run.time - run.counted_from) * rig.free.fastest > _CYCLE:
+        run.counted_from = run.time
+        run.in_period = 0
+    run.in_period += 1
     return GOING
 
 

@@ -269,10 +269,11 @@ class Run:
         Whether to report passages of X through zero.
     counted : float
         Time since the origin that is in the account of the modes, s.
-    instant, at_once : float, int
-        When the last events happened, s, and how many, to round-off.
     happened, most : int
         Transitions since the advance began, and the most of them.
+    counted_from, in_period, most_in_period : float, int, int
+        Since when events of a period of the fastest of spring and force are counted, s; how many
+        there were, and the most of them.
     room, written : int
         Rows of the table of events, 0 for none, and how many of them are written.
     steps : int
@@ -326,10 +327,11 @@ class Run:
     crossing: float = inf
     watch: bool = False
     counted: float = 0.0
-    instant: float = -inf
-    at_once: int = 0
     happened: int = 0
     most: int = 0
+    counted_from: float = -inf
+    in_period: int = 0
+    most_in_period: int = 0
     room: int = 0
     written: int = 0
     steps: int = 0

@@ -32,8 +32,8 @@ from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.motion.event import Event
 from impact_damper_ros.parameters.rig_parameters import GapControlParameters
-from impact_damper_ros.rig.event_budget import RunawayError
 from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .commands import CommandInbox
@@ -550,7 +550,7 @@ class Engine:
 
     def _send(self, events: Sequence[Event], records: Sequence[ControlRecord]) -> None:
         """Send what a change of the rig has caused."""
-        for message in self._motion.changed(events, records, self._stamps.offset_ns):
+        for message in self._motion.passed(events, records, self._stamps.offset_ns):
             self._out.emit(*message)
 
     def _attend(self) -> None:

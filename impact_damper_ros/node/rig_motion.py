@@ -15,8 +15,8 @@ from time import monotonic_ns, thread_time_ns
 from impact_damper_ros.bag.rig_topics import RigMessages
 from impact_damper_ros.control.record import Action, ControlRecord
 from impact_damper_ros.motion.event import Event, EventKind
-from impact_damper_ros.rig.event_budget import EventBudget, RunawayError
 from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.runaway import RunawayError
 
 from .motion_trace import MotionTrace
 from .publishing import OutgoingMessage, RigPublishers
@@ -27,9 +27,8 @@ RIG_FAILURES = (RunawayError, ArithmeticError, ValueError)
 #: passed after that: a stalled machine is no reason to interrupt the rig.
 SLICE_NS = 20_000_000
 GRACE_NS = 15_000_000
-#: Most events on the way to the next whole nanosecond, and to the next tick.
-MOST_WITHIN_NS = 1000
-MOST_TO_TICK = 5000
+#: Most events in one period of the fastest of spring and force.
+MOST_IN_PERIOD = 5000
 
 
 def _slice() -> Callable[[], bool]:
@@ -58,8 +57,6 @@ class RigMotion:
         self._rig = rig
         self._publishers = publishers
         self._encoder = RigMessages()
-        # Of the events on the way to the next tick
-        self._budget = EventBudget(MOST_TO_TICK)
 
     def move_to(
         self, time_ns: int, target_ns: int, offset_ns: int
@@ -75,15 +72,15 @@ class RigMotion:
         except RIG_FAILURES:
             self._rig.go_back(mark)
             raise
-        return reached_ns, self._passed(events, records, offset_ns)
+        return reached_ns, self.passed(events, records, offset_ns)
 
     def _move(
         self, time_ns: int, target_ns: int
     ) -> tuple[int, list[Event], Sequence[ControlRecord]]:
         rig = self._rig
-        events, records = rig.advance(target_ns / 1e9, interrupted=_slice()), rig.records
+        events = rig.advance(target_ns / 1e9, MOST_IN_PERIOD, _slice())
+        records = rig.records
         if rig.time >= target_ns / 1e9:
-            self._budget.restart(rig)
             return target_ns, events, records
         # Beyond the present instant, even if the events so far round to it: a change after some
         # of them could not be replayed.
@@ -91,23 +88,10 @@ class RigMotion:
         reached_ns = min(target_ns, ceil(later * 1e9))
         while reached_ns / 1e9 < later:
             reached_ns += 1
-        events += rig.advance(reached_ns / 1e9, MOST_WITHIN_NS)
-        if rig.time < reached_ns / 1e9:
-            raise RunawayError(MOST_WITHIN_NS, rig.time)
-        if reached_ns < target_ns:
-            self._budget.take(rig, len(events))
-        else:
-            self._budget.restart(rig)
+        events += rig.advance(reached_ns / 1e9, MOST_IN_PERIOD)
         return reached_ns, events, [*records, *rig.records]
 
-    def changed(
-        self, events: Sequence[Event], records: Sequence[ControlRecord], offset_ns: int
-    ) -> list[OutgoingMessage]:
-        """Return the messages of what a change of the rig has caused."""
-        self._budget.restart(self._rig)
-        return self._passed(events, records, offset_ns)
-
-    def _passed(
+    def passed(
         self, events: Sequence[Event], records: Sequence[ControlRecord], offset_ns: int
     ) -> list[OutgoingMessage]:
         """Take note of events and acts; return the messages of impacts, then those of acts."""

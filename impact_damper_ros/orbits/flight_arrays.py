@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind
 from impact_damper_ros.motion.state import STICK
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.rig import Events, Outcome, Rig
+from impact_damper_ros.rig.runaway import RunawayError
 
 from .flights import Machine, machine_of
 from .multipliers import AWAY, FlightLaws
@@ -503,13 +503,13 @@ def run_flights(rig: Rig, end: float) -> Flights:
 
     Raises
     ------
-    EndlessEventsError
+    RunawayError
         If the rig has too many events; it stands where it gave up.
     """
     first, state = row_of_rig(rig), rig.state()
     drive = Drive(state.run.time, tuple(state.angles), rig.parameters.harmonics[1])
     run = rig.run(end)
     if run.outcome is not Outcome.COMPLETE:
-        raise EndlessEventsError(run.reason)
+        raise RunawayError(run.reason)
     rows = np.concatenate([first, run.events, row_of_rig(rig)])
     return Flights.between(rig.parameters, rows, drive, active=state.run.force)

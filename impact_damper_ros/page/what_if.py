@@ -19,7 +19,7 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.parameters.rig_parameters import INITIAL_SPECS
 from impact_damper_ros.replay import RecordedRun, Replay, Setting
 from impact_damper_ros.report.what_if_report import WhatIfReport
-from impact_damper_ros.rig.event_budget import RunawayError
+from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.theory.child_process import ChildProcess, decoded, send
 
 from .motion import MOST_IMPACTS, MOST_SAMPLES, Era, Motion

@@ -288,6 +288,13 @@ class RigParameters(ParameterTable):
         return math.sqrt(self.stiffness / self.primary_mass)
 
     @property
+    def fastest(self) -> float:
+        """Circular frequency of the fastest of spring and acting harmonics, rad/s."""
+        amplitudes, frequencies, _ = self.harmonics
+        acting = [w for f, w in zip(amplitudes, frequencies, strict=True) if f != 0.0]
+        return max([self.omega, *acting])
+
+    @property
     def zeta(self) -> float:
         """Damping ratio C/(2 sqrt(K M)) of M alone."""
         return self.damping / (2.0 * math.sqrt(self.stiffness * self.primary_mass))

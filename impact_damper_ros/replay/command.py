@@ -9,8 +9,7 @@ otherwise show much later, as an error of arithmetic.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from math import inf, nextafter
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -19,6 +18,7 @@ from impact_damper_ros.bag import RecordedMessage, RecordingError, String
 from impact_damper_ros.bag.messages import STRING, decode
 from impact_damper_ros.bag.snapshots import FORMAT, RATES, motion_of
 from impact_damper_ros.control.own_law import LawError, OwnLaw
+from impact_damper_ros.motion.event import Event
 from impact_damper_ros.parameters.parameter_spec import number_between
 from impact_damper_ros.parameters.quoting import as_line, shown
 from impact_damper_ros.parameters.rig_parameters import (
@@ -29,8 +29,8 @@ from impact_damper_ros.parameters.rig_parameters import (
     InitialConditions,
     RigParameters,
 )
-from impact_damper_ros.rig.event_budget import RunawayError
 from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import (
     FORMAT as STATE_FORMAT,
     LATEST,
@@ -270,11 +270,13 @@ def restored(command: Command, path: Path) -> Rig:
     looks, now = iter(range(_MOST_LOOKS)), command.state['time']
     # Not to an instant that is reached already: such an advance cannot be interrupted
     then, fault = min(nextafter(now, inf), LATEST), ''
-    with suppress(RunawayError):
-        rig = Rig.restore(motion_of(command.state), command.law)
-        events = rig.advance(then, 2, lambda: next(looks, None) is None)
-        if events and events[0].time < now - SAME_TIME:
-            fault = f'ends at {events[0].time!r} s, before time, {now!r} s'
+    rig = Rig.restore(motion_of(command.state), command.law)
+    try:
+        events: Sequence[Event] = rig.advance(then, 2, lambda: next(looks, None) is None)
+    except RunawayError as error:
+        events = error.events
+    if events and events[0].time < now - SAME_TIME:
+        fault = f'ends at {events[0].time!r} s, before time, {now!r} s'
     if next(looks, None) is None:
         fault = 'takes too long'
     if fault:

@@ -28,9 +28,9 @@ from impact_damper_ros.motion.compiled import has_numba
 from impact_damper_ros.motion.event import Event, table_of_events
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import InitialConditions
-from impact_damper_ros.rig.event_budget import MOST_EVENTS, EventBudget, RunawayError
 from impact_damper_ros.rig.order import Order
 from impact_damper_ros.rig.rig import Outcome, Rig
+from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 from .command import Command, Deed, Setting, restored
@@ -179,8 +179,6 @@ class Replay:
         held = recorded.reader.topics
         samples = held[topics.joint_states, JOINT_STATE].message_count
         self._compiled = samples >= _COMPILED_FROM and has_numba()
-        # A rig that does not move as recorded may have impacts without end.
-        self._budget = EventBudget(2 * (MOST_EVENTS + recorded.reader.message_count))
         self._matchers = [
             Matcher(key, getattr(topics, key), findings, recorded.disorder, stamped=stamped)
             for key in ('impacts', 'gap_control')
@@ -303,7 +301,7 @@ class Replay:
             return at_once, table_of_events(first), acts_first
         if not rig.acts:
             rig.compiled = self._compiled
-            most = max(MOST_EVENTS, 10 * len(instants))
+            most = max(MOST_IN_PERIOD, 10 * len(instants))
             result = rig.run(float(instants[-1]), instants, most_events=most)
             if result.outcome is Outcome.COMPLETE:
                 return np.concatenate([at_once, result.samples]), result.events, []
@@ -320,12 +318,15 @@ class Replay:
             records,
         )
 
-    def moved(self, rig: Rig, time: float, most_events: int) -> Events:
-        """Let a rig run on to an instant, or to so many events."""
+    def moved(self, rig: Rig, time: float) -> Events:
+        """Let a rig run on to an instant, or to the next event."""
         try:
-            return table_of_events(rig.advance(time, most_events))
+            result = rig.run(time, most_events=1)
         except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
             raise self._cannot_go_on(rig, str(error)) from error
+        if result.outcome is Outcome.RUNAWAY:
+            raise self._cannot_go_on(rig, result.reason)
+        return result.events
 
     def _moved(
         self, rig: Rig, time: float, orders: deque[tuple[float, Order]]
@@ -348,9 +349,8 @@ class Replay:
                 )
         try:
             if time > rig.time:
-                for portion in self._budget.portions(rig, time):
-                    events += portion
-                    records += rig.records
+                events += rig.advance(time, MOST_IN_PERIOD)
+                records += rig.records
         except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
             raise self._cannot_go_on(rig, str(error)) from error
         return events, records

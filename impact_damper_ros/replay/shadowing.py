@@ -177,7 +177,7 @@ class Shadowing:
         """Run on to the next impact, or for some time beyond it."""
         found = []
         while rig.time < until:
-            found.append(self._replay.moved(rig, until, 1))
+            found.append(self._replay.moved(rig, until))
             if (found[-1]['kind'] == EventKind.IMPACT).any():
                 break
         return np.concatenate(found) if found else NO_EVENTS

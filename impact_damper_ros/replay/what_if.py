@@ -22,9 +22,9 @@ from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.motion.event import Sample, table_of_events
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import InitialConditions
-from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.order import Order
 from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.runaway import MOST_IN_PERIOD
 
 from .command import Command, Setting
 from .replay import Part, Step
@@ -53,8 +53,8 @@ class WhatIf:
         Parameters of the rig and of its gap control, and their values.
     held_initial : mapping, optional
         Initial conditions and their values.
-    budget : EventBudget, optional
-        The most events that the rig may have.
+    most_in_period : float, optional
+        Most events of the rig within a period, see `Rig.advance`.
 
     Attributes
     ----------
@@ -80,9 +80,9 @@ class WhatIf:
         start: Command,
         held: Mapping[str, Any],
         held_initial: Mapping[str, Any] | None = None,
-        budget: EventBudget | None = None,
+        most_in_period: float = MOST_IN_PERIOD,
     ) -> None:
-        self._budget = budget or EventBudget()
+        self._most_in_period = most_in_period
         self._held = dict(held)
         self.reached: tuple[Samples, Events] = NO_SAMPLES, NO_EVENTS
         self._held_initial = dict(held_initial or {})
@@ -106,7 +106,7 @@ class WhatIf:
         """Return a rig in a state, held as another what-if is, or not at all."""
         other = cls.__new__(cls)
         other.rig, other._early, other.from_initial = Rig.restore(dict(state), law), [], False
-        other._logged, other._budget = Setting.of(state), EventBudget()
+        other._logged, other._most_in_period = Setting.of(state), MOST_IN_PERIOD
         other._held = {} if like is None else like._held
         other._held_initial = {} if like is None else like._held_initial
         return other
@@ -126,7 +126,7 @@ class WhatIf:
         ------
         ParameterError
             If a change or reset of the recorded rig is not admissible here.
-        EndlessEventsError
+        RunawayError
             If the rig has more events than it may.
         """
         events, self._early = self._early, []
@@ -158,7 +158,7 @@ class WhatIf:
         """Go on to an instant, s, in one call as the node does."""
         if time <= self.rig.time:
             return []
-        events = self._budget.advance(self.rig, time)
+        events = self.rig.advance(time, self._most_in_period)
         return [table_of_events(events)] if events else []
 
     def carry_out(self, step: Step) -> Events:

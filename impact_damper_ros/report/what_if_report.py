@@ -20,8 +20,8 @@ from impact_damper_ros.replay import Part, Replay, Setting
 from impact_damper_ros.replay.replay import Step
 from impact_damper_ros.replay.rows import Events, Samples
 from impact_damper_ros.replay.what_if import Ending, RecordedValues, WhatIf
-from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.runaway import MOST_IN_PERIOD
 
 from .formatting import setting, unit_for
 from .run_figures import Motion, Side, draw_what_if
@@ -109,8 +109,8 @@ class WhatIfReport:
         Parameters and initial conditions that are held, and their values.
     drawn : bool
         Whether to keep what the figure needs.
-    budget : EventBudget, optional
-        The most events that the rig of the what-if may have.
+    most_in_period : float, optional
+        Most events of the rig of the what-if within a period, see `Rig.advance`.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ class WhatIfReport:
         held_initial: Mapping[str, Any],
         *,
         drawn: bool,
-        budget: EventBudget | None = None,
+        most_in_period: float = MOST_IN_PERIOD,
     ) -> None:
         start = replay.start
         self._replay = replay
@@ -146,7 +146,7 @@ class WhatIfReport:
             **{n: RecordedValues(getattr(start.initial, n, None)) for n in held_initial},
         }
         self._now = {**held, **held_initial}
-        self.other = WhatIf(start, held, held_initial, budget)
+        self.other = WhatIf(start, held, held_initial, most_in_period)
         self.recorded = RunTotals(start.state)
         self.what_if = RunTotals(self.other.rig.snapshot())
         cycle = max(_longest_cycle(logged.rig), _longest_cycle(self.other.rig.parameters))

@@ -24,7 +24,11 @@ from impact_damper_ros.control.state import (
 )
 from impact_damper_ros.motion.compiled import dtype_of, packed, rows_of
 from impact_damper_ros.motion.event import SAMPLE_TYPE, EventRow, Sample
-from impact_damper_ros.motion.next_event import ALL_STEPS, COMMANDS_FULL, LAW_FAILED
+from impact_damper_ros.motion.next_event import (
+    ALL_STEPS,
+    COMMANDS_FULL,
+    LAW_FAILED,
+)
 from impact_damper_ros.motion.oscillator import oscillators
 from impact_damper_ros.motion.state import (
     Mode,
@@ -46,6 +50,7 @@ from impact_damper_ros.parameters.rig_parameters import (
 
 from .loop import run_compiled
 from .rig import later_time, most_of, own_law_of, times_between
+from .runaway import MOST_IN_PERIOD
 
 #: Rigs between two moments at which a run can be interrupted.
 _BLOCK = 64
@@ -290,6 +295,7 @@ def run_ensemble(
         runs[name] = column
     waves = np.full((count, lines.shape[1] // 2), packed(Wave()))
     runs['room'], runs['steps'], runs['most'] = _LOG_ROWS if controlled else 0, ALL_STEPS, most
+    runs['most_in_period'] = MOST_IN_PERIOD
     controls = None
     if controlled:
         one = control_of(settings, parameters, own).for_harmonics(waves.shape[1])

@@ -446,8 +446,8 @@ def run_each_under_control(waves: Sequence[Waves], controls: Any, acts: Any, res
     return len(waves)
 
 
-#: Compiled runs do not report the acts of the control.
-_NO_ACTS: Any = np.empty(0, dtype_of(ActRow))
+#: A table of acts that has no room.
+NO_ACTS: Any = np.empty(0, dtype_of(ActRow))
 
 
 def run_compiled(
@@ -463,6 +463,7 @@ def run_compiled(
     outcomes: Any,
     sampled: Any,
     samples: Any,
+    acts: Any = NO_ACTS,
     *,
     anew: bool = False,
 ) -> None:
@@ -471,7 +472,7 @@ def run_compiled(
     entry: Callable[..., int] = run_each
     arguments: tuple[Any, ...] = waves, rest
     if controls is not None:
-        entry, arguments = run_each_under_control, (waves, controls, _NO_ACTS, rest)
+        entry, arguments = run_each_under_control, (waves, controls, acts, rest)
     elif waves.shape[1] == 1:
         entry, arguments = run_each_with_one_harmonic, (waves[:, 0], rest)
     try:

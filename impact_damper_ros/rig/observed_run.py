@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.motion.event import Event
 from impact_damper_ros.parameters.rig_parameters import GapControlParameters, RigParameters
-from impact_damper_ros.rig.event_budget import EventBudget
 
 from .rig import Rig
+from .runaway import MOST_IN_PERIOD, RunawayError
 
 
 class TimedChange(NamedTuple):
@@ -66,7 +66,7 @@ def run(
     until: float,
     observers: Sequence[Observer] = (),
     changes: Sequence[TimedChange] = (),
-    budget: EventBudget | None = None,
+    most_in_period: float = MOST_IN_PERIOD,
 ) -> None:
     """
     Run a rig to an instant, and call observers on the way.
@@ -84,12 +84,12 @@ def run(
     changes : sequence of TimedChange, optional
         Changes of the parameters, in the order of their instants, not later than `until`. Those of
         one instant are made one after the other.
-    budget : EventBudget, optional
-        The most events that the rig may have.
+    most_in_period : float, optional
+        Most events of the rig within a period, see `Rig.advance`.
 
     Raises
     ------
-    EndlessEventsError
+    RunawayError
         If the rig has more events than that; the observers have seen all of them.
 
     Examples
@@ -104,16 +104,20 @@ def run(
     >>> count.total
     3
     """
-    budget = budget or EventBudget()
     waiting = deque(changes)
     stops = heapq.merge(
         *(observer.ticks() for observer in observers), [c.time_ns / 1e9 for c in changes]
     )
     before_end = takewhile(lambda instant: instant < until, stops)
     for instant, _ in groupby(chain([rig.time], before_end, [until])):
-        for events in budget.portions(rig, instant):
+        try:
+            events = rig.advance(instant, most_in_period)
+        except RunawayError as error:
             for observer in observers:
-                observer.happened(events)
+                observer.happened(error.events)
+            raise
+        for observer in observers:
+            observer.happened(events)
         while waiting and waiting[0].time_ns / 1e9 == instant:
             change = waiting.popleft()
             caused = rig.change(change.parameters, change.control)

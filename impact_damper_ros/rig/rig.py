@@ -41,6 +41,7 @@ from impact_damper_ros.motion.event import (
     Sample,
     View,
     events_of,
+    events_of_table,
     sample_at,
     table_of_events,
     view_at,
@@ -53,7 +54,6 @@ from impact_damper_ros.motion.next_event import (
     DONE,
     FULL,
     LAW_FAILED,
-    MOST_AT_ONCE,
     PAUSED,
     RUNAWAY,
     SPENT,
@@ -81,15 +81,16 @@ from impact_damper_ros.parameters.rig_parameters import (
     InitialConditions,
     RigParameters,
 )
-from impact_damper_ros.rig.event_budget import RunawayError
+from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, REMEDY, RunawayError
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot
 from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, SteppedSine, frequency_at
 
-from .loop import run_compiled, run_through, write_act
+from .loop import NO_ACTS, run_compiled, run_through, write_act
 from .order import Order
 
-#: Steps of a search between two calls of `interrupted`; few flights take more.
-_STEPS_AT_A_STRETCH = 4
+#: Steps of a search between two calls of `interrupted`; few flights take more. Compiled code takes
+#: longer to begin than for thousands.
+_STRETCH, _COMPILED_STRETCH = 4, 20_000
 #: Rows that plain kernels write between two looks at their tables.
 _PLAIN_ROWS = 64
 #: Initial rows of the table of a run; rows of 4 MB, and most rows allotted beyond twice the size.
@@ -105,6 +106,8 @@ Events = npt.NDArray[np.void]
 _run_fields = attrgetter(*Run.__dataclass_fields__)
 _wave_fields = attrgetter(*Wave.__dataclass_fields__)
 _row_fields = attrgetter(*EventRow.__dataclass_fields__)
+_act_fields = attrgetter(*ActRow.__dataclass_fields__)
+_NO_INSTANTS: npt.NDArray[np.float64] = np.empty(0)
 
 
 def waves_after(before: RigParameters, waves: Sequence[Wave], after: RigParameters) -> list[Wave]:
@@ -137,7 +140,7 @@ class Outcome(IntEnum):
     COMPLETE = DONE
     #: The most events were reached; the rig may go on.
     TOO_MANY_EVENTS = SPENT
-    #: The rig has events without end at one instant, and cannot go on.
+    #: The rig has more events in one period of the fastest of spring and force than it may have.
     RUNAWAY = RUNAWAY
 
     def reason(self, happened: int, since: float, time: float, mode: str) -> str:
@@ -150,8 +153,8 @@ class Outcome(IntEnum):
                 f'{mode}: allow more events, or make the stops less elastic'
             )
         return (
-            f'events without end at {time!r} s, in mode {mode}: make the stops less elastic, '
-            'or report it with the snapshot if they are not'
+            f'the rig had {happened} events from {since:.9g} s to {time:.9g} s, the last in mode '
+            f'{mode}: {REMEDY}'
         )
 
 
@@ -197,12 +200,12 @@ class RunResult(NamedTuple):
         return found
 
 
-def most_of(most_events: float) -> int:
+def most_of(most_events: float, name: str = 'most_events') -> int:
     """Round a number of events up; raise a ValueError if it is negative or NaN."""
     number = as_float(most_events)
     if not number >= 0.0:
         raise ValueError(
-            f'most_events is {shown(most_events)}: give a number from 0 on, infinity for no limit'
+            f'{name} is {shown(most_events)}: give a number from 0 on, infinity for no limit'
         )
     return _MOST if number >= _MOST else ceil(number)
 
@@ -260,36 +263,14 @@ def own_law_of(law: Law | None) -> OwnLaw | None:
     return law if law is None or isinstance(law, OwnLaw) else OwnLaw(law)
 
 
-class _EventList:
-    """The events of an `advance`, and the acts of its control."""
-
-    def __init__(self, unreported: list[Event], acts: list[ActRow]) -> None:
-        self.events = list(unreported)
-        self.acts = acts
-        self.records: list[ControlRecord] = []
-
-    def add(self, event: Event) -> None:
-        """Add an event."""
-        self.events.append(event)
-
-    def take(self, rows: Sequence[EventRow], count: int, acted: int) -> None:
-        """Add `count` rows of a table of events, and `acted` rows of the table of acts."""
-        self.events += events_of(rows, count)
-        if acted:
-            records = ControlRecord.of(self.acts[:acted])
-            # The last record of the previous call may be repeated as the first one of this call.
-            self.records += records[self.records[-1:] == records[:1] :]
-
-
-class _EventTable:
-    """The events of a `run` from `since` to `end`, s; they are recorded if `keep` is true."""
-
-    acts: Sequence[ActRow] = ()
+class _Tables:
+    """The events, and the acts of the control, of a run from `since` to `end`, s, if `keep`."""
 
     def __init__(self, *, keep: bool, since: float, end: float) -> None:
-        self._keep, self._since, self._end = keep, since, end
-        self._rows: Any = np.empty(_ROWS if keep else 0, dtype_of(EventRow))
+        self.keep, self._since, self._end = keep, since, end
+        self._rows: Any = np.empty(0, dtype_of(EventRow))
         self._written = 0
+        self._acts: list[tuple[Any, ...]] = []
 
     @property
     def events(self) -> Events:
@@ -297,29 +278,38 @@ class _EventTable:
         events: Events = self._rows[: self._written].view(EVENT_TYPE)
         return events
 
-    def add(self, event: Event) -> None:
-        """Add an event."""
-        if self._keep:
-            self.room(event.time, 1)[:1] = table_of_events([event])
-            self.wrote(1)
+    @property
+    def records(self) -> list[ControlRecord]:
+        """The acts so far."""
+        return list(map(ControlRecord.of, self._acts))
 
-    def take(self, rows: Sequence[EventRow], count: int, _acted: int) -> None:
+    def add(self, *events: Event) -> None:
+        """Add events."""
+        if self.keep and events:
+            self.room(events[-1].time, len(events))[: len(events)] = table_of_events(events)
+            self._written += len(events)
+
+    def take(self, rows: Sequence[EventRow], count: int) -> None:
         """Add the first rows of another table."""
-        if self._keep and count:
+        if self.keep and count:
             self.room(rows[count - 1].time, count)[:count] = list(map(_row_fields, rows[:count]))
-            self.wrote(count)
+            self._written += count
 
     def wrote(self, count: int) -> None:
         """Count rows that have been written into the room."""
-        self._written += count if self._keep else 0
+        self._written += count if self.keep else 0
+
+    def take_acts(self, acts: list[tuple[Any, ...]]) -> None:
+        """Add acts; the last one of the previous table may be repeated as the first one."""
+        self._acts += acts[self._acts[-1:] == acts[:1] :]
 
     def room(self, now: float, least: int = ROWS_AT_ONCE) -> Any:
         """Return the free rows, some at least."""
-        if self._keep and self._written + least > len(self._rows):
+        if self.keep and self._written + least > len(self._rows):
             done = now - self._since
             wanted = 1.1 * self._written * (self._end - self._since) / done if done > 0.0 else inf
-            double = max(2 * len(self._rows), self._written + least)
-            size = int(min(max(wanted, double), double + _MOST_AHEAD))
+            double = max(2 * len(self._rows), self._written + least, _ROWS)
+            size = int(min(max(wanted if self._written else 0.0, double), double + _MOST_AHEAD))
             # numpy asks for large pages from 4 MB on; small ones cost as much as the run.
             if size > _LARGE // 8:
                 size = max(size, _LARGE)
@@ -408,7 +398,7 @@ class Rig:
         self._sweep = SteppedSine.begun(parameters, time)
         self._tune()
         fields = starting_fields(initial, self._rig.half_gap, parameters.one_sided)
-        self._run = Run(time=time, now=time, **fields)
+        self._run = Run(time=time, now=time, counted_from=time, **fields)
         self._waves = [Wave() for _ in range(self._rig.harmonics)]
         self._records: list[ControlRecord] = []
         # An impact at the very start, of m that moves into the stop it is on
@@ -506,7 +496,7 @@ class Rig:
 
     @property
     def records(self) -> list[ControlRecord]:
-        """What the control did in the last call of `advance`, `change` or `reset`."""
+        """What the control did in the last call of `advance`, `run`, `change` or `order`."""
         return self._records
 
     @property
@@ -533,7 +523,7 @@ class Rig:
     def advance(
         self,
         time: float,
-        most_events: float = inf,
+        most_in_period: float = MOST_IN_PERIOD,
         interrupted: Callable[[], bool] | None = None,
     ) -> list[Event]:
         """
@@ -543,9 +533,10 @@ class Rig:
         ----------
         time : float
             Time to reach, s, from the present one on.
-        most_events : float, optional
-            After so many transitions (rounded up; an impact that ends in rest is one) the rig
-            stops, at an event, if more are due before that time; it may go on from there.
+        most_in_period : float, optional
+            Most events within one period of the fastest of spring and force (rounded up), counted
+            anew after each change of the rig. Impacts of elastic stops to which m is pressed have
+            no end; the rig then stops at the last one that it may have.
         interrupted : callable, optional
             Called now and then; once it returns true, the rig stops.
 
@@ -561,39 +552,70 @@ class Rig:
             If the time is before the present one or after 1e13 s, or the number of events is
             negative or NaN.
         RunawayError
-            If the rig has events without end at one instant; `go_back` undoes the advance.
+            If the rig has more events than it may have; those that it had are in the error.
         LawError
             If a law of the user's own fails; the rig is then where it was.
         """
-        time, most = later_time(time, self.time), most_of(most_events)
-        before = self.mark() if self._law is not None else None
-        found = _EventList(self._unreported, self._scratch[1])
-        try:
-            status, *_ = self._go_on(time, most, found, interrupted)
-        except LawError:
-            assert before is not None
-            self.go_back(before)
-            raise
-        self._records = found.records
+        time = later_time(time, self.time)
+        most = most_of(most_in_period, 'most_in_period')
+        tables = _Tables(keep=True, since=self.time, end=time)
+        status, *_ = self._go_on(time, tables, most_in_period=most, interrupted=interrupted)
+        events = events_of_table(tables.events)
         if status == RUNAWAY:
-            raise RunawayError(MOST_AT_ONCE, self._run.instant)
-        return found.events
+            raise RunawayError(self._reason(Outcome.RUNAWAY), events)
+        return events
+
+    def _reason(self, outcome: Outcome, happened: int = 0, since: float = 0.0) -> str:
+        """Return why a run ended with an outcome."""
+        run, mode = self._run, self.mode.name.lower().replace('_', ' ')
+        if outcome is Outcome.RUNAWAY:
+            happened, since = run.in_period, run.counted_from
+        return outcome.reason(happened, since, self.time, mode)
 
     def _go_on(
         self,
         time: float,
-        most: int,
-        found: _EventList | _EventTable,
+        tables: _Tables,
+        *,
+        most: int = _MOST,
+        most_in_period: int = MOST_IN_PERIOD,
         interrupted: Callable[[], bool] | None = None,
-        when: Sequence[float] | npt.NDArray[np.float64] = (),
+        when: npt.NDArray[np.float64] = _NO_INSTANTS,
         samples: Any = (),
         in_mode: Any = None,
     ) -> tuple[int, int, int]:
-        """Run to a time; return why it stopped, and the numbers of events and of samples."""
-        self._unreported, self._records = [], []
-        in_mode = [0.0] * len(Mode) if in_mode is None else in_mode
-        compiled = self.compiled and isinstance(found, _EventTable)
-        go: Any = self._go_compiled if compiled else self._go_plain
+        """
+        Run to a time; return why it stopped, and the numbers of events and of samples.
+
+        After an error the rig is where it was.
+        """
+        before = self.mark()
+        tables.add(*self._unreported)
+        self._unreported, self._run.most_in_period = [], most_in_period
+        if in_mode is None:
+            in_mode = np.zeros(len(Mode)) if self.compiled else [0.0] * len(Mode)
+        given = when if self.compiled else when.tolist()
+        try:
+            ended = self._go_through(time, tables, most, interrupted, given, samples, in_mode)
+        except BaseException:
+            self.go_back(before)
+            raise
+        self._records = tables.records
+        return ended
+
+    def _go_through(
+        self,
+        time: float,
+        tables: _Tables,
+        most: int,
+        interrupted: Callable[[], bool] | None,
+        when: Sequence[float] | npt.NDArray[np.float64],
+        samples: Any,
+        in_mode: Any,
+    ) -> tuple[int, int, int]:
+        """Run to a time, as `_go_on` does, stretch by stretch."""
+        go: Any = self._go_compiled if self.compiled else self._go_plain
+        stretch = _COMPILED_STRETCH if self.compiled else _STRETCH
         happened = sampled = 0
         while True:
             due, end, until = self._step_due, time, when
@@ -602,8 +624,8 @@ class Rig:
                 end, until = due, when[: bisect_left(when, due)]
             run = self._run
             run.most, run.happened = most - happened, 0
-            run.steps = ALL_STEPS if interrupted is None else _STEPS_AT_A_STRETCH
-            status, sampled = go(end, until, sampled, samples, in_mode, found)
+            run.steps = ALL_STEPS if interrupted is None else stretch
+            status, sampled = go(end, until, sampled, samples, in_mode, tables)
             happened += run.happened
             if status == COMMANDS_FULL:
                 self._control = self._control.enlarged()
@@ -621,7 +643,7 @@ class Rig:
                 return status, happened, sampled
             if happened >= most:
                 return SPENT, happened, sampled
-            found.add(self._step_frequency())
+            tables.add(self._step_frequency())
             happened += 1
 
     def _go_plain(
@@ -631,12 +653,12 @@ class Rig:
         sampled: int,
         samples: Any,
         in_mode: Any,
-        found: _EventList | _EventTable,
+        tables: _Tables,
     ) -> tuple[int, int]:
         """Run up to an instant; return why it stopped, and the number of samples taken."""
-        run, (rows, _), controller = self._run, self._scratch, self._control.controller
+        run, (rows, acts), controller = self._run, self._scratch, self._control.controller
         run.room, run.written = len(rows), 0
-        controller.recorded, controller.room = 0, len(found.acts)
+        controller.recorded, controller.room = 0, len(acts) if tables.keep else 0
         status, sampled = run_through(
             self._rig,
             self._lines,
@@ -645,13 +667,14 @@ class Rig:
             rows,
             in_mode,
             self._control if self.acts else None,
-            found.acts,
+            acts,
             end,
             when,
             sampled,
             samples,
         )
-        found.take(rows, run.written, controller.recorded)
+        tables.take(rows, run.written)
+        tables.take_acts(list(map(_act_fields, acts[: controller.recorded])))
         return status, sampled
 
     def _step_frequency(self) -> Event:
@@ -693,11 +716,11 @@ class Rig:
         instants : array_like of float, optional
             Instants at which to sample, s: ascending, from the present time to the one to reach.
         record : bool, optional
-            Whether to return the events.
+            Whether to return the events, and to have the acts of the control in `records`.
         most_events : float, optional
-            Most events (rounded up), the steps of a stepped sine among them. With elastic stops
-            to which m is pressed they may have no end; the run then ends here, as the outcome
-            says.
+            Most events of the run (rounded up), the steps of a stepped sine among them. With
+            elastic stops to which m is pressed they may have no end; the run then ends here, or
+            where `advance` raises an error, as the outcome says.
 
         Returns
         -------
@@ -716,23 +739,17 @@ class Rig:
         when = times_between(since, time, instants)
         samples = np.empty((len(when), len(Sample._fields)))
         in_mode = np.zeros(len(Mode))
-        table = _EventTable(keep=record, since=since, end=time)
-        for event in self._unreported:
-            table.add(event)
-        before = self.mark()
-        try:
-            given = when if self.compiled else when.tolist()
-            ended = self._go_on(time, most, table, None, given, samples, in_mode)
-        except BaseException:
-            self.go_back(before)
-            raise
-        outcome, happened, sampled = Outcome(ended[0]), *ended[1:]
+        tables = _Tables(keep=record, since=since, end=time)
+        status, happened, sampled = self._go_on(
+            time, tables, most=most, when=when, samples=samples, in_mode=in_mode
+        )
+        outcome = Outcome(status)
         return RunResult(
             outcome,
-            outcome.reason(happened, since, self.time, self.mode.name.lower()),
+            self._reason(outcome, happened, since),
             self.time,
             samples[:sampled].view(SAMPLE_TYPE).reshape(-1),
-            table.events,
+            tables.events,
             happened,
             in_mode,
         )
@@ -744,7 +761,7 @@ class Rig:
         sampled: int,
         samples: Any,
         in_mode: Any,
-        found: _EventTable,
+        tables: _Tables,
     ) -> tuple[int, int]:
         """Run as `_go_plain` does, compiled; the rig changes at the end only."""
         run, control, controlled = self._run, self._control, self.acts
@@ -752,12 +769,14 @@ class Rig:
             harmonics = packed_rows(self._lines, Line)
             self._packed = packed_rows([self._rig], RigConstants), harmonics[np.newaxis]
         rigs, lines = self._packed
-        rows = found.room(run.now)
-        if controlled and not len(rows):
+        rows, acts = tables.room(run.now), NO_ACTS
+        if controlled and not tables.keep:
             # What the stops do is read from the events.
             rows = np.empty(_ROWS, dtype_of(EventRow))
+        elif controlled:
+            acts = np.empty(_ROWS, dtype_of(ActRow))
         run.room = len(rows)
-        control.controller.recorded = control.controller.room = 0
+        control.controller.recorded, control.controller.room = 0, len(acts)
         state, waves = packed_rows([run], Run), packed_rows(self._waves, Wave)
         acting = packed_control(control) if controlled else None
         outcomes, counts = np.zeros(1, np.int64), np.array([sampled])
@@ -773,13 +792,15 @@ class Rig:
             when,
             outcomes,
             counts,
-            samples[np.newaxis],
+            np.reshape(samples, (1, -1, len(Sample._fields))),
+            acts,
         )
         unpack(state[0], run)
         self._waves = [Wave(*row) for row in waves.tolist()]
         if acting is not None:
             self._control = control.unpacked(acting)
-        found.wrote(run.written)
+            tables.take_acts(acts[: control.controller.recorded].tolist())
+        tables.wrote(run.written)
         return int(outcomes[0]), int(counts[0])
 
     def change(
@@ -830,7 +851,7 @@ class Rig:
                 rows = [ActRow()]
                 here.controller.recorded, here.controller.room = 0, 1
                 write_act(here, rows, Action.COMMAND, self.time)
-                self._records = ControlRecord.of(rows)
+                self._records = [ControlRecord.of(_act_fields(rows[0]))]
             else:
                 forget_all(here)
         if control is not None and settings is not None:
@@ -847,6 +868,7 @@ class Rig:
         if side and shift == 0.0:
             set_side(self._rig, self._lines, run, self._waves, side)
         self._parameters = parameters
+        run.counted_from, run.in_period = run.now, 0
         if any(getattr(parameters, name) != getattr(before, name) for name in SWEEP_FIELDS):
             self._sweep = SteppedSine.begun(parameters, run.now)
         self._tune()
@@ -1041,14 +1063,14 @@ class Rig:
         if not len(times) or self.acts:
             return []
         run = self._run
-        run.steps = ALL_STEPS if interrupted is None else _STEPS_AT_A_STRETCH
+        run.steps = ALL_STEPS if interrupted is None else _STRETCH
         until = inf
         while not find_event(self._rig, self._lines, run, self._waves, max(times)):
             assert interrupted is not None
             if interrupted():
                 until = run.time + run.searched - TIME_MARGIN * abs(run.time)
                 break
-            run.steps = _STEPS_AT_A_STRETCH
+            run.steps = _STRETCH
         until = min(self._step_due, run.due, until)
         samples = []
         for time in times:
@@ -1130,6 +1152,7 @@ class Rig:
         begin_flight(rig._rig, rig._lines, rig._run, rig._waves)
         rig._run.searched, rig._run.crossing_side = kept.searched, kept.crossing_side
         rig._run.watched, rig._run.crossing = kept.watched, kept.crossing
+        rig._run.counted_from = kept.now
         rig._run.counted = (kept.now - kept.time) - kept.time_low
         rig._gap_control, rig._control = _restored(control, rig)
         return rig

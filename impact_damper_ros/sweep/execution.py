@@ -34,8 +34,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import impact_damper_ros
 from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.parameters.parameter_spec import ParameterError, whole_number
-from impact_damper_ros.rig.event_budget import RunawayError
 from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import Snapshot
 
 from .grid import Grid, RigSetup, Varied

@@ -33,8 +33,8 @@ from impact_damper_ros.parameters.parameter_spec import (
     whole_number,
 )
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
-from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.rig import Events, Outcome, Rig, RunResult
+from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import LATEST
 
 Array = NDArray[np.float64]
@@ -137,7 +137,7 @@ def _run(
     instants = start + counts * cycle
     result = rig.run(float(instants[-1]), instants, most_events=max(most, 1))
     if result.outcome is not Outcome.COMPLETE:
-        raise EndlessEventsError(result.reason)
+        raise RunawayError(result.reason)
     return result
 
 
@@ -252,7 +252,7 @@ def steady_state(rig: Rig, settling: Settling) -> Row:
     Run a rig until its motion repeats or the time is up, and return its row of the table.
 
     The rig is at the beginning of a cycle of its force. How it is recognised that the motion
-    repeats: `settle`. Raises `EndlessEventsError` if the rig has more events than `settling`
+    repeats: `settle`. Raises `RunawayError` if the rig has more events than `settling`
     allows.
     """
     check_cycle(rig.parameters, settling)
@@ -269,7 +269,7 @@ def steady_state(rig: Rig, settling: Settling) -> Row:
         between=_BETWEEN if left else settling.watch,
     )
     if found.reason:
-        raise EndlessEventsError(found.reason)
+        raise RunawayError(found.reason)
     row = _measured(rig, found, settling)
     row['settling_cycles'] += after
     row['events'] += events

@@ -225,3 +225,17 @@ def test_initial_conditions_within_the_gap():
 )
 def test_periodic_force(changes, periodic):
     assert RigParameters(**changes).periodic_force == periodic
+
+
+@pytest.mark.parametrize(
+    ('changes', 'rate'),
+    [
+        ({}, 1.0),
+        ({'stiffness': 16.0}, 4.0),
+        ({'force_frequencies': 9.0}, 9.0),
+        ({'force_frequencies': 9.0, 'force_amplitudes': 0.0}, 1.0),
+        ({'multisine_level': 1.0, 'multisine_high': 12.0}, 12.0),
+    ],
+)
+def test_the_fastest_of_spring_and_force(changes, rate):
+    assert RigParameters(**changes).fastest == pytest.approx(rate)

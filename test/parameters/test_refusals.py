@@ -117,11 +117,11 @@ REFUSED = [
     *((('cannot advance to', 'give a'), lambda one, t=t: one.advance(t)) for t in BAD_TIMES),
     *((('cannot advance to', 'give a'), lambda one, t=t: one.run(t)) for t in BAD_TIMES),
     *(
-        ((f'most_events is {most!r}: give a number from 0 on',), call)
+        ((f'{name} is {most!r}: give a number from 0 on',), call)
         for most in (nan, -1, -inf)
-        for call in (
-            lambda one, most=most: one.advance(9.0, most_events=most),
-            lambda one, most=most: one.run(9.0, most_events=most),
+        for name, call in (
+            ('most_in_period', lambda one, most=most: one.advance(9.0, most_in_period=most)),
+            ('most_events', lambda one, most=most: one.run(9.0, most_events=most)),
         )
     ),
     (('instants are', ': give'), lambda one: one.run(1.0, BEYOND_FLOATS)),

@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 from motion.random_rigs import KINDS, act, random_initial, rig_of, rows, through_json, without_mode
 
 from impact_damper_ros import EventKind, Mode, Outcome, Rig
+from impact_damper_ros.motion.event import events_of_table
 
 SEEN = {}
 
@@ -30,7 +31,10 @@ def advance_in_pieces(rig, end, events, rng):
         while True:
             interrupted = (lambda: rng.random() < 0.5) if rng.random() < 0.5 else None
             most = rng.choice([1, 2, math.inf])
-            new = rig.advance(cut, most, interrupted)
+            if most < math.inf:
+                new = events_of_table(rig.run(cut, most_events=most).events)
+            else:
+                new = rig.advance(cut, interrupted=interrupted)
             got += new
             acts += rig.records
             if rig.time == cut and len(new) < most:

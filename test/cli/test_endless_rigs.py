@@ -58,7 +58,7 @@ def test_simulate_rig_ends_with_whole_files(tmp_path, capsys, name, law):
     )
     rows = table(tmp_path / 'events.csv.part')
     assert MOST <= int(said[1]) == len(rows) < MOST + 10
-    assert float(said[2]) == pytest.approx(float(rows[-1]['time']), rel=1e-8)
+    assert float(said[2]) == pytest.approx(float(rows[-1]['time']), rel=1e-3)
     assert 'largest |X|' not in err
     assert f'{sum(row["kind"] == "impact" for row in rows)} impact' in err
     assert all(row['stop_1'] for row in table(tmp_path / 'states.csv.part'))
@@ -73,7 +73,7 @@ def test_simulate_rig_ends_with_whole_files(tmp_path, capsys, name, law):
 
 
 def test_a_change_of_parameters_ends_the_hammering(tmp_path, capsys):
-    """The budget is not for a run as a whole: what came before a change does not count."""
+    """What came before a change does not count."""
     bag = tmp_path / 'bag'
     code = simulate_rig(
         [
@@ -111,7 +111,7 @@ def test_a_what_if_ends_where_its_events_do(tmp_path, capsys):
 
 def test_a_recording_that_would_not_end_is_refused(tmp_path, capsys, monkeypatch):
     """Its snapshots are of another rig than the one that was recorded."""
-    monkeypatch.setattr('impact_damper_ros.replay.replay.MOST_EVENTS', MOST)
+    monkeypatch.setattr('impact_damper_ros.replay.replay.MOST_IN_PERIOD', MOST)
     messages = RecordedRig().start().run(400).messages
     for true, false in ((b'"air_force": 0.0', b'"air_force": 9e8'), (b'_1": 0.75', b'_1": 1.00')):
         assert any(true in content for _, content, _ in messages)

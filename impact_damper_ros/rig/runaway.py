@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Rigs whose events have no end.
+
+Elastic stops to which weight or compressed air presses m make impacts ever faster: 1e8 per second
+and more. Whoever advances a rig says how many it may have in a period.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from impact_damper_ros.motion.event import Event
+
+#: Most events within a period of the fastest of spring and force, unless others are given.
+MOST_IN_PERIOD = 50_000
+REMEDY = 'make the stops less elastic or the gap wider'
+
+
+class RunawayError(RuntimeError):
+    """
+    A rig has more events than it may have.
+
+    Attributes
+    ----------
+    events : sequence of Event
+        Those that it had in the call that ends so.
+    """
+
+    def __init__(self, reason: str, events: Sequence[Event] = ()) -> None:
+        super().__init__(reason)
+        self.events = events
