@@ -20,7 +20,7 @@ from impact_damper_ros.orbits.branch import Branch, SpecialKind
 from impact_damper_ros.orbits.continuation import follow, switch_branch
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind
-from impact_damper_ros.orbits.search import OrbitSearch, find_orbits
+from impact_damper_ros.orbits.search import SAME, OrbitSearch, find_orbits
 from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
 from impact_damper_ros.orbits.solution_curve import value_of
 from impact_damper_ros.outputs import write_text
@@ -132,7 +132,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--viable',
         action='store_true',
-        help='list only the motions that the rig can perform',
+        help='list only the motions that the rig can perform, and the one that it settles into '
+        'from its initial conditions',
     )
     parser.add_argument(
         '--follow',
@@ -245,6 +246,25 @@ def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[
     ]
 
 
+def _with_settled(
+    given: GivenRig, orbits: list[PeriodicOrbit], arguments: argparse.Namespace
+) -> list[str]:
+    """Add the motion that a rig settles into, unless it is known; report the end of the search."""
+    where = (
+        f'the search ends at {counted(arguments.impacts[-1], "impact")} and '
+        f'{counted(arguments.cycles[-1], "cycle")}: there may be other motions beyond'
+    )
+    try:
+        settled, orbit = _settled_orbit(given)
+    except CommandError as error:
+        return [f'from its initial conditions {error}', where]
+    text = _settled_text(settled)
+    if min(map(orbit.distance, orbits), default=math.inf) > SAME:
+        orbits.append(orbit)
+        text += ', added to the list'
+    return [f'from its initial conditions, {text}', where]
+
+
 def _span(counts: range) -> str:
     return str(counts[0]) if len(counts) == 1 else f'{counts[0]} to {counts[-1]}'
 
@@ -267,7 +287,7 @@ def _slow_words(rig: RigParameters) -> str:
 
 
 def _check_found(searches: Sequence[_Search], arguments: argparse.Namespace) -> None:
-    """Raise CommandError if no motion was found that the rig can perform."""
+    """Raise CommandError, since no motion was found that the rig can perform."""
     orbits = [orbit for search in searches for orbit in search.orbits]
     asked = (
         f'{_span(arguments.impacts)} impact{"s" * (arguments.impacts[-1] > 1)} in '
@@ -278,16 +298,15 @@ def _check_found(searches: Sequence[_Search], arguments: argparse.Namespace) -> 
         if all(search.complete for search in searches):
             none = f'there is no periodic motion with {asked}'
         raise CommandError(
-            f'{none}: try other --impacts, --cycles or --stops; simulate_rig shows what the rig '
-            'does',
+            f'{none}: try other --impacts, --cycles or --stops, or --settled, which runs the rig '
+            'until its motion repeats',
             EXIT_NONE,
         )
-    if not any(orbit.viable for orbit in orbits):
-        raise CommandError(
-            f'none of the {len(orbits)} solutions with {asked} is viable; the first: '
-            f'{orbits[0].reason}',
-            EXIT_NOT_VIABLE,
-        )
+    raise CommandError(
+        f'none of the {len(orbits)} solutions with {asked} is viable; the first: '
+        f'{orbits[0].reason}',
+        EXIT_NOT_VIABLE,
+    )
 
 
 def _solve(arguments: argparse.Namespace) -> int:
@@ -305,8 +324,10 @@ def _solve(arguments: argparse.Namespace) -> int:
         else:
             searches = _searches(given.parameters, arguments)
             orbits = [orbit for search in searches for orbit in search.orbits]
-            orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
             reports = _reports(searches)
+            if arguments.viable and arguments.stops is None:
+                reports += _with_settled(given, orbits, arguments)
+            orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
     if arguments.viable:
         orbits = [orbit for orbit in orbits if orbit.viable]
     write_json(arguments.json, [orbit.as_dict() for orbit in orbits])
@@ -325,7 +346,7 @@ def _solve(arguments: argparse.Namespace) -> int:
             print('\n'.join(texts), file=text_stream(arguments.json), flush=True)
         except BrokenPipeError:
             discard_output()
-    if searches:
+    if searches and not any(orbit.viable for orbit in orbits):
         _check_found(searches, arguments)
     return 0
 

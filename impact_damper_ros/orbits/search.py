@@ -26,6 +26,7 @@ from .arguments import (
     check_forcing,
     check_stops,
     pressed_to,
+    repeats_after,
     single_harmonic,
     symmetric,
 )
@@ -50,8 +51,9 @@ _SETTLING_CYCLES = 120
 _STARTS_PER_RUN = 3
 _MOST_EVENTS, _MOST_AT_ONCE = 200, 2000
 _BUSY_PERIODS = 8
-#: Change of the velocity of M that makes a rig leave an unstable motion, as a share of Xmax Omega.
-_PUSH = 1e-2
+#: Changes of the velocity of M that make a rig leave an unstable motion, as shares of Xmax Omega:
+#: wide ones from a motion that is slowly left, narrow ones from one with another next to it.
+_PUSHES = 1e-2, -1e-2, 1e-4, -1e-4
 _FIRST_SHARE = 0.25
 _LEAST_SHARE = 1.0 / 64.0
 _NUMBERS = [name for name, spec in PARAMETER_SPECS.items() if spec.kind == 'double']
@@ -272,12 +274,24 @@ def settled_orbits(
     return tuple(found)
 
 
-def _left_for(orbit: PeriodicOrbit, most_events: int) -> Iterator[PeriodicOrbit | None]:
-    """Yield the motions for which a rig leaves an unstable one, on either side of it."""
+def _left_for(
+    orbit: PeriodicOrbit, cycles: int, most_events: int
+) -> Iterator[PeriodicOrbit | None]:
+    """Yield the motions of some cycles for which a rig leaves an unstable one, on either side."""
     rate = orbit.parameters.first_harmonic[1]
-    for side in (_PUSH, -_PUSH):
-        rig = after_impact(orbit, orbit.parameters, side * orbit.x_max * rate)
-        yield from _settled_near(rig, orbit.instants[0], orbit.cycles, most_events)
+    for push in _PUSHES:
+        rig = after_impact(orbit, orbit.parameters, push * orbit.x_max * rate)
+        yield from _settled_near(rig, orbit.instants[0], cycles, most_events)
+
+
+def _repeated(
+    parameters: RigParameters, stops: tuple[int, ...], cycles: int, starts: int | None
+) -> Iterator[PeriodicOrbit]:
+    """Yield the motions of which some periods have these stops, as before a period doubling."""
+    for times in range(2, len(stops) + 1):
+        word, k = stops[: len(stops) // times], cycles // times
+        if word * times == stops and k * times == cycles and repeats_after(parameters, k):
+            yield from _found(parameters, word, k, starts, simulate=True).orbits
 
 
 def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
@@ -313,13 +327,15 @@ def _followed_orbits(
     simpler: Sequence[PeriodicOrbit],
     known: Sequence[PeriodicOrbit] = (),
     *,
+    starts: int | None = None,
     simulate: bool = True,
 ) -> tuple[list[PeriodicOrbit | None], StartReport]:
     """
     Find motions from those of a simpler rig with these stops, and from simulation.
 
     Simulated are runs from several starting points, and from near the unstable motions found so
-    far: another one that the rig can perform is often next to those.
+    far and those that repeat within the period: another one that the rig can perform is often
+    next to those.
     """
     carried = [carried_over(orbit, parameters) for orbit in simpler]
     simulated: list[PeriodicOrbit | None] = []
@@ -328,9 +344,9 @@ def _followed_orbits(
         most_events = 4 * len(stops) + 8
         simulated += settled_orbits(parameters, cycles, most_events)
         left = _distinct([*known, *carried, *simulated], stops)
-        for orbit in left:
+        for orbit in (*left, *_repeated(parameters, stops, cycles, starts)):
             if orbit.viable and orbit.unstable:
-                simulated += _left_for(orbit, most_events)
+                simulated += _left_for(orbit, cycles, most_events)
     return [*carried, *simulated], StartReport(
         stops=stops,
         method='events',
@@ -446,6 +462,8 @@ def find_orbits(
         ) from error
 
 
+# Also for the searches of their multiples
+@lru_cache(maxsize=32)
 def _found(
     parameters: RigParameters,
     stops: tuple[int, ...],
@@ -460,7 +478,7 @@ def _found(
         orbits, report = _theory(rig, stops, cycles, starts)
         if not simulate or not report.other_events:
             return OrbitSearch(tuple(orbits), report)
-        others, shot = _followed_orbits(rig, stops, cycles, [], orbits)
+        others, shot = _followed_orbits(rig, stops, cycles, [], orbits, starts=starts)
         report = replace(
             report,
             simulated=shot.simulated,
@@ -468,7 +486,9 @@ def _found(
         )
     else:
         known = list(_simpler_orbits(parameters, stops, cycles, starts))
-        others, report = _followed_orbits(parameters, stops, cycles, known, simulate=simulate)
+        others, report = _followed_orbits(
+            parameters, stops, cycles, known, starts=starts, simulate=simulate
+        )
     orbits += filter(None, others)
     if symmetric(parameters):
         orbits += [orbit.mirrored() for orbit in orbits]

@@ -87,6 +87,26 @@ def test_ranges_of_impacts_and_cycles(tmp_path, capsys):
     )
 
 
+def test_viable_motions_include_the_settled_one(tmp_path, capsys):
+    """It has more impacts than were asked for; without it there was none."""
+    settings = ('angle=30 deg', 'friction=0.3')
+    ranges = ('--impacts', '1:2', '--viable')
+    code, orbits = run(tmp_path, *ranges, settings=settings, params='bench_rig')
+    assert code == 0
+    (orbit,) = orbits
+    assert orbit['stops'] == [1] * 21
+    assert (orbit['stable'], orbit['cycles']) == (True, 1)
+    assert 'rest' in {node['kind'] for node in orbit['nodes']}
+    said = capsys.readouterr().out
+    assert '21 impacts in 1 cycle, added to the list' in said
+    assert 'the search ends at 2 impacts and 1 cycle: ' in said
+    # One that is known is not listed twice, and one that is named is alone
+    assert len(run(tmp_path, *ranges, settings=('gravity=0',))[1]) == 1
+    assert 'added' not in capsys.readouterr().out
+    named = ('--impacts', '2', '--stops', '1,2', '--viable')
+    assert run(tmp_path, *named, params='bench_rig', settings=settings) == (4, [])
+
+
 def test_table_has_units_and_numbers(capsys):
     code = main([str(PAPER), '--impacts', '2', '--set', 'gravity=0'])
     assert code == 0

@@ -172,6 +172,27 @@ def test_mirror_images_of_a_symmetric_rig():
     assert hits['x'][-1] == pytest.approx(one.mirrored().x[0], rel=1e-7)
 
 
+@pytest.mark.parametrize('stops', [(1, 2, 2, 1, 2, 2), (2, 1, 2, 2, 1, 2)])
+def test_the_doubled_motion_of_an_unstable_one(stops):
+    """Which no simulated start leads to; it can be counted from any of its impacts."""
+    rig = RigParameters(
+        damping=0.09099351376873849,
+        damper_mass=0.5685983431479422,
+        restitution_1=0.6813998489496847,
+        restitution_2=0.21152854266456037,
+        angle=0.27816241976909184,
+        gravity=0.47953767908786615,
+        friction=0.21826592173421538,
+        gap=4.171341514171308,
+        force_frequencies=1.0422458744992213,
+    )
+    (simple,) = find_orbits(rig, stops[:3]).orbits
+    assert simple.multipliers[0].real == pytest.approx(-1.0455, abs=1e-4)
+    (orbit,) = (o for o in find_orbits(rig, stops, 2).orbits if o.stable)
+    assert abs(orbit.multipliers[0]) == pytest.approx(0.6735, abs=1e-4)
+    assert not orbit.repeats(1e-3)
+
+
 @pytest.mark.parametrize('cycles', [0, -1, 1.5, float('nan')])
 def test_cycles_that_are_no_number_of_them(cycles):
     with pytest.raises(ValueError, match='give a whole number from 1 to'):
