@@ -24,10 +24,8 @@ if TYPE_CHECKING:
     from .motion.swing import Swing as Swing
     from .orbits.arguments import OrbitError as OrbitError, plausible_stops as plausible_stops
     from .orbits.branch import (
-        BestPoint as BestPoint,
         Branch as Branch,
         BranchPoint as BranchPoint,
-        Limit as Limit,
         SpecialKind as SpecialKind,
         SpecialPoint as SpecialPoint,
     )
@@ -83,7 +81,7 @@ _MODULES = {
     'motion.state': 'Mode',
     'motion.swing': 'Swing',
     'orbits.arguments': 'OrbitError plausible_stops',
-    'orbits.branch': 'BestPoint Branch BranchPoint Limit SpecialKind SpecialPoint',
+    'orbits.branch': 'Branch BranchPoint SpecialKind SpecialPoint',
     'orbits.continuation': 'follow switch_branch',
     'orbits.flight_arrays': 'Flights run_flights',
     'orbits.orbit': 'OrbitEvent PeriodicOrbit Rhythm',

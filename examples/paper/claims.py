@@ -26,10 +26,9 @@ import figure_6
 import numpy as np
 from bapat_rigs import ABOVE, BASIC, OPERATIONS, TILTED, VERTICAL, scaled_rig
 from figure_2 import WORDS
-from series import Series, best_of, branches_along, durations, near, ratio, same, settled
+from series import Best, Series, best_of, branches_along, durations, near, ratio, same, settled
 
 from impact_damper_ros import (
-    BestPoint,
     GapControlParameters,
     InitialConditions,
     Rig,
@@ -572,11 +571,11 @@ def natural_frequency_claims(found: Found) -> Iterator[Claim]:
 # Figures 5 and 6: the optimal gap, and compressed air
 
 
-def optimum_claims(optima: Mapping[float, BestPoint]) -> Iterator[Claim]:
+def optimum_claims(optima: Mapping[float, Best]) -> Iterator[Claim]:
     """Judge the claims about the optimal gap over the angle."""
     first = optima[0.0]
     shift = max(abs(p.value / first.value - 1.0) for a, p in optima.items() if a <= 15.0)
-    edges = [angle for angle, best in optima.items() if best.limit.value != 'interior minimum']
+    edges = [angle for angle, best in optima.items() if best.limit]
     yield Claim(
         '5a',
         'for small angles the optimal gap is nearly that of the horizontal damper',

@@ -14,17 +14,17 @@ from functools import partial
 
 import numpy as np
 from bapat_rigs import BASIC
-from series import BLUE, LOOKS, MARKS, STABLE, best_of, branches_along, near, same, settled
+from series import BLUE, LOOKS, MARKS, STABLE, Best, best_of, branches_along, near, same, settled
 
-from impact_damper_ros import BestPoint, with_value
+from impact_damper_ros import with_value
 from output import blank_figure, finish_panel, options, print_style, save, show, write_rows
 
 #: Gaps in which the optima lie, and one with a stable motion at each angle, m.
 LOW, HIGH, START = 35.0, 62.0, 50.0
-HEAD = ('angle [deg]', 'gap [m]', 'xmax_over_a', 'limit', 'beyond', 'settled run')
+HEAD = ('angle [deg]', 'gap [m]', 'xmax_over_a', 'limit', 'settled run')
 
 
-def optimum_at(angle: float) -> BestPoint:
+def optimum_at(angle: float) -> Best:
     """Return the best gap at an angle, degrees, with two impacts per cycle; r = 1, no friction."""
     rig = BASIC.replace(angle=math.radians(angle))
     at = partial(with_value, rig, 'gap')
@@ -33,7 +33,7 @@ def optimum_at(angle: float) -> BestPoint:
     return best
 
 
-def optima_of_figure(quick: bool = False) -> dict[float, BestPoint]:
+def optima_of_figure(quick: bool = False) -> dict[float, Best]:
     """Return the optima by the angles."""
     fine = [0.0, 10.0, 45.0, 90.0] if quick else [*np.arange(0, 20, 2.5), *np.arange(20, 91, 5)]
     return {float(angle): optimum_at(float(angle)) for angle in fine}
@@ -46,19 +46,18 @@ def main() -> None:
     optima = optima_of_figure(arguments.quick)
     rows = []
     reached = []
-    for angle, (gap, orbit, limit, beyond) in optima.items():
+    for angle, (gap, orbit, limit) in optima.items():
         # From near the motion: other attractors are near
         run = settled(near(orbit), 3000)
         hit = same(run, orbit)
         if hit:
             reached.append((angle, run.x_max / orbit.parameters.response_amplitude))
-        rows.append([angle, gap, orbit.amplitude_ratio, limit.value, beyond,
-                     reached[-1][1] if hit else ''])  # fmt: skip
+        rows.append([angle, gap, orbit.amplitude_ratio, limit, reached[-1][1] if hit else ''])
     show(HEAD, rows)
     write_rows(arguments.out / 'figure_5.csv', HEAD, rows)
     figure = blank_figure(8.2, 3.7)
     left, right = figure.subplots(1, 2)
-    edges = [row for row in rows if row[3] != 'interior minimum']
+    edges = [row for row in rows if row[3]]
     for axes, column in ((left, 1), (right, 2)):
         axes.plot([row[0] for row in rows], [row[column] for row in rows], color=BLUE, **STABLE,
                   label='theory, stable')  # fmt: skip

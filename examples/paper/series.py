@@ -17,12 +17,11 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from matplotlib.lines import Line2D
 
 from impact_damper_ros import (
-    BestPoint,
     Branch,
     InitialConditions,
     PeriodicOrbit,
@@ -152,9 +151,21 @@ def series_along(
     return Series(rig, low, high, tuple(branches), tuple(runs))
 
 
-def best_of(branches: Iterable[Branch]) -> BestPoint | None:
+class Best(NamedTuple):
+    """The stable motion with the least |X|, its parameter, and what limits it, if anything."""
+
+    value: float
+    orbit: PeriodicOrbit
+    limit: str
+
+
+def best_of(branches: Iterable[Branch]) -> Best | None:
     """Return the stable motion with the least |X| on some branches."""
-    found = (best for branch in branches if (best := branch.best()) is not None)
+    found = (
+        Best(*best, branch.change_at(best.orbit))
+        for branch in branches
+        if (best := branch.best()) is not None
+    )
     return min(found, key=lambda best: best.orbit.x_max, default=None)
 
 

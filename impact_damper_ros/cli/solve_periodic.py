@@ -169,17 +169,17 @@ class _Search(NamedTuple):
 
     impacts: int
     cycles: int
-    found: list[OrbitSearch]
+    found: dict[tuple[int, ...], OrbitSearch]
 
     @property
     def orbits(self) -> list[PeriodicOrbit]:
         """The motions of all sequences."""
-        return [orbit for one in self.found for orbit in one.orbits]
+        return [orbit for one in self.found.values() for orbit in one.orbits]
 
     @property
     def complete(self) -> bool:
         """Whether there are no others."""
-        return all(one.report.complete for one in self.found)
+        return all(one.report.complete for one in self.found.values())
 
     @property
     def text(self) -> str:
@@ -190,6 +190,15 @@ class _Search(NamedTuple):
             f'{viable} viable, {len(self.orbits) - viable} not'
             + (', all solutions' if self.complete else '')
         )
+
+
+def _stops_text(stops: tuple[int, ...], search: OrbitSearch) -> str:
+    """Return how many motions of a stop sequence were found, in a line."""
+    complete, starts, converged = search.report
+    line = f'stops {",".join(map(str, stops))}: '
+    if complete:
+        return f'{line}all solutions, {len(search.orbits)} found'
+    return f'{line}{len(search.orbits)} found; {converged} of {starts} starts converged'
 
 
 def _settled_text(found: SettledMotion) -> str:
@@ -240,7 +249,7 @@ def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[
     if not periods:
         check_forcing(parameters, arguments.cycles[-1])
     return [
-        _Search(n, k, [find_orbits(parameters, word, k) for word in sequences[n]])
+        _Search(n, k, {word: find_orbits(parameters, word, k) for word in sequences[n]})
         for k in periods
         for n in impacts
     ]
@@ -272,7 +281,7 @@ def _span(counts: range) -> str:
 def _reports(searches: Sequence[_Search]) -> list[str]:
     """Say how a search went: a line for each sequence of stops, or of many for each period."""
     if len(searches) == 1:
-        return [one.report.text for one in searches[0].found]
+        return [_stops_text(*item) for item in searches[0].found.items()]
     return [search.text for search in searches]
 
 

@@ -88,10 +88,9 @@ def _solutions(
         yield orbit_near(rig, impact, phase, cycles), 'boundary-value problem of its events'
     stops = tuple(period['stop'].tolist())
     if len(stops) <= _MOST_SEARCHED_IMPACTS:
-        search = find_orbits(rig, stops, cycles)
-        method = 'impact equations' if search.report.method == 'scan' else 'search'
-        for orbit in search.orbits:
-            yield orbit, f'{method}, one of {len(search.orbits)}'
+        orbits = find_orbits(rig, stops, cycles).orbits
+        for orbit in orbits:
+            yield orbit, f'search, one of {len(orbits)}'
 
 
 def _match_orbit(

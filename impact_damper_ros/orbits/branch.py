@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from itertools import groupby
+from operator import attrgetter
 from typing import NamedTuple
 
 from .orbit import PeriodicOrbit
@@ -71,42 +72,8 @@ class SpecialPoint:
     reason: str = ''
 
 
-class Limit(Enum):
-    """What limits the best point of a branch."""
-
-    MINIMUM = 'interior minimum'
-    STABILITY = 'edge of stability'
-    VIABILITY = 'edge of viability'
-    FOLD = 'fold: the motion ends'
-    ENDS = 'the branch ends'
-    RANGE = 'end of the searched range'
-
-
-class BestPoint(NamedTuple):
-    """
-    The best point of a branch.
-
-    Attributes
-    ----------
-    value : float
-        The parameter.
-    orbit : PeriodicOrbit
-        The motion there; at an edge the one on it.
-    limit : Limit
-        Whether it is a minimum, or what ends the motion just beyond.
-    beyond : str
-        The change just beyond it; empty at a minimum.
-    """
-
-    value: float
-    orbit: PeriodicOrbit
-    limit: Limit
-    beyond: str
-
-
-#: Error of the place of a minimum, as a share of two steps of the branch.
+#: Error of the place of the best motion, as a share of a step of the branch.
 _NARROW = 1e-6
-_LIMITS = {SpecialKind.FOLD: Limit.FOLD, SpecialKind.GRAZING: Limit.VIABILITY}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,7 +164,9 @@ class Branch:
             found.append(tuple(here))
         return found
 
-    def best(self, measure: str | Callable[[PeriodicOrbit], float] = 'x_max') -> BestPoint | None:
+    def best(
+        self, measure: str | Callable[[PeriodicOrbit], float] = 'x_max'
+    ) -> BranchPoint | None:
         """
         Return the stable, viable motion with the least of some measure.
 
@@ -208,29 +177,52 @@ class Branch:
 
         Returns
         -------
-        BestPoint or None
-            The motion and what limits it; None if no motion of the branch is stable and viable.
+        BranchPoint or None
+            The best of the points, refined between its neighbours; None if no motion of the
+            branch is stable and viable. `change_at` says what limits it.
         """
+        from scipy.optimize import minimize_scalar
 
-        def size(orbit: PeriodicOrbit) -> float:
-            return float(getattr(orbit, measure) if isinstance(measure, str) else measure(orbit))
-
-        fit = [point.orbit.viable and not point.orbit.unstable for point in self.points]
-        sizes = [
-            size(point.orbit) if good else math.inf
-            for point, good in zip(self.points, fit, strict=True)
+        size: Callable[[PeriodicOrbit], float]
+        size = attrgetter(measure) if isinstance(measure, str) else measure
+        fit = [point for point in self.points if _performed(point.orbit)]
+        if not fit:
+            return None
+        best = min(fit, key=lambda point: size(point.orbit))
+        sides = [
+            piece
+            for piece in self._pieces
+            if best.orbit in (ends := (piece.start.orbit, piece.end.orbit))
+            and all(map(_performed, ends))
         ]
-        found: list[BestPoint] = []
-        for i, point in enumerate(self.points):
-            around = sizes[max(i - 1, 0) : i + 2]
-            # The least of them need not be in the deepest valley
-            if math.isinf(sizes[i]) or sizes[i] > min(around):
-                continue
-            if 0 < i < len(sizes) - 1 and not any(map(math.isinf, around)):
-                found.append(self._valley(i, size))
-            else:
-                found.append(self._edge(i, point))
-        return min(found, key=lambda best: size(best.orbit), default=None)
+
+        def size_at(share: float) -> float:
+            nonlocal best
+            piece = sides[int(share)]
+            point = piece.at(share % 1.0)
+            if point is None or not _performed(point.orbit):
+                return math.inf
+            if size(point.orbit) < size(best.orbit):
+                best = BranchPoint(piece.curve.value(point.place), point.orbit)
+            return size(point.orbit)
+
+        if sides:
+            minimize_scalar(
+                size_at,
+                bounds=(0.0, float(len(sides))),
+                method='bounded',
+                options={'xatol': _NARROW},
+            )
+        return best
+
+    def change_at(self, orbit: PeriodicOrbit) -> str:
+        """Return what changes at a motion of the branch, or ends it; empty if nothing does."""
+        for special in self.special:
+            if special.orbit == orbit:
+                return special.kind.value + (f': {special.reason}' if special.reason else '')
+        if orbit == self.orbits[0]:
+            return self.began
+        return self.ended if orbit == self.orbits[-1] else ''
 
     def reversed(self) -> Branch:
         """Return the branch from its last point to its first."""
@@ -254,38 +246,10 @@ class Branch:
             _pieces=(*self._pieces, *further._pieces),
         )
 
-    def _valley(self, i: int, size: Callable[[PeriodicOrbit], float]) -> BestPoint:
-        """Return the least motion next to a point that is lower than both its neighbours."""
-        from scipy.optimize import minimize_scalar
 
-        best = self.points[i]
-        before = next((p for p in self._pieces if p.end.orbit == best.orbit), None)
-        after = next((p for p in self._pieces if p.start.orbit == best.orbit), None)
-        if before is None or after is None:
-            return BestPoint(*best, Limit.MINIMUM, '')
-
-        def size_at(share: float) -> float:
-            nonlocal best
-            piece = before if share < 1.0 else after
-            point = piece.at(share % 1.0)
-            if point is None or not point.orbit.viable or point.orbit.unstable:
-                return math.inf
-            if size(point.orbit) < size(best.orbit):
-                best = BranchPoint(piece.curve.value(point.place), point.orbit)
-            return size(point.orbit)
-
-        minimize_scalar(size_at, bounds=(0.0, 2.0), method='bounded', options={'xatol': _NARROW})
-        return BestPoint(*best, Limit.MINIMUM, '')
-
-    def _edge(self, i: int, point: BranchPoint) -> BestPoint:
-        """Return the motion at a point beyond which it ends, or changes."""
-        special = next((s for s in self.special if s.orbit == point.orbit), None)
-        if special is not None:
-            limit = _LIMITS.get(special.kind, Limit.STABILITY)
-            return BestPoint(*point, limit, special.reason or special.kind.value)
-        ended = self.ended if i else self.began
-        limit = Limit.RANGE if ended.endswith((END, POINTS)) else Limit.ENDS
-        return BestPoint(*point, limit, ended)
+def _performed(orbit: PeriodicOrbit) -> bool:
+    """Return whether a rig can perform a motion, and keep to it."""
+    return orbit.viable and not orbit.unstable
 
 
 #: Why a branch ends: at the end of its range, with the points asked for, and elsewhere.

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from operator import attrgetter
-from typing import Any, Literal
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -59,60 +59,30 @@ _LEAST_SHARE = 1.0 / 64.0
 _NUMBERS = [name for name, spec in PARAMETER_SPECS.items() if spec.kind == 'double']
 
 
-@dataclass(frozen=True, kw_only=True)
-class StartReport:
+class StartReport(NamedTuple):
     """
-    Statistics of the search for motions of one stop sequence.
+    From how many starts the motions of one stop sequence were searched for.
 
     Attributes
     ----------
-    stops : tuple of int
-        The sequence.
-    method : str
-        'scan': every solution of the impact equations was found, without starts to count.
-        'starts': the impact equations gave systematic starts. 'events': the problem with
-        reversals, sticking and rest was solved from motions of a simpler rig, without friction
-        or with one harmonic.
-    starts, converged : int
-        Systematic starts, or motions of the simpler rig, and how many led to a motion.
-    simulated, simulated_converged : int
-        Starts taken from simulated motion, and how many converged.
-    distinct : int
-        Different motions found.
-    other_events : bool
-        Whether m may also reverse, stick or rest between the impacts; simulation leads to such
-        motions, perhaps not to all.
+    complete : bool
+        Whether all motions are found, up to roots closer together than the scan: one or two
+        impacts, one harmonic, and no reversal, sticking or rest between them.
+    starts : int
+        Guesses from which Newton's method began, but for those of the scan: systematic ones,
+        motions of a simpler rig, without friction or with one harmonic, and simulated motion.
+    converged : int
+        How many of them led to a motion, of these or of other stops.
     """
 
-    stops: tuple[int, ...]
-    method: Literal['scan', 'starts', 'events']
+    complete: bool
     starts: int = 0
     converged: int = 0
-    simulated: int = 0
-    simulated_converged: int = 0
-    distinct: int = 0
-    other_events: bool = False
 
-    @property
-    def complete(self) -> bool:
-        """Whether all motions are found, up to roots closer together than the scan."""
-        return self.method == 'scan' and not self.other_events
-
-    @property
-    def text(self) -> str:
-        """The report in one line."""
-        line = f'stops {",".join(map(str, self.stops))}: '
-        if self.complete:
-            return f'{line}all solutions, {self.distinct} found'
-        line += f'{self.distinct} found; '
-        if self.method == 'scan':
-            line += 'all solutions of the impact equations'
-        elif self.method == 'starts':
-            share = self.converged / self.starts if self.starts else 0.0
-            line += f'{self.converged} of {self.starts} ({share:.0%}) systematic starts'
-        else:
-            line += f'{self.converged} of {self.starts} motions of a simpler rig carried over'
-        return f'{line}, {self.simulated_converged} of {self.simulated} from simulation converged'
+    def with_guesses(self, orbits: Sequence[PeriodicOrbit | None]) -> Self:
+        """Return the report with further starts, by the motions they led to."""
+        reached = len(orbits) - orbits.count(None)
+        return self._replace(starts=self.starts + len(orbits), converged=self.converged + reached)
 
 
 @dataclass(frozen=True)
@@ -187,8 +157,7 @@ def _theory(
     starts: int | None,
 ) -> tuple[list[PeriodicOrbit], StartReport]:
     """Solve from all starts, or many, that the impact equations give."""
-    other_events = may_rest_or_reverse(parameters, stops)
-    report = StartReport(stops=stops, method='scan', other_events=other_events)
+    report = StartReport(complete=not may_rest_or_reverse(parameters, stops))
     equations = ImpactEquations(parameters, stops, cycles)
     if equations.impacts == 1:
         roots = one_impact_roots(equations)
@@ -198,9 +167,8 @@ def _theory(
         if starts is None:
             starts = STARTS_PER_INSTANT * (equations.impacts - 1)
         roots, converged = many_impact_roots(equations, starts)
-        report = replace(report, method='starts', starts=starts, converged=converged)
-    orbits = _distinct((orbit_of(root) for root in roots if _hits(root)), stops)
-    return orbits, replace(report, distinct=len(orbits))
+        report = StartReport(complete=False, starts=starts, converged=converged)
+    return _distinct((orbit_of(root) for root in roots if _hits(root)), stops), report
 
 
 def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
@@ -329,32 +297,24 @@ def _followed_orbits(
     *,
     starts: int | None = None,
     simulate: bool = True,
-) -> tuple[list[PeriodicOrbit | None], StartReport]:
+) -> list[PeriodicOrbit | None]:
     """
-    Find motions from those of a simpler rig with these stops, and from simulation.
+    Return what each guess leads to, from motions of a simpler rig with these stops and simulation.
 
     Simulated are runs from several starting points, and from near the unstable motions found so
     far and those that repeat within the period: another one that the rig can perform is often
     next to those.
     """
-    carried = [carried_over(orbit, parameters) for orbit in simpler]
-    simulated: list[PeriodicOrbit | None] = []
+    found = [carried_over(orbit, parameters) for orbit in simpler]
     if simulate:
         # Impacts, as many reversals, and room for sticking
         most_events = 4 * len(stops) + 8
-        simulated += settled_orbits(parameters, cycles, most_events)
-        left = _distinct([*known, *carried, *simulated], stops)
+        found += settled_orbits(parameters, cycles, most_events)
+        left = _distinct([*known, *found], stops)
         for orbit in (*left, *_repeated(parameters, stops, cycles, starts)):
             if orbit.viable and orbit.unstable:
-                simulated += _left_for(orbit, cycles, most_events)
-    return [*carried, *simulated], StartReport(
-        stops=stops,
-        method='events',
-        starts=len(simpler),
-        converged=len(simpler) - carried.count(None),
-        simulated=len(simulated),
-        simulated_converged=len(simulated) - simulated.count(None),
-    )
+                found += _left_for(orbit, cycles, most_events)
+    return found
 
 
 def _with_first_harmonic(parameters: RigParameters) -> RigParameters:
@@ -473,24 +433,19 @@ def _found(
 ) -> OrbitSearch:
     """Find the periodic motions of a stop sequence that has been checked."""
     orbits: list[PeriodicOrbit] = []
+    simpler: list[PeriodicOrbit] = []
+    report = StartReport(complete=False)
     if single_harmonic(parameters) and within_theory(parameters, stops):
-        rig = _with_first_harmonic(parameters)
-        orbits, report = _theory(rig, stops, cycles, starts)
-        if not simulate or not report.other_events:
+        parameters = _with_first_harmonic(parameters)
+        orbits, report = _theory(parameters, stops, cycles, starts)
+        if not simulate or not may_rest_or_reverse(parameters, stops):
             return OrbitSearch(tuple(orbits), report)
-        others, shot = _followed_orbits(rig, stops, cycles, [], orbits, starts=starts)
-        report = replace(
-            report,
-            simulated=shot.simulated,
-            simulated_converged=shot.simulated_converged,
-        )
     else:
-        known = list(_simpler_orbits(parameters, stops, cycles, starts))
-        others, report = _followed_orbits(
-            parameters, stops, cycles, known, starts=starts, simulate=simulate
-        )
+        simpler = list(_simpler_orbits(parameters, stops, cycles, starts))
+    others = _followed_orbits(
+        parameters, stops, cycles, simpler, orbits, starts=starts, simulate=simulate
+    )
     orbits += filter(None, others)
     if symmetric(parameters):
         orbits += [orbit.mirrored() for orbit in orbits]
-    orbits = _distinct(orbits, stops)
-    return OrbitSearch(tuple(orbits), replace(report, distinct=len(orbits)))
+    return OrbitSearch(tuple(_distinct(orbits, stops)), report.with_guesses(others))

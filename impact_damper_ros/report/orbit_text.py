@@ -85,10 +85,10 @@ def branch_text(branch: Branch) -> str:
         for point in branch.special
     )
     if (best := branch.best()) is not None:
-        limit = best.limit.value + (f', {best.beyond}' if best.beyond else '')
+        change = branch.change_at(best.orbit)
         lines.append(
             f'  least largest |X| of a stable motion: {best.orbit.x_max:.9g} m at {branch.name} = '
-            f'{best.value:.9g} ({limit})'
+            f'{best.value:.9g}' + (f' ({change})' if change else '')
         )
     ends = [f'  end: {end}' for end in (branch.began, branch.ended) if end]
     return '\n'.join([*lines, *ends])

@@ -337,7 +337,6 @@ class _Search:
 
 def _edges_on(branch: Branch, value: float) -> list[Edge]:
     """Return the ends of the stable part of a branch, but for those of the range."""
-    special = {id(point.orbit): point for point in branch.special}
     for status, part in branch.parts():
         ends = (part.start, part.stop - 1)
         low, high = sorted(branch.values[k] for k in ends)
@@ -345,9 +344,7 @@ def _edges_on(branch: Branch, value: float) -> list[Edge]:
             continue
         edges = []
         for k in ends:
-            point = special.get(id(branch.orbits[k]))
-            reason = (point.reason or point.kind.value) if point else ''
-            reason = reason or (branch.ended if k else branch.began)
+            reason = branch.change_at(branch.orbits[k])
             if not reason.endswith(END):
                 edges.append(Edge(0, branch.values[k], reason))
         return sorted(edges, key=lambda edge: edge.value)

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from impact_damper_ros.orbits.arguments import OrbitError
-from impact_damper_ros.orbits.branch import BestPoint, Branch, Limit
+from impact_damper_ros.orbits.branch import END, POINTS, Branch, BranchPoint
 from impact_damper_ros.orbits.continuation import follow
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.parameters.quoting import counted
@@ -51,18 +51,19 @@ class GapBranch:
         )
 
     @cached_property
-    def best(self) -> BestPoint | None:
+    def best(self) -> BranchPoint | None:
         """The stable motion with the least Xmax/A; None if there is none."""
         return self.branch.best('amplitude_ratio')
 
     @cached_property
     def bound(self) -> str:
         """Where the best gap is if M moves least at an end: 'at least' there, or 'at most'."""
-        best = self.best
-        if best is None or best.limit is not Limit.RANGE or len(self.branch.points) < 2:
+        best, branch = self.best, self.branch
+        if best is None or len(branch.points) < 2:
             return ''
-        end = 0 if best.orbit is self.branch.orbits[0] else -1
-        near = self.branch.values[1 if end == 0 else -2]
+        if not branch.change_at(best.orbit).endswith((END, POINTS)):
+            return ''
+        near = branch.values[1 if best.orbit is branch.orbits[0] else -2]
         return 'at least' if best.value > near else 'at most'
 
     def further(self) -> GapBranch:

@@ -54,10 +54,7 @@ def test_all_sequences_if_none_is_named(tmp_path, capsys):
         (1, 2, 2, 2),
     }
     output = capsys.readouterr().out
-    assert (
-        'stops 1,2,1,2: 0 found; 0 of 600 (0%) systematic starts, 15 of 15 from simulation'
-        in output
-    )
+    assert 'stops 1,2,1,2: 0 found; 15 of 615 starts converged' in output
 
 
 def test_ranges_of_impacts_and_cycles(tmp_path, capsys):
@@ -205,7 +202,7 @@ def test_first_motion_is_followed_through_its_special_points(tmp_path, capsys):
     branch = text.split('branch from the period doubling at')[1]
     assert branch.split()[2].rstrip(',') == doubling[1]
     assert re.search(r'\d+ motions, largest \|X\| between', branch)
-    assert f'at force_amplitudes = {fold[1]} (fold: the motion ends, fold)' in text
+    assert f'at force_amplitudes = {fold[1]} (fold)' in text
     # The table has every motion of both branches, and the special points among them
     with table.open() as lines:
         rows = list(csv.DictReader(lines))
@@ -274,7 +271,8 @@ def test_a_long_search_says_that_it_goes_on(monkeypatch, capsys):
     words = ['paper', '--impacts', '2', '--set', 'primary_mass=0.01', '--set', 'damping=0.01']
     assert main([*words, '--quiet']) in (0, 3, 4)
     assert 'still searching' not in capsys.readouterr().err
-    assert main(words) in (0, 3, 4)
+    # Another rig, since what was found is kept
+    assert main([*words, '--set', 'gap=36']) in (0, 3, 4)
     assert (
         'solve_periodic: still searching; the time grows with the impacts, the cycles and the '
         'ratio of the natural frequency to that of the force, here 10; Ctrl-C ends the search'

@@ -8,7 +8,6 @@ from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros import (
     EventKind,
-    Limit,
     OrbitError,
     SpecialKind,
     find_orbits,
@@ -200,7 +199,7 @@ def test_loss_of_viability():
     assert [orbit.viable for orbit in nearest] == [False, True]
     assert max(orbit.distance(point.orbit) for orbit in nearest) < 1e-3
     least = branch.best(lambda orbit: orbit.parameters.gap)
-    assert (least.limit, least.beyond) == (Limit.VIABILITY, point.reason)
+    assert branch.change_at(least.orbit) == f'grazing: {point.reason}'
 
 
 def test_motions_with_reversals_are_followed():
@@ -272,7 +271,7 @@ def test_the_best_gap_is_a_minimum(gaps):
     """The symmetric flight at resonance; no gap nearby is better."""
     wide = follow(stable_orbit(HORIZONTAL.replace(gap=55.0)), 'gap', 50.0, 65.0)
     best = wide.best()
-    assert (best.limit, best.beyond) == (Limit.MINIMUM, '')
+    assert wide.change_at(best.orbit) == ''
     assert best.value == pytest.approx(58.128195, abs=1e-4)
     near = [o.x_max for (o,) in wide.at(best.value * np.linspace(0.99, 1.01, 21))]
     assert best.orbit.x_max <= min(near) * (1.0 + 1e-14)
@@ -281,17 +280,18 @@ def test_the_best_gap_is_a_minimum(gaps):
     ratio = HORIZONTAL.zeta / (HORIZONTAL.zeta + equivalent)
     assert best.orbit.amplitude_ratio == pytest.approx(ratio, rel=3e-3)
     loudest = wide.best(lambda orbit: -orbit.x_max)
-    assert loudest.limit is Limit.RANGE
+    assert wide.change_at(loudest.orbit) == 'gap = 50, the end of the range'
     assert loudest.value == 50.0
     assert gaps.best('x_max').value == pytest.approx(best.value, abs=1e-4)
 
 
 def test_edges_are_named(vertical):
     hanging = HORIZONTAL.replace(gravity=9.81, angle=0.5 * math.pi, gap=59.3)
-    best = follow(stable_orbit(hanging), 'gap', 50.0, 65.0).best()
-    assert (best.limit, best.beyond) == (Limit.STABILITY, 'period doubling')
+    branch = follow(stable_orbit(hanging), 'gap', 50.0, 65.0)
+    best = branch.best()
+    assert branch.change_at(best.orbit) == 'period doubling'
     assert best.value == pytest.approx(59.2426, abs=1e-3)
-    assert vertical.best().limit is Limit.FOLD
+    assert vertical.change_at(vertical.best().orbit) == 'fold'
 
 
 def test_any_path_through_the_parameters():

@@ -16,7 +16,7 @@ def test_a_chatter_that_ends_in_rest_is_found_without_friction():
     (orbit,) = found.orbits
     assert (orbit.stable, orbit.viable) == (True, True)
     assert [event.kind for event in orbit.events] == [EventKind.RELEASE, EventKind.REST]
-    assert found.report.simulated_converged > 0
+    assert found.report.converged > 0
     events = Rig(rig).advance(700 * orbit.cycle)
     (rest,) = [event for event in events if event.kind is EventKind.REST][-1:]
     assert rest.time / orbit.cycle % 1.0 == pytest.approx(orbit.events[1].phase % 1.0, abs=1e-6)
@@ -35,9 +35,9 @@ def test_newton_converges_quadratically():
 
 
 def test_nodes_are_read_anew_where_the_rig_cannot_perform_a_solution():
-    """Of 15 starts from simulation 14 converge; with the first nodes kept it would be two."""
+    """Of 15 starts 14 converge; with the first nodes kept it would be two."""
     report = find_orbits(FRICTION.replace(gap=12.0, friction=2.0), (1, 2)).report
-    assert report.simulated_converged > 10
+    assert report.converged > 10
 
 
 def test_a_motion_is_carried_to_friction_step_by_step():
@@ -59,7 +59,6 @@ def test_a_stable_motion_beside_an_unstable_one_is_found():
     assert {event.kind for event in orbit.events} == {EventKind.STICK, EventKind.RELEASE}
     assert orbit.x_max == pytest.approx(8.949383, abs=1e-6)
     assert not found.report.complete
-    assert 'all solutions of the impact equations' in found.report.text
 
 
 SEVERAL = RigParameters(
@@ -80,7 +79,7 @@ def test_several_harmonics_with_a_common_period(friction):
     start = InitialConditions(initial_primary_position=1.0)
     rhythm = settle(Rig(rig, start), tolerance=1e-11).rhythm
     found = find_orbits(rig, rhythm.stops, rhythm.cycles)
-    assert found.report.method == 'events'
+    assert not found.report.complete
     assert min(orbit.distance(rhythm) for orbit in found.orbits if orbit.stable) < 1e-9
 
 
