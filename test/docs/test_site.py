@@ -59,9 +59,9 @@ class Site:
         for name in ('docs', 'examples'):
             made = shutil.ignore_patterns('_build', 'made')
             shutil.copytree(ROOT / name, place / name, ignore=made)
-        for path in ROOT.iterdir():
-            if not path.name.startswith('.') and not (place / path.name).exists():
-                (place / path.name).symlink_to(path)
+        (place / 'impact_damper_ros').symlink_to(ROOT / 'impact_damper_ros')
+        for path in filter(Path.is_file, ROOT.iterdir()):
+            shutil.copy(path, place)
         self.sources, self.pages = place / 'docs', place / 'site'
 
     def build(self):
@@ -84,7 +84,8 @@ def site(tmp_path_factory):
     for extra in ('sphinx', 'myst_parser', 'sphinx_gallery'):
         pytest.importorskip(extra)
     made = Site(tmp_path_factory.mktemp('site'))
-    assert made.build() == (0, '')
+    code, printed = made.build()
+    assert code == 0, printed
     return made
 
 
