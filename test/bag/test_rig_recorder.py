@@ -1,6 +1,7 @@
 """Bags of the headless command against those that the test driver writes by another library."""
 
 import json
+import re
 from fractions import Fraction
 from math import floor
 
@@ -94,6 +95,20 @@ def test_viewers_can_draw_the_recording(tmp_path, capsys):
     assert recovered.was_complete
     assert PICTURE in {topic.name for topic in recovered.topics}
     assert 'Traceback' not in capsys.readouterr().err
+
+
+def test_minus_zero_is_zero(tmp_path):
+    """A change to -0.0 is none, neither for the rig nor for its log, nor with another change."""
+    changes = ('0.2:angle=-0.0', '0.3:force_phases=-0.0', '0.5:gap=0.012', '0.7:friction=-0.0')
+    words = [word for change in changes for word in ('--change', change)]
+    initial = InitialConditions(initial_primary_velocity=-0.0)
+    reader = simulated(tmp_path, initial, '--duration', '1', *words)
+    done = [deed for snapshot in snapshots(reader) for deed in snapshot['done']]
+    assert done == [['change', {'gap': 0.012}]]
+    for snapshot in snapshots(reader):
+        text = json.dumps([snapshot['initial'], snapshot['state']['parameters']])
+        assert not re.search(r'-0\.0\b', text)
+    assert replay_run([str(tmp_path / 'bag'), '--quiet']) == 0
 
 
 @pytest.mark.parametrize('number', [float('nan'), -1.0])

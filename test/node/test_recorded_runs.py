@@ -164,8 +164,11 @@ def test_names_are_those_of_the_namespace_and_remapped_also_in_a_bag(
     assert {f'{namespace}/js', f'{namespace}/snapshot', '/parameter_events'} <= set(bag.topics)
     assert bag.messages('/parameter_events')[0].node == f'{namespace}/damper'
     assert RunReader(directory).custom['joint_states'] == f'{namespace}/js'
-    # Recorded from the very start.
-    first = json.loads(bag.messages(f'{namespace}/snapshot')[0].data)
+    # Recorded from the very start, as one run over the reset.
+    snapshots = [json.loads(m.data) for m in bag.messages(f'{namespace}/snapshot')]
+    assert [deed[0] for s in snapshots for deed in s['done']].count('reset') == 1
+    assert len({snapshot['run'] for snapshot in snapshots}) == 1
+    first = snapshots[0]
     assert first['time_ns'] == 0
     assert stamp_of(bag.messages(f'{namespace}/js')[0].header.stamp) == first['stamp_offset_ns']
 
