@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-import math
-from bisect import bisect_left, insort
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
-from heapq import merge
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -51,7 +49,7 @@ class RecordedTopic(NamedTuple):
 _STAMP = itemgetter(2)
 #: Bytes of messages, with what each takes in memory, that overlap in time and are held together.
 _MOST_HELD = 512 * 1024 * 1024
-_HELD_EACH = 250
+_EACH = 250
 #: Topics that the node has recorded from its first version on.
 _NOTED = ('joint_states', 'impacts', 'snapshot')
 _REMEDY = 'name a bag directory or a .mcap file'
@@ -246,7 +244,7 @@ class RunReader:
         self, topics: Collection[str | tuple[str, str]] | None = None
     ) -> Iterator[RecordedMessage]:
         """
-        Yield the messages in the order of their stamps; equal stamps keep the order of the bag.
+        Yield the messages in the order of their stamps.
 
         Only chunks that overlap in time are in memory together.
 
@@ -267,14 +265,14 @@ class RunReader:
         )
         wanted = [self._wanted(file, topics) for file in self.files]
         left = most_expanded(sum(file.source.stat().st_size for file in self.files))
-        # The messages of each block that later blocks may still precede, in the order of the bag.
-        pending: list[tuple[int, int, list[RecordedMessage]]] = []
+        # Messages that later blocks may still precede
+        held: list[RecordedMessage] = []
         with ExitStack() as stack:
-            opened, stream, held = -1, cast('Any', None), 0
-            for start, number, place, block in queue:
-                if ready := _taken(pending, start):
-                    yield from merge(*ready, key=_STAMP)
-                    held = sum(len(m.content) + _HELD_EACH for *_, found in pending for m in found)
+            opened, stream = -1, cast('Any', None)
+            for start_ns, number, _, block in queue:
+                ready = bisect_left(held, start_ns, key=_STAMP)
+                yield from held[:ready]
+                del held[:ready]
                 file, channels = self.files[number], wanted[number]
                 if opened != number:
                     # One at a time: of a long run there are more than may be open.
@@ -284,20 +282,21 @@ class RunReader:
                 if fault:
                     remedy = 'recover_run saves the rest of the bag'
                     raise RecordingError('read', file.source, fault, remedy)
-                messages = []
                 for channel, _, stamp_ns, _, content in stored:
                     topic, plain = channels[channel], content
                     if content.startswith(ZSTD):
                         plain = self._plain(content, topic[0], stamp_ns, left)
                         left -= len(plain)
-                    messages.append(RecordedMessage(*topic, stamp_ns, plain))
-                    held += len(plain) + _HELD_EACH
-                    if held > _MOST_HELD:
-                        self._refuse_overlap()
-                messages.sort(key=_STAMP)
-                if messages:
-                    insort(pending, (number, place, messages))
-            yield from merge(*_taken(pending, math.inf), key=_STAMP)
+                    held.append(RecordedMessage(*topic, stamp_ns, plain))
+                held.sort(key=_STAMP)
+                if sum(len(message.content) + _EACH for message in held) > _MOST_HELD:
+                    cause = (
+                        f'its chunks overlap so much in time that more than {_MOST_HELD >> 20} '
+                        'MiB would be needed to put their messages in order'
+                    )
+                    remedy = 'rewrite it with: ros2 bag convert'
+                    raise RecordingError('read', self.path, cause, remedy)
+            yield from held
 
     @staticmethod
     def _wanted(
@@ -313,25 +312,3 @@ class RunReader:
         except ValueError as error:
             cause = f'the message of {topic} at {stamp_ns} ns cannot be expanded: {error}'
             raise RecordingError('read', self.path, cause) from error
-
-    def _refuse_overlap(self) -> None:
-        cause = (
-            f'its chunks overlap so much in time that more than {_MOST_HELD // 2**20} MiB would '
-            'be needed to put their messages in order'
-        )
-        raise RecordingError('read', self.path, cause, 'rewrite it with: ros2 bag convert')
-
-
-def _taken(
-    pending: list[tuple[int, int, list[RecordedMessage]]], before_ns: float
-) -> list[list[RecordedMessage]]:
-    """Take out the messages from before a stamp, block by block."""
-    ready = []
-    for *_, messages in pending:
-        if messages[0].stamp_ns < before_ns:
-            cut = bisect_left(messages, before_ns, key=_STAMP)
-            ready.append(messages[:cut])
-            del messages[:cut]
-    if ready:
-        pending[:] = [entry for entry in pending if entry[-1]]
-    return ready
