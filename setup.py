@@ -147,6 +147,7 @@ setup(
             'recover_run = impact_damper_ros.cli.recover_run:main',
             'replay_run = impact_damper_ros.cli.replay_run:main',
             'rig_page = impact_damper_ros.cli.rig_page:main',
+            'ring_down = impact_damper_ros.cli.ring_down:main',
             'set_rig = impact_damper_ros.cli.set_rig:main',
             'sim_node = impact_damper_ros.cli.sim_node:main',
             'simulate_rig = impact_damper_ros.cli.simulate_rig:main',

@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Ring-down: a rig that is released and left alone, and what it loses in each cycle.
+
+The energy E = M V^2/2 is that of M at the upward passages of X through the middle, whose instants
+are roots of the closed motion. Of two neighbouring ones
+
+    Psi = 1 - E_next/E,   loss factor Psi/(2 pi),   zeta = -ln(V_next/V)/(2 pi).
+
+The dashpot alone loses 1 - exp(-4 pi zeta/eta) of the energy in each cycle; what is left is the
+damper's part.
+
+References
+----------
+1. R. D. Friend, V. K. Kinra, "Particle impact damping", J. Sound Vib. 233 (2000), 93-118: loss
+   over amplitude from the free decay, and its dimensionless acceleration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
+from impact_damper_ros.parameters.units import STANDARD_GRAVITY
+from impact_damper_ros.rig.rig import Rig
+
+from .flight_arrays import Flights, run_flights
+
+Array = NDArray[np.float64]
+
+#: Releases of m, one for each phase of the vibration of M.
+RELEASES = 20
+#: A ring-down ends at this part of its first amplitude.
+END_SHARE = 0.01
+#: ... or after so many cycles.
+MOST_CYCLES = 2000
+_CYCLES_AT_ONCE = 50
+_STEPS_PER_CYCLE = 32
+#: Cycles of which the median and the quantiles are taken together, at least.
+_LEAST_IN_BIN = 10
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """
+    Cycles of one ring-down.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n + 1,)
+        Instants of the upward passages of X through the middle, s.
+    velocity : ndarray, shape (n + 1,)
+        Velocity V of M there, m/s.
+    """
+
+    time: Array
+    velocity: Array
+
+    @property
+    def loss(self) -> Array:
+        """Share of the energy that is lost in each cycle, Psi."""
+        share: Array = 1.0 - (self.velocity[1:] / self.velocity[:-1]) ** 2
+        return share
+
+    @property
+    def zeta(self) -> Array:
+        """Damping ratio of each cycle."""
+        ratio: Array = -np.log(self.velocity[1:] / self.velocity[:-1]) / math.tau
+        return ratio
+
+
+def middle_of(parameters: RigParameters) -> float:
+    """Return about which X a ring-down vibrates: M carries the weight of m, on average, m."""
+    weight = parameters.damper_mass * parameters.gravity * math.sin(parameters.angle)
+    return weight / parameters.stiffness
+
+
+def cycles_of(flights: Flights) -> Cycles:
+    """Return the upward passages of X through the middle in flights without force."""
+    middle = middle_of(flights.rig)
+    step = math.tau / flights.rig.omega / _STEPS_PER_CYCLE
+    counts = np.maximum(1, np.ceil(flights.spans / step)).astype(int)
+    index = np.repeat(np.arange(len(flights)), counts)
+    place = np.arange(len(index)) - np.repeat(np.cumsum(counts) - counts, counts)
+    low = flights.spans[index] * (place / counts[index])
+    high = flights.spans[index] * ((place + 1) / counts[index])
+    before, after = (flights.motion(index, tau)[0] - middle for tau in (low, high))
+    found = (before < 0.0) & (after >= 0.0)
+    index, low, high = index[found], low[found], high[found]
+    # Bisection to the last bit: X is a closed formula, and rises between both ends.
+    for _ in range(60):
+        between = 0.5 * (low + high)
+        below = flights.motion(index, between)[0] < middle
+        low, high = np.where(below, between, low), np.where(below, high, between)
+    velocity = flights.motion(index, high)[1]
+    return Cycles(flights.starts[index] + high, velocity)
+
+
+def released(parameters: RigParameters, amplitude: float, phase: float) -> InitialConditions:
+    """
+    Return the start of a ring-down: m is let go at a phase of a vibration of M that carries it.
+
+    The phase counts from the largest X. m starts in the middle of the gap, or on the stop to which
+    its weight presses it.
+    """
+    weight = parameters.gravity * math.sin(parameters.angle)
+    grip = parameters.friction * parameters.gravity * math.cos(parameters.angle)
+    velocity = -amplitude * parameters.omega * math.sin(phase)
+    half = 0.5 * parameters.gap
+    on_stop = weight > grip or (weight < -grip and not parameters.one_sided)
+    return InitialConditions(
+        initial_primary_position=middle_of(parameters) + amplitude * math.cos(phase),
+        initial_primary_velocity=velocity,
+        initial_damper_offset=math.copysign(half, weight) if on_stop else 0.0,
+        initial_damper_velocity=velocity,
+    )
+
+
+@dataclass(frozen=True)
+class RingDown:
+    """
+    Ring-downs of a rig that differ in the phase at which m is released.
+
+    Attributes
+    ----------
+    parameters : RigParameters
+        The rig, without force and with its base at rest.
+    amplitude : float
+        First amplitude of M, m.
+    runs : tuple of Cycles
+        The cycles of each release.
+    """
+
+    parameters: RigParameters
+    amplitude: float
+    runs: tuple[Cycles, ...]
+
+    @cached_property
+    def velocity(self) -> Array:
+        """V at the beginning of each cycle of all runs, m/s."""
+        return np.concatenate([run.velocity[:-1] for run in self.runs])
+
+    @property
+    def amplitudes(self) -> Array:
+        """Amplitude V/omega of each cycle, m."""
+        size: Array = self.velocity / self.parameters.omega
+        return size
+
+    @property
+    def accelerations(self) -> Array:
+        """Amplitude V omega/g of the acceleration of M in each cycle, in g."""
+        size: Array = self.velocity * self.parameters.omega / STANDARD_GRAVITY
+        return size
+
+    @cached_property
+    def loss(self) -> Array:
+        """Share of the energy that each cycle of all runs loses, Psi."""
+        return np.concatenate([run.loss for run in self.runs])
+
+    @property
+    def zeta(self) -> Array:
+        """Damping ratio of each cycle of all runs."""
+        return np.concatenate([run.zeta for run in self.runs])
+
+    @property
+    def dashpot_loss(self) -> float:
+        """Share of the energy that the dashpot alone takes in each cycle."""
+        return -math.expm1(-2.0 * math.tau * self.parameters.zeta / self.parameters.eta)
+
+    @property
+    def bound(self) -> float:
+        """
+        Psi of two impacts per cycle at X = 0, the largest of small losses.
+
+        8 mu/(1 + mu) (1 + R)/(1 - R) with the mean R, plus the dashpot's; infinite for elastic
+        stops.
+        """
+        p = self.parameters
+        mean = 0.5 * (p.restitution_1 + p.restitution_2)
+        if mean >= 1.0:
+            return math.inf
+        share = p.mass_ratio / (1.0 + p.mass_ratio)
+        return self.dashpot_loss + 8.0 * share * (1.0 + mean) / (1.0 - mean)
+
+    def curve(self, bins: int = 24) -> dict[str, Array]:
+        """
+        Return the loss over amplitude: median and quantiles of all cycles in bins of amplitude.
+
+        Returns
+        -------
+        dict of ndarray
+            `amplitude` (m), `acceleration` (g), `cycles`, and of Psi `median`, `low` (0.1) and
+            `high` (0.9). Bins, evenly spaced in the logarithm of the amplitude, that hold fewer
+            than ten cycles are left out.
+        """
+        size = np.log(self.amplitudes)
+        edges = np.linspace(size.min(), size.max(), bins + 1)
+        where = np.clip(np.searchsorted(edges, size, side='right') - 1, 0, bins - 1)
+        rows = [
+            (
+                float(np.median(self.amplitudes[mine])),
+                float(np.median(self.accelerations[mine])),
+                float(mine.sum()),
+                *np.quantile(self.loss[mine], (0.5, 0.1, 0.9)).tolist(),
+            )
+            for k in range(bins)
+            if (mine := where == k).sum() >= _LEAST_IN_BIN
+        ]
+        names = ('amplitude', 'acceleration', 'cycles', 'median', 'low', 'high')
+        return dict(zip(names, np.array(rows).reshape(-1, len(names)).T, strict=True))
+
+
+def _parts(rig: Rig, amplitude: float, most_cycles: int) -> Iterator[Cycles]:
+    """Yield the cycles of a ring-down in parts, until it is over."""
+    period = math.tau / rig.parameters.omega
+    for _ in range(math.ceil(most_cycles / _CYCLES_AT_ONCE)):
+        part = cycles_of(run_flights(rig, rig.time + _CYCLES_AT_ONCE * period))
+        yield part
+        last = part.velocity[-1] if len(part.velocity) else 0.0
+        if last < END_SHARE * amplitude * rig.parameters.omega:
+            return
+
+
+def ring_down(
+    parameters: RigParameters,
+    amplitude: float,
+    *,
+    releases: int = RELEASES,
+    most_cycles: int = MOST_CYCLES,
+) -> RingDown:
+    """
+    Release a rig and let it ring down, once for each phase at which m is let go.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig; its force and the motion of its base are switched off.
+    amplitude : float
+        First amplitude of M, m.
+    releases : int, optional
+        Number of phases.
+    most_cycles : int, optional
+        Cycles after which a ring-down ends; it ends earlier at 1 % of its first amplitude.
+
+    Returns
+    -------
+    RingDown
+        Passages, velocities and losses of all cycles.
+
+    Raises
+    ------
+    ValueError
+        If the amplitude is not positive.
+    EndlessEventsError
+        If the rig has too many events.
+
+    Examples
+    --------
+    >>> rig = RigParameters(damper_mass=0.06, gap=1.0, restitution_1=0.5, restitution_2=0.5)
+    >>> found = ring_down(rig, 1.0, releases=4)
+    >>> bool(found.curve()['median'].max() > 4.0 * found.dashpot_loss)
+    True
+    """
+    if not 0.0 < amplitude < math.inf:
+        raise ValueError(f'amplitude is {amplitude!r} m: give a positive number')
+    free = parameters.replace(
+        force_amplitudes=(0.0,),
+        force_frequencies=(parameters.omega,),
+        force_phases=(0.0,),
+        base_amplitudes=(0.0,),
+        base_frequencies=(parameters.omega,),
+        base_phases=(0.0,),
+        multisine_level=0.0,
+        sweep_mode='off',
+    )
+    runs = []
+    for k in range(releases):
+        start = released(free, amplitude, math.tau * k / releases)
+        parts = list(_parts(Rig(free, start), amplitude, most_cycles))
+        time, velocity = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ('time', 'velocity')
+        )
+        over = np.flatnonzero(velocity < END_SHARE * amplitude * free.omega)
+        last = int(over[0]) if len(over) else len(velocity)
+        runs.append(Cycles(time[:last], velocity[:last]))
+    return RingDown(free, amplitude, tuple(run for run in runs if len(run.time) > 1))

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figure, the table and the text of a ring-down."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from impact_damper_ros.orbits.ring_down import RingDown
+from impact_damper_ros.parameters.units import STANDARD_GRAVITY
+
+from .csv_tables import row
+from .drawing import COLORS, blank_figure, finish_panel, print_style, unit_axis
+from .formatting import quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_COLUMNS = ('release', 'time', 'velocity', 'amplitude', 'acceleration_g', 'loss', 'zeta')
+
+
+def ring_down_table(found: RingDown) -> str:
+    """Return the cycles of all releases as CSV."""
+    lines = [','.join(_COLUMNS)]
+    omega = found.parameters.omega
+    for release, run in enumerate(found.runs):
+        size = run.velocity[:-1] / omega
+        columns = (run.time[:-1], run.velocity[:-1], size, size * omega**2 / STANDARD_GRAVITY)
+        cycles = np.column_stack([*columns, run.loss, run.zeta]).tolist()
+        lines += [row((release, *cycle)).rstrip('\n') for cycle in cycles]
+    return '\n'.join(lines) + '\n'
+
+
+def ring_down_json(found: RingDown) -> dict[str, Any]:
+    """Return the curve over amplitude and what it is beside, for JSON."""
+    curve = {name: column.tolist() for name, column in found.curve().items()}
+    return {
+        'amplitude': found.amplitude,
+        'releases': len(found.runs),
+        'cycles': len(found.loss),
+        'dashpot_loss': found.dashpot_loss,
+        'bound': found.bound if math.isfinite(found.bound) else None,
+        'curve': curve,
+    }
+
+
+def _loss_words(loss: float) -> str:
+    ratio = -math.log1p(-loss) / (2.0 * math.tau) if loss < 1.0 else math.inf
+    factor = f'loss factor {loss / math.tau:.4f}'
+    return f'Ψ {loss:.3f} = {factor} = damping ratio {100.0 * ratio:.2f} %'
+
+
+def ring_down_text(found: RingDown) -> str:
+    """Return the result in words."""
+    curve = found.curve()
+    size = quantity(found.amplitude, 'm', 4)
+    lines = [
+        f'{len(found.loss)} cycles of {len(found.runs)} releases, from {size} down',
+        f'dashpot alone: {_loss_words(found.dashpot_loss)}',
+    ]
+    if len(curve['median']):
+        best = int(np.argmax(curve['median']))
+        place = quantity(float(curve['amplitude'][best]), 'm', 4)
+        lines.append(
+            f'largest loss, median: {_loss_words(float(curve["median"][best]))} at an amplitude '
+            f'of {place} ({curve["acceleration"][best]:.3g} g)'
+        )
+    lines.append(
+        f'two impacts per cycle at X = 0 would take Ψ {found.bound:.3f}'
+        if found.bound < 1.0
+        else 'two impacts per cycle at X = 0 would take all of the energy'
+    )
+    return '\n'.join(lines)
+
+
+@print_style()
+def ring_down_figure(found: RingDown, title: str = '') -> Figure:
+    """Draw the decay of each release, and the loss of a cycle over amplitude."""
+    figure = blank_figure(6.3, 5.6)
+    decay, loss = figure.subplots(2, 1)
+    omega = found.parameters.omega
+    for run in found.runs:
+        decay.plot(run.time, run.velocity / omega, color=COLORS['primary'], lw=0.5, alpha=0.5)
+    alone = found.amplitude * np.exp(
+        -found.parameters.zeta
+        * omega
+        * np.array(times := np.linspace(0.0, max(run.time[-1] for run in found.runs), 200))
+    )
+    decay.plot(times, alone, color=COLORS['quiet'], lw=1.0, ls='--', label='dashpot alone')
+    decay.set_ylim(0.0, 1.05 * found.amplitude)
+    decay.legend(frameon=False)
+    finish_panel(decay, 'a', 'Time [s]', '')
+    unit_axis(decay.yaxis, 'Amplitude of M', 'm', found.amplitude)
+    curve = found.curve()
+    loss.plot(found.amplitudes, found.loss, '.', ms=2, color=COLORS['primary'], alpha=0.25)
+    loss.fill_between(
+        curve['amplitude'], curve['low'], curve['high'], color=COLORS['damper'], alpha=0.25, lw=0
+    )
+    loss.plot(curve['amplitude'], curve['median'], color=COLORS['damper'], lw=1.4, label='median')
+    loss.axhline(found.dashpot_loss, color=COLORS['quiet'], lw=1.0, ls='--', label='dashpot alone')
+    if found.bound < 1.0:
+        text = 'two impacts per cycle at X = 0'
+        loss.axhline(found.bound, color=COLORS['special'], lw=1.0, ls=':', label=text)
+    loss.set_xscale('log')
+    loss.set_ylim(0.0, max(1.1 * float(found.loss.max()), 1.2 * found.dashpot_loss))
+    loss.legend(frameon=False)
+    finish_panel(loss, 'b', '', 'Loss of a cycle, Ψ = 1 − E₊/E')
+    unit_axis(loss.xaxis, 'Amplitude of M', 'm', found.amplitude)
+    to_g = omega**2 / STANDARD_GRAVITY
+    above = loss.secondary_xaxis('top', functions=(lambda x: x * to_g, lambda g: g / to_g))
+    above.set_xlabel('Amplitude of the acceleration of M [g]')
+    above.xaxis.set_major_formatter(lambda value, _: f'{value:g}')
+    figure.suptitle(title, fontsize=7.5, color='0.3')
+    return figure
