@@ -22,7 +22,6 @@ import json
 import os
 import re
 import socket
-import struct
 import subprocess
 import sys
 import tempfile
@@ -46,10 +45,10 @@ from node_process import (
 )
 
 from impact_damper_ros import Rig
+from impact_damper_ros.page.frames import HEADER
 from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.theory.theory_process import TheoryProcess
 
-HEADER = struct.Struct('<BB6Hxxdd')
 RATE = 200
 CLIENTS = 4
 

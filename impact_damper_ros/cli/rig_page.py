@@ -13,6 +13,7 @@ import asyncio
 import contextlib
 import ctypes
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from impact_damper_ros.parameters.parameters_file import load_parameters, preset_file
+from impact_damper_ros.parameters.quoting import shown
 
 from .command_line import EXIT_FAILED, CommandError, command_parser, outcome, path_of, say
 
@@ -37,7 +39,9 @@ _PR_SET_PDEATHSIG = 1
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser(COMMAND, 'Show a live rig, or with --bag a recording, in a browser.')
     what = parser.add_mutually_exclusive_group()
-    what.add_argument('--node', default='', metavar='NAME', help='node of the rig to show first')
+    what.add_argument(
+        '--node', type=_node, default='', metavar='NAME', help='node of the rig to show first'
+    )
     what.add_argument(
         '--bag',
         type=path_of,
@@ -64,7 +68,8 @@ def _parser() -> argparse.ArgumentParser:
         '--host',
         default='127.0.0.1',
         metavar='ADDRESS',
-        help='address to listen on [127.0.0.1, this machine only]; any other one requires a token',
+        help='address to listen on [127.0.0.1, this machine only]; other machines watch, or steer '
+        'with the token that is printed',
     )
     parser.add_argument(
         '--name',
@@ -75,6 +80,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--open', action='store_true', help='open the page in a browser')
     return parser
+
+
+def _node(text: str) -> str:
+    """Return the full name of a node; without a slash it is in no namespace."""
+    name = f'/{text.removeprefix("/")}' if text else ''
+    if text and not re.fullmatch(r'(/[A-Za-z_][A-Za-z0-9_]*)+', name):
+        raise argparse.ArgumentTypeError(
+            f'{shown(text)}: no node has such a name; give one such as /sim_node'
+        )
+    return name
 
 
 def _port(text: str) -> int:
@@ -196,11 +211,11 @@ async def _serve(arguments: argparse.Namespace) -> None:
         node = _Node(preset_file(arguments.start), tell)
         watch = loop.create_task(node.watch())
     try:
-        print(f'{COMMAND}: the page is at {gate.url()}', flush=True)
-        if gate.tokens:
-            print(f'{COMMAND}: to watch only: {gate.url("watch")}', flush=True)
+        print(f'{COMMAND}: the page is at {gate.url(gate.token)}', flush=True)
+        if gate.token:
+            print(f'{COMMAND}: without the token it is to watch only: {gate.url()}', flush=True)
         if arguments.open:
-            loop.run_in_executor(None, _open, gate.url())
+            loop.run_in_executor(None, _open, gate.url(gate.token))
         await end.wait()
         await server.close()
     finally:

@@ -16,7 +16,7 @@ from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
 from .frames import View
-from .source import RequestError, Source
+from .source import RequestError, Source, number
 
 if TYPE_CHECKING:
     from tornado.websocket import WebSocketHandler
@@ -27,7 +27,7 @@ LONGEST_MESSAGE = 65_536
 _STATES = frozenset(
     (
         *('status', 'diagnostics', 'numbers', 'orbit', 'gap_curve', 'theory_failed'),
-        *('rigs', 'recordings', 'what_if'),
+        *('hello', 'rigs', 'recordings', 'what_if'),
     )
 )
 #: Most other messages that wait, and the longest write, s; beyond these the page is closed.
@@ -167,12 +167,17 @@ class Client:
     async def _answer(self, message: dict[str, Any]) -> dict[str, Any] | None:
         kind = message['type']
         if not self._steers and kind not in _WATCHING:
-            raise RequestError('this link only shows the rig: open the one that steers it')
+            raise RequestError(
+                'this page only watches: open it on the machine of its server, or by the address '
+                'with the token'
+            )
         if kind != 'view':
             return await self._handle(message, self)
-        window, rate = float(message['window']), float(message['rate'])
+        window, rate = number(message, 'window'), number(message, 'rate')
         # A page that has a longer window already has all of a shorter one.
         if window > self.view.window:
             self.view = View(window)
         self._period = 0.0 if rate >= _MOST_RATE else 1.0 / max(rate, 0.1)
+        # A page that comes into view is not shown what it was a second ago.
+        self._due = 0.0
         return None

@@ -2,10 +2,10 @@
 """
 Display frames: what is new of a motion since the last frame of a page.
 
-The layout is little endian: a header of 32 bytes (kind, flags, counts of samples, impacts,
-measurements and acts of the control, and of the first two of a what-if; end, wall time), then
-these as float32. Instants count from the end of the frame. The samples go on to the first one
-after the end, if there is one: the page draws the rig between the two.
+The layout is little endian: a header of 32 bytes (kind, flags, the number of rows of each of the
+`TABLES`; end, wall time), then these rows as float32. Instants count from the end of the frame.
+The samples go on to the first one after the end, if there is one: the page draws the rig between
+the two.
 """
 
 from __future__ import annotations
@@ -15,11 +15,38 @@ import struct
 
 import numpy as np
 
-from .motion import Motion, Rows, between
+from .motion import (
+    ACT_COLUMNS,
+    IMPACT_COLUMNS,
+    MEASURED_COLUMNS,
+    SAMPLE_COLUMNS,
+    Motion,
+    Rows,
+    between,
+)
 
 PAUSED, REPLACE, REPLACE_GHOST = 1, 2, 4
-_HEADER = struct.Struct('<BB6Hxxdd')
+HEADER = struct.Struct('<BB6Hxxdd')
 _KIND = 3
+#: Tables of a frame, in their order, with their columns; the last two are those of a what-if.
+TABLES = {
+    'samples': SAMPLE_COLUMNS,
+    'impacts': IMPACT_COLUMNS,
+    'measured': MEASURED_COLUMNS,
+    'acts': ACT_COLUMNS,
+    'ghost_samples': SAMPLE_COLUMNS,
+    'ghost_impacts': IMPACT_COLUMNS,
+}
+#: What a page has to know to read a frame: where the counts of rows begin, and where the two
+#: instants stand, as numbers of 2 and 8 bytes.
+LAYOUT = {
+    'kind': _KIND,
+    'header': HEADER.size,
+    'counts': 2,
+    'instants': HEADER.size - 16,
+    'flags': {'paused': PAUSED, 'replace': REPLACE, 'replace_ghost': REPLACE_GHOST},
+    'tables': TABLES,
+}
 #: Lengths of a window, s.
 _WINDOWS = 0.05, 300.0
 #: Most rows of a kind in a frame.
@@ -60,8 +87,9 @@ class View:
         self.window = min(max(window, _WINDOWS[0]), _WINDOWS[1])
         self._own, self._others = _Sent(), _Sent()
         self._ghost: Motion | None = None
-        #: End and flags of the last frame
+        # End and flags of the last frame, and how often samples had been corrected by then
         self._last = math.nan, 0
+        self._corrections = 0
 
     def begin_again(self) -> None:
         """Let the next frame replace everything that the page has."""
@@ -77,8 +105,10 @@ class View:
         """
         last = end, flags
         start = end - self.window
-        # Too far behind, or ahead after a jump back
-        if not start <= self._last[0] <= end:
+        # Too far behind, ahead after a jump back, or with a sample that was corrected
+        behind = not start <= self._last[0] <= end
+        if behind or motion.corrections != self._corrections:
+            self._corrections = motion.corrections
             flags |= REPLACE
             self._own.begin(start)
         if flags & REPLACE or ghost is not self._ghost:
@@ -89,7 +119,7 @@ class View:
         if self._last == last and not flags & REPLACE_GHOST and not any(map(len, parts)):
             return None
         self._last, self._ghost = last, ghost
-        content = [_HEADER.pack(_KIND, flags, *map(len, parts), end, epoch)]
+        content = [HEADER.pack(_KIND, flags, *map(len, parts), end, epoch)]
         for rows in parts:
             rows = rows.copy()
             rows[:, :1] -= end

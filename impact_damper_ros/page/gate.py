@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Access control of the server: Host, Origin and token.
+Access control of the server: Host, Origin, and who steers.
+
+This machine steers, and who has the token; everyone else who can reach the page watches.
 
 A page of a foreign site can make a browser connect to a server of this machine. It cannot forge
 the Host and Origin that the browser sends: a name that an attacker lets point to this machine (DNS
@@ -47,15 +49,14 @@ class Gate:
 
     host: str  # the address that the server listens on
     names: Sequence[str] = ()  # further host names of the server
-    #: The token to require by what it allows, ``'steer'`` or ``'watch'``; empty on the loopback
-    #: interface, where everyone may steer
-    tokens: dict[str, str] = field(default_factory=dict, init=False)
+    #: What lets another machine steer; empty where no other one can reach the server
+    token: str = field(default='', init=False)
     port: int = field(default=0, init=False)  # set once the server listens
 
     def __post_init__(self) -> None:
-        """Make tokens where they are needed."""
+        """Make a token where one is needed."""
         if not is_loopback(self.host):
-            self.tokens = {role: secrets.token_urlsafe(24) for role in ('steer', 'watch')}
+            self.token = secrets.token_urlsafe(24)
 
     @property
     def cookie(self) -> str:
@@ -85,19 +86,18 @@ class Gate:
         own = _split(rest) == _split(netloc)
         return scheme in ('http', 'https') and own and self.accepts_host(rest)
 
-    def role(self, *given: str | None) -> str:
-        """Return what the first known one of the given tokens allows; empty for none of them."""
-        if not self.tokens:
-            return 'steer'
-        for text in given:
-            for role, token in self.tokens.items():
-                if hmac.compare_digest(token.encode(), (text or '').encode()):
-                    return role
-        return ''
+    def steers(self, peer: str, own: str, *tokens: str | None) -> bool:
+        """Return whether a request may steer: its two addresses, and the tokens that it gives."""
+        # A connection with one address at both ends does not leave the machine.
+        return is_loopback(peer) or peer == own or any(map(self.accepts_token, tokens))
 
-    def url(self, role: str = 'steer') -> str:
+    def accepts_token(self, token: str | None) -> bool:
+        """Return whether a token is the right one."""
+        given = (token or '').encode()
+        return bool(self.token) and hmac.compare_digest(self.token.encode(), given)
+
+    def url(self, token: str = '') -> str:
         """Return the address to open."""
         host = self.host if self.host not in ('0.0.0.0', '::', '') else socket.gethostname()
         host = f'[{host}]' if ':' in host else host
-        query = f'?token={self.tokens[role]}' if self.tokens else ''
-        return f'http://{host}:{self.port}/{query}'
+        return f'http://{host}:{self.port}/' + (f'?token={token}' if token else '')

@@ -32,11 +32,10 @@ from .frames import PAUSED, View
 from .knobs import as_json, knobs_of, read_values
 from .motion import Era, ForcePhase, Motion
 from .numbers import numbers_of
-from .presets import change_between, load_presets
+from .presets import change_between, load_presets, preset_with
 from .source import RequestError, Source
 
 if TYPE_CHECKING:
-    from .client import Client
     from .ros_client import RigLink
 
 #: Samples and impacts that are kept for the traces.
@@ -44,23 +43,15 @@ _MOST_SAMPLES, _MOST_IMPACTS = 60_000, 20_000
 #: Time without messages after which a node counts as gone, s; diagnostics come every second.
 GONE_S = 3.5
 _STATUS_PERIOD_S = 1.0
-#: Time for which several nodes of a name are tolerated, s: a killed one stays listed for 20 s.
-_NAMESAKE_S = 30.0
 #: Time after which no more messages of an earlier era come, ns.
 _LATE_NS = 10 * 10**9
 _RETRY_S = 1.0
 _LEVELS = ('ok', 'warn', 'error')
 #: Largest difference from the system time of stamps that count from it, s.
 _WALL_S = 3600.0
-#: Reasons of snapshots after which stamps count from another instant.
-_MOVING = ('slip', 'resume')
 #: Speed of the rig below which the time between two samples is seen.
 _SLOW = 0.5
 _TRIGGERS = ('reset', 'step', 'step_to_impact')
-
-
-class NoAnswerError(Exception):
-    """A node that does not answer."""
 
 
 class LiveRig(Source):
@@ -71,22 +62,22 @@ class LiveRig(Source):
     def __init__(self, link: RigLink, common: Callable[[], dict[str, Any]]) -> None:
         super().__init__(common)
         self.link = link
-        #: Present values of the parameters that are known
-        self.values: dict[str, Any] = {}
         #: That of the last snapshot
         self.state: dict[str, Any] | None = None
         self._reports: dict[str, DiagnosticStatus] = {}
         self._forget()
         self._heard = time.monotonic()
-        self._said: tuple[str, str] = ('', '')
-        self._said_at = 0.0
-        self._was_gone = False
-        # Since when there are several nodes of this name
-        self._namesakes_since = 0.0
+        # The last status that was sent, and when
+        self._status_sent: tuple[str, str] = ('', '')
+        self._status_at = 0.0
         self._asking: asyncio.Task[None] | None = None
 
     def _forget(self) -> None:
-        """Discard all messages: the node was restarted."""
+        """Discard all messages: a run begins."""
+        # Its identity, which its snapshots name
+        self._run = ''
+        #: Present values of the parameters that are known
+        self.values: dict[str, Any] = {}
         self.motion = Motion(_MOST_SAMPLES, _MOST_IMPACTS)
         self._readers = {
             'joint_states': JointStateRows(JOINTS, (7, 7, 0)),
@@ -117,6 +108,7 @@ class LiveRig(Source):
             **super().hello(),
             'rig': self.link.name,
             'parameters': knobs_of(self.values) if self._all_known else [],
+            'preset': preset_with(self.values) if self._all_known else '',
         }
 
     def news(self) -> list[dict[str, Any]]:
@@ -169,14 +161,13 @@ class LiveRig(Source):
             self._take_diagnostics(content)
         for content in messages['theory']:
             self._take_theory(content)
-        self._say_status()
+        self._send_status()
 
     def _show_held(self) -> None:
         """Show what a change or a reset has made of a paused rig."""
         held, self._held = self._held, None
-        if held is not None and self.motion.correct_end(self._eras[-1].samples(held)[0]):
-            for client in self.clients:
-                client.view.begin_again()
+        if held is not None:
+            self.motion.correct_end(self._eras[-1].samples(held)[0])
 
     def _take_snapshot(self, content: bytes) -> None:
         try:
@@ -187,13 +178,14 @@ class LiveRig(Source):
                 return
             snapshot = Snapshot.from_dict(held['state'])
             offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])
-            reason, control = held['reason'], held['state']['gap_control']['parameters']
+            run, reason = str(held['run']), held['reason']
+            control = held['state']['gap_control']['parameters']
             values = {**snapshot.parameters.as_dict(), **control}
         except (CdrError, ValueError, KeyError, TypeError, LookupError):
             return
-        if self._eras and self._is_another_run(reason, offset_ns, time_ns / 1e9):
+        if run != self._run:
             self._forget()
-        self._was_gone = False
+            self._run = run
         began = not self._eras
         self.state = held['state']
         late_ns = time_ns - _LATE_NS
@@ -207,22 +199,6 @@ class LiveRig(Source):
         self._note(values, None if began else time_ns / 1e9, kind)
         if began and (self._asking is None or self._asking.done()):
             self._asking = asyncio.ensure_future(self._ask())
-
-    def _is_another_run(self, reason: str, offset_ns: int, time_: float) -> bool:
-        """
-        Return whether a snapshot is from a restarted node.
-
-        Its first snapshot may be lost: only the last one is latched. Within a run, only a slip
-        and the end of a pause, or of being held, change the stamp of rig time 0; it is 0 for all
-        runs in simulated time.
-        """
-        moved = offset_ns != self._eras[-1].offset_ns
-        return (
-            reason == 'start'
-            or time_ < self.motion.end - 1.0
-            or (moved and reason not in _MOVING and not self._paused)
-            or (self._was_gone and (moved or offset_ns == 0))
-        )
 
     def _note(self, values: Mapping[str, Any], time_: float | None, kind: str = 'change') -> None:
         """Store values, and report those that have changed, or a reset."""
@@ -338,14 +314,13 @@ class LiveRig(Source):
         return {'type': 'status', 'state': state, 'text': text, 'time': as_json(self.motion.end)}
 
     def _judged(self) -> tuple[str, str]:
-        now = time.monotonic()
-        silent = now - self._heard
+        silent = time.monotonic() - self._heard
         if silent > GONE_S or not self._eras:
             return 'gone', f'no message from {self.link.name} for {max(1, round(silent))} s'
-        if self._namesakes_since and now > self._namesakes_since + _NAMESAKE_S:
-            return 'lagging', (
-                f'several nodes are called {self.link.name}, and shown as if they were one: end '
-                'the others, or start them in namespaces'
+        if self.link.mixed:
+            return 'doubled', (
+                f'Several nodes are called {self.link.name}, and are shown as if they were one: '
+                'end the others, or start them in namespaces.'
             )
         if self._paused:
             return 'paused', 'paused'
@@ -355,17 +330,14 @@ class LiveRig(Source):
                 return 'lagging', report.message
         return 'running', ''
 
-    def _say_status(self) -> None:
+    def _send_status(self) -> None:
         now, judged = time.monotonic(), self._judged()
         # A longer silence alone is not reported again.
-        news = judged[0] != self._said[0] or (judged[0] != 'gone' and judged != self._said)
-        if news or now >= self._said_at + _STATUS_PERIOD_S:
-            self._said, self._said_at = judged, now
-            self._was_gone |= judged[0] == 'gone'
-            if self.link.count() < 2:
-                self._namesakes_since = 0.0
-            elif not self._namesakes_since:
-                self._namesakes_since = now
+        sent = self._status_sent
+        news = judged[0] != sent[0] or (judged[0] != 'gone' and judged != sent)
+        if news or now >= self._status_at + _STATUS_PERIOD_S:
+            self._status_sent, self._status_at = judged, now
+            self.link.match()
             self.tell(self._status())
             for numbers in self._numbers():
                 self.tell(numbers)
@@ -378,14 +350,13 @@ class LiveRig(Source):
             try:
                 self.values = as_json(await self.link.parameters()) | self.values
                 self._all_known = True
-            except NoAnswerError:
+            except TimeoutError:
                 await asyncio.sleep(_RETRY_S)
         for client in list(self.clients):
             client.show(self)
 
-    async def handle(self, message: dict[str, Any], client: Client) -> dict[str, Any] | None:
+    async def handle(self, message: dict[str, Any]) -> dict[str, Any] | None:
         """Process a request."""
-        del client
         kind = message['type']
         try:
             if kind == 'set':
@@ -396,7 +367,7 @@ class LiveRig(Source):
                 return await self._take_preset(message['name'])
             if kind == 'service':
                 return await self._serve(message['name'])
-        except NoAnswerError as error:
+        except TimeoutError as error:
             raise RequestError(str(error)) from error
         raise RequestError(f'{kind[:80]} is not a request for a live rig')
 

@@ -170,6 +170,8 @@ class Motion:
         self._impacts = _Table(len(IMPACT_COLUMNS), most_impacts)
         self._measured = _Table(len(MEASURED_COLUMNS), most_samples)
         self._acts = _Table(len(ACT_COLUMNS), most_impacts)
+        #: How often the newest sample has become another one.
+        self.corrections = 0
 
     @property
     def samples(self) -> Rows:
@@ -203,13 +205,12 @@ class Motion:
         before = np.fmax.accumulate(np.append(self.end, rows[:, 0]))[:-1]
         self._samples.add(rows[~(rows[:, 0] <= before)])
 
-    def correct_end(self, row: Rows) -> bool:
-        """Replace the newest sample by one of the same instant; return whether it is another."""
+    def correct_end(self, row: Rows) -> None:
+        """Replace the newest sample by one of the same instant."""
         last = self._samples.rows[-1:, 1:7]
-        if not len(last) or np.array_equal(last[0], row[1:7]):
-            return False
-        last[0] = row[1:7]
-        return True
+        if len(last) and not np.array_equal(last[0], row[1:7]):
+            last[0] = row[1:7]
+            self.corrections += 1
 
     def add_impacts(self, rows: Rows) -> None:
         """Append the impacts that are not earlier than the last one, in their order."""

@@ -9,9 +9,9 @@ import math
 import time
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,15 +28,14 @@ from .frames import PAUSED, View
 from .knobs import as_json, knobs_of, read_values
 from .motion import MOST_IMPACTS, MOST_SAMPLES, Era, ForcePhase, Motion, measured_rows
 from .numbers import numbers_of
-from .presets import change_between
-from .source import RequestError, Source
+from .presets import change_between, preset_with
+from .source import RequestError, Source, number
 from .what_if import WhatIfMotion
-
-if TYPE_CHECKING:
-    from .client import Client
 
 #: Largest number of changes that are marked.
 _MOST_CHANGES = 10_000
+#: Settings of a recording of which theory is kept.
+_MOST_DOCUMENTS = 64
 _SLOWEST, _FASTEST = 0.01, 100.0
 _STATUS_PERIOD_S = 1.0
 #: The jumps that correspond to services of a live rig.
@@ -67,6 +66,7 @@ class Recording:
     #: Of each change the rig after it: what is shown of thousands of them is a few.
     packed: list[bytes]
     times: NDArray[np.float64]
+    theory: SharedTheory = field(default_factory=lambda: SharedTheory())
 
     @property
     def start(self) -> float:
@@ -142,6 +142,54 @@ def _measured(run: RecordedRun, offsets: list[tuple[int, int]]) -> NDArray[np.fl
     return measured_rows(rows, offsets_ns[np.clip(place, 0, None)])
 
 
+class SharedTheory:
+    """What theory says of a recording: one process for all players, which share what it found."""
+
+    def __init__(self) -> None:
+        self._process = TheoryProcess(documents=True)
+        # Documents by the number of their setting, the complete ones, and what each player is in
+        self._documents: dict[int, str] = {}
+        self._complete: set[int] = set()
+        self._players: dict[object, tuple[int, Setting]] = {}
+        self._era = -1
+
+    def enter(self, player: object, era: int, setting: Setting) -> None:
+        """Note in which setting a player is."""
+        self._players[player] = era, setting
+        self._choose()
+
+    def leave(self, player: object) -> None:
+        """Forget a player; with the last one the process ends."""
+        self._players.pop(player, None)
+        if not self._players:
+            self._era = -1
+            self._process.close()
+
+    def _choose(self) -> None:
+        """Compute a setting that somebody is in: the present one until it is done, or the next."""
+        wanted = dict(self._players.values())
+        if self._era in wanted and self._era not in self._complete:
+            return
+        for era, setting in wanted.items():
+            if era not in self._complete:
+                self._era = era
+                self._process.ask(setting.state)
+                return
+
+    def document(self, player: object) -> str:
+        """Return what is known of the setting of a player by now; empty if nothing is."""
+        if self._process.poll():
+            self._documents[self._era] = self._process.document
+            if self._process.done:
+                self._complete.add(self._era)
+                self._choose()
+            if len(self._documents) > _MOST_DOCUMENTS:
+                oldest = next(iter(self._documents))
+                del self._documents[oldest]
+                self._complete.discard(oldest)
+        return self._documents.get(self._players[player][0], '')
+
+
 class Player(Source):
     """A recording that is played to one page."""
 
@@ -158,19 +206,30 @@ class Player(Source):
         self._from, self._since = self._start, time.monotonic()
         self._playing = True
         self._ghost: WhatIfMotion | None = None
-        self._said_at = -math.inf
+        self._status_at = -math.inf
         self._document = ''
-        self._process = TheoryProcess(documents=True)
         self._enter(recorded.era(self._start))
 
     def _enter(self, era: int) -> None:
         self._era, self._setting = era, self.recorded.setting(era)
         self._rig = self._setting.rig
-        self._process.ask(self._setting.state)
+        self.recorded.theory.enter(self, era, self._setting)
+        # What was known of another setting is no theory of this one.
+        self._take_theory('')
+
+    def _take_theory(self, document: str) -> None:
+        if document is not self._document:
+            self._document = document
+            self.tell_theory(json.loads(document or '{}'))
+
+    @property
+    def computes(self) -> bool:
+        """Whether it has a what-if."""
+        return self._ghost is not None
 
     async def close(self) -> None:
-        """End the child processes."""
-        self._process.close()
+        """End what it has started."""
+        self.recorded.theory.leave(self)
         if self._ghost is not None:
             self._ghost.close()
 
@@ -183,6 +242,7 @@ class Player(Source):
             'mode': 'player',
             'bag': self._name,
             'parameters': knobs_of(self._setting.values),
+            'preset': preset_with(self._setting.values),
             'start': self._start,
             'duration': self._end - self._start,
             'changes': self.recorded.changes,
@@ -223,14 +283,11 @@ class Player(Source):
                 {**change, 'type': 'parameters', 'kind': 'change', 'values': values}
                 | ({} if played else {'time': None})
             )
-        self._process.poll()
-        if self._process.document is not self._document:
-            self._document = self._process.document
-            self.tell_theory(json.loads(self._document))
+        self._take_theory(self.recorded.theory.document(self))
         if self._ghost is not None:
             self._ghost.tick()
-        if time.monotonic() >= self._said_at + _STATUS_PERIOD_S:
-            self._say()
+        if time.monotonic() >= self._status_at + _STATUS_PERIOD_S:
+            self._send_status()
 
     def frame(self, view: View) -> bytes | None:
         """Return a frame with what is new; None if nothing is."""
@@ -238,23 +295,22 @@ class Player(Source):
         ghost = self._ghost.motion if self._ghost is not None else None
         return view.frame(self.recorded.motion, now, now, flags, ghost)
 
-    def _say(self) -> None:
-        self._said_at = time.monotonic()
+    def _send_status(self) -> None:
+        self._status_at = time.monotonic()
         for message in self.news()[:2]:
             self.tell(message)
 
     # From the page
 
-    async def handle(self, message: dict[str, Any], client: Client) -> dict[str, Any] | None:
+    async def handle(self, message: dict[str, Any]) -> dict[str, Any] | None:
         """Process a request."""
-        del client
         kind = message['type']
         if kind == 'seek':
-            self._go_to(float(message['time']))
+            self._go_to(number(message, 'time'))
         elif kind == 'play':
-            self._play(float(message['speed']))
+            self._play(number(message, 'speed'))
         elif kind == 'jump':
-            self._jump(message['to'], int(message['direction']))
+            self._jump(message['to'], number(message, 'direction'))
         elif kind == 'what_if':
             values = read_values(message['values'] or {})
             self._what_if(values)
@@ -276,7 +332,7 @@ class Player(Source):
         self._since = time.monotonic()
         if playing is not None:
             self._playing = playing
-        self._say()
+        self._send_status()
 
     def _play(self, speed: float) -> None:
         now = self.time
@@ -286,7 +342,7 @@ class Player(Source):
             now = self._start if now >= self._end else now
         self._go_to(now, playing=speed > 0.0)
 
-    def _jump(self, to: str, direction: int) -> None:
+    def _jump(self, to: str, direction: float) -> None:
         """Go to the next or the previous sample, impact or change, and pause there."""
         if to in ('sample', 'impact'):
             motion = self.recorded.motion

@@ -2,7 +2,8 @@
 """
 The recordings that the page lists, plays, downloads and compares.
 
-Only the bags directly in one directory are accessible, by name; no request contains a path.
+Only the bags directly in one directory are accessible, by name; no request contains a path. Names
+are those that can be printed: what is not UTF-8 in one of a file is shown as an escape.
 """
 
 from __future__ import annotations
@@ -13,8 +14,6 @@ import shutil
 import signal
 import sys
 import tempfile
-import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -29,11 +28,6 @@ from impact_damper_ros.theory.child_process import environment
 
 _SUFFIXES = ('.mcap', '.mcap.zstd', '.db3', '.db3.zstd')
 _MOST_LISTED = 500
-_LONGEST_NAME, _LONGEST_NOTE = 120, 2000
-#: What is deleted goes there, and away when the server ends; and the file of a note.
-_BIN, _NOTE = '.deleted', 'note.txt'
-#: A bag without a listing that was written to within this time is being recorded, s.
-_AT_WORK_S = 10.0
 #: Longest comparison, s.
 _PATIENCE_S = 1800.0
 
@@ -46,33 +40,41 @@ class Recordings:
     """
 
     def __init__(self, place: Path, *, listed: bool = False) -> None:
-        self._place = place.absolute()
+        self._place = place.resolve()
         #: Name of the bag, if it is a single one.
         self.single = ''
         whole = self._place.is_file() or (self._place / 'metadata.yaml').is_file()
-        if _is_bag(self._place) and (whole or not (listed or _has_bags(self._place))):
+        single = _is_bag(self._place, Path(self._place.anchor))
+        if single and (whole or not (listed or _has_bags(self._place))):
             self.single, self._place = self._place.name, self._place.parent
-        self._reports: Path | None = None
+        # The directory of the reports, and these by the name of their bag
+        self._directory: Path | None = None
+        self._reports: dict[str, Path] = {}
         #: Comparisons that are under way, with their processes once those run
         self._comparing: dict[str, asyncio.subprocess.Process | None] = {}
         # What has been read of each bag, and the files that it was read of
-        self._known: dict[str, tuple[object, dict[str, Any]]] = {}
+        self._known: dict[Path, tuple[object, dict[str, Any]]] = {}
 
     def names(self) -> list[str]:
         """Return the names of the bags, the newest first."""
-        if self.single:
-            return [self.single]
-        try:
-            found = [path for path in self._place.iterdir() if _is_bag(path)]
-        except OSError:
-            return []
-        return [path.name for path in sorted(found, key=_age)][:_MOST_LISTED]
+        return [printable(path.name) for path in self._bags()]
 
     def path(self, name: str) -> Path:
         """Return the path of a bag; raise a LookupError if there is no bag of that name."""
-        if name not in self.names():
-            raise LookupError(f'there is no recording {printable(name[:200])}')
-        return self._place / name
+        for path in self._bags():
+            if printable(path.name) == name:
+                return path
+        raise LookupError(f'there is no recording {printable(name[:200])}')
+
+    def _bags(self) -> list[Path]:
+        """Return the paths of the bags, the newest first."""
+        if self.single:
+            return [self._place / self.single]
+        try:
+            found = [path for path in self._place.iterdir() if _is_bag(path, self._place)]
+        except OSError:
+            return []
+        return sorted(found, key=_age)[:_MOST_LISTED]
 
     def file(self, name: str) -> Path:
         """Return the file to download; LookupError if there is none, or the bag has several."""
@@ -82,126 +84,24 @@ class Recordings:
             raise LookupError(str(error)) from error
         if len(files) != 1:
             raise LookupError(f'{name} has {len(files)} files: copy its directory')
-        # Neither the bag nor its file may lead out of the directory.
-        if not files[0].resolve().is_relative_to(self._place.resolve()):
-            raise LookupError(f'{name} is not in the directory of the recordings')
         return files[0]
 
     def list(self) -> list[dict[str, Any]]:
         """Return name, start, duration and size of each recording."""
-        names = self.names()
-        found = []
-        for name in names:
-            files = self._files(name)
-            known = self._known.get(name)
-            if known is None or known[0] != files:
-                known = self._known[name] = files, self._described(name)
-            found.append(known[1])
-        for name in self._known.keys() - set(names):
-            self._known.pop(name, None)
-        return found
-
-    def _files(self, name: str) -> object:
-        """Return names, sizes and times of the files of a bag, to detect changes."""
-        path = self._place / name
-        with contextlib.suppress(OSError):
-            files = sorted(path.iterdir()) if path.is_dir() else [path]
-            return [(f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files]
-        return None
-
-    def _described(self, name: str) -> dict[str, Any]:
-        path = self._place / name
-        found: dict[str, Any] = {
-            'name': name,
-            'title': printable(name),
-            'start': None,
-            'duration': None,
-            'size': 0,
-            'whole': False,
-            'note': '',
-        }
-        with contextlib.suppress(OSError, UnicodeDecodeError):
-            text = (path / _NOTE).read_text(encoding='utf-8').strip()
-            found['note'] = printable(text[:_LONGEST_NOTE])
-        with contextlib.suppress(OSError, RecordingError):
-            found['size'] = sum(file.stat().st_size for file in bag_files(path))
-        with contextlib.suppress(
-            OSError, RecordingError, LookupError, TypeError, ValueError, yaml.YAMLError
-        ):
-            listing = read_listing(path) if path.is_dir() else None
-            if listing is not None:
-                found['start'] = int(listing['starting_time']['nanoseconds_since_epoch']) / 1e9
-                found['duration'] = int(listing['duration']['nanoseconds']) / 1e9
-                found['whole'] = True
-        return found
-
-    # Changes
-
-    def _own(self, name: str) -> Path:
-        """Return the path of a bag that may be changed."""
-        path = self.path(name)
-        if self.single:
-            raise LookupError('a bag that was given by its path is only played')
-        if name in self._comparing:
-            raise LookupError(f'{printable(name)} is being compared: wait for it, or cancel it')
-        known = next(one for one in self.list() if one['name'] == name)
-        latest = max((file.stat().st_mtime for file in _bag_files(path)), default=0.0)
-        if path.is_dir() and not known['whole'] and time.time() - latest < _AT_WORK_S:
-            raise LookupError(f'{printable(name)} is being recorded')
-        return path
-
-    def rename(self, name: str, new: str) -> None:
-        """Give a bag another name; LookupError if that cannot be one or is taken."""
-        path, new = self._own(name), new.strip()
-        if path.is_file() and not new.endswith(_SUFFIXES):
-            new += ''.join(path.suffixes)
-        bad = new.startswith('.') or printable(new) != new or any(sign in new for sign in '/\\\n')
-        if not new or bad or len(new.encode()) > _LONGEST_NAME:
-            raise LookupError(
-                f'{printable(new[:80])!r} cannot be a name: give up to {_LONGEST_NAME} letters, '
-                'digits and signs, but no slash'
-            )
-        if (self._place / new).exists():
-            raise LookupError(f'there is a recording {new} already')
-        path.rename(self._place / new)
-
-    def delete(self, name: str) -> None:
-        """Delete a bag; until the server ends it can be restored."""
-        path, deleted = self._own(name), self._place / _BIN / name
-        deleted.parent.mkdir(exist_ok=True)
-        if deleted.exists():
-            _remove(deleted)
-        path.rename(deleted)
-
-    def restore(self, name: str) -> None:
-        """Bring a deleted bag back; LookupError if another one has its name by now."""
-        deleted = self._place / _BIN / name
-        if '/' in name or name in ('', '.', '..') or not deleted.exists():
-            raise LookupError(f'no recording {printable(name[:200])} has been deleted')
-        if (self._place / name).exists():
-            raise LookupError(f'there is another recording {printable(name)} by now')
-        deleted.rename(self._place / name)
-
-    def note(self, name: str, text: str) -> None:
-        """Keep a note with a bag, which is a directory."""
-        path = self._own(name)
-        if not path.is_dir():
-            raise LookupError(f'{printable(name)} is a file, which has no room for a note')
-        if text.strip():
-            (path / _NOTE).write_text(text.strip()[:_LONGEST_NOTE] + '\n', encoding='utf-8')
-        else:
-            (path / _NOTE).unlink(missing_ok=True)
+        described = {}
+        for path in self._bags():
+            files, known = _state_of(path), self._known.get(path)
+            described[path] = known if known and known[0] == files else (files, _described(path))
+        self._known = described
+        return [entry for _, entry in described.values()]
 
     # Comparison
 
-    def report(self, name: str, file: str) -> Path:
-        """Return a file of a report; LookupError if there is none."""
-        if self._reports is None or file not in ('report.html', 'report.json'):
+    def report(self, name: str) -> Path:
+        """Return the report of a bag; LookupError if there is none."""
+        if name not in self._reports:
             raise LookupError('there is no such report')
-        path = self._reports / self.path(name).name / file
-        if not path.is_file():
-            raise LookupError('there is no such report')
-        return path
+        return self._reports[name]
 
     def start_comparison(self, name: str) -> None:
         """Note that a bag is being compared; LookupError if it is already, or two others are."""
@@ -217,23 +117,21 @@ class Recordings:
 
     async def compare(self, path: Path) -> dict[str, Any]:
         """Compare a bag with theory in a child process; return the message for the pages."""
-        name = path.name
+        name = printable(path.name)
         try:
-            ok, text = await self._compare(path)
+            ok, text = await self._compare(path, name)
         finally:
             self._comparing.pop(name, None)
         url = f'/reports/{quote(name, safe="")}/report.html' if ok else ''
         return {'type': 'compare_done', 'recording': name, 'ok': ok, 'url': url, 'text': text}
 
-    async def _compare(self, path: Path) -> tuple[bool, str]:
-        name = path.name
-        if self._reports is None:
-            self._reports = Path(tempfile.mkdtemp(prefix='impact_damper_reports_'))
-        directory = self._reports / path.name
+    async def _compare(self, path: Path, name: str) -> tuple[bool, str]:
+        if self._directory is None:
+            self._directory = Path(tempfile.mkdtemp(prefix='impact_damper_reports_'))
+        directory = Path(tempfile.mkdtemp(dir=self._directory))
         process = await asyncio.create_subprocess_exec(
             *('nice', '-n', '5', sys.executable, '-m', 'impact_damper_ros.cli.compare_run'),
-            *(str(path), '--json', str(directory.with_suffix('.json'))),
-            *('--report', str(directory)),
+            *(str(path), '--report', str(directory)),
             env=environment(),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
@@ -248,40 +146,69 @@ class Recordings:
             raise
         if process.returncode in (-signal.SIGTERM, 128 + signal.SIGTERM):
             return False, f'the comparison of {name} was cancelled'
+        self._reports[name] = directory / 'report.html'
         text = printable(output.decode(errors='replace'))[-4000:]
-        return (directory / 'report.html').is_file(), text
+        return self._reports[name].is_file(), text
 
     def close(self) -> None:
-        """Remove the reports, and what was deleted."""
-        _remove(self._place / _BIN)
-        if self._reports is not None:
-            shutil.rmtree(self._reports, ignore_errors=True)
+        """Remove the reports."""
+        if self._directory is not None:
+            shutil.rmtree(self._directory, ignore_errors=True)
 
 
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
+def _state_of(path: Path) -> object:
+    """Return names, sizes and times of the files of a bag, to detect changes."""
+    with contextlib.suppress(OSError):
+        files = sorted(path.iterdir()) if path.is_dir() else [path]
+        return [(f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files]
+    return None
 
 
-def _is_bag(path: Path) -> bool:
+def _described(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        'name': printable(path.name),
+        'start': None,
+        'duration': None,
+        'size': 0,
+        'whole': False,
+    }
+    with contextlib.suppress(OSError, RecordingError):
+        found['size'] = sum(file.stat().st_size for file in bag_files(path))
+    with contextlib.suppress(
+        OSError, RecordingError, LookupError, TypeError, ValueError, yaml.YAMLError
+    ):
+        listing = read_listing(path) if path.is_dir() else None
+        if listing is not None:
+            found['start'] = int(listing['starting_time']['nanoseconds_since_epoch']) / 1e9
+            found['duration'] = int(listing['duration']['nanoseconds']) / 1e9
+            found['whole'] = True
+    return found
+
+
+def _is_bag(path: Path, place: Path) -> bool:
+    """
+    Return whether a path is a bag: a file, or a directory with files of one.
+
+    No file of it may lead out of the directory `place`, as a link does, or be anything else than a
+    file, as a pipe that would have a reader wait for ever.
+    """
     if path.name.startswith('.'):
         return False
-    if path.is_file():
-        return path.name.endswith(_SUFFIXES)
-    return path.is_dir() and any(True for _ in _bag_files(path))
+    try:
+        files = [path]
+        if path.is_dir():
+            files = [file for file in path.iterdir() if file.name.endswith((*_SUFFIXES, '.yaml'))]
+        return any(file.name.endswith(_SUFFIXES) for file in files) and all(
+            file.is_file() and file.resolve().is_relative_to(place) for file in files
+        )
+    except OSError:
+        return False
 
 
 def _has_bags(path: Path) -> bool:
     """Return whether there are bags that are directories in a directory."""
     children = path.iterdir() if path.is_dir() else ()
-    return any(child.is_dir() and _is_bag(child) for child in children)
-
-
-def _bag_files(path: Path) -> Iterator[Path]:
-    with contextlib.suppress(OSError):
-        yield from (file for file in path.iterdir() if file.name.endswith(_SUFFIXES))
+    return any(child.is_dir() and _is_bag(child, path) for child in children)
 
 
 def _age(path: Path) -> float:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -31,14 +32,15 @@ from impact_damper_ros.bag.rig_topics import rig_nodes
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
-from .live import NoAnswerError
-
 #: Time after which a request is repeated, since its answer may have been lost during discovery,
 #: and time after which it fails, s.
 ASK_AGAIN_S, PATIENCE_S = 1.0, 6.0
 _TOPICS = ('joint_states', 'impacts', 'measurements', 'gap_control', 'snapshot', 'theory')
 #: Most messages of a topic that are taken at once.
 _MOST_TAKEN = 2000
+#: Joint states out of the order in which one node numbers them, within a time (s), from which on
+#: several nodes send them. One that was started again under the name of another is no case of it.
+_MIXED, _MIXED_S = 4, 3.0
 _SERVICES = {
     'list_parameters': ListParameters,
     'get_parameters': GetParameters,
@@ -87,7 +89,7 @@ class _Service:
         finally:
             for number in numbers:
                 self._waiting.pop(number, None)
-        raise NoAnswerError(f'the node does not answer ({self._client.srv_name})')
+        raise TimeoutError(f'the node does not answer ({self._client.srv_name})')
 
     def close(self) -> None:
         for future in self._waiting.values():
@@ -106,7 +108,7 @@ class RigLink:
         loose = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
         # Snapshots after samples: none published after a snapshot may be processed without it.
         self._subscriptions = {
-            key: node.create_subscription(kind, topic, lambda _: None, qos, raw=True)
+            key: self._subscribe(kind, topic, qos)
             for key, kind, topic, qos in (
                 ('joint_states', JointState, topics['joint_states'], loose),
                 ('impacts', JointState, topics['impacts'], QoSProfile(depth=1000)),
@@ -122,6 +124,26 @@ class RigLink:
             service: _Service(node, kind, f'{name}/{service}')
             for service, kind in _SERVICES.items()
         }
+        # Number of the last joint state, and when there was a lower one after a higher one
+        self._number = 0
+        self._back: deque[float] = deque(maxlen=_MIXED)
+
+    def _subscribe(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
+        return self._node.create_subscription(kind, topic, lambda _: None, qos, raw=True)
+
+    def match(self) -> None:
+        """Subscribe best effort where the node publishes so, by `qos_overrides`."""
+        best_effort = ReliabilityPolicy.BEST_EFFORT
+        for key, subscription in self._subscriptions.items():
+            qos = subscription.qos_profile
+            if qos.reliability != best_effort and any(
+                info.qos_profile.reliability == best_effort
+                for info in self._node.get_publishers_info_by_topic(subscription.topic_name)
+            ):
+                qos.reliability = best_effort
+                kind, topic = subscription.msg_type, subscription.topic_name
+                subscription.destroy()
+                self._subscriptions[key] = self._subscribe(kind, topic, qos)
 
     def poll(self) -> dict[str, list[bytes]]:
         """Return new messages, in CDR, by topic; and complete the requests that were answered."""
@@ -136,12 +158,20 @@ class RigLink:
                     if taken is None:
                         break
                     messages.append(taken[0])
+                    if name == 'joint_states':
+                        self._count(taken[1]['publication_sequence_number'])
         return polled
 
-    def count(self) -> int:
-        """Return how many nodes have the name of the rig."""
-        nodes = self._node.get_node_names_and_namespaces()
-        return sum(f'{space.rstrip("/")}/{name}' == self.name for name, space in nodes)
+    def _count(self, number: int) -> None:
+        if number <= self._number:
+            self._back.append(time.monotonic())
+        self._number = number
+
+    @property
+    def mixed(self) -> bool:
+        """Whether several nodes of this name send joint states."""
+        back = self._back
+        return len(back) == _MIXED and time.monotonic() < back[0] + _MIXED_S
 
     async def parameters(self) -> dict[str, Any]:
         """Return the values of all parameters."""

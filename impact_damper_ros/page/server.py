@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import socket
 import time
 import traceback
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 from weakref import WeakValueDictionary
 
-from tornado.httpserver import HTTPServer
+from tornado.iostream import StreamClosedError
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketHandler
@@ -23,10 +24,10 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.run_reader import bag_files
 from impact_damper_ros.parameters.quoting import counted
 
-from .client import LONGEST_MESSAGE, Client
+from .client import LONGEST_MESSAGE, STALLED_S, Client
 from .gate import Gate
+from .listener import Listener, share_of_files
 from .live import LiveRig
-from .motion import IMPACT_COLUMNS, SAMPLE_COLUMNS
 from .presets import load_presets
 from .recorded import Player, Recording, load_recording
 from .recordings import Recordings
@@ -41,9 +42,11 @@ _IDLE_PERIOD_S = 0.25
 _LOOK_PERIOD_S = 1.0
 _LIST_PERIOD_S = 2.0
 _COMPLAINT_PERIOD_S = 10.0
-#: Largest number of pages, as more would slow one another down; and of samples of the recordings
-#: that are open, which take some 70 bytes each.
-_MOST_PAGES = 100
+#: Time within which a request must have come, s.
+_IDLE_S = 10.0
+#: Largest number of pages, as more would slow one another down; of connections for files; of
+#: what-ifs at a time; and of samples of the recordings that are open, some 70 bytes each.
+_MOST_PAGES, _MOST_CONNECTIONS, _MOST_WHAT_IFS = 100, 256, 8
 _MOST_SAMPLES = 6_000_000
 
 _STATIC = Path(__file__).with_name('static')
@@ -57,12 +60,8 @@ _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
     "form-action 'none'; frame-ancestors 'self'; sandbox allow-popups"
 )
-#: What a page may do with a recording, and how many texts it takes.
-_CARE = {'rename': 1, 'note': 1, 'delete': 0, 'restore': 0}
 _SEND_BUFFER = 256 * 1024
 _PIECE = 256 * 1024
-#: Rows of a table that are written at once.
-_ROWS = 5_000
 
 
 class PageServer:
@@ -84,6 +83,8 @@ class PageServer:
         self._nothing = Source(self._common)
         self._left_at: dict[object, float] = {}
         self._clients: set[Client] = set()
+        # Pages that are being opened
+        self._opening = 0
         self._rigs: list[str] = []
         self._list: list[dict[str, Any]] = []
         self._looked = self._listed_at = 0.0
@@ -91,7 +92,10 @@ class PageServer:
         self._tasks: set[asyncio.Task[Any]] = set()
         # These are not cancelled: processes end meanwhile.
         self._endings: set[asyncio.Task[Any]] = set()
-        self._http: HTTPServer | None = None
+        self._http: Listener | None = None
+        self._listing: asyncio.Task[None] | None = None
+        # One recording is read at a time: pages that ask for the same one wait for it.
+        self._reading = asyncio.Lock()
         self._recorded: WeakValueDictionary[object, Recording] = WeakValueDictionary()
 
     # Start and end
@@ -100,7 +104,10 @@ class PageServer:
         """Listen; OSError if the port is taken."""
         sockets = bind_sockets(port, self.gate.host)
         self.gate.port = sockets[0].getsockname()[1]
-        self._http = HTTPServer(_application(self), max_body_size=LONGEST_MESSAGE)
+        self._http = Listener(
+            _application(self), idle_connection_timeout=_IDLE_S, max_body_size=LONGEST_MESSAGE
+        )
+        self._http.most = share_of_files(_MOST_CONNECTIONS)
         self._http.add_sockets(sockets)
         self._look_for_rigs()
         self._spawn(self._run(), self._tasks)
@@ -186,7 +193,12 @@ class PageServer:
                 self._end(key)
 
     async def _list_recordings(self) -> None:
-        """Send the list of the recordings to the pages if it has changed."""
+        """Send the list of the recordings to the pages if it has changed; one task for all."""
+        if self._listing is None or self._listing.done():
+            self._listing = asyncio.ensure_future(self._list_anew())
+        await asyncio.shield(self._listing)
+
+    async def _list_anew(self) -> None:
         # In a thread: a slow disk must not delay the frames.
         listed = await asyncio.to_thread(self.recordings.list)
         if listed != self._list:
@@ -208,13 +220,12 @@ class PageServer:
             {'name': p.name, 'title': p.title, 'description': p.description, 'values': p.values}
             for p in load_presets().values()
         ]
-        # With a link goes the right to watch, not that to steer.
-        token = self.gate.tokens.get('watch', '')
         return {
             'rigs': self._rigs,
             'recordings': self._list,
             'presets': presets,
-            'token': token,
+            # Where other machines reach the page, to watch; empty if they do not
+            'address': self.gate.url() if self.gate.token else '',
         }
 
     def _rig(self, name: str) -> Source:
@@ -223,41 +234,50 @@ class PageServer:
             self.sources[name] = LiveRig(self._network.join(name), self._common)
         return self.sources[name]
 
-    async def open(self, socket: Any, rig: str, bag: str, role: str) -> Client:
+    async def open(self, socket: Any, rig: str, bag: str, *, steers: bool) -> Client:
         """Open a page on a rig or a recording; raise a RequestError if that is not possible."""
-        if len(self._clients) >= _MOST_PAGES:
+        most = share_of_files(_MOST_PAGES)
+        if len(self._clients) + self._opening >= most:
             raise RequestError(
-                f'{counted(_MOST_PAGES, "page")} open already: close one, and reload this one'
+                f'{counted(most, "page")} open already: close one, and reload this one'
             )
+        self._opening += 1
+        try:
+            source = await self._source(rig, bag)
+            client = Client(socket, source, self._handle, steers=steers)
+            self._clients.add(client)
+        finally:
+            self._opening -= 1
+        return client
+
+    async def _source(self, rig: str, bag: str) -> Source:
+        """Return what a page is to show."""
         await self._list_recordings()
         if not bag and self._network is None:
             # The newest
             bag = next((entry['name'] for entry in self._list), '')
         if bag:
-            source = await self._player(bag)
-        elif self._network is None:
+            return await self._player(bag)
+        if self._network is None:
             raise RequestError('there is no recording to play, and the page runs without ROS')
-        else:
-            rig = rig or self._node or (self._rigs[0] if self._rigs else '')
-            if rig and rig not in (*self._rigs, self._node, *self.sources):
-                raise RequestError(f'there is no rig {rig[:200]}')
-            source = self._rig(rig) if rig else self._nothing
-        client = Client(socket, source, self._handle, steers=role == 'steer')
-        self._clients.add(client)
-        return client
+        rig = rig or self._node or (self._rigs[0] if self._rigs else '')
+        if rig and rig not in (*self._rigs, self._node, *self.sources):
+            raise RequestError(f'there is no rig {rig[:200]}')
+        return self._rig(rig) if rig else self._nothing
 
     async def _player(self, bag: str) -> Source:
         """Return a source that plays a recording."""
         try:
-            # In a thread: the frames of the other pages go on.
-            path, recorded = await asyncio.to_thread(self.recorded, bag)
+            async with self._reading:
+                # In a thread: the frames of the other pages go on.
+                path, recorded = await asyncio.to_thread(self._recording, bag)
         except (LookupError, RecordingError, ValueError) as error:
             raise RequestError(str(error)) from error
         player = Player(bag, path, recorded, self._common)
         self.sources[player] = player
         return player
 
-    def recorded(self, bag: str) -> tuple[Path, Recording]:
+    def _recording(self, bag: str) -> tuple[Path, Recording]:
         """Read a recording; pages that play the same one share it."""
         path = self.recordings.path(bag)
         files = bag_files(path)
@@ -278,12 +298,15 @@ class PageServer:
 
     async def _handle(self, message: dict[str, Any], client: Client) -> dict[str, Any] | None:
         """Process a request of a page, or let its source do so."""
-        kind = message['type']
-        if kind in _CARE:
-            await self._care(kind, message)
-            return {'ok': True, 'reason': ''}
+        kind, source = message['type'], client.source
+        if kind == 'what_if' and message['values']:
+            players = (one for one in self.sources.values() if isinstance(one, Player))
+            if sum(one.computes for one in players if one is not source) >= _MOST_WHAT_IFS:
+                raise RequestError(
+                    f'{counted(_MOST_WHAT_IFS, "what-if")} of other pages run already: clear one'
+                )
         if kind != 'compare':
-            return await client.source.handle(message, client)
+            return await source.handle(message)
         name = message['recording']
         if not message['on']:
             self.recordings.cancel_comparison(name)
@@ -300,24 +323,12 @@ class PageServer:
         self._spawn(work(), self._tasks)
         return {'ok': True, 'reason': ''}
 
-    async def _care(self, kind: str, message: dict[str, Any]) -> None:
-        """Rename, delete or restore a recording, or keep a note with it."""
-        work = getattr(self.recordings, kind)
-        given = [str(message['recording']), *(str(message['text']) for _ in range(_CARE[kind]))]
-        try:
-            await asyncio.to_thread(work, *given)
-        except LookupError as error:
-            raise RequestError(str(error)) from error
-        except OSError as error:
-            raise RequestError(f'{kind} has failed: {error.strerror or error}') from error
-        await self._list_recordings()
-
 
 class _Guarded(RequestHandler):
     """A request that passes the gate, answered with restrictive security headers."""
 
     policy = _POLICY
-    role = ''
+    steers = False
 
     def initialize(self, server: PageServer) -> None:
         self.server = server
@@ -341,10 +352,15 @@ class _Guarded(RequestHandler):
         origin = request.headers.get('Origin')
         if origin is not None and not gate.accepts_origin(origin, request.headers['Host']):
             raise HTTPError(403, reason='Foreign Origin')
-        given = self.get_query_argument('token', None), self.get_cookie(gate.cookie)
-        self.role = gate.role(*given)
-        if not self.role:
-            raise HTTPError(403, reason='The token is missing: open the address with it')
+        tokens = self.get_query_argument('token', None), self.get_cookie(gate.cookie)
+        self.steers = gate.steers(request.remote_ip or '', self._own_address(), *tokens)
+
+    def _own_address(self) -> str:
+        """Return the address of this machine that the request has reached."""
+        stream = getattr(self.request.connection, 'stream', None)
+        if stream is None or stream.socket is None:
+            return ''
+        return str(stream.socket.getsockname()[0])
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         del kwargs
@@ -354,11 +370,11 @@ class _Guarded(RequestHandler):
 
 class _Index(_Guarded):
     def get(self) -> None:
-        gate = self.server.gate
-        if gate.tokens and self.get_query_argument('token', None) is not None:
+        gate, token = self.server.gate, self.get_query_argument('token', None)
+        if token is not None:
             # Kept in a cookie that scripts cannot read, and out of the address
-            token = gate.tokens[self.role]
-            self.set_cookie(gate.cookie, token, httponly=True, samesite='Strict', path='/')
+            if gate.accepts_token(token):
+                self.set_cookie(gate.cookie, token, httponly=True, samesite='Strict', path='/')
             self.redirect('/')
             return
         self.set_header('Content-Type', 'text/html; charset=utf-8')
@@ -386,54 +402,28 @@ class _Static(_Guarded, StaticFileHandler):
         self.set_header('Cache-Control', 'no-cache')
 
 
-class _File(_Guarded):
-    """A file that `find` looks up by the names in the address."""
+class _Download(_Guarded):
+    """The file of a recording, as long as it is at the beginning."""
 
-    def find(self, *names: str) -> Path:
-        raise NotImplementedError
-
-    async def get(self, *names: str) -> None:
+    async def get(self, name: str) -> None:
         try:
-            path = await asyncio.to_thread(self.find, *map(unquote, names))
-        except LookupError:
+            path = await asyncio.to_thread(self.server.recordings.file, name)
+            stream = await asyncio.to_thread(path.open, 'rb')
+        except (LookupError, OSError):
             raise HTTPError(404) from None
-        with path.open('rb') as stream:
-            while piece := stream.read(_PIECE):
-                self.write(piece)
-                await self.flush()
-
-
-class _Download(_File):
-    def find(self, *names: str) -> Path:
-        path = self.server.recordings.file(*names)
-        self.set_header('Content-Type', 'application/octet-stream')
-        self.set_header('Content-Disposition', f'attachment; filename="{_plain(path.name)}"')
-        self.set_header('Content-Length', path.stat().st_size)
-        return path
-
-
-class _Table(_Guarded):
-    """Samples or impacts of a recording as CSV."""
-
-    async def get(self, name: str, kind: str) -> None:
-        try:
-            _, recorded = await asyncio.to_thread(self.server.recorded, unquote(name))
-        except (LookupError, RecordingError, ValueError) as error:
-            raise HTTPError(404, reason=' '.join(str(error)[:200].split())) from None
-        motion = recorded.motion
-        rows, columns = (
-            (motion.samples, SAMPLE_COLUMNS)
-            if kind == 'samples'
-            else (motion.impacts, IMPACT_COLUMNS)
-        )
-        self.set_header('Content-Type', 'text/csv; charset=utf-8')
-        file = _plain(f'{unquote(name)}_{kind}.csv')
-        self.set_header('Content-Disposition', f'attachment; filename="{file}"')
-        self.write(','.join(columns) + '\n')
-        for first in range(0, len(rows), _ROWS):
-            lines = (','.join(map(repr, row)) for row in rows[first : first + _ROWS].tolist())
-            self.write('\n'.join(lines) + '\n')
-            await self.flush()
+        with stream:
+            rest = os.fstat(stream.fileno()).st_size
+            self.set_header('Content-Type', 'application/octet-stream')
+            file = f'attachment; filename="{_plain(path.name)}"'
+            self.set_header('Content-Disposition', file)
+            self.set_header('Content-Length', rest)
+            try:
+                while piece := await asyncio.to_thread(stream.read, min(_PIECE, rest)):
+                    rest -= len(piece)
+                    self.write(piece)
+                    await asyncio.wait_for(self.flush(), STALLED_S)
+            except (StreamClosedError, TimeoutError):  # cancelled, or nothing is taken any more
+                self.detach().close()
 
 
 def _plain(name: str) -> str:
@@ -442,14 +432,19 @@ def _plain(name: str) -> str:
     return plain.encode('ascii', 'replace').decode().replace('?', '_')
 
 
-class _Report(_File):
+class _Report(_Guarded):
+    """The report of a comparison."""
+
     policy = _REPORT_POLICY
 
-    def find(self, *names: str) -> Path:
-        path = self.server.recordings.report(*names)
-        kind = 'text/html' if path.suffix == '.html' else 'application/json'
-        self.set_header('Content-Type', f'{kind}; charset=utf-8')
-        return path
+    async def get(self, name: str) -> None:
+        try:
+            report = self.server.recordings.report(name)
+            content = await asyncio.to_thread(report.read_bytes)
+        except (LookupError, OSError):
+            raise HTTPError(404) from None
+        self.set_header('Content-Type', 'text/html; charset=utf-8')
+        self.finish(content)
 
 
 class _Socket(_Guarded, WebSocketHandler):
@@ -468,7 +463,7 @@ class _Socket(_Guarded, WebSocketHandler):
             stream.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         rig, bag = (self.get_query_argument(name, '') for name in ('rig', 'bag'))
         try:
-            self.client = await self.server.open(self, rig, bag, self.role)
+            self.client = await self.server.open(self, rig, bag, steers=self.steers)
         except RequestError as error:
             text = json.dumps({'type': 'status', 'state': 'gone', 'text': str(error)[:2000]})
             await self.write_message(text)
@@ -494,8 +489,7 @@ def _application(server: PageServer) -> Application:
             (r'/', _Index, own),
             (r'/static/(.*)', _Static, {'path': str(_STATIC), **own}),
             (r'/recordings/([^/]+)/download', _Download, own),
-            (r'/recordings/([^/]+)/(samples|impacts)\.csv', _Table, own),
-            (r'/reports/([^/]+)/([^/]+)', _Report, own),
+            (r'/reports/([^/]+)/report\.html', _Report, own),
             (r'/ws', _Socket, own),
         ],
         default_handler_class=_Missing,

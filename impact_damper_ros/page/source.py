@@ -3,16 +3,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from impact_damper_ros import __version__
+from impact_damper_ros.parameters.quoting import shown
 
-from .frames import View
-
-if TYPE_CHECKING:
-    from .client import Client
-
+from .frames import LAYOUT, View
 
 #: What the page shows as long as a part of the theory is not known.
 _UNKNOWN: dict[str, dict[str, Any]] = {
@@ -26,18 +24,36 @@ class RequestError(Exception):
     """A request of a page that is rejected; the message is for its user."""
 
 
+def number(message: dict[str, Any], name: str) -> float:
+    """Return a finite number of a request."""
+    value = message[name]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise RequestError(f'{name} is {shown(value)}: give a finite number')
+    return float(value)
+
+
+class Page(Protocol):
+    """A page that shows a source."""
+
+    def put(self, message: dict[str, Any]) -> None:
+        """Queue a message."""
+
+    def show(self, source: Source) -> None:
+        """Show a source from the beginning."""
+
+
 class Source:
     """
     A source of frames and messages; this one stands for a network without a rig.
 
-    `common` returns what is part of every first message: rigs, recordings, presets and token.
+    `common` returns what is part of every first message, as rigs, recordings and presets.
     """
 
     #: Time for which it is kept without a page, s.
     kept_s = 0.0
 
     def __init__(self, common: Callable[[], dict[str, Any]]) -> None:
-        self.clients: set[Client] = set()  # the pages that show it
+        self.clients: set[Page] = set()  # the pages that show it
         self._common = common
         #: Messages of the theory of the present rig
         self.theory = dict(_UNKNOWN)
@@ -51,6 +67,7 @@ class Source:
             'rig': '',
             'bag': '',
             'parameters': [],
+            'frame': LAYOUT,
             **self._common(),
         }
 
@@ -79,9 +96,9 @@ class Source:
         del view
         return None
 
-    async def handle(self, message: dict[str, Any], client: Client) -> dict[str, Any] | None:
+    async def handle(self, message: dict[str, Any]) -> dict[str, Any] | None:
         """Process a request; return the answer, if there is one."""
-        del message, client
+        del message
         raise RequestError('there is no rig on the network')
 
     async def close(self) -> None:

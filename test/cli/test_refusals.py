@@ -42,6 +42,7 @@ REFUSALS = {
             (f'--port={port}', f'{port!r}: give a whole number from 0 to 65535')
             for port in ('abc', '-1', '65536', '80.0', '')
         ),
+        ('--node a-b', "'a-b': no node has such a name; give one such as /sim_node"),
     ],
     'simulate_rig': [
         # Of a rig all at once: the table is asked, and what is said has the place before it

@@ -12,7 +12,6 @@ from impact_damper_ros.bag.messages import encode
 from impact_damper_ros.bag.rig_recorder import parameter_event
 from impact_damper_ros.bag.rig_topics import RigMessages
 from impact_damper_ros.bag.snapshots import Snapshots
-from impact_damper_ros.page.live import NoAnswerError
 
 OFFSET_NS = 1_700_000_000 * 10**9
 RATE = 200
@@ -43,7 +42,7 @@ class FakeLink:
         self.calls = []
         self.answers = True
         self.closed = False
-        self.namesakes = 1
+        self.mixed = False
         self._tick = 0
         self._offset_ns = OFFSET_NS
         self._pattern = RigMessages()
@@ -99,6 +98,7 @@ class FakeLink:
     def restart(self, rig, reason='start', later_s=0):
         """Be a node that was started anew; the last of its snapshots is what there is."""
         self.rig = Rig(rig, InitialConditions())
+        self._snapshots = Snapshots(self.name, {}, {}, RATE)
         self._tick = 0
         self._offset_ns = OFFSET_NS + later_s * 10**9
         self._announce(reason)
@@ -109,19 +109,19 @@ class FakeLink:
         taken, self.messages = self.messages, {topic: [] for topic in TOPICS}
         return taken
 
-    def count(self):
-        return self.namesakes
+    def match(self):
+        pass
 
     async def parameters(self):
         if not self.answers:
-            raise NoAnswerError('the node does not answer')
+            raise TimeoutError('the node does not answer')
         parts = (self.rig.parameters, self.rig.control, InitialConditions())
         return {n: v for part in parts for n, v in part.as_dict().items()}
 
     async def set(self, values):
         self.calls.append(('set', values))
         if not self.answers:
-            raise NoAnswerError('the node does not answer')
+            raise TimeoutError('the node does not answer')
         try:
             rig = {n: v for n, v in values.items() if hasattr(self.rig.parameters, n)}
             control = {n: v for n, v in values.items() if n in GapControlParameters().as_dict()}

@@ -1,23 +1,27 @@
 """The server of the page as a process."""
 
+import contextlib
 import os
 import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 from node.rig_client import DEADLINE_S, SOURCE, until
 
 
 class PageProcess:
-    """The server as a process of its own."""
+    """The server as a process of its own, which may have so many files open."""
 
-    def __init__(self, directory, *arguments):
+    def __init__(self, directory, *arguments, files=None):
         directory.mkdir(exist_ok=True)
         self.recordings = directory / 'runs'
         self._output = directory / 'page.txt'
         path = os.pathsep.join(filter(None, [str(SOURCE), os.environ.get('PYTHONPATH')]))
         command = [sys.executable, '-m', 'impact_damper_ros.cli.rig_page', '--port', '0']
+        if files is not None:
+            command = ['sh', '-c', f'ulimit -n {files}; exec "$@"', 'sh', *command]
         with self._output.open('wb') as output:
             self._process = subprocess.Popen(
                 [*command, '--recordings', str(self.recordings), *map(str, arguments)],
@@ -27,27 +31,28 @@ class PageProcess:
                 stdout=output,
                 stderr=subprocess.STDOUT,
             )
-        self.address = until(self._said, lambda: self._output.read_text())
+        self.address = until(self._printed_address, lambda: self.printed)
+        self.port = int(re.search(r':(\d+)/', self.address)[1])
+        self.place = Path('/proc', str(self._process.pid))
 
     @property
-    def said(self):
+    def printed(self):
         """What it has printed."""
         return self._output.read_text()
 
-    def children(self):
-        """Return the numbers of its nodes."""
-        listed = subprocess.run(
-            ['ps', '--ppid', str(self._process.pid), '-o', 'pid=,args='],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        lines = listed.stdout.splitlines()
-        return [int(line.split()[0]) for line in lines if 'sim_node' in line]
+    def nodes(self):
+        """Return the numbers of the nodes that it has started and that run."""
+        found = []
+        for listed in self.place.glob('task/*/children'):
+            for number in listed.read_text().split():
+                with contextlib.suppress(OSError):  # it has ended meanwhile
+                    if b'node.sim_node' in Path('/proc', number, 'cmdline').read_bytes():
+                        found.append(int(number))
+        return found
 
-    def _said(self):
-        assert self._process.poll() is None, self._output.read_text()
-        found = re.search(r'http://\S+:\d+/\S*', self._output.read_text())
+    def _printed_address(self):
+        assert self._process.poll() is None, self.printed
+        found = re.search(r'http://\S+:\d+/\S*', self.printed)
         return found and found[0]
 
     def close(self, number=signal.SIGTERM):

@@ -4,26 +4,20 @@ import asyncio
 import contextlib
 import functools
 import json
-import struct
 from dataclasses import dataclass
 
 import numpy as np
 from tornado.httpclient import AsyncHTTPClient, HTTPRequest
 from tornado.websocket import websocket_connect
 
+from impact_damper_ros.page.frames import HEADER, TABLES
 from impact_damper_ros.page.gate import Gate
-from impact_damper_ros.page.motion import (
-    ACT_COLUMNS,
-    IMPACT_COLUMNS,
-    MEASURED_COLUMNS,
-    SAMPLE_COLUMNS,
-)
 from impact_damper_ros.page.recordings import Recordings
 from impact_damper_ros.page.server import PageServer
 
 from .fake_rig import FakeLink, FakeNetwork
 
-DEADLINE_S = 300.0
+DEADLINE_S = 20.0
 
 
 def in_loop(test):
@@ -34,11 +28,6 @@ def in_loop(test):
         asyncio.run(test(*args, **kwargs))
 
     return run
-
-
-HEADER = struct.Struct('<BB6Hxxdd')
-SAMPLE, IMPACT = len(SAMPLE_COLUMNS), len(IMPACT_COLUMNS)
-WIDTHS = (SAMPLE, IMPACT, len(MEASURED_COLUMNS), len(ACT_COLUMNS), SAMPLE, IMPACT)
 
 
 @dataclass
@@ -64,10 +53,11 @@ def taken_apart(content):
     kind, flags, *counts, end, epoch = HEADER.unpack_from(content)
     assert kind == 3
     numbers = np.frombuffer(content[HEADER.size :], '<f4')
-    sizes = [count * width for count, width in zip(counts, WIDTHS, strict=True)]
+    widths = [len(columns) for columns in TABLES.values()]
+    sizes = [count * width for count, width in zip(counts, widths, strict=True)]
     assert sum(sizes) == len(numbers)
     tables = np.split(numbers, np.cumsum(sizes)[:-1])
-    parts = [t.reshape(-1, width) for t, width in zip(tables, WIDTHS, strict=True)]
+    parts = [t.reshape(-1, width) for t, width in zip(tables, widths, strict=True)]
     return Frame(flags, end, epoch, *parts)
 
 
@@ -157,7 +147,9 @@ async def serving(directory, network=None, **options):
 
 
 def url(server, path, scheme='http'):
-    return f'{scheme}://127.0.0.1:{server.gate.port}{path}'
+    """Return an address of a server, or of one that is a process of its own."""
+    port = server.gate.port if isinstance(server, PageServer) else server.port
+    return f'{scheme}://127.0.0.1:{port}{path}'
 
 
 async def get(server, path, *, headers=None, method='GET', body=None):

@@ -59,16 +59,21 @@ def test_origin_is_the_page_itself(local):
     assert not local.accepts_origin('http://attacker.example:8088', 'attacker.example:8088')
 
 
-def test_tokens_are_asked_for_on_open_addresses_only(local, public):
-    assert local.role(None) == 'steer'
-    assert all(len(token) > 30 for token in public.tokens.values())
-    assert not {*Gate('0.0.0.0').tokens.values()} & {*public.tokens.values()}
-    for role, token in public.tokens.items():
-        assert public.role(None, token) == role
-        assert f'token={token}' in public.url(role)
-        for wrong in ('', token[:-1], f'{token}x', 'ä', None):
-            assert public.role(wrong) == ''
-    assert local.url() == 'http://127.0.0.1:8088/'
+def test_this_machine_steers_and_who_has_the_token(local, public):
+    assert (local.token, local.url()) == ('', 'http://127.0.0.1:8088/')
+    assert len(public.token) > 30
+    assert public.token != Gate('0.0.0.0').token
+    for peer, own in (('127.0.0.1', '127.0.0.1'), ('::1', '::1'), ('10.0.0.4', '10.0.0.4')):
+        assert public.steers(peer, own)
+    assert local.steers('127.0.0.1', '127.0.0.1')
+    elsewhere = '10.0.0.5', '10.0.0.4'
+    assert public.steers(*elsewhere, None, public.token)
+    assert public.steers(*elsewhere, 'wrong', public.token)
+    for wrong in ('', public.token[:-1], f'{public.token}x', 'ä', None):
+        assert not public.steers(*elsewhere, wrong, wrong)
+        assert not local.steers(*elsewhere, wrong)
+    assert public.url(public.token).endswith(f':8088/?token={public.token}')
+    assert public.token not in public.url()
 
 
 def test_loopback():

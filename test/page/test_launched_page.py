@@ -23,17 +23,17 @@ def test_a_node_that_dies_is_reported_and_started_again(tmp_path):
     try:
         page = browser.open(server.address)
         page.wait('impactDamper.history.impacts.length > 0', DEADLINE_S)
-        (node,) = server.children()
+        (node,) = server.nodes()
         os.kill(node, signal.SIGKILL)
         page.wait("document.querySelector('#toast').textContent.includes('by signal 9')")
-        assert 'rig_page: the node has ended by signal 9: it is started again' in server.said
-        until(lambda: server.children() and server.children() != [node])
+        assert 'rig_page: the node has ended by signal 9: it is started again' in server.printed
+        until(lambda: server.nodes() and server.nodes() != [node])
         frames = page.run('impactDamper.counted.frames')
         page.wait(f'impactDamper.counted.frames > {frames} + 20', DEADLINE_S)
     finally:
         browser.close()
         server.close()
-    assert server.children() == []
+    assert server.nodes() == []
 
 
 NODE = f"""#!/bin/sh

@@ -4,11 +4,12 @@ import asyncio
 import json
 import re
 import signal
+import socket
 from pathlib import Path
 
 import numpy as np
 import pytest
-from node.rig_client import LIVELY, SimProcess, until
+from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, until
 
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 
@@ -82,6 +83,84 @@ async def test_requests_are_answered_by_the_node(node, tmp_path):
     assert node.running()
 
 
+@in_loop
+async def test_two_nodes_of_one_name_are_reported(node, tmp_path):
+    async with serving(tmp_path, RosClient(), node='/sim_node') as server, opened(server) as page:
+        await page.until(lambda: with_knobs(page), 'no parameters')
+        other = SimProcess(tmp_path / 'other', **LIVELY)
+        try:
+            status = await page.next('status', state='doubled')
+            assert status['text'].startswith('Several nodes are called /sim_node')
+        finally:
+            other.kill()
+        await page.until(lambda: page.of('status')[-1]['state'] != 'doubled')
+    assert node.running()
+
+
+@in_loop
+async def test_impacts_of_a_node_that_publishes_best_effort(tmp_path):
+    override = {'qos_overrides./impacts.publisher.reliability': 'best_effort'}
+    node = SimProcess(tmp_path / 'node', **LIVELY, **override)
+    try:
+        async with (
+            serving(tmp_path, RosClient(), node='/sim_node') as server,
+            opened(server) as page,
+        ):
+            await page.until(lambda: sum(len(f.impacts) for f in page.frames) > 10)
+    finally:
+        node.kill()
+
+
+def test_a_node_is_named_without_its_slash(node, tmp_path):
+    """What others set is seen, too."""
+    server = PageProcess(tmp_path / 'page', '--node', 'sim_node')
+
+    async def watch():
+        async with opened(server) as page:
+            await page.until(lambda: with_knobs(page), 'no parameters')
+            hello = with_knobs(page)[-1]
+            assert hello['rig'] == '/sim_node'
+            assert hello['rigs'] in ([], ['/sim_node'])
+            with RigClient() as client:
+                turned = asyncio.to_thread(RigParametersClient(client).set, real_time_factor=0.5)
+                assert await turned == ''
+                await page.next('parameters', values={'real_time_factor': 0.5})
+
+    try:
+        asyncio.run(watch())
+    finally:
+        assert server.close() == 0
+    assert node.running()
+
+
+def test_connections_without_end_do_not_stop_those_that_are_there(tmp_path):
+    """Those that send nothing are let go; nothing is printed for each of them."""
+    bag = tmp_path / 'run'
+    assert simulate_rig(['bench_rig', '--duration', '60', '--bag', str(bag), '--quiet']) == 0
+    server = PageProcess(tmp_path / 'page', '--bag', bag, files=128)
+    idle = []
+
+    async def watch():
+        async with opened(server) as page:
+            await page.until(lambda: page.frames)
+            before = server.printed
+            idle.extend(socket.create_connection(('127.0.0.1', server.port)) for _ in range(200))
+            seen = page.frames[-1].end
+            await page.until(lambda: page.frames[-1].end > seen + 3.0)
+            assert len(list((server.place / 'fd').iterdir())) < 100
+            # As soon as there is room again
+            async with opened(server) as other:
+                await other.until(lambda: other.frames)
+            assert server.printed == before
+
+    try:
+        asyncio.run(watch())
+    finally:
+        for one in idle:
+            one.close()
+        assert server.close() == 0
+
+
 async def first_words(address):
     from tornado.websocket import websocket_connect
 
@@ -99,7 +178,7 @@ def test_the_command_starts_a_rig_and_ends_it(number, tmp_path):
     try:
         assert re.fullmatch(r'http://127\.0\.0\.1:\d+/', server.address)
         assert asyncio.run(first_words(server.address))['rig'] == '/sim_node'
-        nodes = [Path('/proc', str(number)) for number in server.children()]
+        nodes = [Path('/proc', str(number)) for number in server.nodes()]
         assert nodes
     finally:
         assert server.close(number) == 0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from impact_damper_ros import RigParameters
+from impact_damper_ros.page.client import Client
 from impact_damper_ros.page.live import LiveRig
 
 from .fake_rig import FakeLink
@@ -94,4 +95,53 @@ async def test_a_slow_rig_is_shown_between_its_samples(monkeypatch):
     for later, shown in ((0.0, 0.995), (0.04, 0.997), (0.1, 1.0), (5.0, 1.0)):
         now[0] = 100.0 + later
         assert live._shown() == pytest.approx(shown, abs=1e-12)
+    await left(live)
+
+
+@in_loop
+async def test_a_run_is_known_by_its_identity(monkeypatch):
+    """Not by what its clock does: a node that stood still for long and then slips is the same."""
+    monkeypatch.setattr('impact_damper_ros.page.live.GONE_S', 0.0)
+    link = FakeLink()
+    live = followed(link)
+    link.run(5.0)
+    live.tick()
+    assert live.news()[0]['state'] == 'gone'
+    link.slip(4)
+    link.run(0.1)
+    live.tick()
+    assert len(live.motion.samples) == 1020
+    # One that is started anew is another, though it counts from the same stamp and goes on later.
+    link.restart(RigParameters(gap=5.0), 'change')
+    link.run(6.0)
+    live.tick()
+    assert (len(live.motion.samples), live.values['gap']) == (1200, 5.0)
+    await left(live)
+
+
+@in_loop
+async def test_a_page_that_comes_into_view_is_shown_what_is_new(monkeypatch):
+    """Hidden, it takes a frame a second; it does not wait for the next of these."""
+    monkeypatch.setattr('impact_damper_ros.page.client.time.monotonic', lambda: 100.0)
+    link = FakeLink()
+    live = followed(link)
+    frames = []
+
+    class Sink:
+        def write_message(self, content, binary):
+            frames.extend([content] if binary else [])
+            written = asyncio.get_running_loop().create_future()
+            written.set_result(None)
+            return written
+
+    client = Client(Sink(), live, lambda message, _: live.handle(message))
+    await client.take('{"type": "view", "window": 30, "rate": 1}')
+    for expected in (1, 1):
+        link.run(0.1)
+        live.tick()
+        client.pump()
+        assert len(frames) == expected
+    await client.take('{"type": "view", "window": 30, "rate": 60}')
+    client.pump()
+    assert len(frames) == 2
     await left(live)

@@ -1,10 +1,13 @@
 """Recordings: played to their end, cut ones too, with jumps and another rig beside."""
 
 import asyncio
+import contextlib
 import json
+import os
 import shutil
 import threading
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -14,11 +17,9 @@ from impact_damper_ros import EventKind, Rig, load_parameters
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.page.motion import IMPACT_COLUMNS, SAMPLE_COLUMNS
 from impact_damper_ros.page.recorded import load_recording
 from impact_damper_ros.page.recordings import Recordings
 from impact_damper_ros.parameters.parameters_file import presets
-from impact_damper_ros.replay import RecordedRun
 
 from .fake_rig import FakeLink, FakeNetwork
 from .served import get, in_loop, opened, serving
@@ -254,17 +255,12 @@ async def test_a_bag_that_vanishes_while_it_is_played(runs, tmp_path):
 async def test_recordings_are_listed_and_handed_out(runs, tmp_path):
     place = tmp_path / 'runs'
     shutil.copytree(runs, place)
-    secret = tmp_path / 'secret'
-    secret.mkdir()
-    (secret / 'x_0.mcap').write_bytes(b'secret')
-    (place / 'link').mkdir()
-    (place / 'link' / 'link_0.mcap').symlink_to(secret / 'x_0.mcap')
     (place / 'empty').mkdir()
     (place / '.hidden').mkdir()
     async with serving(place) as server:
         listed = server.recordings.list()
-        assert {entry['name'] for entry in listed} == {'run', 'link'}
-        run = next(entry for entry in listed if entry['name'] == 'run')
+        (run,) = listed
+        assert run['name'] == 'run'
         (file,) = (place / 'run').glob('*.mcap')
         assert run['whole']
         assert run['size'] == file.stat().st_size
@@ -272,73 +268,156 @@ async def test_recordings_are_listed_and_handed_out(runs, tmp_path):
         answer = await get(server, '/recordings/run/download')
         assert answer.body == file.read_bytes()
         assert answer.headers['Content-Disposition'] == f'attachment; filename="{file.name}"'
-        # A link out of the directory is no recording of it.
-        assert (await get(server, '/recordings/link/download')).code == 404
     only = Recordings(place / 'run')
     assert (only.single, only.names()) == ('run', ['run'])
     with pytest.raises(LookupError):
-        only.path('link')
+        only.path('empty')
 
 
 @in_loop
-async def test_tables_of_samples_and_impacts(runs, recorded):
-    async with serving(runs) as server:
-        for kind, rows, columns in (
-            ('samples', recorded.motion.samples, SAMPLE_COLUMNS),
-            ('impacts', recorded.motion.impacts, IMPACT_COLUMNS),
-        ):
-            answer = await get(server, f'/recordings/run/{kind}.csv')
-            assert answer.headers['Content-Disposition'].endswith(f'"run_{kind}.csv"')
-            head, *lines = answer.body.decode().splitlines()
-            assert head == ','.join(columns)
-            # To the last bit
-            assert np.array_equal(np.loadtxt(lines, delimiter=','), rows, equal_nan=True)
-        assert (await get(server, '/recordings/none/samples.csv')).code == 404
-        assert (await get(server, '/recordings/run/other.csv')).code == 404
-
-
-@in_loop
-async def test_a_recording_is_renamed_noted_deleted_and_restored(runs, tmp_path):
-    place = tmp_path / 'place'
-    for name in ('one', 'two'):
+async def test_no_recording_leads_out_of_its_directory_or_has_a_reader_wait(runs, tmp_path):
+    """A link shows what is elsewhere; a pipe that nobody writes to never ends."""
+    place, elsewhere = tmp_path / 'runs', tmp_path / 'elsewhere'
+    shutil.copytree(runs / 'run', elsewhere)
+    (file,) = elsewhere.glob('*.mcap')
+    for name in ('file', 'listing', 'pipe', 'piped_listing'):
         shutil.copytree(runs / 'run', place / name)
-    async with serving(place, FakeNetwork(FakeLink())) as server, opened(server) as page:
-        await page.next('hello')
+    for path, target in (
+        (place / 'link', elsewhere),
+        (place / 'loose.mcap', file),
+        (place / 'file' / 'other.mcap', file),
+        (place / 'listing' / 'metadata.yaml', elsewhere / 'metadata.yaml'),
+    ):
+        path.unlink(missing_ok=True)
+        path.symlink_to(target)
+    for path in (place / 'pipe' / 'x.mcap', place / 'piped_listing' / 'metadata.yaml'):
+        path.unlink(missing_ok=True)
+        os.mkfifo(path)
+    # Not a file of the bag
+    shutil.copytree(runs / 'run', place / 'good')
+    os.mkfifo(place / 'good' / 'note.txt')
+    async with serving(place) as server:
+        assert [one['name'] for one in server.recordings.list()] == ['good']
+        for name in ('link', 'loose.mcap', 'file', 'listing', 'pipe', 'piped_listing'):
+            assert (await get(server, f'/recordings/{name}/download')).code == 404
+            async with opened(server, f'/ws?bag={name}') as page:
+                await page.until(lambda page=page: page.closed == 4404)
+        async with opened(server, '/ws?bag=good') as page:
+            await page.until(lambda: page.frames)
+    # Who names a link means what it leads to.
+    assert Recordings(place / 'link').names() == ['elsewhere']
 
-        async def ask(kind, name, text=''):
-            return await page.ask(type=kind, recording=name, text=text)
 
-        def listed():
-            return {one['name']: one['note'] for one in page.of('recordings')[-1]['list']}
+@in_loop
+async def test_any_name_is_listed_downloaded_and_played(runs, tmp_path):
+    names = {
+        b'caf\xe9': 'caf\\udce9',
+        b'100%25': '100%25',
+        b'a%2fb': 'a%2fb',
+        '<i>äß \u202e'.encode(): '<i>äß \\u202e',
+        b'a#b?c=d': 'a#b?c=d',
+    }
+    for name in names:
+        shutil.copytree(runs / 'run', tmp_path / os.fsdecode(name))
+    async with serving(tmp_path) as server:
+        listed = json.loads(json.dumps(server.recordings.list()))
+        assert {one['name'] for one in listed} == set(names.values())
+        for name in names.values():
+            assert (await get(server, f'/recordings/{quote(name, safe="")}/download')).code == 200
+            async with opened(server, f'/ws?bag={quote(name, safe="")}') as page:
+                assert (await page.next('hello'))['bag'] == name
+                await page.until(lambda page=page: page.frames)
 
-        assert await ask('rename', 'one', ' first run ') == (True, '')
-        assert await ask('note', 'two', 'Stop 1 is loose.') == (True, '')
-        await page.until(lambda: listed() == {'first run': '', 'two': 'Stop 1 is loose.'})
-        assert await ask('delete', 'two') == (True, '')
-        await page.until(lambda: listed() == {'first run': ''})
-        assert await ask('restore', 'two') == (True, '')
-        await page.until(lambda: listed() == {'first run': '', 'two': 'Stop 1 is loose.'})
-        assert RecordedRun(place / 'first run').reader.complete
-        for kind, name, text, reason in (
-            ('rename', 'two', 'first run', 'there is a recording first run already'),
-            ('rename', 'two', '../out', 'cannot be a name'),
-            ('rename', 'two', '.hidden', 'cannot be a name'),
-            ('rename', 'two', ' ', 'cannot be a name'),
-            ('rename', 'nobody', 'x', 'there is no recording nobody'),
-            ('delete', '../place', '', 'there is no recording'),
-            ('restore', '../two', '', 'has been deleted'),
-            ('restore', 'two', '', 'no recording two has been deleted'),
+
+@in_loop
+async def test_a_recording_that_grows_is_downloaded_as_it_was(tmp_path, monkeypatch):
+    """And a download that is cancelled leaves no trace."""
+    (tmp_path / 'run').mkdir()
+    file = tmp_path / 'run' / 'run_0.mcap'
+    file.write_bytes(b'a' * 3_000_000)
+    plain, reported = Path.open, []
+    monkeypatch.setattr('tornado.web.app_log.error', lambda *words, **_: reported.append(words))
+
+    def growing(path, *mode):
+        stream = plain(path, *mode)
+        if path == file:
+            with plain(file, 'ab') as more:
+                more.write(b'b' * 500_000)
+            # Between the promise and the end
+            monkeypatch.setattr('impact_damper_ros.page.server._PIECE', 100_000)
+        return stream
+
+    async with serving(tmp_path, FakeNetwork(FakeLink())) as server:
+        monkeypatch.setattr(Path, 'open', growing)
+        answer = await get(server, '/recordings/run/download')
+        assert len(answer.body) == int(answer.headers['Content-Length']) == 3_500_000
+        reader, writer = await asyncio.open_connection('127.0.0.1', server.gate.port)
+        host = f'127.0.0.1:{server.gate.port}'
+        writer.write(f'GET /recordings/run/download HTTP/1.1\r\nHost: {host}\r\n\r\n'.encode())
+        await reader.readuntil(b'\r\n\r\n')
+        writer.transport.abort()
+        while server._http.count > 1:
+            await asyncio.sleep(0.01)
+    assert reported == []
+
+
+def children():
+    """Return how many processes this one has started that run."""
+    found = Path('/proc/self/task').glob('*/children')
+    return sum(len(path.read_text().split()) for path in found)
+
+
+@in_loop
+async def test_many_pages_at_once_share_what_they_play(runs, monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.page.server._MOST_PAGES', 30)
+    read, before = [], children()
+    monkeypatch.setattr(
+        'impact_damper_ros.page.server.load_recording',
+        lambda path: read.append(path) or load_recording(path),
+    )
+    async with serving(runs) as server, contextlib.AsyncExitStack() as stack:
+        pages = await asyncio.gather(
+            *(stack.enter_async_context(opened(server, '/ws?bag=run')) for _ in range(40))
+        )
+        for page in pages:
+            await page.until(lambda page=page: page.messages)
+        shown = [page for page in pages if page.of('hello')]
+        assert len(shown) == 30
+        for page in shown:
+            await page.until(lambda page=page: page.frames)
+            await page.next('orbit', found=True)
+        assert len(read) == 1
+        assert children() - before <= 1
+        # Of another setting it is computed once more, for those that are there
+        await shown[0].send(type='seek', time=6.0)
+        seen = len(shown[0].of('orbit'))
+        await shown[0].next('orbit', after=seen, found=True)
+        assert shown[1].of('orbit')[-1] != shown[0].of('orbit')[-1]
+        refused = [page for page in pages if page not in shown]
+        assert all('30 pages open already' in page.messages[0]['text'] for page in refused)
+        # What each page has of its own is bounded.
+        monkeypatch.setattr('impact_damper_ros.page.server._MOST_WHAT_IFS', 2)
+        for number, page in enumerate(shown[:3]):
+            ok, reason = await page.ask(type='what_if', values={'gap': 0.02})
+            assert (ok, 'run already' in reason) == (number < 2, number == 2)
+        assert (await shown[0].ask(type='what_if', values={'gap': 0.021}))[0]
+
+
+@in_loop
+async def test_only_numbers_lead_somewhere(runs):
+    async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
+        await page.until(lambda: page.frames)
+        for request in (
+            *({'type': 'seek', 'time': time} for time in ('nan', 'inf', '3', None, True, [])),
+            *({'type': 'play', 'speed': speed} for speed in ('nan', None)),
+            *({'type': 'view', 'window': 3.0, 'rate': rate} for rate in ('nan', None)),
+            {'type': 'view', 'window': 'inf', 'rate': 60},
+            {'type': 'jump', 'to': 'impact', 'direction': 'nan'},
         ):
-            done, why = await ask(kind, name, text)
-            assert not done
-            assert reason in why
-        # What is written to has no listing yet.
-        (place / 'two' / 'metadata.yaml').unlink()
-        (place / 'two' / 'two.mcap').write_bytes(b'')
-        assert (await ask('delete', 'two'))[1] == 'two is being recorded'
-        assert await ask('delete', 'first run') == (True, '')
-    # The end of the server is the end of what was deleted.
-    assert [path.name for path in place.iterdir()] == ['two']
+            ok, reason = await page.ask(**request)
+            assert (ok, 'give a finite number' in reason) == (False, True)
+        seen = page.frames[-1].end
+        await page.until(lambda: page.frames[-1].end > seen)
 
 
 @in_loop

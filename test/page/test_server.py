@@ -68,47 +68,57 @@ async def test_foreign_origin_is_refused(tmp_path):
             await page.next('hello')
 
 
+def other_machine(monkeypatch):
+    """Let requests look as if they came from another machine."""
+    monkeypatch.setattr('impact_damper_ros.page.gate.is_loopback', lambda _: False)
+    monkeypatch.setattr(
+        'impact_damper_ros.page.server._Guarded._own_address', lambda _: '192.0.2.1'
+    )
+
+
 @in_loop
-async def test_open_address_asks_for_its_token(tmp_path):
+async def test_another_machine_watches_and_steers_with_the_token(tmp_path, monkeypatch):
     link = FakeLink()
     async with serving(tmp_path, FakeNetwork(link), host='0.0.0.0') as server:
-        gate = server.gate
-        for path in ('/', '/static/app.js', '/?token=wrong'):
-            assert (await get(server, path)).code == 403
-        with pytest.raises(HTTPClientError) as refused:
-            async with opened(server):
-                pass
-        assert refused.value.code == 403
-        for role, token in gate.tokens.items():
-            answer = await get(server, f'/?token={token}')
+        gate, own = server.gate, len(link.calls)
+        token = {'Cookie': f'{gate.cookie}={gate.token}'}
+        # This machine needs none.
+        async with opened(server) as page:
+            assert (await page.next('hello'))['steers'] is True
+        other_machine(monkeypatch)
+        for path in ('/?token=wrong', '/?token=', '/?token=%C3%A4'):
+            answer = await get(server, path)
             assert (answer.code, answer.headers['Location']) == (302, '/')
-            cookie = answer.headers['Set-Cookie']
-            assert 'HttpOnly' in cookie
-            assert 'SameSite=Strict' in cookie
-            held = {'Cookie': f'{gate.cookie}={token}'}
-            assert (await get(server, '/', headers=held)).code == 200
-            async with opened(server, headers=held) as page:
-                steers = role == 'steer'
+            assert 'Set-Cookie' not in answer.headers
+        # Who has the token keeps it, whatever link is opened later.
+        answer = await get(server, f'/?token={gate.token}')
+        assert (answer.code, answer.headers['Location']) == (302, '/')
+        cookie = answer.headers['Set-Cookie']
+        assert 'HttpOnly' in cookie
+        assert 'SameSite=Strict' in cookie
+        for path in ('/', '/?token=wrong'):
+            assert 'Set-Cookie' not in (await get(server, path, headers=token)).headers
+        for headers in ({}, {'Cookie': f'{gate.cookie}=wrong'}, token):
+            steers = headers is token
+            assert (await get(server, '/', headers=headers)).code == 200
+            async with opened(server, headers=headers) as page:
                 hello = await page.next('hello')
-                # A link is for watching, whoever gives it.
-                assert (hello['steers'], hello['token']) == (steers, gate.tokens['watch'])
+                assert (hello['steers'], hello['address']) == (steers, gate.url())
+                assert gate.token not in json.dumps(hello)
                 # Who watches changes nothing.
                 await page.until(lambda page=page: any(m['parameters'] for m in page.of('hello')))
                 for request in (
                     {'type': 'set', 'values': {'gap': 20.0 + steers}},
                     {'type': 'service', 'name': 'reset'},
                     {'type': 'preset', 'name': 'bench'},
+                    {'type': 'compare', 'recording': 'none', 'on': True},
                 ):
                     ok, reason = await page.ask(**request)
-                    assert (ok, 'only shows' in reason) == (steers, not steers)
-        assert [call[0] for call in link.calls] == [
-            'set',
-            'reset',
-            'set',
-            'reset',
-        ]
+                    assert ('only watches' in reason) == (not steers)
+                    assert ok == (steers and request['type'] != 'compare')
+        assert [call[0] for call in link.calls[own:]] == ['set', 'reset', 'set', 'reset']
         # The token does not make a foreign name a friend.
-        strange = {**held, 'Host': f'attacker.example:{gate.port}'}
+        strange = {**token, 'Host': f'attacker.example:{gate.port}'}
         assert (await get(server, '/', headers=strange)).code == 421
 
 
@@ -396,13 +406,12 @@ async def test_reports_of_another_rig_are_no_sign_of_life(tmp_path, monkeypatch)
 
 
 @in_loop
-async def test_namesakes_are_named(tmp_path, monkeypatch):
-    monkeypatch.setattr('impact_damper_ros.page.live._NAMESAKE_S', 0.0)
+async def test_namesakes_are_named(tmp_path):
     link = started(FakeLink())
-    link.namesakes = 2
+    link.mixed = True
     async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
-        status = await page.next('status', state='lagging')
-        assert status['text'].startswith('several nodes are called /sim_node')
+        status = await page.next('status', state='doubled')
+        assert status['text'].startswith('Several nodes are called /sim_node')
 
 
 # Slow pages
@@ -432,7 +441,7 @@ async def test_a_stalled_page_costs_one_frame():
     rig = LiveRig(link, dict)
     rig.tick()
     sink = Stalled()
-    client = Client(sink, rig, rig.handle)
+    client = Client(sink, rig, lambda message, _: rig.handle(message))
     client.pump()
     sent = len(sink.sent)
     for k in range(2000):
@@ -459,14 +468,14 @@ async def test_a_stalled_page_costs_one_frame():
 async def test_a_page_that_stalls_for_long_or_floods_is_let_go(monkeypatch):
     nothing = Source(dict)
     sink = Stalled()
-    client = Client(sink, nothing, nothing.handle)
+    client = Client(sink, nothing, lambda message, _: nothing.handle(message))
     for k in range(300):
         client.put({'type': 'parameters', 'time': k})
     assert sink.closed
     assert not client._waiting
     monkeypatch.setattr('impact_damper_ros.page.client.STALLED_S', 0.0)
     sink = Stalled()
-    client = Client(sink, nothing, nothing.handle)
+    client = Client(sink, nothing, lambda message, _: nothing.handle(message))
     client.pump()
     await asyncio.sleep(0.01)
     client.pump()
