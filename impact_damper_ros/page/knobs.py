@@ -17,22 +17,36 @@ from impact_damper_ros.parameters.units import UNITS
 
 from .source import RequestError
 
-#: The most important parameters.
-_FIRST = (
-    *('gap', 'force_frequencies', 'force_amplitudes', 'angle', 'friction'),
-    *('restitution_1', 'restitution_2', 'gap_control'),
-)
+#: The most important parameters in the order in which they are shown: a title, the entry of the
+#: glossary that explains it, and the name in a line of the traces.
+_FIRST = {
+    'gap': ('Gap d', 'gap', 'd'),
+    'damper_mass': ('Damper mass m', 'mass-ratio', 'm'),
+    'angle': ('Inclination θ', 'inclination', 'θ'),
+    'force_frequencies': ('Force frequency', 'frequency-ratio', 'f'),
+    'force_amplitudes': ('Force F', 'force', 'F'),
+    'friction': ('Friction γ', 'friction', 'γ'),
+    'restitution_1': ('Restitution R₁', 'restitution', 'R₁'),
+    'restitution_2': ('Restitution R₂', 'restitution', 'R₂'),
+    'gap_control': ('Gap control', 'gap-control', 'control'),
+}
 
 
 def group(name: str) -> str:
     """Return the group of knobs in which the page shows a parameter."""
-    if name in _FIRST:
-        return 'first'
     if name in GAP_CONTROL_SPECS:
         return 'control'
     if name.startswith(('force_', 'multisine_', 'sweep_')):
         return 'forcing'
     return 'rig' if name in PARAMETER_SPECS else 'run'
+
+
+def _first(name: str) -> dict[str, Any] | None:
+    """Return the place and the words of one of the most important parameters."""
+    if name not in _FIRST:
+        return None
+    title, term, symbol = _FIRST[name]
+    return {'place': list(_FIRST).index(name), 'title': title, 'term': term, 'symbol': symbol}
 
 
 def knobs_of(values: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -50,6 +64,7 @@ def knobs_of(values: Mapping[str, Any]) -> list[dict[str, Any]]:
             'read_only': spec.effect == 'start',
             'choices': spec.choices,
             'group': group(name),
+            'first': _first(name),
             'value': as_json(values[name]),
         }
         for name, spec in ALL_SPECS.items()

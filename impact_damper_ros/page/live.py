@@ -290,9 +290,10 @@ class LiveRig(Source):
         measured, predicted = (
             self._reports.get(f'{name} motion') for name in ('measured', 'predicted')
         )
+        motions = [report for report in (measured, predicted) if report is not None]
         return {
             'type': 'diagnostics',
-            'level': _level(self._reports.values()),
+            'level': _level(motions),
             'message': measured.message if measured else '',
             'verdict': predicted.message if predicted else '',
             'agreement': dict(predicted.values).get('Agreement', '') if predicted else '',

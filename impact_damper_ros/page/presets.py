@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -22,6 +23,13 @@ from impact_damper_ros.parameters.rig_parameters import (
 from .knobs import as_json
 
 _FILE = Path(__file__).with_name('presets.yaml')
+#: Parameters whose defaults are for a rig of 1 rad/s, by the power of the natural frequency that
+#: makes them those of another one; a sweep that is switched on passes its resonance then.
+_POWERS = {
+    **dict.fromkeys(('multisine_low', 'multisine_high'), 1),
+    **dict.fromkeys(('sweep_low', 'sweep_high', 'sweep_step'), 1),
+    'sweep_dwell': -1,
+}
 
 
 class Preset(NamedTuple):
@@ -46,7 +54,7 @@ def load_presets(path: Path = _FILE) -> dict[str, Preset]:
     """Read the presets, by name; ValueError if the parameters of one are not admissible."""
     found = {}
     for name, entry in yaml.safe_load(path.read_text(encoding='utf-8')).items():
-        values = entry['parameters']
+        values = _with_scaled(entry['parameters'])
         rig, control, initial = (
             {n: values[n] for n in values.keys() & specs}
             for specs in (PARAMETER_SPECS, GAP_CONTROL_SPECS, INITIAL_SPECS)
@@ -58,6 +66,14 @@ def load_presets(path: Path = _FILE) -> dict[str, Preset]:
         )
         found[name].initial.check_within(found[name].rig)
     return found
+
+
+def _with_scaled(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters of a rig with those that depend on its natural frequency."""
+    omega = math.sqrt(values['stiffness'] / values['primary_mass'])
+    defaults = {name: PARAMETER_SPECS[name].default for name in _POWERS}
+    scaled = {name: defaults[name] * omega**power for name, power in _POWERS.items()}
+    return {name: float(f'{value:.4g}') for name, value in scaled.items()} | dict(values)
 
 
 def change_between(

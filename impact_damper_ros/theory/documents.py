@@ -11,7 +11,8 @@ are known:
     that began a course (a start, a change or a reset) is out of date.
 ``orbit``
     The expected motion: ``type`` ('orbit'), ``found``, ``text`` (why there is none, or a
-    limitation), ``complete`` and ``others`` (the other motions that are known). If found, also
+    limitation), ``kind`` (that of the motion the rig comes to when it is run ahead, as 'chaotic';
+    may be empty), ``complete`` and ``others`` (the other motions that are known). If found, also
     ``label``, ``stable``, ``viable``, ``reason``, ``x_max`` (m), ``x_max_ratio`` (Xmax/A),
     ``multipliers`` (real and imaginary part each), as the others have; and ``cycles``, ``stops``,
     ``period`` (s), ``basis`` ('measured', 'run ahead' or 'listed') and ``impacts`` (``phase`` in
@@ -103,6 +104,7 @@ def orbit_message(rig: Rig, prediction: Prediction) -> dict[str, Any]:
         'type': 'orbit',
         'found': expected is not None,
         'text': prediction.reason,
+        'kind': prediction.kind,
         'complete': prediction.complete,
         'others': [_summary(other) for other in prediction.orbits if other is not expected],
     }

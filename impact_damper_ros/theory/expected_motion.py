@@ -164,6 +164,7 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
     prediction = orbits.predict(expected, 'measured')
     if expected is None:
         prediction = orbits.predict(reached, 'run ahead', _why_none(ahead))
+        prediction = replace(prediction, kind=ahead.kind.value)
     yield prediction
     for initial in starting_points(parameters):
         try:

@@ -51,6 +51,9 @@ class Prediction:
         Why there is none, or a limitation of the choice.
     complete : bool
         Whether this is the last answer.
+    kind : str
+        Kind of the motion that the rig comes to when it is run ahead (`MotionKind`); empty if it
+        was not, or if the predicted motion is the measured one.
     applies : bool
         Whether the theory covers such a rig at all.
     error : str
@@ -62,6 +65,7 @@ class Prediction:
     basis: Basis = ''
     reason: str = ''
     complete: bool = False
+    kind: str = ''
     applies: bool = True
     error: str = ''
 

@@ -11,15 +11,30 @@ from pathlib import Path
 from node.rig_client import DEADLINE_S, SOURCE, until
 
 
-class PageProcess:
-    """The server as a process of its own, which may have so many files open."""
+#: The command, to which every request comes from another machine. A test has no other one.
+ELSEWHERE = """
+from impact_damper_ros.cli.rig_page import main
+from impact_damper_ros.page import gate, server
+gate.is_loopback = lambda host: False
+server._Guarded._own_address = lambda handler: '192.0.2.1'
+raise SystemExit(main())
+"""
 
-    def __init__(self, directory, *arguments, files=None):
+
+class PageProcess:
+    """
+    The server as a process of its own.
+
+    It may have `files` open, and with `elsewhere` takes all pages for those of another machine.
+    """
+
+    def __init__(self, directory, *arguments, files=None, elsewhere=False):
         directory.mkdir(exist_ok=True)
         self.recordings = directory / 'runs'
         self._output = directory / 'page.txt'
         path = os.pathsep.join(filter(None, [str(SOURCE), os.environ.get('PYTHONPATH')]))
-        command = [sys.executable, '-m', 'impact_damper_ros.cli.rig_page', '--port', '0']
+        program = ['-c', ELSEWHERE] if elsewhere else ['-m', 'impact_damper_ros.cli.rig_page']
+        command = [sys.executable, *program, '--port', '0']
         if files is not None:
             command = ['sh', '-c', f'ulimit -n {files}; exec "$@"', 'sh', *command]
         with self._output.open('wb') as output:

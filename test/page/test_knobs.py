@@ -8,25 +8,32 @@ from pathlib import Path
 import pytest
 
 import impact_damper_ros
-from impact_damper_ros.page.knobs import as_json, group, knobs_of
+from impact_damper_ros.page.knobs import as_json, knobs_of
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
 PACKAGE = Path(impact_damper_ros.__file__).parent
 
 
 def test_what_matters_first_comes_first():
-    first = {name for name in ALL_SPECS if group(name) == 'first'}
-    assert first == {
-        *('gap', 'force_frequencies', 'force_amplitudes', 'angle', 'friction'),
-        *('restitution_1', 'restitution_2', 'gap_control'),
-    }
+    knobs = knobs_of({name: spec.default for name, spec in ALL_SPECS.items()})
+    first = sorted((k for k in knobs if k['first']), key=lambda knob: knob['first']['place'])
+    assert [(k['name'], k['first']['symbol'], k['group']) for k in first] == [
+        *(('gap', 'd', 'rig'), ('damper_mass', 'm', 'rig'), ('angle', 'θ', 'rig')),
+        *(('force_frequencies', 'f', 'forcing'), ('force_amplitudes', 'F', 'forcing')),
+        *(
+            ('friction', 'γ', 'rig'),
+            ('restitution_1', 'R₁', 'rig'),
+            ('restitution_2', 'R₂', 'rig'),
+        ),
+        ('gap_control', 'control', 'control'),
+    ]
 
 
 def test_knobs_without_ros_are_those_with_values():
     knobs = knobs_of({'gap': 0.02, 'force_amplitudes': (1.0, 2.0), 'unknown': 3})
     assert [(k['name'], k['value'], k['unit'], k['group']) for k in knobs] == [
-        ('gap', 0.02, 'm', 'first'),
-        ('force_amplitudes', [1.0, 2.0], 'N', 'first'),
+        ('gap', 0.02, 'm', 'rig'),
+        ('force_amplitudes', [1.0, 2.0], 'N', 'forcing'),
     ]
 
 
@@ -55,8 +62,8 @@ ROS = ('rclpy', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs', 'diagno
     ('blocked', 'left_out'),
     [
         (ROS, ('ros_client',)),
-        # Only the server needs Tornado, and the command says so if it is not there.
-        (('tornado',), ('server',)),
+        # Only these need Tornado, and the command says so if it is not there.
+        (('tornado',), ('server', 'listener')),
     ],
     ids=['ros', 'tornado'],
 )

@@ -1,42 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
 // The WebSocket: joins a rig or a recording, reads frames, comes back by itself.
 
-import { ACT, IMPACT, MEASURED, SAMPLE } from './history.js';
-
-const HEADER = 32;
 /** Code of a connection to a rig or recording that is not there. */
 const NOT_THERE = 4404;
 const FIRST_WAIT = 400;
 const LONGEST_WAIT = 5000;
 
-/** Read a binary frame; its layout is in frames.py. */
-export function readFrame(buffer) {
+/** Read a binary frame, given the layout that the server has described. */
+function readFrame(buffer, layout) {
   const view = new DataView(buffer);
-  if (buffer.byteLength < HEADER || view.getUint8(0) !== 3) return null;
-  const flags = view.getUint8(1);
-  let place = HEADER;
-  const parts = [SAMPLE, IMPACT, MEASURED, ACT, SAMPLE, IMPACT].map((fields, n) => {
-    const count = fields.length * view.getUint16(2 + 2 * n, true);
-    const rows = new Float32Array(buffer, place, count);
+  if (!layout || buffer.byteLength < layout.header || view.getUint8(0) !== layout.kind) return null;
+  const frame = { bytes: buffer.byteLength };
+  const set = view.getUint8(1);
+  for (const [name, flag] of Object.entries(layout.flags)) frame[name] = (set & flag) !== 0;
+  let place = layout.header;
+  Object.entries(layout.tables).forEach(([name, columns], n) => {
+    const count = columns.length * view.getUint16(layout.counts + 2 * n, true);
+    frame[name] = new Float32Array(buffer, place, count);
     place += 4 * count;
-    return rows;
   });
-  const [samples, impacts, measured, acts, ghostSamples, ghostImpacts] = parts;
-  return {
-    paused: (flags & 1) !== 0,
-    replace: (flags & 2) !== 0,
-    replaceGhost: (flags & 4) !== 0,
-    end: view.getFloat64(16, true),
-    epoch: view.getFloat64(24, true),
-    samples, impacts, measured, acts, ghostSamples, ghostImpacts,
-    bytes: buffer.byteLength,
-  };
+  [frame.end, frame.epoch] = [0, 8].map((more) => view.getFloat64(layout.instants + more, true));
+  return frame;
 }
 
 export class Connection extends EventTarget {
   constructor() {
     super();
     this.socket = null;
+    this.layout = null;
     this.wait = FIRST_WAIT;
     this.timer = 0;
     this.ids = 0;
@@ -80,11 +71,12 @@ export class Connection extends EventTarget {
 
   receive(data) {
     if (typeof data !== 'string') {
-      const frame = readFrame(data);
+      const frame = readFrame(data, this.layout);
       if (frame) this.dispatchEvent(new CustomEvent('frame', { detail: frame }));
       return;
     }
     const message = JSON.parse(data);
+    if (message.type === 'hello') this.layout = message.frame;
     if (message.type === 'answer') {
       this.pending.get(message.id)?.(message);
       this.pending.delete(message.id);

@@ -28,7 +28,7 @@ export class Controller {
     byId('faults').replaceChildren(...FAULTS.flatMap(([name, title]) => {
       const { choices = [], description } = descriptors.find((one) => one.name === name) ?? {};
       const switches = choices.filter((choice) => choice !== 'none').map((choice) => element('button', {
-        type: 'button', value: choice, text: choice.replace('stop_', '').replace(/_/g, ' '), title: choice.replace(/_/g, ' '), 'aria-pressed': 'false',
+        type: 'button', value: choice, 'data-steers': '', text: choice.replace('stop_', '').replace(/_/g, ' '), title: choice.replace(/_/g, ' '), 'aria-pressed': 'false',
         onclick: ({ currentTarget }) => this.turn({ [name]: currentTarget.ariaPressed === 'true' ? 'none' : choice }),
       }));
       const legend = element('legend', { text: title });
@@ -55,6 +55,6 @@ export class Controller {
   /** Show what has been achieved in the last minute. */
   numbers({ score }) {
     write(byId('score-title'), score ? `Last ${digits(score.seconds, 2)} s` : 'Last minute');
-    SCORE.forEach(([key, , said], n) => write(this.score[n], score ? said(score[key]) : '–'));
+    SCORE.forEach(([key, , format], n) => write(this.score[n], score ? format(score[key]) : '–'));
   }
 }

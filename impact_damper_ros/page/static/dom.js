@@ -27,6 +27,14 @@ export function mark(target, name, value) {
   if (target.getAttribute(name) !== value) target.setAttribute(name, value);
 }
 
+/** Mark a box that can be scrolled as long as there is more below its edge; return what looks anew. */
+export function overflowing(box) {
+  const look = () => box.classList.toggle('more-below', box.scrollTop + box.clientHeight < box.scrollHeight - 2);
+  box.addEventListener('scroll', look, { passive: true });
+  new ResizeObserver(look).observe(box);
+  return look;
+}
+
 /** Whether the reader asks for little motion. */
 const calm = matchMedia('(prefers-reduced-motion: reduce)');
 export const reducedMotion = () => calm.matches;

@@ -25,10 +25,10 @@ export class Drag {
     const state = this.state();
     const at = this.drawing.at(event);
     if (!state || !at || !this.on) return '';
-    const { x, z, stop1, stop2 } = state;
+    const { x, z, stop_1, stop_2 } = state;
     const { slug, body, tall, scale } = at.plan;
     if (Math.abs(at.v) > tall / 2) return '';
-    for (const [name, face] of [['stop1', stop1 * scale + slug], ['stop2', stop2 * scale - slug]]) {
+    for (const [name, face] of [['stop_1', stop_1 * scale + slug], ['stop_2', stop_2 * scale - slug]]) {
       if (Math.abs(at.u - face) < NEAR && Math.abs(at.u - z * scale) > slug) return name;
     }
     if (Math.abs(at.u - z * scale) < slug + 2) return 'm';
@@ -56,19 +56,19 @@ export class Drag {
     const { scale, slug } = this.drawing.plan;
     const u = this.drawing.at(event).u / scale;
     const now = this.state();
-    if (this.what === 'stop1' || this.what === 'stop2') {
+    if (this.what === 'stop_1' || this.what === 'stop_2') {
       const half = Math.abs(u - now.x) - slug / scale;
       // Half of the way in and out again: the middle of the gap stays where it is.
       if (half > 0) this.act.gap(Number((2 * half).toPrecision(3)));
       return;
     }
     const far = u - this.grip;
-    const { x, z, stop1, stop2 } = this.from;
-    const half = stop1 - x;
-    const within = (y) => Math.min(half, Math.max(Number.isFinite(stop2) ? -half : -Infinity, y));
+    const { x, z, stop_1, stop_2 } = this.from;
+    const half = stop_1 - x;
+    const within = (y) => Math.min(half, Math.max(Number.isFinite(stop_2) ? -half : -Infinity, y));
     this.left = this.what === 'M' ? { x: x + far, y: z - x } : { x: now.x, y: within(z + far - now.x) };
     const { x: place, y } = this.left;
-    this.drawing.outline = { ...now, x: place, z: place + y, stop1: place + half, stop2: place - half };
+    this.drawing.outline = { ...now, x: place, z: place + y, stop_1: place + half, stop_2: place - half };
     this.drawing.stale = true;
   }
 

@@ -132,8 +132,8 @@ export class GapCurve extends Axes {
         context.font = font(0.75);
         context.textBaseline = 'top';
         context.textAlign = right ? 'right' : 'left';
-        const said = `the rig is at ${withUnit(this.gap, 'm')}`;
-        context.fillText(right ? `${said} →` : `← ${said}`, box.left + (right ? box.width - 4 : 4), box.top + 4);
+        const text = `the rig is at ${withUnit(this.gap, 'm')}`;
+        context.fillText(right ? `${text} →` : `← ${text}`, box.left + (right ? box.width - 4 : 4), box.top + 4);
       } else if (this.gap > 0) {
         upright(this.gap, colours.primary, 0.55);
         if (Number.isFinite(this.measured)) {

@@ -7,18 +7,22 @@ const IMPACTS = 2 ** 12;
 const AT_ONCE = 0.5;
 /** A state is known for so long after the last sample, s. */
 const HELD = 0.1;
-export const SAMPLE = ['time', 'x', 'xv', 'z', 'zv', 'stop1', 'stop2', 'angle', 'phase'];
-/** What the sensors measure, and acts of the control. */
-export const MEASURED = ['time', 'x', 'z'];
-export const ACT = ['time', 'command', 'stop1', 'stop2', 'force', 'energy'];
-export const IMPACT = ['time', 'stop', 'x', 'y', 'xvBefore', 'xv', 'zvBefore', 'zv', 'impulse', 'phase'];
+/** What a field is before the server has named it. */
+const NOTHING = new Float64Array(0);
 
 /** Rows of numbers of which the oldest are dropped; one typed array for each field. */
 class Rows {
-  constructor(fields, room) {
-    this.fields = fields;
+  constructor(room) {
     this.room = room;
-    this.arrays = fields.map(() => new Float64Array(2 * room));
+    this.shape([]);
+  }
+
+  /** Take rows with these fields, of which the first is the time. */
+  shape(fields) {
+    if (fields.join() !== this.fields?.join()) {
+      this.fields = fields;
+      this.arrays = fields.map(() => new Float64Array(2 * this.room));
+    }
     this.clear();
   }
 
@@ -47,7 +51,7 @@ class Rows {
   }
 
   field(name) {
-    return this.arrays[this.fields.indexOf(name)];
+    return this.arrays[this.fields.indexOf(name)] ?? NOTHING;
   }
 
   row(n) {
@@ -56,7 +60,7 @@ class Rows {
 
   /** Place of the first row that is later than an instant, or the end. */
   after(time) {
-    const [times] = this.arrays;
+    const times = this.field('time');
     let [low, high] = [this.start, this.end];
     while (low < high) {
       const middle = (low + high) >> 1;
@@ -78,10 +82,15 @@ function between([t0, x0, v0], [t1, x1, v1], t) {
 /** What is known of the motion of one rig. */
 class Motion {
   constructor() {
-    this.samples = new Rows(SAMPLE, ROOM);
-    this.impacts = new Rows(IMPACT, IMPACTS);
-    this.measured = new Rows(MEASURED, ROOM);
-    this.acts = new Rows(ACT, IMPACTS);
+    this.samples = new Rows(ROOM);
+    this.impacts = new Rows(IMPACTS);
+    this.measured = new Rows(ROOM);
+    this.acts = new Rows(IMPACTS);
+  }
+
+  /** Take tables with these fields. */
+  shape(tables) {
+    for (const [kind, rows] of Object.entries(this)) rows.shape(tables[kind] ?? []);
   }
 
   clear() {
@@ -96,21 +105,21 @@ class Motion {
     const state = samples.row(n);
     if (n + 1 === samples.end) return time > state.time + HELD ? null : state;
     const next = samples.row(n + 1);
-    let [left, right] = [state, next].map(({ time: t, x, xv, z, zv }) => [[t, x, xv], [t, z, zv]]);
+    let [left, right] = [state, next].map((one) => [[one.time, one.x, one.primary_velocity], [one.time, one.z, one.damper_velocity]]);
     const hit = impacts.after(time);
     if (hit > impacts.start && impacts.arrays[0][hit - 1] > state.time) {
-      const { time: t, x, y, xv, zv } = impacts.row(hit - 1);
-      left = [[t, x, xv], [t, x + y, zv]];
+      const { time: t, x, y, primary_velocity_after: xRate, damper_velocity_after: zRate } = impacts.row(hit - 1);
+      left = [[t, x, xRate], [t, x + y, zRate]];
     }
     if (hit < impacts.end && impacts.arrays[0][hit] < next.time) {
-      const { time: t, x, y, xvBefore, zvBefore } = impacts.row(hit);
-      right = [[t, x, xvBefore], [t, x + y, zvBefore]];
+      const { time: t, x, y, primary_velocity_before: xRate, damper_velocity_before: zRate } = impacts.row(hit);
+      right = [[t, x, xRate], [t, x + y, zRate]];
     }
     const [x, z] = [0, 1].map((k) => between(left[k], right[k], time));
     const turned = (((next.phase - state.phase) % 1) + 1) % 1;
     const phase = (state.phase + (turned * (time - state.time)) / (next.time - state.time)) % 1;
     // The stops ride on M.
-    return { ...state, x, z, stop1: state.stop1 + x - state.x, stop2: state.stop2 + x - state.x, phase };
+    return { ...state, x, z, stop_1: state.stop_1 + x - state.x, stop_2: state.stop_2 + x - state.x, phase };
   }
 }
 
@@ -142,14 +151,21 @@ export class History {
     return this.own.impacts;
   }
 
+  /** Begin with the tables that a server sends. */
+  shape({ ghost_samples: samples, ghost_impacts: impacts, ...tables }) {
+    this.own.shape(tables);
+    this.other.shape({ samples, impacts });
+    this.clear();
+  }
+
   /** Take in a frame. */
   add(frame) {
     const { end } = frame;
     if (frame.replace) this.own.clear();
-    if (frame.replaceGhost) this.other.clear();
+    if (frame.replace_ghost) this.other.clear();
     for (const kind of ['samples', 'impacts', 'measured', 'acts']) this.own[kind].push(frame[kind], end);
-    this.other.samples.push(frame.ghostSamples, end);
-    this.other.impacts.push(frame.ghostImpacts, end);
+    this.other.samples.push(frame.ghost_samples, end);
+    this.other.impacts.push(frame.ghost_impacts, end);
     const [from, to] = frame.replace ? [0, 0] : [this.own.impacts.after(this.end), this.own.impacts.after(end)];
     this.fresh = Array.from({ length: Math.max(0, to - from) }, (_, n) => this.own.impacts.row(from + n));
     this.end = end;
@@ -187,13 +203,13 @@ export class History {
     let [low, high, lower, upper, swing, apart] = [0, 0, 0, 0, 0, 0];
     const from = Math.max(since, this.begun);
     for (const { samples } of [this.own, this.other]) {
-      const [x, z, stop1, stop2] = ['x', 'z', 'stop1', 'stop2'].map((name) => samples.field(name));
+      const [x, z, stop_1, stop_2] = ['x', 'z', 'stop_1', 'stop_2'].map((name) => samples.field(name));
       for (let n = samples.after(from); n < samples.end; n += 1) {
         low = Math.min(low, x[n], z[n]);
         high = Math.max(high, x[n], z[n]);
         // Without stop 2 it is NaN.
-        lower = Math.min(lower, stop1[n], stop2[n] || 0);
-        upper = Math.max(upper, stop1[n], stop2[n] || 0);
+        lower = Math.min(lower, stop_1[n], stop_2[n] || 0);
+        upper = Math.max(upper, stop_1[n], stop_2[n] || 0);
         swing = Math.max(swing, Math.abs(x[n]));
         apart = Math.max(apart, Math.abs(z[n] - x[n]));
       }

@@ -5,17 +5,6 @@ import { byId, element, mark, reducedMotion, write } from './dom.js';
 import { digits, lengthUnit, TAU, typed, withUnit } from './format.js';
 import { term } from './glossary.js';
 
-/** Names for people, and the entry of the glossary; the order of the first knobs. */
-const FIRST = [
-  ['gap', 'Gap d', 'gap'],
-  ['angle', 'Inclination θ', 'inclination'],
-  ['force_frequencies', 'Force frequency', 'frequency-ratio'],
-  ['force_amplitudes', 'Force F', 'force'],
-  ['friction', 'Friction γ', 'friction'],
-  ['restitution_1', 'Restitution R₁', 'restitution'],
-  ['restitution_2', 'Restitution R₂', 'restitution'],
-  ['gap_control', 'Gap control', 'gap-control'],
-];
 /** Parameters of the node that do not change the rig. */
 const SETTINGS = new Set(['real_time_factor', 'record', 'bag_directory', 'predict_motion', 'max_bag_size', 'max_bag_duration']);
 const GROUPS = [
@@ -51,8 +40,8 @@ class Knob {
     this.shown = display(descriptor, knobs.scale);
     const { name, type } = descriptor;
     this.id = `${slider ? 'knob' : 'parameter'}-${name}`;
-    const fixed = descriptor.read_only;
-    const help = [descriptor.description, this.rangeText(), fixed ? 'Set at the start of the node.' : ''].filter(Boolean).join(' ');
+    const fixed = descriptor.read_only || knobs.locked;
+    const help = [descriptor.description, this.rangeText(), descriptor.read_only ? 'Set at the start of the node.' : ''].filter(Boolean).join(' ');
     this.error = element('p', { class: 'error', id: `${this.id}-error`, role: 'alert', hidden: true });
     const described = { 'aria-describedby': `${this.id}-help ${this.id}-error` };
     if (type === 'bool') {
@@ -130,7 +119,7 @@ class Knob {
 
   addSlider(title) {
     this.range = element('input', {
-      type: 'range', min: 0, max: 1000, step: 1, 'aria-label': `${title}, slider`, tabindex: 0,
+      type: 'range', min: 0, max: 1000, step: 1, 'aria-label': `${title}, slider`, tabindex: 0, disabled: this.input.disabled,
     });
     this.range.addEventListener('input', () => {
       if (!this.dragging) this.knobs.hold(this.descriptor.name);
@@ -318,6 +307,8 @@ export class Knobs {
     this.natural = 0;
     this.scale = { factor: 1, unit: 'm' };
     this.knobs = [];
+    /** Whether the values are only shown. */
+    this.locked = false;
     // The parameter that is dragged, and the number of the drag
     this.held = { name: '', number: 0 };
     byId('knob-search').addEventListener('input', () => this.filter());
@@ -332,9 +323,8 @@ export class Knobs {
     this.knobs = [];
     const first = byId('first-knobs');
     first.replaceChildren();
-    for (const [name, title, about] of FIRST) {
-      const descriptor = known.get(name);
-      if (!descriptor) continue;
+    for (const descriptor of descriptors.filter((one) => one.first).sort((one, other) => one.first.place - other.first.place)) {
+      const { title, term: about } = descriptor.first;
       const knob = new Knob(descriptor, this, { title, about, slider: true });
       this.knobs.push(knob);
       first.append(knob.place);
@@ -342,8 +332,7 @@ export class Knobs {
     const all = byId('all-knobs');
     all.replaceChildren();
     for (const [key, title] of GROUPS) {
-      const members = descriptors.filter((one) => one.group === key || (key === 'rig' && one.group === 'first' && one.name !== 'gap_control')
-        || (key === 'control' && one.name === 'gap_control'));
+      const members = descriptors.filter((one) => one.group === key);
       if (!members.length) continue;
       const group = element('fieldset', { class: 'group' }, element('legend', { text: title }));
       for (const descriptor of members) {
@@ -408,7 +397,7 @@ export class Knobs {
     const names = Object.keys(values).filter((name) => !SETTINGS.has(name) && !name.startsWith('initial_') && !this.padded(name, values[name]));
     const turned = names.length > 2
       ? preset || `${names.length} parameters`
-      : names.map((name) => this.said(name, values[name])).join(', ');
+      : names.map((name) => this.inWords(name, values[name])).join(', ');
     return [kind === 'reset' ? 'reset' : '', turned].filter(Boolean).join(', ');
   }
 
@@ -420,15 +409,14 @@ export class Knobs {
   }
 
   /** Name for people, and a value with its unit, for the lines in the traces. */
-  said(name, value) {
+  inWords(name, value) {
     const knob = this.knobs.find((one) => one.descriptor.name === name);
     if (!knob) return `${name} ${value}`;
     const { unit, factor } = knob.shown;
     const text = (one) => (typeof one === 'number' ? digits(one * factor, 4).replace(/(\.\d*?)0+$/, '$1').replace(/\.$/, '') : String(one).slice(0, 40));
     const shown = Array.isArray(value) ? value.slice(0, 3).map(text).join(', ') : text(value);
-    const title = FIRST.find(([key]) => key === name)?.[1].split(' ').at(-1) ?? name.replace(/_/g, ' ');
-    const short = { gap: 'd', angle: 'θ', force_frequencies: 'f', force_amplitudes: 'F', gap_control: 'control' }[name] ?? title;
-    return `${short} = ${shown}${knob.unitText() ? ` ${unit}` : ''}`;
+    const symbol = knob.descriptor.first?.symbol ?? name.replace(/_/g, ' ');
+    return `${symbol} = ${shown}${knob.unitText() ? ` ${unit}` : ''}`;
   }
 
   /** Show only parameters whose name or meaning has the words searched for. */

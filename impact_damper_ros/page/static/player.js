@@ -27,7 +27,7 @@ export class Player {
     let due = 0;
     scrub.addEventListener('input', () => {
       this.scrubbing = true;
-      write(byId('played'), this.said(Number(scrub.value)));
+      write(byId('played'), this.progress(Number(scrub.value)));
       clearTimeout(due);
       due = setTimeout(() => this.seek(Number(scrub.value)), 60);
     });
@@ -62,7 +62,7 @@ export class Player {
     this.marks();
   }
 
-  said(time) {
+  progress(time) {
     return `${clock(time - this.start)} of ${clock(this.duration)}`;
   }
 
@@ -90,9 +90,9 @@ export class Player {
   show(time) {
     if (!this.on || this.scrubbing || !Number.isFinite(time)) return;
     byId('scrub').value = String(time);
-    const said = this.said(time);
-    write(byId('played'), said);
-    byId('scrub').setAttribute('aria-valuetext', said);
+    const text = this.progress(time);
+    write(byId('played'), text);
+    byId('scrub').setAttribute('aria-valuetext', text);
   }
 
   /** Marks of changes and resets under the slider. */

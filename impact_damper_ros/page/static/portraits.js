@@ -12,17 +12,17 @@ const MOST_DOTS = 1500;
 
 /** Y and its rate at the samples since an instant; an impact between two of them is a corner. */
 function pointsSince({ samples, impacts }, oldest) {
-  const [time, x, xv, z, zv] = samples.arrays;
+  const [time, x, xRate, z, zRate] = ['time', 'x', 'primary_velocity', 'z', 'damper_velocity'].map((name) => samples.field(name));
   const first = samples.after(oldest);
   const stride = Math.max(1, Math.ceil((samples.end - first) / MOST_POINTS));
   const points = [];
   let hit = impacts.after(time[first]);
   for (let n = first; n < samples.end; n += stride) {
-    for (; hit < impacts.end && impacts.arrays[0][hit] <= time[n]; hit += 1) {
-      const { y, xvBefore, zvBefore, xv: after, zv: other } = impacts.row(hit);
-      points.push([y, zvBefore - xvBefore], [y, other - after]);
+    for (; hit < impacts.end && impacts.field('time')[hit] <= time[n]; hit += 1) {
+      const one = impacts.row(hit);
+      points.push([one.y, one.damper_velocity_before - one.primary_velocity_before], [one.y, one.damper_velocity_after - one.primary_velocity_after]);
     }
-    points.push([z[n] - x[n], zv[n] - xv[n]]);
+    points.push([z[n] - x[n], zRate[n] - xRate[n]]);
   }
   return points;
 }
@@ -51,7 +51,7 @@ export class PhasePortrait extends Axes {
     const [line, ghostLine] = [own, other].map((motion) => pointsSince(motion, from));
     const { y = [], relative_velocity: rate = [] } = (this.showTheory && this.theory.orbit) || {};
     const orbit = y.map((value, n) => [value, rate[n]]);
-    const stops = [ghost, state].map((one) => (one ? [one.stop1 - one.x, one.stop2 - one.x].filter(Number.isFinite) : []));
+    const stops = [ghost, state].map((one) => (one ? [one.stop_1 - one.x, one.stop_2 - one.x].filter(Number.isFinite) : []));
     const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
     const places = [...line, ...ghostLine].map(([place]) => place);
     const moved = largest(places);
@@ -115,7 +115,7 @@ export class ImpactMap extends Axes {
   draw(now) {
     if (!this.begin()) return;
     const { impacts } = this.history;
-    const [time, stop, damper, phase] = ['time', 'stop', 'zv', 'phase'].map((name) => impacts.field(name));
+    const [time, stop, damper, phase] = ['time', 'stop', 'damper_velocity_after', 'phase'].map((name) => impacts.field(name));
     const predicted = (this.showTheory && this.theory.orbit?.impacts) || [];
     const since = this.history.lastChange;
     let fast = 0;
@@ -188,9 +188,9 @@ export class Multipliers extends Canvas {
       context.fill();
     });
     const largest = sizes.length ? Math.max(...sizes) : NaN;
-    const said = sizes.length
+    const words = sizes.length
       ? `Stability multipliers on the unit circle; the largest modulus is ${digits(largest, 3)}`
       : 'Stability multipliers: none';
-    mark(this.canvas, 'aria-label', said);
+    mark(this.canvas, 'aria-label', words);
   }
 }

@@ -37,13 +37,11 @@ export class Recordings {
     if (!same) place.replaceChildren(...rows);
   }
 
-  /** Return the row of a recording, which is made once, with what is to be said of it now. */
+  /** Return the row of a recording, which is made once, with what is known of it now. */
   row(one) {
     const row = this.rows.get(one.name) ?? this.made(one.name);
     const about = [dated(one.start), clock(one.duration), bytes(one.size), one.whole ? null : 'not ended'];
-    write(row.querySelector('strong'), one.title ?? one.name);
-    write(row.querySelector('.note'), one.note);
-    row.querySelector('.note').hidden = !one.note;
+    write(row.querySelector('strong'), one.name);
     write(row.querySelector('p'), about.filter((text) => text !== null && text !== undefined && text !== '–').join(' · '));
     const compare = row.querySelector('[data-compare]');
     const begun = this.busy.get(one.name);
@@ -54,57 +52,22 @@ export class Recordings {
   }
 
   made(name) {
-    const link = (file, text, label) => element('a', {
-      class: 'button', href: `/recordings/${encodeURIComponent(name)}/${file}`, download: '', text, 'aria-label': label,
-    });
     return element(
       'div',
       { class: 'recording', 'data-name': name },
-      element('div', {}, element('strong'), element('p', { class: 'quiet' }), element('p', { class: 'note', hidden: true })),
+      element('div', {}, element('strong'), element('p', { class: 'quiet' })),
       element('div', { class: 'buttons' },
         element('button', { type: 'button', class: 'primary', text: 'Play', 'aria-label': `Play ${name}`, onclick: () => {
           byId('recordings').close();
           this.play(name);
         } }),
-        link('download', 'Download', `Download ${name}`),
-        link('samples.csv', 'Samples', `Samples of ${name} as CSV`),
-        link('impacts.csv', 'Impacts', `Impacts of ${name} as CSV`),
-        element('button', {
-          type: 'button', 'data-compare': '', 'aria-label': `Compare ${name} with theory`, onclick: () => this.compare(name),
+        element('a', {
+          class: 'button', href: `/recordings/${encodeURIComponent(name)}/download`, download: '', text: 'Download', 'aria-label': `Download ${name}`,
         }),
-        element('button', { type: 'button', text: 'Rename', 'aria-label': `Rename ${name}`, onclick: () => this.edit('rename', name, name) }),
-        element('button', { type: 'button', text: 'Note', 'aria-label': `Note on ${name}`, onclick: () => this.edit('note', name, this.list.find((one) => one.name === name).note) }),
-        element('button', { type: 'button', text: 'Delete', 'aria-label': `Delete ${name}`, onclick: () => this.delete(name) })),
+        element('button', {
+          type: 'button', 'data-compare': '', 'data-steers': '', 'aria-label': `Compare ${name} with theory`, onclick: () => this.compare(name),
+        })),
     );
-  }
-
-  /** Ask for another name or a note in the row itself. */
-  edit(kind, name, text) {
-    const row = this.rows.get(name);
-    row.querySelector('form')?.remove();
-    const field = element('input', { type: 'text', value: text, maxlength: kind === 'note' ? 2000 : 120, 'aria-label': kind === 'note' ? 'Note' : 'New name' });
-    const form = element('form', { class: 'edit', onsubmit: async (event) => {
-      event.preventDefault();
-      if (await this.ask(kind, name, { text: field.value })) form.remove();
-    } }, field, element('button', { class: 'primary', text: 'Keep' }), element('button', { type: 'button', text: 'Cancel', onclick: () => form.remove() }));
-    row.append(form);
-    field.focus();
-    field.select();
-  }
-
-  async delete(name) {
-    if (!await this.ask('delete', name)) return;
-    const gone = byId('recordings-deleted');
-    gone.replaceChildren(`${name} is deleted. `, element('button', { type: 'button', text: 'Undo', onclick: async () => {
-      if (await this.ask('restore', name)) gone.replaceChildren();
-    } }));
-  }
-
-  /** Send a request about a recording; return whether it was carried out. */
-  async ask(type, recording, more = {}) {
-    const { ok, reason } = await this.connection.ask({ type, recording, ...more });
-    if (!ok) toast(reason, 'bad');
-    return ok;
   }
 
   async compare(name) {

@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rig in side view, tilted as it is: wall, spring, dashpot, M with its stops, m, force, ruler.
 //
-// Lengths along the axis are to scale. M and m have a size of their own in the picture: m is drawn
-// as long as `slug` on either side of its position, and both stops are that much farther apart, so
-// that contact is seen exactly where it is.
+// Lengths along the axis are to scale. M has a size of its own in the picture, and m one by its
+// mass: its area is as the mass ratio. It is as long as `slug` on either side of its position, and
+// both stops are that much farther apart, so that contact is seen exactly where it is.
 
 import { Canvas, circle, colours, font, SteadyRange, stopColour, strokeLines } from './chart.js';
 import { digits, lengthUnit, minus, niceAbove, ticks } from './format.js';
 import { reducedMotion } from './dom.js';
 
 const FLASH = 260;
+/** Mass ratio at which m has its usual size, and the least and largest size beside that. */
+const USUAL_RATIO = 0.05;
+const [SMALLEST, LARGEST] = [0.3, 1.7];
 const COILS = 9;
 /** Stops so many times farther away than anything moves are not drawn to scale. */
 const FAR = 100;
@@ -47,9 +50,9 @@ export class RigDrawing extends Canvas {
   }
 
   /** Choose the scale: all that moved lately has room, in steps so that the picture is calm. */
-  layout(extent, state, now) {
-    const rel1 = state.stop1 - state.x;
-    const rel2 = Number.isFinite(state.stop2) ? state.x - state.stop2 : rel1;
+  layout(extent, state, massRatio, now) {
+    const rel1 = state.stop_1 - state.x;
+    const rel2 = Number.isFinite(state.stop_2) ? state.x - state.stop_2 : rel1;
     // Stops that are far beyond all that moves stand at the edge.
     const moved = Math.max(extent.swing, extent.apart);
     const half = Math.min(Math.max(rel1, rel2, 1e-12), moved > 0 ? FAR * moved : Infinity);
@@ -60,22 +63,23 @@ export class RigDrawing extends Canvas {
     const [cos, sin] = [Math.abs(Math.cos(angle)), Math.abs(Math.sin(angle))];
     // As long as the canvas allows in this direction; a shorter rig is a lower one, too.
     let [length, tall, up, down] = [0, 0, 0, 0];
-    const size = (height) => { [tall, up, down] = [height, height / 2 + 1.5 * em, 0.66 * height + 1.9 * em]; };
+    const heights = (height) => { [tall, up, down] = [height, height / 2 + 1.5 * em, 0.66 * height + 1.9 * em]; };
     for (length = Math.hypot(this.width, this.height); length > 110; length *= 0.985) {
-      size(Math.max(2.4 * em, Math.min(length / 5.5, 10 * em)));
+      heights(Math.max(2.4 * em, Math.min(length / 5.5, 10 * em)));
       const [wide, high] = [length * cos + (up + down) * sin, length * sin + (up + down) * cos];
       if (wide <= this.width - 1.6 * em && high <= this.height - 0.3 * em) break;
       // A long one may be lower than it would like to be, but not by much.
       if (wide <= this.width - 1.6 * em) {
         const low = Math.max(2.4 * em, (this.height - 0.3 * em - length * sin) / cos - 3.4 * em) / 1.16;
         if (low >= length / 9 && low < tall) {
-          size(low);
+          heights(low);
           if (length * sin + (up + down) * cos <= this.height) break;
         }
       }
     }
     const thick = Math.max(5, Math.min(0.16 * tall, 0.025 * length));
-    const slug = Math.max(6, Math.min(0.24 * tall, 0.04 * length));
+    const size = Math.min(LARGEST, Math.max(SMALLEST, Math.sqrt(massRatio / USUAL_RATIO) || 1));
+    const slug = Math.max(3, size * Math.min(0.17 * tall, 0.028 * length));
     const rod = 0.5 * thick + 4;
     const wall = 0.7 * em;
     const spring = Math.max(30, Math.min(0.12 * length, 6 * em));
@@ -98,9 +102,9 @@ export class RigDrawing extends Canvas {
   }
 
   /** Draw a state; `ghost` is a second one, outlined. */
-  draw(state, { extent, ghost = null, driven = true, oneSided = false, now }) {
+  draw(state, { extent, ghost = null, driven = true, oneSided = false, massRatio = USUAL_RATIO, now }) {
     if (!this.begin() || !state) return;
-    const g = this.held ?? this.layout(extent, state, now);
+    const g = this.held ?? this.layout(extent, state, massRatio, now);
     this.plan = g;
     const { context } = this;
     const middle = (g.left + g.right) / 2;
@@ -213,7 +217,8 @@ export class RigDrawing extends Canvas {
     const top = -g.tall / 2;
     const floor = g.tall / 2 - g.thick;
     const round = Math.min(5, g.thick / 2);
-    const slugTall = Math.min(0.58 * (floor - top - g.thick), 3.4 * g.slug);
+    const inner = floor - top - g.thick;
+    const slugTall = Math.min(0.8 * inner, 3.4 * g.slug);
     context.save();
     if (ghostly) {
       context.globalAlpha = 0.75;
@@ -248,18 +253,18 @@ export class RigDrawing extends Canvas {
     context.fillStyle = colours.primary;
     context.fill('evenodd');
     // stops
-    const centre = floor - slugTall / 2;
     const pad = Math.max(3.5, 0.3 * g.thick);
-    const tallPad = Math.min(slugTall * 1.15, floor - top - g.thick - 2);
+    const tallPad = Math.min(Math.max(slugTall * 1.15, 0.4 * inner), inner - 2);
+    const centre = floor - tallPad / 2.3;
     const faces = [
-      [1, Math.min(state.stop1 * g.scale + g.slug, x + g.cavity), 1],
-      [2, Number.isFinite(state.stop2) ? Math.max(state.stop2 * g.scale - g.slug, x - g.cavity) : NaN, -1],
+      [1, Math.min(state.stop_1 * g.scale + g.slug, x + g.cavity), 1],
+      [2, Number.isFinite(state.stop_2) ? Math.max(state.stop_2 * g.scale - g.slug, x - g.cavity) : NaN, -1],
     ];
     for (const [stop, face, side] of faces) {
       if (stop === 2 && (oneSided || !Number.isFinite(face))) continue;
       const anchor = x + side * g.cavity;
       context.fillStyle = colours.steel;
-      const rod = Math.max(3, 0.2 * slugTall);
+      const rod = Math.max(3, 0.2 * tallPad);
       context.fillRect(Math.min(face, anchor), centre - rod / 2, Math.abs(anchor - face), rod);
       const flash = this.flashes.filter((one) => one.stop === stop);
       context.fillStyle = stopColour(stop);
@@ -273,7 +278,7 @@ export class RigDrawing extends Canvas {
           context.fillRect(side > 0 ? face : face - pad, floor - tallPad, pad, tallPad);
         } else {
           context.globalAlpha = (1 - part) * (0.35 + 0.65 * one.strength);
-          const radius = slugTall * (0.5 + 0.55 * one.strength) * (0.6 + 0.6 * part);
+          const radius = tallPad * (0.5 + 0.55 * one.strength) * (0.6 + 0.6 * part);
           const glow = context.createRadialGradient(face, centre, 0, face, centre, radius);
           glow.addColorStop(0, colours.damper);
           glow.addColorStop(0.35, colours.open);
@@ -291,16 +296,18 @@ export class RigDrawing extends Canvas {
     context.beginPath();
     context.roundRect(z - g.slug, floor - slugTall, 2 * g.slug, slugTall, Math.min(4, g.slug / 3));
     context.fill();
-    context.fillStyle = '#ffffff';
-    context.font = font(Math.min(1.1, (1.35 * g.slug) / em), 'italic 600');
-    this.upright(g, 'm', z, floor - slugTall / 2);
+    // Its name is on it, or above it where there is no room.
+    const roomy = g.slug > 0.55 * em;
+    context.fillStyle = roomy ? '#ffffff' : colours.damper;
+    context.font = font(roomy ? Math.min(1.1, (1.35 * g.slug) / em) : 0.9, 'italic 600');
+    this.upright(g, 'm', z, roomy ? floor - slugTall / 2 : floor - slugTall - 0.6 * em);
     // names: M above its frame, the stops above their pads
     context.font = font(1, 'italic 600');
     context.fillStyle = colours.primary;
     this.upright(g, 'M', x - g.body + 0.7 * em, top - 0.75 * em);
     context.font = font(0.72);
     context.fillStyle = colours.quiet;
-    if (tallPad < floor - top - g.thick - 1.2 * em) {
+    if (tallPad < inner - 1.2 * em) {
       for (const [stop, face, side] of faces) {
         if (!Number.isFinite(face) || (stop === 2 && oneSided)) continue;
         this.upright(g, String(stop), face + (side * pad) / 2, floor - tallPad - 0.62 * em);

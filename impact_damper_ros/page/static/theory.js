@@ -9,6 +9,8 @@ export class Theory {
   clear() {
     this.orbit = null;
     this.curve = null;
+    /** Kind of the motion that the rig comes to. */
+    this.kind = '';
     [this.missing, this.failure] = ['', ''];
   }
 
@@ -22,8 +24,21 @@ export class Theory {
     if (message.type === 'orbit') {
       this.orbit = message.found ? message : null;
       this.missing = message.text;
+      this.kind = message.kind;
     } else if (message.type === 'gap_curve') this.curve = message;
     else this.failure = message.text;
+  }
+
+  /** Whether the rig comes to a motion that never repeats. */
+  get irregular() {
+    return this.kind === 'chaotic' || this.kind === 'quasi-periodic';
+  }
+
+  /** What the impact map shows. */
+  get title() {
+    const { label = '', stable = true } = this.orbit ?? {};
+    if (this.irregular) return this.kind;
+    return stable ? label : `unstable: ${label}`;
   }
 
   /** The best gap known, and where it is from: the curve, a part of it, or an end of it. */

@@ -140,7 +140,7 @@ export class Traces {
   data() {
     const { samples } = this.history.own;
     const first = Math.max(samples.start, samples.after(this.span()[0]) - 1);
-    return ['time', 'stop1', 'stop2', 'z', 'x'].map((name) => samples.field(name).subarray(first, samples.end));
+    return ['time', 'stop_1', 'stop_2', 'z', 'x'].map((name) => samples.field(name).subarray(first, samples.end));
   }
 
   /** Draw what is new. */
@@ -246,7 +246,7 @@ export class Traces {
       const rest = samples.field('x')[Math.max(samples.after(at[n]) - 1, samples.start)];
       for (const stop of [1, 2]) {
         context.fillStyle = stopColour(stop);
-        const level = u.valToPos(rest + acts.field(`stop${stop}`)[n], 'y', true);
+        const level = u.valToPos(rest + acts.field(`stop_${stop}`)[n], 'y', true);
         if (Number.isFinite(level)) context.fillRect(place - 4 * ratio, level - 1.25 * ratio, 8 * ratio, 2.5 * ratio);
       }
       context.fillStyle = colours.force;
@@ -321,11 +321,11 @@ export class Traces {
     const state = own.at(time);
     if (!state) return;
     const { factor, unit } = this.unit;
-    const said = (value) => (Number.isFinite(value) ? `${digits(value * factor, 3)} ${unit}` : '–');
+    const shown = (value) => (Number.isFinite(value) ? `${digits(value * factor, 3)} ${unit}` : '–');
     const ghost = other.samples.length ? other.at(time) : null;
-    write(this.legend.x, said(state.x));
-    write(this.legend.z, said(state.z));
-    write(this.legend.stop, said(state.stop1 - state.stop2));
-    write(this.legend.ghost, `X ${said(ghost?.x)}, Z ${said(ghost?.z)}`);
+    write(this.legend.x, shown(state.x));
+    write(this.legend.z, shown(state.z));
+    write(this.legend.stop, shown(state.stop_1 - state.stop_2));
+    write(this.legend.ghost, `X ${shown(ghost?.x)}, Z ${shown(ghost?.z)}`);
   }
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the rig does in words and numbers: verdict, measured and predicted Xmax/A, first numbers.
 
-import { byId, element, mark, write } from './dom.js';
+import { byId, element, mark, overflowing, reducedMotion, write } from './dom.js';
 import { digits, withUnit } from './format.js';
 import { term } from './glossary.js';
 
@@ -46,13 +46,17 @@ export class Verdict {
     }
     const ratios = byId('ratios');
     this.bars = {};
-    for (const [key, name] of [['measured', 'measured'], ['predicted', 'predicted'], ['without', 'no impacts']]) {
+    for (const [key, name] of [['measured', 'measured'], ['predicted', 'predicted']]) {
       const value = element('dd', { text: '–' });
       const bar = element('span', { class: `fill ${key}` });
       ratios.append(element('div', {}, element('dt', { text: name }), element('dd', { class: 'gauge', 'aria-hidden': 'true' }, bar), value));
       this.bars[key] = { value, bar };
     }
     ratios.before(element('p', { class: 'ratios-title' }, term('xmax-a', 'Xmax / A')));
+    const boxes = ['.verdict', '.words'].map((one) => document.querySelector(one));
+    const looks = boxes.map(overflowing);
+    this.goesOn = () => looks.forEach((look) => look());
+    byId('more').addEventListener('click', () => boxes[0].scrollBy({ top: 0.7 * boxes[0].clientHeight, behavior: reducedMotion() ? 'auto' : 'smooth' }));
   }
 
   clear() {
@@ -77,11 +81,11 @@ export class Verdict {
     this.line('theory-text', known ? `What if: ${text}` : on ? 'What if: computing' : '');
     if (!known) return;
     const { recorded, what_if: other } = totals;
-    const row = ([name, key, said]) => element(
+    const row = ([name, key, format]) => element(
       'tr',
       {},
       element('th', { scope: 'row', text: name }),
-      ...[recorded, other].map((one) => element('td', { text: said(one[key]) })),
+      ...[recorded, other].map((one) => element('td', { text: format(one[key]) })),
       element('td', { text: recorded[key] ? digits(other[key] / recorded[key], 3) : '–' }),
     );
     table.replaceChildren(
@@ -97,14 +101,16 @@ export class Verdict {
     bar.style.transform = `scaleX(${part.toFixed(4)})`;
   }
 
-  diagnostics({ level, message, verdict, agreement }) {
+  diagnostics({ level, message, verdict, agreement }, theory) {
     const place = byId('verdict-text');
     const waiting = /wait|transient|cycles/i.test(message ?? '') && !agreement;
-    write(place, AGREEMENT[agreement] ?? (verdict && !message ? verdict : waiting ? 'Settling' : 'No verdict'));
+    const settled = agreement === 'agrees' || agreement === 'disagrees';
+    const words = AGREEMENT[agreement] ?? (verdict && !message ? verdict : waiting ? 'Settling' : 'No verdict');
+    write(place, theory.irregular && !settled ? theory.kind[0].toUpperCase() + theory.kind.slice(1) : words);
     const shade = agreement === 'agrees' ? 'ok' : agreement === 'disagrees' ? 'warn' : agreement === undefined ? level ?? 'none' : 'none';
     place.dataset.level = level === 'error' ? 'error' : shade;
     this.line('motion-text', message ? `Measured: ${message}` : '');
-    // Whether the measured motion agrees is said above already.
+    // Whether the measured motion agrees stands above already.
     this.line('theory-text', verdict ? `Theory: ${verdict.replace(/; the measured motion (?:dis)?agrees/, '')}` : '');
   }
 
@@ -112,17 +118,17 @@ export class Verdict {
     const place = byId(id);
     write(place, text);
     mark(place, 'title', text);
+    this.goesOn();
   }
 
   numbers(message, theory) {
     const { gap: best, basis } = theory.best;
     message = { ...message, gap_ratio: best > 0 ? message.gap / best : null, basis };
-    for (const [key, , , said] of NUMBERS) write(this.values[key], said(message[key], message));
-    const [, said] = PRELIMINARY[best > 0 ? basis : ''] ?? ['', ''];
-    mark(this.values.gap_ratio, 'title', said);
-    this.values.gap_ratio.classList.toggle('preliminary', Boolean(said));
+    for (const [key, , , format] of NUMBERS) write(this.values[key], format(message[key], message));
+    const [, origin] = PRELIMINARY[best > 0 ? basis : ''] ?? ['', ''];
+    mark(this.values.gap_ratio, 'title', origin);
+    this.values.gap_ratio.classList.toggle('preliminary', Boolean(origin));
     this.ratio('measured', message.x_max_ratio_measured);
     this.ratio('predicted', theory.orbit?.x_max_ratio);
-    this.ratio('without', message.static_amplitude > 0 ? 1 : null);
   }
 }
