@@ -224,6 +224,8 @@ class PageServer:
             'rigs': self._rigs,
             'recordings': self._list,
             'presets': presets,
+            # Whether there can be live rigs
+            'ros': self._network is not None,
             # Where other machines reach the page, to watch; empty if they do not
             'address': self.gate.url() if self.gate.token else '',
         }

@@ -4,18 +4,21 @@ import contextlib
 import json
 import time
 
-from playwright.sync_api import Error, sync_playwright
+from playwright.sync_api import Error, expect, sync_playwright
 
 OPTIONS = ('--disable-gpu', '--autoplay-policy=no-user-gesture-required', '--mute-audio')
 #: Longer than anything takes on a machine with much else to do, s.
 LONG = 90.0
+expect.set_options(timeout=1000.0 * LONG)
 
 
 class Browser:
     """
     Chromium without a window.
 
-    While it is open, this thread has an event loop that runs: `asyncio.run` cannot be used.
+    While it is open, this thread has an event loop that runs: `asyncio.run` cannot be used. The
+    plugin of Playwright for pytest keeps it open until the last test, so that no other test of
+    the run could.
     """
 
     def __init__(self, path):
@@ -41,16 +44,25 @@ class Page:
     """
     A page.
 
-    `said` is what came on its console, with errors and refusals of the policy.
+    `console` is what came on its console, with errors and refusals of the policy.
     """
 
     def __init__(self, context, address):
-        self._context = context
+        self.context = context
         self.tab = context.new_page()
-        self.said = []
-        self.tab.on('console', lambda message: self.said.append(f'{message.type}: {message.text}'))
-        self.tab.on('pageerror', lambda error: self.said.append(f'exception: {error}'))
+        self.tab.set_default_timeout(1000.0 * LONG)
+        self.console = []
+        self.tab.on('console', lambda one: self.console.append(f'{one.type}: {one.text}'))
+        self.tab.on('pageerror', lambda error: self.console.append(f'exception: {error}'))
         self.tab.goto(address)
+
+    def __call__(self, selector):
+        """Return what stands at a selector."""
+        return self.tab.locator(selector)
+
+    def expect(self, selector):
+        """Return what can be expected of what stands at a selector; it is waited for."""
+        return expect(self.tab.locator(selector))
 
     def run(self, script):
         """Return the value of an expression, awaited."""
@@ -72,21 +84,14 @@ class Page:
         """Return what a failed test should say of the page."""
         state = self.run("""[location.href, document.querySelector('#status')?.textContent,
             document.querySelector('#curtain')?.textContent,
-            document.querySelector('#toast')?.textContent, globalThis.impactDamper?.counted.frames,
+            document.querySelector('#toast')?.textContent,
+            globalThis.impactDamper?.received.frames,
             globalThis.impactDamper?.history.impacts.length]""")
-        return f'page: {state}; console: {self.said}'
-
-    def text(self, selector):
-        """Return the text of an element."""
-        return self.run(f'document.querySelector({json.dumps(selector)})?.textContent')
-
-    def value(self, selector):
-        """Return the value of a field."""
-        return self.run(f'document.querySelector({json.dumps(selector)}).value')
+        return f'page: {state}; console: {self.console}'
 
     def click(self, selector):
-        """Click on the middle of an element, as a mouse does."""
-        self.tab.click(selector, force=True)
+        """Click on the middle of an element, as a mouse does, whatever moves there."""
+        self(selector).click(force=True)
 
     def type(self, selector, text, *, enter=True):
         """Replace what is in a field by a text, with the keyboard."""
@@ -100,14 +105,10 @@ class Page:
         """Press a key."""
         self.tab.keyboard.press(name)
 
-    def choose(self, selector, value):
-        """Choose from a list, or move a slider."""
-        self.run(f"""(() => {{ const one = document.querySelector({json.dumps(selector)});
-            one.value = {value}; one.dispatchEvent(new Event('change')); }})()""")
-
     def resize(self, width, height):
         """Give the window another size, in CSS pixels."""
         self.tab.set_viewport_size({'width': width, 'height': height})
+        self.wait(f'innerWidth === {width}')
 
     def shade(self, dark, calm=False):
         """Let the system be dark or light, and ask for little motion."""
@@ -116,14 +117,10 @@ class Page:
             reduced_motion='reduce' if calm else 'no-preference',
         )
 
-    def allow(self, *permissions):
-        """Let the page do what a user would have to permit."""
-        self._context.grant_permissions(permissions)
-
     def protocol(self):
         """Return a session of the DevTools protocol."""
-        return self._context.new_cdp_session(self.tab)
+        return self.context.new_cdp_session(self.tab)
 
     def close(self):
         """Close the page."""
-        self._context.close()
+        self.context.close()

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from node.rig_client import DEADLINE_S, SOURCE, until
 
-
 #: The command, to which every request comes from another machine. A test has no other one.
 ELSEWHERE = """
 from impact_damper_ros.cli.rig_page import main

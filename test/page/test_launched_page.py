@@ -28,8 +28,8 @@ def test_a_node_that_dies_is_reported_and_started_again(tmp_path):
         page.wait("document.querySelector('#toast').textContent.includes('by signal 9')")
         assert 'rig_page: the node has ended by signal 9: it is started again' in server.printed
         until(lambda: server.nodes() and server.nodes() != [node])
-        frames = page.run('impactDamper.counted.frames')
-        page.wait(f'impactDamper.counted.frames > {frames} + 20', DEADLINE_S)
+        frames = page.run('impactDamper.received.frames')
+        page.wait(f'impactDamper.received.frames > {frames} + 20', DEADLINE_S)
     finally:
         browser.close()
         server.close()
@@ -82,7 +82,7 @@ def test_launch_opens_the_page_of_its_rig(tmp_path):
         page.click('#record')
         page.click('#recordings-open')
         page.wait("document.querySelector('.recording')", DEADLINE_S)
-        assert page.said == []
+        assert page.console == []
     finally:
         if browser is not None:
             browser.close()

@@ -92,6 +92,7 @@ function showMode() {
   byId('watching').hidden = !watches;
   for (const id of ['pause', 'reset', 'rig-speed', 'step', 'step-to-impact', 'record', 'presets-open', 'tour-open']) byId(id).hidden = !live;
   byId('rig-speed').disabled = watches;
+  byId('back-live').hidden = !state.hello.ros;
   drag.on = drawing.curve.settable = steers();
   knobs.locked = live && watches;
   write(byId('knobs-title'), live ? 'Knobs' : 'What if');
@@ -249,8 +250,9 @@ connection.addEventListener('parameters', ({ detail }) => {
   drawing.curve.stale = true;
   if (!isLive()) return;
   history.change(detail.time, line, knobs.dragOf(detail.values));
-  const preset = hello.presets.find((one) => one.title === detail.preset)?.name;
-  if (preset && preset !== address.preset) {
+  const preset = hello.presets.find((one) => one.title === detail.preset)?.name ?? '';
+  // Who steers knows which preset the rig started from; who watches, which one it is.
+  if ((preset || !steers()) && preset !== address.preset) {
     // Chosen in another tab, or by hand
     Object.assign(address, { preset, values: {} });
     showPreset();

@@ -1,20 +1,21 @@
 """
 Pictures of the page for README and docs, of a real rig in a real browser.
 
-From the directory of the package:
+    python docs/page_pictures.py docs/reference/page_pictures
 
-    PYTHONPATH=.:test python -m page.screenshots docs/reference/page_pictures
-
-With `--all DIR` five views at three sizes, light and dark.
+With `--all DIR` five views at four sizes, light and dark.
 """
 
 import argparse
 import io
 import os
+import sys
 import tempfile
 import time
 from pathlib import Path
 
+# The browser and the processes are those of the tests.
+sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 import chromium
 from PIL import Image
 
@@ -22,13 +23,12 @@ os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
 
 from node.rig_client import SOURCE, SimProcess
-
 from page.browser import Browser
 from page.page_process import PageProcess
 
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
 LONG = 120.0
-SIZES = {'phone': (360, 780), 'desk': (1280, 800), 'wall': (2560, 1440)}
+SIZES = {'phone': (360, 780), 'tablet': (768, 1024), 'desk': (1280, 800), 'wall': (2560, 1440)}
 RUNNING = """document.querySelector('#status').dataset.state === 'running'
     && impactDamper.history.impacts.length > 3 && document.querySelector('#knob-gap')"""
 #: All of the curve
@@ -81,7 +81,7 @@ def shoot(page, name, directory, sizes, shades=('light', 'dark')):
             # Beside other programs the rig lags at times; that is not what a picture is to show.
             page.wait("document.querySelector('#status').dataset.state !== 'lagging'", LONG)
             whole = page.run('document.documentElement.scrollHeight')
-            if size == 'phone':
+            if size in ('phone', 'tablet'):
                 page.resize(width, whole)
                 time.sleep(0.5)
             written(page.tab.screenshot(), directory / f'{name}_{size}_{shade}.png')
@@ -199,6 +199,7 @@ def still(browser, work, arguments):
 
 
 def main():
+    """Run the command."""
     parser = argparse.ArgumentParser(description='Take pictures of the page.')
     parser.add_argument('directory', type=Path, help='where those of the docs go')
     parser.add_argument('--all', type=Path, metavar='DIR', help='take all views, into this one')

@@ -4,22 +4,25 @@ Frame times of the page, with traces of 30 s, and how old its pictures are.
 Headless Chromium measures them. A picture is taken to be on the screen when the next one begins;
 its age is from the stamp of the newest joint state in it to that instant.
 
-From the directory of the package: `PYTHONPATH=.:test python -m page.frame_times`. Chromium draws
-without a graphics processor here, so that any real one is faster.
+    python benchmarks/page_frames.py [--seconds S] [--window S]
+
+Chromium draws without a graphics processor here, so that any real one is faster.
 """
 
 import argparse
 import os
+import sys
 import tempfile
 from pathlib import Path
 
+# The browser and the processes are those of the tests.
+sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 import chromium
 
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
 
 from node.rig_client import SOURCE, SimProcess
-
 from page.browser import Browser
 from page.page_process import PageProcess
 
@@ -34,19 +37,19 @@ FULL = """(({{own: {{samples}}, end}}) =>
 #: Between frames of the screen, in drawing one that has something new, and from a joint state to
 #: the screen.
 PROBE = """new Promise(resolve => {{
-    const {{ counted }} = impactDamper;
-    counted.work.length = 0;
-    const times = [], ages = [], {{ frames }} = counted, begun = performance.now();
-    let {{ drawn }} = counted, epoch = null;
+    const {{ drawing, received }} = impactDamper;
+    drawing.times.length = 0;
+    const times = [], ages = [], {{ frames }} = received, begun = performance.now();
+    let {{ drawn }} = drawing, epoch = null;
     requestAnimationFrame(function next(now) {{
         times.push(now);
         // The page has just drawn this one; it was asked for the frame before this probe was.
         if (epoch !== null) ages.push(performance.timeOrigin + now - 1000 * epoch);
-        epoch = counted.drawn === drawn ? null : counted.epoch;
-        drawn = counted.drawn;
+        epoch = drawing.drawn === drawn ? null : received.epoch;
+        drawn = drawing.drawn;
         if (now - begun < 1000 * {seconds}) return requestAnimationFrame(next);
         const spans = times.slice(1).map((time, n) => time - times[n]);
-        resolve([spans, counted.work, ages, (counted.frames - frames) / {seconds}]);
+        resolve([spans, drawing.times, ages, (received.frames - frames) / {seconds}]);
     }});
 }})"""
 
