@@ -36,7 +36,7 @@ def group(name: str) -> str:
     """Return the group of knobs in which the page shows a parameter."""
     if name in GAP_CONTROL_SPECS:
         return 'control'
-    if name.startswith(('force_', 'multisine_', 'sweep_')):
+    if name.startswith(('force_', 'base_', 'multisine_', 'sweep_')):
         return 'forcing'
     return 'rig' if name in PARAMETER_SPECS else 'run'
 

@@ -71,9 +71,10 @@ def load_presets(path: Path = _FILE) -> dict[str, Preset]:
 def _with_scaled(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the parameters of a rig with those that depend on its natural frequency."""
     omega = math.sqrt(values['stiffness'] / values['primary_mass'])
-    defaults = {name: PARAMETER_SPECS[name].default for name in _POWERS}
-    scaled = {name: defaults[name] * omega**power for name, power in _POWERS.items()}
-    return {name: float(f'{value:.4g}') for name, value in scaled.items()} | dict(values)
+    usual = RigParameters().as_dict()
+    scaled = {name: usual[name] * omega**power for name, power in _POWERS.items()}
+    rounded = {name: float(f'{value:.4g}') for name, value in scaled.items()}
+    return {**rounded, 'base_frequencies': (float(f'{omega:.4g}'),), **values}
 
 
 def change_between(

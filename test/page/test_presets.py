@@ -38,6 +38,7 @@ def test_a_sweep_and_a_multisine_are_about_the_resonance(name):
     rig = PRESETS[name].rig.replace(sweep_mode='up')
     for low, high in ((rig.sweep_low, rig.sweep_high), (rig.multisine_low, rig.multisine_high)):
         assert 0.45 * rig.omega < low < 0.9 * rig.omega < 1.1 * rig.omega < high < 1.6 * rig.omega
+    assert rig.base_frequencies == pytest.approx([rig.omega], rel=1e-3)
     assert 10.0 < rig.sweep_dwell * rig.omega / math.tau < 60.0
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from impact_damper_ros import GapControlParameters, Rig, RigParameters, find_orbits, follow, settle
+from impact_damper_ros.parameters.parameters_file import load_parameters
 from impact_damper_ros.theory.documents import theory
 from impact_damper_ros.theory.gap_curve import follow_gap
 from impact_damper_ros.theory.prediction import Prediction
@@ -45,11 +46,17 @@ def test_expected_motion_is_that_of_the_solver(inclined):
     last = found[-1]
     orbit = next(o for o in find_orbits(INCLINED, (1, 2), 1).orbits if o.stable and o.viable)
     assert last['label'] == '2 impacts in 1 cycle'
+    assert [one['kind'] for one in found[:1] + found[-1:]] == ['', 'periodic']
     assert last['x_max_ratio'] == pytest.approx(0.2113439, abs=1e-7)
     assert (last['stable'], last['viable'], last['period']) == (True, True, orbit.period)
     moduli = [abs(complex(*pair)) for pair in last['multipliers']]
     assert moduli == pytest.approx([0.94107, 0.94107, 0.57960, 0.57960], abs=1e-4)
     assert [i['phase'] for i in last['impacts']] == pytest.approx([0.7579950, 0.2697923], abs=1e-6)
+
+
+def test_the_kind_of_motion_that_the_rig_comes_to_is_named():
+    bench, _, _ = load_parameters('bench_rig')
+    assert documents(bench.replace(gap=0.034))[-1]['orbit']['kind'] == 'chaotic'
 
 
 def test_drawn_motion_is_that_of_the_rig(inclined):
