@@ -8,6 +8,7 @@ Everything is drawn in proportion to the gap and to the displacement of M.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
@@ -116,13 +117,18 @@ def robot_description(rig: RigParameters, gap_max: float = 0.0) -> str:
     damper further out. The deck is long enough for `gap_max`, the largest gap of the control,
     up to eight times the gap.
     """
-    size = picture_size(rig, gap_max)
+    return _urdf(picture_size(rig, gap_max), rig.one_sided)
+
+
+@lru_cache(maxsize=4)
+def _urdf(size: PictureSize, one_sided: bool) -> str:
+    """Return a URDF: most changes of a rig leave its size."""
     unit = size.damper
     rail = 2.0 * size.rail + abs(size.rest)
     block = 0.4 * unit
     stop = 0.5 * (unit + block)
     stop_1 = _box(size, 'stop', stop, 0.0, block, 1.2, 1.0)
-    stop_2 = '' if rig.one_sided else _box(size, 'stop', -stop, 0.0, block, 1.2, 1.0)
+    stop_2 = '' if one_sided else _box(size, 'stop', -stop, 0.0, block, 1.2, 1.0)
     colours = ''.join(
         f'  <material name="{name}"><color rgba="{rgba}"/></material>\n'
         for name, rgba in _COLOURS.items()

@@ -68,7 +68,7 @@ class RigParameterClient:
         from rclpy.exceptions import NameValidationException
         from rclpy.parameter_client import AsyncParameterClient
 
-        self._node = node
+        self._node, self._began = node, time.monotonic()
         self.name = name or self._only_rig()
         try:
             self._client = AsyncParameterClient(node, self.name)
@@ -78,6 +78,21 @@ class RigParameterClient:
             ) from error
         if not self._client.wait_for_services(PATIENCE_S):
             raise CommandError(f'{self.name} does not answer: does it run?', EXIT_FAILED)
+        self._check_alone()
+
+    def _check_alone(self) -> None:
+        """Raise CommandError if another node has the name of the rig."""
+        space, _, name = self.name.rpartition('/')
+        end = self._began + DISCOVERY_S
+        while (
+            count := self._node.get_node_names_and_namespaces().count((name, space or '/'))
+        ) < 2 and time.monotonic() < end:
+            time.sleep(0.05)
+        if count > 1:
+            raise CommandError(
+                f'{count} nodes are named {self.name}, and a request reaches any one of them: '
+                'stop all but one, or start each in a namespace of its own (-r __ns:=/rig2)'
+            )
 
     def _only_rig(self) -> str:
         """Return the node that offers the services of a rig."""

@@ -119,11 +119,21 @@ def in_words(error: Exception) -> str:
     return text
 
 
-def start_message(parameters: NodeParameters, node: str, recording: str) -> str:
+def given_text(given: Mapping[str, Any], applied: Sequence[str]) -> str:
+    """Return which parameters are given, and by what: values by name, and entries of files."""
+    count = sum(name in ALL_SPECS for name in given)
+    places = ', '.join(map(printable, applied))
+    return f'{count} of {len(ALL_SPECS)} are given, by {places}' if count else 'all by default'
+
+
+def start_message(
+    parameters: NodeParameters, node: str, recording: str, given: str = 'all by default'
+) -> str:
     """Return a summary of the node in a few lines."""
     lines = [
         f'{node} runs {_pace(parameters.real_time_factor)}',
         f'rig        {described(parameters.rig)}',
+        f'parameters {given}',
         f'recording  {f"to {recording}" if recording else "off"}',
     ]
     if hint := unit_hint(parameters.rig):
@@ -165,7 +175,8 @@ class SimNode(Node):
         # There is no public way to get the overrides of parameters that are not declared yet;
         # declaring from overrides would make `37` an integer parameter.
         overrides = {name: p.value for name, p in self._parameter_overrides.items()}
-        given, idle = values_given(arguments, self.get_fully_qualified_name())
+        given, idle, applied = values_given(arguments, self.get_fully_qualified_name())
+        self._given = given_text(given, applied)
         # Of values of different types, rclpy takes whole numbers before others.
         overrides |= {name: value for name, value in given.items() if name in ALL_SPECS}
         for reason in idle:
@@ -236,7 +247,7 @@ class SimNode(Node):
         """Start the rig, and log a summary."""
         self.engine.start()
         name = self.get_fully_qualified_name()
-        text = start_message(self.engine.parameters, name, self._recorder.path)
+        text = start_message(self.engine.parameters, name, self._recorder.path, self._given)
         self.get_logger().info(text)
 
     def finish(self) -> str:
@@ -338,7 +349,7 @@ class SimNode(Node):
             return taken[0] if taken is not None else None
 
         def publishers(key: str) -> int:
-            return subscriptions[key].get_publisher_count()
+            return int(subscriptions[key].get_publisher_count())
 
         topics = [
             CommandTopic(

@@ -306,7 +306,9 @@ def _values(path: Path, node: str) -> Block:
     return values
 
 
-def values_given(arguments: Sequence[str], node: str) -> tuple[dict[str, Any], list[str]]:
+def values_given(
+    arguments: Sequence[str], node: str
+) -> tuple[dict[str, Any], list[str], list[str]]:
     """
     Return the values that a command line and the files named there give a node.
 
@@ -323,6 +325,8 @@ def values_given(arguments: Sequence[str], node: str) -> tuple[dict[str, Any], l
         The values by name, without those of a file that is a pipe: it can be read once only.
     idle : list of str
         Of each file that has no parameters for the node, what it has.
+    applied : list of str
+        What applies to the node: files with their entries, and the command line.
 
     Raises
     ------
@@ -330,7 +334,7 @@ def values_given(arguments: Sequence[str], node: str) -> tuple[dict[str, Any], l
         If a file cannot be read, or there are files and none has parameters for the node.
     """
     entries: list[tuple[str, Any]] = []
-    files, idle = 0, []
+    files, idle, applied = 0, [], dict[str, None]()
     words, of_ros = iter(arguments), False
     for word in words:
         if word in ('--ros-args', '--'):
@@ -342,6 +346,8 @@ def values_given(arguments: Sequence[str], node: str) -> tuple[dict[str, Any], l
                 given = Block()
                 given[name] = yaml_value(text)
                 entries.append((owner or '/**', {'ros__parameters': given}))
+                if _is_of(entries[-1][0], node):
+                    applied['the command line'] = None
         elif of_ros and word == '--params-file':
             path = Path(next(words, ''))
             files += 1
@@ -351,6 +357,8 @@ def values_given(arguments: Sequence[str], node: str) -> tuple[dict[str, Any], l
                 of_file = _entries(path)
                 if not any(_is_of(key, node) for key, _ in of_file):
                     idle.append(f'{path}: {_missing(node, dict.fromkeys(k for k, _ in of_file))}')
+                own = dict.fromkeys(key for key, _ in of_file if _is_of(key, node))
+                applied |= {f'{path} ({key})': None for key in own}
                 entries += of_file
             except ParametersFileError as error:
                 idle.append(f'{path}: {error}')
@@ -358,7 +366,7 @@ def values_given(arguments: Sequence[str], node: str) -> tuple[dict[str, Any], l
                 raise ParametersFileError(f'{path}: {error}') from None
     if files and len(idle) == files:
         raise ParametersFileError(idle[0])
-    return _merged(entries, node), idle
+    return _merged(entries, node), idle, list(applied)
 
 
 def load_parameters(

@@ -103,10 +103,13 @@ def test_the_last_value_counts_whatever_its_type(launch, tmp_path):
     second.write_text('/**/sim_node: {ros__parameters: {friction: 1}}')
     words = ('--ros-args', '--params-file', str(first), '--params-file', str(second))
     words += ('-p', 'gap:=2.5', '-p', 'other:gap:=7', '-p', 'force_amplitudes:=[0.5]')
-    given, idle = values_given(['sim_node', *words, '--', '-p', 'gap:=8'], '/rig/sim_node')
+    given, idle, applied = values_given(
+        ['sim_node', *words, '--', '-p', 'gap:=8'], '/rig/sim_node'
+    )
     assert given == {'gap': 2.5, 'friction': 1, 'force_amplitudes': [0.5]}
     assert not idle
-    assert values_given(['--ros-args', '-p', 'gap:=['], '/a') == ({}, [])
+    assert applied == [f'{first} (/**)', f'{second} (/**/sim_node)', 'the command line']
+    assert values_given(['--ros-args', '-p', 'gap:=['], '/a') == ({}, [], [])
     process = launch(parameters_file=first, gap='0.o12')
     assert process.wait() == 1
     assert "cannot start: gap is '0.o12': 'o12' is no unit of it" in process.output

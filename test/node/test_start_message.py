@@ -1,7 +1,12 @@
 """What the node says as it starts, and of another one that publishes the clock."""
 
+import subprocess
+import sys
+
+from diagnostic_msgs.msg import DiagnosticArray
+
 from impact_damper_ros.node.parameters import parameters_from_overrides
-from impact_damper_ros.node.sim_node import start_message
+from impact_damper_ros.node.sim_node import given_text, start_message
 from node.rig_client import LIVELY, until
 
 
@@ -18,7 +23,25 @@ def test_start_message_names_what_runs():
         'natural frequency 5.03 Hz (31.62 rad/s), ζ 0.949 %; force 10 N at 5.03 Hz (31.6 rad/s) = '
         '0.999 of it; gap 0.01 m; level\n'
     ) in text
+    assert 'parameters all by default\n' in text
     assert text.endswith('recording  off')
+    some = given_text(
+        {'gap': 1.0, 'friction': 0.0, 'other': 2}, ['rig.yaml (/**)', 'the command line']
+    )
+    assert some.endswith(' are given, by rig.yaml (/**), the command line')
+    assert some.startswith('2 of ')
+
+
+def test_the_node_says_which_entries_of_its_files_apply(launch, namespace, tmp_path):
+    path = tmp_path / 'two.yaml'
+    path.write_text(
+        '/**: {ros__parameters: {gap: 0.02}}\n/other/sim_node: {ros__parameters: {gap: 0.5}}\n'
+    )
+    process = launch(f'__ns:={namespace}', parameters_file=path, friction=0.1)
+    until(lambda: 'recording  off' in process.output, lambda: process.output)
+    assert f'are given, by {path} (/**), the command line\n' in process.output
+    assert 'gap 0.02 m' in process.output
+    assert process.stop() == 0
 
 
 def test_start_message_of_a_recording_and_of_a_frequency_in_hertz():
@@ -27,6 +50,38 @@ def test_start_message_of_a_recording_and_of_a_frequency_in_hertz():
     assert 'runs at 0.5 times real time' in text
     assert 'force 10 N at 0.796 Hz (5 rad/s) = 0.158 of it' in text
     assert 'if Hz were meant, give 31.4159' in text
+
+
+def test_two_nodes_of_one_name_are_reported(client, launch, namespace):
+    """By the nodes, in their log and in the diagnostics; set_rig sets neither."""
+    both = [launch(f'__ns:={namespace}') for _ in range(2)]
+    reports = client.listen(DiagnosticArray, '/diagnostics')
+    words = f'2 nodes are named {namespace}/sim_node'
+    for process in both:
+        until(lambda process=process: words in process.output)
+
+    def reported():
+        statuses = [s for report in list(reports) for s in report.status]
+        return any(s.name.endswith('network') and words in s.message for s in statuses)
+
+    until(reported)
+    done = subprocess.run(
+        [
+            sys.executable,
+            '-m',
+            'impact_damper_ros.cli.set_rig',
+            '--node',
+            f'{namespace}/sim_node',
+            'gap=1',
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2, done.stdout
+    assert f'2 nodes are named {namespace}/sim_node' in done.stderr
+    for process in both:
+        assert process.stop() == 0
 
 
 def test_two_rigs_that_publish_the_clock_warn(launch, namespace):
