@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import tempfile
 import threading
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -81,6 +82,22 @@ def test_a_whole_file_or_the_old_one(tmp_path):
         assert file.read_text() == 'new'
         assert sorted(path.name for path in disk.iterdir()) == ['file', 'link']
         assert link.is_symlink()
+
+
+def test_a_file_in_memory_is_no_stream():
+    """Though it is below /dev: it is written whole."""
+    memory = Path('/dev/shm')
+    if not memory.is_dir():
+        pytest.skip('no /dev/shm here')
+    with tempfile.TemporaryDirectory(dir=memory) as place:
+        file = Path(place) / 'file'
+        file.write_text('old')
+        assert not outputs.is_stream(file)
+        with pytest.raises(RuntimeError), outputs.whole(file) as draft:
+            draft.write_text('a part')
+            raise RuntimeError
+        assert (file.read_text(), len(list(Path(place).iterdir()))) == ('old', 1)
+    assert all(map(outputs.is_stream, map(Path, ('/dev/null', '/dev/stdout', '/dev/fd/1'))))
 
 
 def test_pipes_are_written_to(tmp_path):
