@@ -28,6 +28,12 @@ def bound(source, place):
         subprocess.run(['umount', '-l', place], check=True)
 
 
+def write_a_part(path):
+    with outputs.whole(path) as draft:
+        draft.write_text('a part')
+        raise RuntimeError
+
+
 def write_by_text(path):
     outputs.write_text(path, 'new\n')
 
@@ -93,9 +99,8 @@ def test_a_file_in_memory_is_no_stream():
         file = Path(place) / 'file'
         file.write_text('old')
         assert not outputs.is_stream(file)
-        with pytest.raises(RuntimeError), outputs.whole(file) as draft:
-            draft.write_text('a part')
-            raise RuntimeError
+        with pytest.raises(RuntimeError):
+            write_a_part(file)
         assert (file.read_text(), len(list(Path(place).iterdir()))) == ('old', 1)
     assert all(map(outputs.is_stream, map(Path, ('/dev/null', '/dev/stdout', '/dev/fd/1'))))
 
