@@ -143,9 +143,7 @@ def _insert_glossary(_app: Any, name: str, source: list[str]) -> None:
     terms = ast.literal_eval(literal[1]).values()
     lines = []
     for term, sentence in sorted(terms, key=lambda one: one[0].lower()):
-        # 'gap d' is found as 'gap', too.
-        names = [term, *re.findall(r'^(.*[a-z]) [^\W\d_]$', term)]
-        lines += [*names, f'  {sentence}', '']
+        lines += [term, f'  {sentence}', '']
     source[0] = source[0].replace('{glossary}\n', '\n'.join(['```{glossary}', *lines, '```', '']))
 
 

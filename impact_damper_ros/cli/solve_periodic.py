@@ -108,7 +108,7 @@ def _parser() -> argparse.ArgumentParser:
         '--impacts',
         type=_counts,
         metavar='N',
-        help='impacts in one period, those of a chatter up to the rest, or a range such as 1:4',
+        help='impacts in one period, or a range such as 1:4; of a chatter, those before the rest',
     )
     sought.add_argument(
         '--settled',

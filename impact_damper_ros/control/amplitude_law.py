@@ -67,7 +67,7 @@ def correct_places(control: Control, seen: Measurement) -> None:
 def corrected(
     control: Control, place: float, growth: float, early: float, speed: float, limit: float
 ) -> float:
-    """Return the place of a stop that m hit so early, or NaN for not at all, at a speed."""
+    """Return the new place of a stop: `early` is NaN if m has not hit it; `speed` is that of m."""
     p = control.settings
     half_cycle = control.observer.half_cycle
     if early == early:

@@ -377,7 +377,8 @@ class Flights:
         Parameters
         ----------
         most : float, optional
-            Of longer flights, s, samples are missing: they are left out of the integrals.
+            Longest flight that counts, s. Longer ones are intervals without samples, and are left
+            out of the integrals.
 
         Returns
         -------

@@ -18,6 +18,7 @@ SEARCHES = {
     'parameters': 'reference/parameters',
     'units': 'reference/parameters',
     'units of damping': 'reference/parameters',
+    'changelog': 'start/changelog',
     'cite': 'start/citing',
     'licence': 'start/citing',
     'chatter': 'theory/chatter',
