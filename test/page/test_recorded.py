@@ -67,7 +67,7 @@ def test_recording_is_read_as_it_was(recorded):
     assert abs(late[:, 1].mean()) < 1e-3
     assert late[-1, 7] == 0.1
     assert recorded.changes == [
-        {'time': 0.0, 'kind': 'stretch', 'values': {}, 'preset': ''},
+        {'time': 0.0, 'kind': 'stretch', 'values': {}, 'preset': 'Bench rig'},
         {'time': 4.0, 'kind': 'change', 'values': {'gap': 0.03}, 'preset': ''},
         {'time': 8.0, 'kind': 'change', 'values': {'angle': 0.1}, 'preset': ''},
     ]
