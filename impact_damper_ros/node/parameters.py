@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -33,9 +34,14 @@ from impact_damper_ros.parameters.rig_parameters import (
     InitialConditions,
     NodeSettings,
     RigParameters,
+    base_quantity_of,
 )
 
-FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
+#: Arrays with an entry for each harmonic of the force, and for each line of the base.
+ARRAYS = [
+    tuple(f'{what}_{part}' for part in ('amplitudes', 'frequencies', 'phases'))
+    for what in ('force', 'base')
+]
 #: Longest name that may be a misspelt one.
 _LONGEST_NAME = 80
 #: Most warnings of one kind.
@@ -135,8 +141,9 @@ def descriptor(spec: ParameterSpec) -> Any:
         else:
             ranges.append(FloatingPointRange(from_value=spec.low, to_value=spec.high, step=0.0))
     constraints = f'One of {", ".join(spec.choices)}.' if spec.choices else ''
-    if spec.name in FORCE_ARRAYS:
-        others = ' and '.join(name for name in FORCE_ARRAYS if name != spec.name)
+    together = next((names for names in ARRAYS if spec.name in names), ())
+    if together:
+        others = ' and '.join(name for name in together if name != spec.name)
         constraints = (
             f'The range applies to each entry. If the length changes, {others} are cut or padded '
             'with zeros to match.'
@@ -178,25 +185,28 @@ def promoted(parameter: Parameter) -> Parameter:
     return Parameter(parameter.name, _TYPES[spec.kind], value)
 
 
-def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, list[float]]:
+def resized_arrays(values: Mapping[str, Any], rig: RigParameters) -> dict[str, list[float]]:
     """
-    Return the force arrays that were not given, resized to the length of those that were.
+    Return the arrays of force and base not given, resized to the length of those that were.
 
     Surplus entries are dropped; new ones are zero, and a harmonic with a zero amplitude, or with
     frequency and phase zero, exerts no force.
     """
-    given = {name: values[name] for name in FORCE_ARRAYS if name in values}
-    if not all(hasattr(value, '__len__') for value in given.values()):
-        return {}
-    lengths = {len(value) for value in given.values()}
-    # The validation rejects contradictory lengths.
-    if len(lengths) != 1 or (count := lengths.pop()) in (0, len(rig.force_amplitudes)):
-        return {}
-    return {
-        name: [*getattr(rig, name), *[0.0] * count][:count]
-        for name in FORCE_ARRAYS
-        if name not in given
-    }
+    resized: dict[str, list[float]] = {}
+    for names in ARRAYS:
+        given = {name: values[name] for name in names if name in values}
+        if not all(hasattr(value, '__len__') for value in given.values()):
+            continue
+        lengths = {len(value) for value in given.values()}
+        # The validation rejects contradictory lengths.
+        if len(lengths) != 1 or (count := lengths.pop()) in (0, len(getattr(rig, names[0]))):
+            continue
+        resized |= {
+            name: [*getattr(rig, name), *[0.0] * count][:count]
+            for name in names
+            if name not in given
+        }
+    return resized
 
 
 def nearest_name(name: str, cutoff: float = 0.5) -> str:
@@ -228,15 +238,27 @@ def parameters_from_overrides(
         for name, spec in ALL_SPECS.items()
         if name in overrides
     }
-    values.update(resized_force(values, RigParameters()))
+    if quantity := base_quantity_of(overrides.get('base_amplitudes')):
+        values['base_quantity'] = quantity
+    values.update(resized_arrays(values, RigParameters()))
     return NodeParameters.from_values(values)
 
 
 def as_meant(parameters: Iterable[Parameter], rig: RigParameters) -> list[Parameter]:
-    """Return a request in the declared types, with the other force arrays of a rig resized."""
-    meant = [promoted(parameter) for parameter in parameters]
+    """
+    Return a request in the declared types, with the other arrays of a rig resized.
+
+    The unit of base amplitudes sets the quantity that they are amplitudes of.
+    """
+    given = list(parameters)
+    meant = [promoted(parameter) for parameter in given]
+    for parameter in given:
+        if parameter.name == 'base_amplitudes' and parameter.type_ is Parameter.Type.STRING:
+            with suppress(ParameterError):  # refused with the reason where it is checked
+                quantity = base_quantity_of(parameter.value)
+                meant.append(Parameter('base_quantity', value=quantity))
     values = {p.name: p.value for p in meant if p.type_ is Parameter.Type.DOUBLE_ARRAY}
-    resized = resized_force(values, rig)
+    resized = resized_arrays(values, rig)
     return meant + [
         Parameter(name, Parameter.Type.DOUBLE_ARRAY, value) for name, value in resized.items()
     ]

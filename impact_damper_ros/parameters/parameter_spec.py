@@ -140,6 +140,24 @@ class ParameterSpec(NamedTuple):
         """
         if self.low is None:
             return self.checked(text)
+        parts = self._parts(text, unit)
+        # A unit behind the last entry is that of all
+        last = unit or (parts[-1][1] if parts else '') or self.unit
+        numbers = []
+        for number, own in parts:
+            factor = UNITS[self.unit][own or last]
+            self._in(own or last).checked(number)
+            numbers.append(in_si(number, factor))
+        return self.checked(numbers if self.kind == 'double_array' else numbers[0])
+
+    def units_of(self, value: Any) -> set[str]:
+        """Return the units in a value that may be a text; empty without one."""
+        entries = value if isinstance(value, list | tuple) else [value]
+        texts = (entry for entry in entries if isinstance(entry, str))
+        return {own for text in texts for _, own in self._parts(text, '') if own}
+
+    def _parts(self, text: str, unit: str) -> list[tuple[float, str]]:
+        """Return number and unit of each entry of a text."""
         plain = text.strip()
         listed = plain.startswith('[') and plain.endswith(']')
         entries = [plain]
@@ -151,17 +169,9 @@ class ParameterSpec(NamedTuple):
                     f'{self.name} is {shown(text)}: write {".".join(entries)} for one number, or '
                     f'{"; ".join(entries)} for two'
                 )
-        parts = [
+        return [
             self._split(entry.strip(), unit) for entry in entries if entry.strip() or not listed
         ]
-        # A unit behind the last entry is that of all
-        last = unit or (parts[-1][1] if parts else '') or self.unit
-        numbers = []
-        for number, own in parts:
-            factor = UNITS[self.unit][own or last]
-            self._in(own or last).checked(number)
-            numbers.append(in_si(number, factor))
-        return self.checked(numbers if self.kind == 'double_array' else numbers[0])
 
     def in_si(self, entry: str) -> float:
         """Return one number that a person typed, in SI, of any size."""
@@ -177,7 +187,8 @@ class ParameterSpec(NamedTuple):
             raise self._error(f'{self.name} is {shown(entry)}: {self._in(unit)._remedy}')
         units = UNITS[self.unit]
         if own and own not in units:
-            others = f'write {", ".join(filter(None, units))}' if len(units) > 1 else 'write none'
+            names = [name for name in units if name and ',' not in name]
+            others = f'write {", ".join(names)}' if names else 'write none'
             raise self._error(
                 f'{self.name} is {shown(entry)}: {shown(own)} is no unit of it: {others}'
             )

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .base_motion import QUANTITIES, BaseMotion
+from .base_motion import QUANTITIES, BaseMotion, quantity_of
 from .forcing import multisine
 from .parameter_spec import (
     ParameterError,
@@ -22,6 +22,7 @@ from .parameter_spec import (
     specs_of,
     text,
 )
+from .quoting import shown
 
 SWEEP_MODES = ('off', 'up', 'down', 'up_down')
 #: Most steps that a sweep may have from one end to the other.
@@ -145,6 +146,8 @@ class RigParameters(ParameterTable):
 
     def __post_init__(self) -> None:
         """Check every value, then what holds between them."""
+        if quantity := base_quantity_of(self.base_amplitudes):
+            object.__setattr__(self, 'base_quantity', quantity)
         ParameterTable.__post_init__(self)
         for what in ('force', 'base'):
             count = len(getattr(self, f'{what}_amplitudes'))
@@ -657,6 +660,25 @@ class NodeSettings(ParameterTable):
 
 
 PARAMETER_SPECS: dict[str, ParameterSpec] = specs_of(RigParameters)
+
+
+def base_quantity_of(amplitudes: object) -> str:
+    """
+    Return the quantity that the unit of base amplitudes means; empty if they have none.
+
+    0.2 g is an acceleration, whatever base_quantity is.
+    """
+    spec = specs_of(RigParameters)['base_amplitudes']
+    quantities = {quantity_of(unit) for unit in spec.units_of(amplitudes)}
+    if len(quantities) > 1:
+        raise ParameterError(
+            spec.name,
+            f'{spec.name} is {shown(amplitudes)}, {" and ".join(sorted(quantities))}: give all '
+            'lines of the base as one quantity',
+        )
+    return quantities.pop() if quantities else ''
+
+
 INITIAL_SPECS: dict[str, ParameterSpec] = specs_of(InitialConditions)
 GAP_CONTROL_SPECS: dict[str, ParameterSpec] = specs_of(GapControlParameters)
 SETTING_SPECS: dict[str, ParameterSpec] = specs_of(NodeSettings)

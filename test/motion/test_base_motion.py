@@ -356,3 +356,24 @@ def test_structure_on_a_table():
     x = simulated.run(20.1, times).samples['x']
     assert np.abs(x).max() == pytest.approx(rig.response_amplitude, rel=1e-3)
     assert not (simulated.run(20.2).events['kind'] == EventKind.IMPACT).any()
+
+
+@pytest.mark.parametrize(
+    ('amplitudes', 'value', 'quantity'),
+    [
+        ('0.2 g', 0.2 * 9.80665, 'acceleration'),
+        ('2mm', 0.002, 'displacement'),
+        (['30 mm/s'], 0.03, 'velocity'),
+        ('0.3', 0.3, 'acceleration'),
+    ],
+)
+def test_the_unit_of_amplitudes_is_their_quantity(amplitudes, value, quantity):
+    rig = base_of(base_amplitudes=amplitudes, base_frequencies=31.4)
+    assert rig.base_amplitudes == pytest.approx((value,))
+    assert rig.base_quantity == quantity
+    again = base_of(base_frequencies=31.4).replace(base_amplitudes=amplitudes)
+    assert again == rig
+    with pytest.raises(ParameterError, match='give all lines of the base as one quantity'):
+        base_of(base_amplitudes=['1 mm', '2 g'])
+    with pytest.raises(ParameterError, match="'kg' is no unit of it: write m, cm"):
+        base_of(base_amplitudes='1 kg')

@@ -253,3 +253,15 @@ def test_the_rig_of_a_file_is_that_which_ros_gives_the_node(entries, encoding, t
                     load_parameters(path, node=name)
     finally:
         context.try_shutdown()
+
+
+def test_the_unit_of_base_amplitudes_is_their_quantity():
+    rig = RigParameters()
+    meant = as_meant([Parameter('base_amplitudes', value='2 mm')], rig)
+    values = {parameter.name: parameter.value for parameter in meant}
+    assert list(values['base_amplitudes']) == [0.002]
+    assert values['base_quantity'] == 'displacement'
+    meant = as_meant([Parameter('base_amplitudes', value=[0.5, 0.1])], rig)
+    values = {parameter.name: list(parameter.value) for parameter in meant}
+    assert values['base_frequencies'] == [1.0, 0.0]
+    assert 'base_quantity' not in values
