@@ -15,7 +15,7 @@ from typing import Any
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
-from impact_damper_ros.control.own_law import OwnLaw
+from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.control.record import Action
 from impact_damper_ros.motion.event import Event, EventKind, Sample
 from impact_damper_ros.motion.state import Mode

@@ -46,8 +46,10 @@ def test_the_example_is_the_timed_law(example, capsys):
 def test_what_was_simulated_before_a_law_fails_is_written(capsys):
     arguments = ['paper', '--duration', '60', '--law', 'my_laws:far', '--states', 'states.csv']
     assert main(arguments) == 2
-    assert 'the law my_laws:far returned (1000000000.0, 0.0) at 7.725' in capsys.readouterr().err
-    rows = Path('states.csv').read_text(encoding='utf-8').splitlines()
+    said = capsys.readouterr().err
+    assert 'the law my_laws:far returned (1000000000.0, 0.0) at 7.725' in said
+    assert said.endswith('; what was simulated is in states.csv.part\n')
+    rows = Path('states.csv.part').read_text(encoding='utf-8').splitlines()
     assert float(rows[-1].split(',')[0]) == pytest.approx(7.725)
 
 
