@@ -387,6 +387,8 @@ def _simulate(
     except RunawayError as error:
         report(whole=False)
         raise CommandError(f'{error}{ALLOW_MORE}; {_kept(arguments)}', EXIT_FAILED) from error
+    except LawError as error:
+        raise CommandError(f'{error}; {_kept(arguments)}') from error
     report(whole=True)
 
 
