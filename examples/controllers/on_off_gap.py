@@ -8,7 +8,7 @@ vibrations above a threshold.
 
 import math
 
-from controller import Controller, run, stops
+from impact_damper_ros.node.controller import Controller, run, stops
 
 
 class OnOffGap(Controller):

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Skyhook damping: a force on M against its velocity in the laboratory."""
 
-from controller import Controller, run
 from geometry_msgs.msg import WrenchStamped
+
+from impact_damper_ros.node.controller import Controller, run
 
 
 class Skyhook(Controller):

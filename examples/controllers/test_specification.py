@@ -8,8 +8,8 @@ pytest test_specification.py
 from pathlib import Path
 
 import numpy as np
-from lock_step import HERE, run_in_lock_step
 
+from impact_damper_ros.node.lock_step import run_in_lock_step
 from impact_damper_ros.replay import RecordedRun, Replay
 
 #: A rig of 1 kg at its resonance of 5 Hz, with stops on actuators.
@@ -31,7 +31,8 @@ SECONDS = 10.0
 def test_the_gap_follows_the_amplitude(tmp_path):
     """Amplitude of M, energy of the actuators, and speed of the stops."""
     gaps = {'narrow': 0.1, 'wide': 0.2, 'threshold': 0.012}
-    bag = run_in_lock_step(HERE / 'on_off_gap.py', SECONDS, tmp_path / 'runs', RIG, gaps)
+    controller = Path(__file__).with_name('on_off_gap.py')
+    bag = run_in_lock_step(controller, SECONDS, tmp_path / 'runs', RIG, gaps)
     replay = Replay(RecordedRun(bag))
     samples = np.concatenate([part.samples for part in replay])
     samples = samples[samples['time'] <= SECONDS]

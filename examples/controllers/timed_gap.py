@@ -7,11 +7,10 @@ passage of X through zero is interpolated between two samples, and a command goe
 nearest to the instant for which the law asks.
 """
 
-from controller import Controller, run, stops
-
 from impact_damper_ros import GapControlParameters, RigParameters
 from impact_damper_ros.control.controller import control_of, holds_off, take_crossing, take_sample
 from impact_damper_ros.control.state import Measurement
+from impact_damper_ros.node.controller import Controller, run, stops
 
 
 class TimedGap(Controller):

@@ -13,7 +13,6 @@ import pytest
 CONTROLLERS = Path(__file__).parents[2] / 'examples' / 'controllers'
 sys.path.append(str(CONTROLLERS))
 
-import lock_step  # noqa: E402
 import test_specification as specification  # noqa: E402
 
 from impact_damper_ros import (  # noqa: E402
@@ -22,6 +21,7 @@ from impact_damper_ros import (  # noqa: E402
     RigParameters,
 )
 from impact_damper_ros.bag import RunReader  # noqa: E402
+from impact_damper_ros.node import lock_step  # noqa: E402
 from impact_damper_ros.replay import RecordedRun, Replay  # noqa: E402
 
 RIG = specification.RIG

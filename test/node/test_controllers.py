@@ -1,6 +1,7 @@
 """A controller outside the node: commands over DDS, refusals, watchdog; recorded and replayed."""
 
 import importlib
+import itertools
 import json
 import math
 import sys
@@ -359,6 +360,43 @@ def test_measurements_in_lock_step_are_those_of_the_sensors(stepped):
     parameters = RigParametersClient(client, '/stepped/sim_node')
     assert parameters.set(lock_step_timeout=0.01) == ''
     until(lambda: len(seen) > 60 and 'goes on without' in process.output, lambda: process.output)
+
+
+def test_a_slow_controller_that_joins_late_gets_in(client, launch, namespace):
+    """The rig runs as fast as it can, so that the first answers come seconds of its time late."""
+    process = launch(
+        f'__ns:={namespace}',
+        predict_motion=False,
+        gap_control='external',
+        measurement_rate=50.0,
+        lock_step='stop_commands',
+        lock_step_timeout=0.3,
+        real_time_factor=0.0,
+        **ACTUATORS,
+        **LIVELY,
+    )
+    until(lambda: 'goes on without' in process.output, lambda: process.output)
+    newest = QoSProfile(depth=1)
+    seen = client.listen(JointState, f'{namespace}/measurements', newest)
+    acts = client.listen(JointState, f'{namespace}/gap_control')
+    out = client.node.create_publisher(JointState, f'{namespace}/stop_commands', 10)
+    until(lambda: out.get_subscription_count() and seen and stamp_ns(seen[-1].header.stamp) > 2e10)
+
+    def answered():
+        command = stops(0.01, -0.01)
+        command.header.stamp = seen[-1].header.stamp
+        time.sleep(0.05)
+        out.publish(command)
+        return len(in_step(acts)) > 10
+
+    until(answered, lambda: process.output)
+    assert process.stop() == 0, process.output
+
+
+def in_step(acts):
+    """Return the orders that follow each other at the distance of measurements."""
+    stamps = [stamp_ns(m.header.stamp) for m in list(acts) if m.header.frame_id == 'order']
+    return [b for a, b in itertools.pairwise(stamps) if b - a == 20_000_000]
 
 
 LAW = """

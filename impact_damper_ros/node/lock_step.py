@@ -6,13 +6,17 @@ The rig and the controller are processes of their own. The rig waits at each mea
 command to it. So the motion does not depend on how fast either of them is.
 """
 
+from __future__ import annotations
+
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.context import Context
@@ -20,32 +24,44 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-HERE = Path(__file__).parent
 #: Longest wall time for a run, s.
-PATIENCE = 300.0
+PATIENCE_S = 300.0
 
 
-def command_line(program, space, parameters):
+def _command_line(
+    program: Sequence[str], space: str, parameters: Mapping[str, object]
+) -> list[str]:
     """Return a program in a namespace, with parameters of ROS."""
     texts = [f'{n}:={str(v).lower() if isinstance(v, bool) else v}' for n, v in parameters.items()]
     words = [word for text in texts for word in ('-p', text)]
     return [sys.executable, *program, '--ros-args', '-r', f'__ns:={space}', *words]
 
 
-def run_in_lock_step(controller, seconds, directory, rig, settings=None):
+def run_in_lock_step(
+    controller: str | Path,
+    seconds: float,
+    directory: str | Path,
+    rig: Mapping[str, object],
+    settings: Mapping[str, object] | None = None,
+) -> Path:
     """
     Run a rig with a controller in lock-step; return its bag.
 
     Parameters
     ----------
-    controller : Path
-        The controller, a script.
+    controller : path
+        The controller, a Python script that takes the arguments of ROS.
     seconds : float
         Duration, in rig time.
-    directory : Path
+    directory : path
         Where the bag is made.
     rig, settings : dict
         Parameters of the rig's node, and of the controller.
+
+    Raises
+    ------
+    RuntimeError
+        If the rig or the controller ends before that, or nothing moves for minutes.
     """
     rig = {
         'gap_control': 'external',
@@ -65,7 +81,7 @@ def run_in_lock_step(controller, seconds, directory, rig, settings=None):
     executor.add_node(node)
     now = [0.0]
 
-    def look(states):
+    def look(states: Any) -> None:
         now[0] = states.header.stamp.sec + states.header.stamp.nanosec * 1e-9
 
     # Others may test on this network as well.
@@ -75,21 +91,27 @@ def run_in_lock_step(controller, seconds, directory, rig, settings=None):
     with ExitStack() as stack:
         stack.callback(context.try_shutdown)
         stack.callback(node.destroy_node)
-        programs = (['-m', 'impact_damper_ros.node.sim_node'], rig), ([controller], settings or {})
+        programs: Sequence[tuple[list[str], Mapping[str, object]]] = (
+            (['-m', 'impact_damper_ros.node.sim_node'], rig),
+            ([str(controller)], settings or {}),
+        )
         processes = []
         for program, parameters in programs:
-            line = command_line(map(str, program), space, parameters)
+            line = _command_line(program, space, parameters)
             processes.append(subprocess.Popen(line, env=environment))
             stack.callback(processes[-1].wait)
             stack.callback(processes[-1].kill)
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + PATIENCE_S
         while now[0] < seconds:
             executor.spin_once(timeout_sec=0.1)
-            assert time.monotonic() < end, f'the run has come to {now[0]} s only'
-            assert all(process.poll() is None for process in processes), 'a process has ended'
+            if time.monotonic() > end:
+                raise RuntimeError(f'after {PATIENCE_S:g} s the run is at {now[0]:g} s only')
+            for process, (program, _) in zip(processes, programs, strict=True):
+                if process.poll() is not None:
+                    raise RuntimeError(f'{program[-1]} has ended at {now[0]:g} s')
         # The rig first: its bag ends in the middle of a run, not of a wait.
         for process in processes:
             process.send_signal(signal.SIGINT)
-            process.wait(PATIENCE)
+            process.wait(PATIENCE_S)
     (bag,) = Path(directory).iterdir()
     return bag

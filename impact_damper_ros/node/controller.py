@@ -1,8 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the controllers share: each measurement is answered by a command with its stamp."""
+"""
+A base class for controllers of a rig: each measurement is answered by a command with its stamp.
+
+>>> from impact_damper_ros.node.controller import Controller, run, stops  # doctest: +SKIP
+"""
+
+from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -13,7 +21,7 @@ from sensor_msgs.msg import JointState
 
 class Controller(Node):
     """
-    A controller of a rig.
+    A controller of a rig; `command` is to be defined.
 
     Parameters
     ----------
@@ -25,23 +33,35 @@ class Controller(Node):
         Names and defaults of its parameters.
     """
 
-    def __init__(self, name, topic='stop_commands', kind=JointState, **parameters):
+    def __init__(
+        self, name: str, topic: str = 'stop_commands', kind: Any = JointState, **parameters: Any
+    ) -> None:
         super().__init__(name)
         for parameter, default in parameters.items():
             self.declare_parameter(parameter, default)
         self._commands = self.create_publisher(kind, topic, 10)
         self.create_subscription(JointState, 'measurements', self._answer, 100)
-        self._stamp = self._command = None
+        self._stamp: Any = None
+        self._command: Any = None
 
-    def value(self, name):
+    def value(self, name: str) -> Any:
         """Return a parameter."""
         return self.get_parameter(name).value
 
-    def command(self, time, seen):
-        """Return the command to a measurement at a time, s, given by (position, velocity)."""
+    def command(self, time: float, seen: Mapping[str, tuple[float, float]]) -> Any:
+        """
+        Return the command to a measurement.
+
+        Parameters
+        ----------
+        time : float
+            Its stamp, s.
+        seen : dict
+            Position and velocity by joint: `primary`, `damper`, `stop_1`, `stop_2`.
+        """
         raise NotImplementedError
 
-    def _answer(self, measurement):
+    def _answer(self, measurement: Any) -> None:
         stamp = measurement.header.stamp
         # In lock-step a measurement comes again if its command is late.
         if stamp != self._stamp:
@@ -53,30 +73,21 @@ class Controller(Node):
         self._commands.publish(self._command)
 
 
-def stops(**places):
+def stops(**places: float) -> Any:
     """Return a command to stops: `stop_1`, `stop_2` or both, Y in m."""
     return JointState(name=list(places), position=list(places.values()))
 
 
-def stop(*_):
-    """End on a signal; later ones are ignored, since `ros2 launch` may send several."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
-    raise KeyboardInterrupt
-
-
-def run(controller):
-    """Run a controller until it is interrupted."""
+def run(controller: Callable[[], Node]) -> None:
+    """Make a controller, and run it until a signal comes."""
+    ended: list[int] = []
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
+        signal.signal(number, lambda number, _: ended.append(number))
     executor = SingleThreadedExecutor()
     try:
         executor.add_node(controller())
-        while True:
-            # A signal is noticed between two waits.
+        while not ended:
             executor.spin_once(timeout_sec=0.2)
-    except KeyboardInterrupt:
-        pass
     finally:
         rclpy.try_shutdown()
