@@ -35,7 +35,10 @@ def multisine(
     else:
         spacing = (high - low) / (lines - 1)
         frequencies = (*(low + j * spacing for j in range(lines - 1)), high)
-    # The sequence of SplitMix64 from the seed on
-    bits = (mixed(seed + k * _GOLDEN) for k in range(lines))
-    phases = tuple(tau * ((word >> 11) * 2.0**-53) for word in bits)
-    return (amplitude,) * lines, frequencies, phases
+    return (amplitude,) * lines, frequencies, random_phases(lines, seed)
+
+
+def random_phases(count: int, seed: int) -> tuple[float, ...]:
+    """Return random phases, rad: the sequence of SplitMix64 from a seed on."""
+    bits = (mixed(seed + k * _GOLDEN) for k in range(count))
+    return tuple(tau * ((word >> 11) * 2.0**-53) for word in bits)

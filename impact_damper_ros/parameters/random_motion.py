@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Random force or motion of the base from the table of a power spectral density.
+
+The density is a power of the frequency between two points of the table (a line in a log-log plot).
+Its band is divided into bins of equal width; each has one line whose mean square is the integral
+of the density over the bin, and a random phase. The lines are at multiples of the width, so that
+the signal repeats after a period of one over it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .forcing import random_phases
+from .measured_table import FREQUENCY, LEVEL, TableError, read_table
+from .parameter_spec import MAX_HARMONICS
+
+Array = NDArray[np.float64]
+
+
+class RandomLines(NamedTuple):
+    """
+    Lines of a random signal.
+
+    Attributes
+    ----------
+    amplitudes : tuple of float
+        Of a force, N, or of an acceleration, m/s^2.
+    frequencies, phases : tuple of float
+        In rad/s and rad.
+    rms : float
+        Root mean square of the signal, which is that of the table.
+    period : float
+        Time after which the signal repeats, s.
+    quantity : {'force', 'acceleration'}
+        What the table is the density of.
+    """
+
+    amplitudes: tuple[float, ...]
+    frequencies: tuple[float, ...]
+    phases: tuple[float, ...]
+    rms: float
+    period: float
+    quantity: str
+
+
+class Density:
+    """
+    A power spectral density, one-sided, a power of the frequency between two points.
+
+    Parameters
+    ----------
+    frequencies : array_like, shape (n,)
+        Rising and positive, Hz; at least two.
+    levels : array_like, shape (n,)
+        Positive, in the square of a unit per Hz.
+    """
+
+    def __init__(self, frequencies: ArrayLike, levels: ArrayLike) -> None:
+        self.frequencies: Array = np.asarray(frequencies, float)
+        self.levels: Array = np.asarray(levels, float)
+        self._powers = np.diff(np.log(self.levels)) / np.diff(np.log(self.frequencies))
+
+    def integral(self, low: float, high: float) -> float:
+        """Return the mean square between two frequencies, Hz."""
+        total = 0.0
+        for k, power in enumerate(self._powers):
+            begin, end = max(low, self.frequencies[k]), min(high, self.frequencies[k + 1])
+            if begin >= end:
+                continue
+            scale = self.levels[k] * (begin / self.frequencies[k]) ** power * begin
+            rise, turn = math.log(end / begin), power + 1.0
+            total += scale * (math.expm1(turn * rise) / turn if turn else rise)
+        return float(total)
+
+    def lines(self, count: int, seed: int) -> tuple[Array, Array, Sequence[float], float]:
+        """Return amplitudes, frequencies (Hz), phases (rad) of lines, and their spacing, Hz."""
+        low, high = float(self.frequencies[0]), float(self.frequencies[-1])
+        width = (high - low) / count
+        first, last = math.floor(low / width + 0.5), math.floor(high / width + 0.5)
+        numbers = np.arange(max(1, first), last + 1)
+        squares = np.array([self.integral((n - 0.5) * width, (n + 0.5) * width) for n in numbers])
+        kept = squares > 0.0
+        amplitudes: Array = np.sqrt(2.0 * squares[kept])
+        rates: Array = numbers[kept] * width
+        return amplitudes, rates, random_phases(int(kept.sum()), seed), width
+
+
+def random_lines(path: Path, count: int = 200, seed: int = 1) -> RandomLines:
+    """
+    Return the lines of a random signal from the table of its density.
+
+    Parameters
+    ----------
+    path : Path
+        A CSV file with the columns ``f [Hz]`` and ``level [g^2/Hz]``, or the unit
+        ``(m/s^2)^2/Hz`` for a base and ``N^2/Hz`` for a force.
+    count : int, optional
+        Number of bins into which the band is divided.
+    seed : int, optional
+        Seed of the phases.
+
+    Returns
+    -------
+    RandomLines
+        The lines, which the parameters of a force or of a base take.
+
+    Raises
+    ------
+    TableError
+        If the table is no density.
+    """
+    if not 1 <= count <= MAX_HARMONICS - 1:
+        raise TableError(f'{count} lines: give a number from 1 to {MAX_HARMONICS - 1}')
+    table = read_table(path, {'frequency': FREQUENCY, 'level': LEVEL})
+    table.check_rising('frequency')
+    table.check_finite('level')
+    for key in ('frequency', 'level'):
+        wrong = np.flatnonzero(table.columns[key].values <= 0.0)
+        if len(wrong):
+            row = int(wrong[0])
+            value = table.columns[key].values[row]
+            raise table.error(key, row, f'{value:.9g}: give a positive number')
+    level = table.columns['level']
+    density = Density(table.columns['frequency'].values, level.values)
+    amplitudes, rates, phases, width = density.lines(count, seed)
+    rms = math.sqrt(
+        density.integral(float(density.frequencies[0]), float(density.frequencies[-1]))
+    )
+    return RandomLines(
+        tuple(amplitudes.tolist()),
+        tuple((math.tau * rates).tolist()),
+        tuple(phases),
+        rms,
+        1.0 / width,
+        'force' if level.unit == 'N^2/Hz' else 'acceleration',
+    )
