@@ -89,7 +89,7 @@ class Density:
         squares = np.array([self.integral((n - 0.5) * width, (n + 0.5) * width) for n in numbers])
         kept = squares > 0.0
         amplitudes: Array = np.sqrt(2.0 * squares[kept])
-        rates: Array = numbers[kept] * width
+        rates = np.asarray(numbers[kept] * width, np.float64)
         return amplitudes, rates, random_phases(int(kept.sum()), seed), width
 
 
