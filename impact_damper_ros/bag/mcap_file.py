@@ -322,8 +322,7 @@ class McapFile:
             if stamp_ns > high:
                 high = stamp_ns
             if count > _MOST_MESSAGES:
-                fault = f'it holds more than {_MOST_MESSAGES} messages'
-                break
+                return [], f'it holds more than {_MOST_MESSAGES} messages'
         if block.whole and position != end:
             fault = fault or 'a record in it is cut or of no kind that a chunk may hold'
         if count and not block.start_ns <= low <= high <= block.end_ns and block.whole:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from impact_damper_ros.parameters.quoting import as_line
+from impact_damper_ros.parameters.quoting import as_line, counted
 
 from .bag_file import BagFile
 from .errors import RecordingError
@@ -123,13 +123,13 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
             if places.setdefault(_key(channel), len(channels)) == len(channels):
                 channels.append(channel)
     bag = BagFile(draft, channels, reader.custom, name=output.name, distro=reader.distro)
-    copy = _Copy(bag, places, left_out=_files_beside(reader))
+    copy = _Copy(bag, places)
     try:
         for file in reader.files:
             copy.add_file(file)
         faults = (*reader.faults(), *copy.faults, *filter(None, [reader.missing]))
         unusable = reader.unusable + copy.unusable
-        whole = reader.complete and not faults and not unusable
+        whole = reader.complete and not faults and not unusable and not copy.left_out
         if not whole:
             bag.custom['recovered_from'] = as_line(source.name)
         bag.finish()
@@ -149,19 +149,19 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
         doubtful=copy.doubtful,
         was_complete=whole,
         faults=faults,
-        left_out=tuple(copy.left_out),
+        left_out=(*copy.left_out, *_files_beside(reader)),
     )
 
 
 class _Copy:
     """Copies the files of a recording to a new bag, and counts what cannot be copied."""
 
-    def __init__(self, bag: BagFile, places: dict[object, int], left_out: list[str]) -> None:
+    def __init__(self, bag: BagFile, places: dict[object, int]) -> None:
         self._bag, self._places = bag, places
         self._waiting = 0
         self.faults: list[str] = []
         self.unusable = self.doubtful = 0
-        self.left_out = left_out
+        self.left_out: list[str] = []
 
     def add_file(self, file: McapFile | SqliteFile) -> None:
         handle: AbstractContextManager[Any] = file.opened()
@@ -185,7 +185,7 @@ class _Copy:
             if record.name != 'rosbag2':
                 self._bag.note(record.name, record.metadata)
         if file.others:
-            self.left_out.append(f'{file.others} records of kinds that are unknown')
+            self.left_out.append(f'{counted(file.others, "record")} of unknown kind')
 
     def _add(self, file: McapFile | SqliteFile, message: StoredMessage) -> bool:
         """Add a message, unless it cannot be used."""

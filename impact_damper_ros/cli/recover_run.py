@@ -20,8 +20,9 @@ from .command_line import (
 )
 
 _DESCRIPTION = """\
-Copy the intact part of a recording that was cut short (kill -9, power cut, full disk) to a
-complete bag. The recording itself is not changed.
+Copy the intact part of a recording that was cut short (kill -9, power cut, full disk) or damaged
+to a complete bag, with attachments and metadata records of other programs. What is not copied is
+listed. The recording itself is not changed.
 """
 _EPILOG = """\
 Exit code: 0 if messages were saved; 1 if not; 2 if an argument is invalid.

