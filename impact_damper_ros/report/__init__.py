@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from .html_report import report_page as report_page, write_report as write_report
     from .replay_report import findings_json as findings_json, findings_text as findings_text
     from .text_report import comparison_text as comparison_text
-    from .what_if_report import WhatIfReport as WhatIfReport
 
 __all__, __getattr__, __dir__ = lazy_names(
     __name__,
@@ -22,6 +21,5 @@ __all__, __getattr__, __dir__ = lazy_names(
         'html_report': 'report_page write_report',
         'replay_report': 'findings_json findings_text',
         'text_report': 'comparison_text',
-        'what_if_report': 'WhatIfReport',
     },
 )
