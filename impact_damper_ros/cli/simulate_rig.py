@@ -15,6 +15,7 @@ from typing import Any
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
+from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.control.record import Action
 from impact_damper_ros.motion.event import Event, EventKind, Sample
@@ -101,9 +102,11 @@ def _parser() -> argparse.ArgumentParser:
         '--parameters', action=_ListParameters, help='list all parameters of a rig and exit'
     )
     parser.add_argument(
+        '--urdf', action='store_true', help='print the robot description of the rig and exit'
+    )
+    parser.add_argument(
         '--duration',
         type=number(_SHORTEST, LATEST, 's'),
-        required=True,
         metavar='T',
         help='time to simulate [s]',
     )
@@ -404,10 +407,16 @@ def _kept(arguments: argparse.Namespace) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
-    arguments = _parser().parse_args(argv)
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    if arguments.duration is None and not arguments.urdf:
+        parser.error('the following arguments are required: --duration')
 
     def work() -> int:
         given = given_rig(arguments.params, arguments.set, arguments.node)
+        if arguments.urdf:
+            print(robot_description(given.parameters, given.control.widest_gap))
+            return 0
         law, control = given_law(arguments.law, given.control)
         given = given._replace(control=control)
         check_outputs(arguments, arguments.params)
