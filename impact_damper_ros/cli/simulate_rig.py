@@ -91,7 +91,7 @@ Exit code: 0 if the whole duration was simulated; 1 if the rig has more events t
 or a file cannot be written; 2 if an argument is invalid; 130 on Ctrl-C, 143 on SIGTERM. A table
 grows in FILE.part, and takes the place of FILE when the run is complete; of a run that ends early
 it stays there, and an older FILE as it was.
-Example: simulate_rig config/paper.yaml --duration 300 --impacts impacts.csv --set gap=30
+Example: simulate_rig bench_rig --duration 60 --impacts impacts.csv --set gap=0.03
 """
 
 
