@@ -24,7 +24,7 @@ from impact_damper_ros.parameters.quoting import named, shown
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
-    PARAMETER_SPECS,
+    RIG_SPECS,
     SETTING_SPECS,
     GapControlParameters,
     InitialConditions,
@@ -46,7 +46,7 @@ class GivenRig(NamedTuple):
     def changed(self, values: Mapping[str, Any]) -> GivenRig:
         """Return the rig with some of its parameters changed, all at once."""
         return GivenRig(
-            self.parameters.replace(**_among(values, PARAMETER_SPECS)),
+            self.parameters.replace(**_among(values, RIG_SPECS)),
             self.initial.replace(**_among(values, INITIAL_SPECS)),
             self.control.replace(**_among(values, GAP_CONTROL_SPECS)),
         )
@@ -75,7 +75,7 @@ def add_set_option(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help='override a parameter of the file, for example --set gap=0.03; may be repeated',
+        help='override a parameter of the file, for example --set gap=30; may be repeated',
     )
 
 
@@ -135,7 +135,7 @@ def given_rig(
 
 def overridden(settings: Sequence[str], given: GivenRig, *, with_control: bool = True) -> GivenRig:
     """Apply ``--set`` options to a rig, all at once."""
-    names = [*PARAMETER_SPECS, *INITIAL_SPECS, *(GAP_CONTROL_SPECS if with_control else ())]
+    names = [*RIG_SPECS, *INITIAL_SPECS, *(GAP_CONTROL_SPECS if with_control else ())]
     changed = given.changed(values_of(settings, names))
     changed.initial.check_within(changed.parameters)
     return changed
@@ -204,7 +204,7 @@ def timed_changes(settings: Sequence[str], given: GivenRig, duration: float) -> 
     changes = []
     for time_ns, group in groupby(sorted(timed, key=itemgetter(0)), key=itemgetter(0)):
         option = f'--change at {time_ns / 1e9:.9g} s: '
-        values = values_of([c for _, c in group], [*PARAMETER_SPECS, *GAP_CONTROL_SPECS], option)
+        values = values_of([c for _, c in group], [*RIG_SPECS, *GAP_CONTROL_SPECS], option)
         try:
             given = given.changed(values)
         except ParameterError as error:

@@ -15,7 +15,6 @@ from typing import Any
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
-from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.control.record import Action
 from impact_damper_ros.motion.event import Event, EventKind, Sample
@@ -29,6 +28,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     PARAMETER_SPECS,
     RigParameters,
 )
+from impact_damper_ros.parameters.structure import STRUCTURE_SPECS
 from impact_damper_ros.report.csv_tables import (
     IMPACT_COLUMNS,
     CsvTable,
@@ -91,7 +91,7 @@ Exit code: 0 if the whole duration was simulated; 1 if the rig has more events t
 or a file cannot be written; 2 if an argument is invalid; 130 on Ctrl-C, 143 on SIGTERM. A table
 grows in FILE.part, and takes the place of FILE when the run is complete; of a run that ends early
 it stays there, and an older FILE as it was.
-Example: simulate_rig bench_rig --duration 60 --impacts impacts.csv --set gap=0.03
+Example: simulate_rig config/paper.yaml --duration 300 --impacts impacts.csv --set gap=30
 """
 
 
@@ -102,11 +102,9 @@ def _parser() -> argparse.ArgumentParser:
         '--parameters', action=_ListParameters, help='list all parameters of a rig and exit'
     )
     parser.add_argument(
-        '--urdf', action='store_true', help='print the robot description of the rig and exit'
-    )
-    parser.add_argument(
         '--duration',
         type=number(_SHORTEST, LATEST, 's'),
+        required=True,
         metavar='T',
         help='time to simulate [s]',
     )
@@ -171,6 +169,7 @@ class _ListParameters(argparse.Action):
 
 def _print_parameters() -> int:
     print(parameter_table(PARAMETER_SPECS, INITIAL_SPECS))
+    print(parameter_table(STRUCTURE_SPECS))
     print(parameter_table(GAP_CONTROL_SPECS), end='')
     return 0
 
@@ -407,16 +406,10 @@ def _kept(arguments: argparse.Namespace) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
-    parser = _parser()
-    arguments = parser.parse_args(argv)
-    if arguments.duration is None and not arguments.urdf:
-        parser.error('the following arguments are required: --duration')
+    arguments = _parser().parse_args(argv)
 
     def work() -> int:
         given = given_rig(arguments.params, arguments.set, arguments.node)
-        if arguments.urdf:
-            print(robot_description(given.parameters, given.control.widest_gap))
-            return 0
         law, control = given_law(arguments.law, given.control)
         given = given._replace(control=control)
         check_outputs(arguments, arguments.params)

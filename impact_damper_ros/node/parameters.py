@@ -28,7 +28,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
-    PARAMETER_SPECS,
+    RIG_SPECS,
     SETTING_SPECS,
     GapControlParameters,
     InitialConditions,
@@ -36,6 +36,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     RigParameters,
     base_quantity_of,
 )
+from impact_damper_ros.parameters.structure import STRUCTURE_SPECS
 
 #: Arrays with an entry for each harmonic of the force, and for each line of the base.
 ARRAYS = [
@@ -97,7 +98,7 @@ class NodeParameters(NodeSettings):
         """Return the parameters with some of them changed, all at once."""
         changed = replace(self, **_among(SETTING_SPECS, values))
         parts: dict[str, Any] = {}
-        if rig := _among(PARAMETER_SPECS, values):
+        if rig := _among(RIG_SPECS, values):
             parts['rig'] = self.rig.replace(**rig)
         if initial := _among(INITIAL_SPECS, values):
             parts['initial'] = self.initial.replace(**initial)
@@ -220,7 +221,7 @@ def parameters_from_overrides(
     overrides: Mapping[str, Any], declared: Iterable[str], warn: Callable[[str], None]
 ) -> NodeParameters:
     """Return the parameters from the overrides of command line and parameters files."""
-    strange = [n for n in overrides if n not in ALL_SPECS and n not in set(declared)]
+    strange = [n for n in overrides if n not in {*ALL_SPECS, *STRUCTURE_SPECS, *declared}]
     foreign = [name for name in strange if not name.startswith('qos_overrides.')]
     for name in foreign:
         if near := nearest_name(name, _MISSPELT):
@@ -235,7 +236,7 @@ def parameters_from_overrides(
         raise ParameterError('use_sim_time', USE_SIM_TIME)
     values = {
         name: _as_meant(spec, overrides[name])
-        for name, spec in ALL_SPECS.items()
+        for name, spec in {**ALL_SPECS, **STRUCTURE_SPECS}.items()
         if name in overrides
     }
     if quantity := base_quantity_of(overrides.get('base_amplitudes')):

@@ -56,6 +56,7 @@ from impact_damper_ros.parameters.description import described, unit_hint
 from impact_damper_ros.parameters.parameters_file import values_given
 from impact_damper_ros.parameters.quoting import printable, shown
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.structure import STRUCTURE_SPECS
 from impact_damper_ros.theory.theory_process import TheoryProcess
 
 from .commands import (
@@ -177,8 +178,9 @@ class SimNode(Node):
         overrides = {name: p.value for name, p in self._parameter_overrides.items()}
         given, idle, applied = values_given(arguments, self.get_fully_qualified_name())
         self._given = given_text(given, applied)
+        known = {*ALL_SPECS, *STRUCTURE_SPECS}
         # Of values of different types, rclpy takes whole numbers before others.
-        overrides |= {name: value for name, value in given.items() if name in ALL_SPECS}
+        overrides |= {name: value for name, value in given.items() if name in known}
         for reason in idle:
             self.get_logger().warning(reason)
         declared = self.list_parameters([], 0).names

@@ -22,13 +22,14 @@ import yaml
 from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,
     INITIAL_SPECS,
-    PARAMETER_SPECS,
+    RIG_SPECS,
     InitialConditions,
     RigParameters,
 )
 
 from .parameter_spec import ParameterError
 from .quoting import named, shown
+from .structure import STRUCTURE_SPECS
 
 _NAME = 'impact_damper_ros'
 _PACKAGE = Path(__file__).parents[1]
@@ -295,7 +296,7 @@ def _values(path: Path, node: str) -> Block:
     if not any(_is_of(key, node) for key in keys):
         raise ParametersFileError(_missing(node, keys))
     values = _merged(entries, node)
-    allowed = [*ALL_SPECS, *_ROS_NAMES]
+    allowed = [*ALL_SPECS, *STRUCTURE_SPECS, *_ROS_NAMES]
     for name in values:
         if str(name).split('.')[0] not in [*allowed, 'qos_overrides']:
             close = difflib.get_close_matches(str(name)[:80], allowed, 1)
@@ -414,12 +415,13 @@ def load_parameters(
     except (ParametersFileError, YamlError) as error:
         raise ParametersFileError(f'{path}: {error}') from None
     try:
-        parameters = RigParameters(**{k: v for k, v in values.items() if k in PARAMETER_SPECS})
+        rig = {k: v for k, v in values.items() if k in RIG_SPECS}
+        parameters = RigParameters.of_structure(**rig)
         initial = InitialConditions(**{k: v for k, v in values.items() if k in INITIAL_SPECS})
         initial.check_within(parameters)
     except ParameterError as error:
         line = values.lines.get(error.name)
         place = f'line {line}: ' if line else ''
         raise ParameterError(error.name, f'{path}: {place}{error}') from None
-    own = PARAMETER_SPECS.keys() | INITIAL_SPECS.keys()
+    own = RIG_SPECS.keys() | INITIAL_SPECS.keys()
     return parameters, initial, {k: v for k, v in values.items() if k not in own}

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, Self
 
 from .base_motion import QUANTITIES, BaseMotion, quantity_of
 from .forcing import multisine
@@ -23,6 +24,7 @@ from .parameter_spec import (
     text,
 )
 from .quoting import shown
+from .structure import STRUCTURE_SPECS, resolved
 
 SWEEP_MODES = ('off', 'up', 'down', 'up_down')
 #: Most steps that a sweep may have from one end to the other.
@@ -181,6 +183,52 @@ class RigParameters(ParameterTable):
                     f'sweep_step is {self.sweep_step!r} rad/s, {steps:.4g} steps from sweep_low '
                     f'to sweep_high: give at least {least:.3g} rad/s ({MOST_STEPS} steps)',
                 )
+
+    @classmethod
+    def of_structure(cls, **values: Any) -> RigParameters:
+        """
+        Return the rig of a structure as people know it.
+
+        Parameters
+        ----------
+        **values
+            Parameters of the rig, and `natural_frequency` (Hz), `damping_ratio` (or `loss_factor`,
+            `quality_factor`, `logarithmic_decrement`) and `mass_ratio` in place of stiffness,
+            damping and damper_mass.
+
+        Raises
+        ------
+        ParameterError
+            If a value is not admissible, or two contradict each other.
+
+        Examples
+        --------
+        >>> rig = RigParameters.of_structure(
+        ...     primary_mass=5.0, natural_frequency=10.0, damping_ratio='2 %', mass_ratio=0.05
+        ... )
+        >>> round(rig.omega / math.tau, 9), round(rig.zeta, 9), rig.damper_mass
+        (10.0, 0.02, 0.25)
+        """
+        return cls().replace(**values)
+
+    def replace(self, **changes: Any) -> Self:
+        """
+        Return the rig with some parameters changed, all at once.
+
+        Names of the structure are taken, too; see `of_structure`. Another mass leaves the
+        stiffness as it is, unless the natural frequency is given with it.
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, two contradict each other, or the changed rig is not admissible.
+        """
+
+        def number(name: str, value: Any) -> float:
+            return float(specs_of(RigParameters)[name].checked(value))  # type: ignore[arg-type]
+
+        plain = resolved(changes, number, self.primary_mass, self.stiffness)
+        return ParameterTable.replace(self, **plain)
 
     def _check_base(self) -> None:
         lines = zip(self.base_amplitudes, self.base_frequencies, strict=True)
@@ -682,5 +730,7 @@ def base_quantity_of(amplitudes: object) -> str:
 INITIAL_SPECS: dict[str, ParameterSpec] = specs_of(InitialConditions)
 GAP_CONTROL_SPECS: dict[str, ParameterSpec] = specs_of(GapControlParameters)
 SETTING_SPECS: dict[str, ParameterSpec] = specs_of(NodeSettings)
+#: What a rig may be described by: its parameters, and a structure as people know it.
+RIG_SPECS = {**PARAMETER_SPECS, **STRUCTURE_SPECS}
 #: All parameters that a parameters file may hold, in this order in documents and lists.
 ALL_SPECS = {**PARAMETER_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS, **SETTING_SPECS}

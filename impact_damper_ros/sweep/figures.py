@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.orbits.branch import Branch, SpecialKind, SpecialPoint
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import MotionKind
-from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
+from impact_damper_ros.parameters.rig_parameters import RIG_SPECS
 from impact_damper_ros.report.branch_figure import SPECIAL_MARKS
 from impact_damper_ros.report.drawing import (
     BLUE,
@@ -161,7 +161,7 @@ def _fixed_text(grid: Grid) -> str:
         if name not in left_out:
             values = np.atleast_1d(getattr(rig, name))[:4]
             text = ', '.join(f'{value:.6g}' for value in values)
-            unit = PARAMETER_SPECS[name].unit.replace('^2', '²')
+            unit = RIG_SPECS[name].unit.replace('^2', '²')
             parts.append(f'{_symbol(name)} = {text} {unit}'.rstrip())
     if rig.multisine_level:
         parts.append(f'multisine of {rig.multisine_level:.6g} N rms')

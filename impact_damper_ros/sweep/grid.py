@@ -20,7 +20,7 @@ from impact_damper_ros.parameters.quoting import named, shown
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
-    PARAMETER_SPECS,
+    RIG_SPECS,
     GapControlParameters,
     InitialConditions,
     RigParameters,
@@ -28,7 +28,7 @@ from impact_damper_ros.parameters.rig_parameters import (
 
 from .steady_state import Settling
 
-_SPECS: dict[str, ParameterSpec] = {**PARAMETER_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS}
+_SPECS: dict[str, ParameterSpec] = {**RIG_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS}
 _NAME = re.compile(r'([A-Za-z_][A-Za-z0-9_]*)(?:\[(\d+)\])?')
 _BOOLS = {'true': True, 'false': False}
 _MOST_VALUES = 1_000_000
