@@ -56,6 +56,9 @@ class RecentMotion(NamedTuple):
     #: the samples are too few for it.
     x_max: float | None = None
     amplitude_ratio: float | None = None
+    without: float = 0.0  # cycles of the force since the last impact, or change
+    #: The gap that is wider than M moves from end to end, m; else 0
+    too_wide: float = 0.0
 
     @property
     def settled(self) -> bool:
@@ -119,6 +122,8 @@ def measure(trace: MotionTrace, state_rate: float) -> RecentMotion:
         instants[-1] if impacts else 0.0,
         x_max,
         ratio,
+        turned - instants[-1] if impacts else cycles,
+        parameters.gap if 2.0 * largest < parameters.gap and not parameters.one_sided else 0.0,
     )
 
 
@@ -236,13 +241,16 @@ def measured_report(measured: RecentMotion) -> MotionReport:
         words = f'{_in_words(rhythm)}, {_HOW.get(measured.kind, words)}'
     elif measured.impacts_per_cycle:
         words += f', {measured.impacts_per_cycle:.3g} impacts per cycle'
+    idle = measured.kind is MotionKind.NO_IMPACTS
+    if idle:
+        words = f'm has not hit a stop for {measured.without:.0f} cycles of the force'
     return MotionReport(
         'measured motion',
-        False,
+        idle and bool(measured.too_wide),
         words,
         {
             'State': measured.kind.value,
-            'Reason': _why_undecided(measured),
+            'Reason': _why_undecided(measured) or _why_idle(measured),
             'Settled': measured.settled,
             'Cycles of the force since the last change': _number(measured.cycles, 3),
             'Impacts per cycle of the force': _number(measured.impacts_per_cycle),
@@ -252,6 +260,16 @@ def measured_report(measured: RecentMotion) -> MotionReport:
             'Change from period to period': _number(period.level if period else None, 3),
             'Factor of that change per period': _number(period.decay if period else None, 3),
         },
+    )
+
+
+def _why_idle(measured: RecentMotion) -> str:
+    """Return why there may be no impacts; empty if there are, or nothing is known."""
+    if measured.kind is not MotionKind.NO_IMPACTS or not measured.too_wide:
+        return ''
+    return (
+        f'the gap, {measured.too_wide:.3g} m, is wider than M moves from end to end: m is not hit '
+        'from rest; give a narrower gap, or more force'
     )
 
 

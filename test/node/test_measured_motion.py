@@ -102,6 +102,10 @@ def test_a_rig_that_hits_nothing_or_nothing_regular_or_has_no_cycles():
     measured = measure(traced(wide, 30), RATE)
     assert (measured.kind, measured.impacts_per_cycle) == (MotionKind.NO_IMPACTS, 0.0)
     assert measured.x_max > 50.0
+    assert measured.without == pytest.approx(30.0 / 1.02, abs=0.1)
+    report = measured_report(measured)
+    assert report.message == 'm has not hit a stop for 29 cycles of the force'
+    assert (report.warning, 'is wider than M moves' in report.values['Reason']) == (True, True)
     chaotic = Rig(INCLINED.replace(gap=60.0))
     measured = measure(traced(chaotic, 260), RATE)
     assert (measured.kind, measured.rhythm) == (MotionKind.UNDECIDED, None)
@@ -138,7 +142,9 @@ def test_impacts_that_stop_are_no_rhythm():
     still = rig.sample()
     for k in range(int(30 * CYCLE * RATE)):
         trace.sample(still._replace(time=still.time + k / RATE, primary_velocity=0.0))
-    assert measure(trace, RATE).kind is MotionKind.NO_IMPACTS
+    measured = measure(trace, RATE)
+    assert measured.kind is MotionKind.NO_IMPACTS
+    assert 29.0 < measured.without < 32.0
 
 
 def test_too_few_samples_tell_no_largest_displacement():

@@ -12,7 +12,7 @@ from theory.test_theory_process import alive
 
 from impact_damper_ros import RigParameters, find_orbits
 from impact_damper_ros.node.motion_report import SETTLED_DRIFT, TOLERANCE, X_MAX_TOLERANCE
-from node.rig_client import RigParametersClient, until
+from node.rig_client import LIVELY, RigParametersClient, until
 
 INCLINED = {
     'angle': math.pi / 4,
@@ -134,6 +134,25 @@ def test_measured_and_predicted_motion_agree_before_and_after_a_change(node):
     assert alive(pid)
     assert process.stop() == 0, process.output
     assert not alive(pid)
+
+
+def test_a_gap_that_m_never_crosses_is_reported(client, launch, namespace):
+    """The 24 mm of a small rig become 5 m: metres for millimetres."""
+    process = launch(f'__ns:={namespace}', predict_motion=False, real_time_factor=4.0, **LIVELY)
+    reports = client.listen(DiagnosticArray, '/diagnostics')
+    parameters = RigParametersClient(client, f'{namespace}/sim_node')
+    assert parameters.set(gap=5.0) == ''
+
+    def status():
+        name = f'{namespace[1:]}/sim_node: measured motion'
+        found = [s for r in list(reports) for s in r.status if s.name == name]
+        return next((s for s in found if s.message.startswith('m has not hit a stop for ')), None)
+
+    found = until(status)
+    assert found.level == DiagnosticStatus.WARN
+    (reason,) = [v.value for v in found.values if v.key == 'Reason']
+    assert reason.startswith('the gap, 5 m, is wider than M moves from end to end')
+    assert process.stop() == 0, process.output
 
 
 def test_one_impact_in_three_cycles_is_recognised(node):
