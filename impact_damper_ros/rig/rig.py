@@ -57,9 +57,7 @@ from impact_damper_ros.motion.next_event import (
     PAUSED,
     RUNAWAY,
     SPENT,
-    TIME_MARGIN,
     count_modes,
-    find_event,
 )
 from impact_damper_ros.motion.oscillator import Line
 from impact_damper_ros.motion.state import (
@@ -1051,35 +1049,6 @@ class Rig:
         oscillator = oscillator_of(self._rig, run)
         held = 2.0 * oscillator.decay * view.velocity + oscillator.omega_squared * view.x
         return self.parameters.primary_mass * alone + run.force, run.constant + moving - held
-
-    def preview(
-        self, times: Sequence[float], interrupted: Callable[[], bool] | None = None
-    ) -> list[Sample]:
-        """
-        Return the motion at those of the later instants that the present flight reaches.
-
-        Under control there are none.
-        """
-        if not len(times) or self.acts:
-            return []
-        run = self._run
-        run.steps = ALL_STEPS if interrupted is None else _STRETCH
-        until = inf
-        while not find_event(self._rig, self._lines, run, self._waves, max(times)):
-            assert interrupted is not None
-            if interrupted():
-                until = run.time + run.searched - TIME_MARGIN * abs(run.time)
-                break
-            run.steps = _STRETCH
-        until = min(self._step_due, run.due, until)
-        samples = []
-        for time in times:
-            if not time < until:
-                break
-            samples.append(self._sample(time))
-            if interrupted is not None and interrupted():
-                break
-        return samples
 
     def state(self) -> Snapshot:
         """Return the motion of the rig, without its control, as a record."""

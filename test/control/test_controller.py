@@ -25,23 +25,6 @@ from impact_damper_ros.motion.state import Length, Speed, Time
 from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS
 
 
-def test_there_is_no_preview_until_the_stops_are_back():
-    rig = Rig(TRIAL, control=control('timed', actuator_delay=0.4, actuator_speed=5.0))
-    rig.advance(30.0)
-    assert rig.preview([rig.time]) == []
-    rig.change(rig.parameters, control('off', actuator_delay=0.4, actuator_speed=5.0))
-    instants = []
-    for k in range(1, 400):
-        rig.advance(30.0 + 0.05 * k)
-        if rig.preview([rig.time]):
-            instants.append(k)
-            assert rig.preview([rig.time]) == [rig.sample()]
-        elif rig.records:
-            assert not instants
-    assert instants
-    assert instants[0] > 1
-
-
 def test_rigs_restored_from_one_snapshot_do_not_share_it():
     """Neither with one another nor with the snapshot, which can be read again."""
     law = control('timed', actuator_delay=0.1, actuator_speed=30.0)

@@ -20,7 +20,6 @@ def test_any_kind_of_number_gives_all_digits(kind):
     exact.advance(50.0, 100.0)
     rig.advance(kind(50), kind(100))
     assert type(rig.time) is float
-    assert rig.preview([kind(51)]) == exact.preview([51.0])
     assert rig.advance(kind(100)) == exact.advance(100.0)
     assert rig.sample() == exact.sample()
     assert json.dumps(rig.snapshot()) == json.dumps(exact.snapshot())
@@ -35,11 +34,10 @@ def test_times_whose_squares_are_no_floats(exponent):
     """The least of them once ended in a division by zero."""
     time = 10.0**exponent
     rig, run = Rig(LEVEL), Rig(LEVEL)
-    (foreseen,) = rig.preview([time])
     rig.advance(time)
-    assert tuple(foreseen) == tuple(rig.sample()) == tuple(run.run(1.0, [time]).samples[0])
+    assert tuple(rig.sample()) == tuple(run.run(1.0, [time]).samples[0])
     rig.move_stops(15.0, -15.0, 1.0)
-    assert abs(foreseen.primary_velocity) <= time
+    assert abs(rig.sample().primary_velocity) <= time
     rig.advance(1.0)
 
 

@@ -129,17 +129,6 @@ def test_positions_are_those_in_the_laboratory(tmp_path):
     assert angles == [0.0] * 501 + [0.3] * 1200 + [-0.2] * 400
 
 
-def test_how_far_the_node_has_looked_ahead_is_no_difference(tmp_path):
-    rig = RecordedRig(LIVELY.replace(gap=0.4)).start().run(20)
-    searched = rig.rig.snapshot()['origin']['searched']
-    rig.rig.preview([rig.rig.time + 0.2])
-    assert rig.rig.snapshot()['origin']['searched'] > searched
-    rig.serve(('resume', 5))
-    findings = replayed(rig.run(200).save(tmp_path / 'bag'))
-    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
-    assert findings.pauses == 1
-
-
 def test_a_reset_that_begins_with_an_impact(tmp_path):
     initial = {'initial_damper_offset': 0.005, 'initial_damper_velocity': 0.5}
     rig = RecordedRig().start().run(50).run(50, ('change', initial), ('reset', None))
