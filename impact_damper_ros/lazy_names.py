@@ -3,18 +3,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from importlib import import_module
-from typing import Any
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from typing import Any
 
 
-def lazy_names(folder: str, modules: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
-    """Return the `__getattr__` of a folder whose modules define these names."""
-    home = {name: module for module, names in modules.items() for name in names}
+def lazy_names(
+    folder: str, modules: Mapping[str, str]
+) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
+    """Return `__all__`, `__getattr__` and `__dir__` of a folder, by the names in its modules."""
+    home = {name: module for module, names in modules.items() for name in names.split()}
 
     def find(name: str) -> Any:
         if name not in home:
             raise AttributeError(f'module {folder!r} has no attribute {name!r}')
+        from importlib import import_module
+
         return getattr(import_module(f'{folder}.{home[name]}'), name)
 
-    return find
+    return sorted(home), find, lambda: sorted(home)

@@ -14,57 +14,37 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from .errors import RecordingError
+    from .errors import RecordingError as RecordingError
     from .messages import (
-        DiagnosticArray,
-        DiagnosticStatus,
-        JointState,
-        Message,
-        Parameter,
-        ParameterEvent,
-        String,
-        decode,
+        DiagnosticArray as DiagnosticArray,
+        DiagnosticStatus as DiagnosticStatus,
+        JointState as JointState,
+        Message as Message,
+        Parameter as Parameter,
+        ParameterEvent as ParameterEvent,
+        String as String,
+        decode as decode,
     )
-    from .recover import Recovery, recover_run
-    from .rig_recorder import RigRecorder
-    from .run_reader import RecordedMessage, RecordedTopic, RunReader
-    from .run_writer import RunWriter
-    from .topics import LATCHED, QosProfile, Topic
+    from .recover import Recovery as Recovery, recover_run as recover_run
+    from .rig_recorder import RigRecorder as RigRecorder
+    from .run_reader import (
+        RecordedMessage as RecordedMessage,
+        RecordedTopic as RecordedTopic,
+        RunReader as RunReader,
+    )
+    from .run_writer import RunWriter as RunWriter
+    from .topics import LATCHED as LATCHED, QosProfile as QosProfile, Topic as Topic
 
-__all__ = [
-    'LATCHED',
-    'DiagnosticArray',
-    'DiagnosticStatus',
-    'JointState',
-    'Message',
-    'Parameter',
-    'ParameterEvent',
-    'QosProfile',
-    'RecordedMessage',
-    'RecordedTopic',
-    'RecordingError',
-    'Recovery',
-    'RigRecorder',
-    'RunReader',
-    'RunWriter',
-    'String',
-    'Topic',
-    'decode',
-    'recover_run',
-]
-
-__getattr__ = lazy_names(
+__all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        'errors': ('RecordingError',),
-        'messages': (
-            *('DiagnosticArray', 'DiagnosticStatus', 'JointState', 'Message'),
-            *('Parameter', 'ParameterEvent', 'String', 'decode'),
-        ),
-        'recover': ('Recovery', 'recover_run'),
-        'rig_recorder': ('RigRecorder',),
-        'run_reader': ('RecordedMessage', 'RecordedTopic', 'RunReader'),
-        'run_writer': ('RunWriter',),
-        'topics': ('LATCHED', 'QosProfile', 'Topic'),
+        'errors': 'RecordingError',
+        'messages': 'DiagnosticArray DiagnosticStatus JointState Message Parameter '
+        'ParameterEvent String decode',
+        'recover': 'Recovery recover_run',
+        'rig_recorder': 'RigRecorder',
+        'run_reader': 'RecordedMessage RecordedTopic RunReader',
+        'run_writer': 'RunWriter',
+        'topics': 'LATCHED QosProfile Topic',
     },
 )

@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from itertools import count, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -66,13 +67,15 @@ class RigRecorder(Observer):
     directory : Path or str
         Of the bag; made if absent, must not hold a bag already.
     rig : Rig
-        The rig, at time 0.
+        The rig, where the run begins.
     parameters : mapping
         Parameters by name, for the list of all parameters with which the bag begins.
     rate, duration : float
-        Ticks per second, and length of the run, s.
+        Ticks per second, and rig time after which the bag ends, s; infinity if that is not known.
     node : str, optional
         Full name of the node that the bag names; the topics are in its namespace.
+    start_ns : int, optional
+        Rig time at which the rig is, ns.
     max_size, max_duration : int and float, optional
         Limits to a file of the bag; see `RunWriter`.
 
@@ -93,16 +96,22 @@ class RigRecorder(Observer):
         duration: float,
         node: str = '/sim_node',
         *,
+        start_ns: int = 0,
         max_size: int = 0,
         max_duration: float = 0.0,
     ) -> None:
         rate = number_between('rate', rate, *RATES)
-        duration = number_between('duration', duration, 0.0, LATEST)
+        if duration != math.inf:
+            duration = number_between('duration', duration, 0.0, LATEST)
         self._rig = rig
         self._grid = TickGrid(rate)
         self._node = node
-        self._due = 0
-        self._last = math.floor(duration * rate * (1.0 + 1e-15))
+        self._due = max(0, math.floor(start_ns * rate / 1e9) - 1)
+        while self._grid.instant(self._due) < start_ns:
+            self._due += 1
+        self._last: float = duration
+        if duration != math.inf:
+            self._last = math.floor(duration * rate * (1.0 + 1e-15))
         self._messages = RigMessages()
         space = node.rpartition('/')[0]
         self._names = names = {
@@ -120,10 +129,11 @@ class RigRecorder(Observer):
         initial = {n: value for n, value in parameters.items() if n in INITIAL_SPECS}
         self._snapshots = Snapshots(node, names, initial, rate)
         self._values = {**parameters, 'state_rate': rate, 'record': True}
-        self._begin_file(0)
+        self._begin_file(start_ns)
         write_description(self._writer.directory, self._description)
-        self._snapshot('start', 0)
-        self._tick()
+        self._snapshot('start', start_ns)
+        if self._grid.instant(self._due) == start_ns:
+            self._tick()
 
     def _begin_file(self, time_ns: int) -> None:
         """Record what a reader of this file alone needs."""
@@ -168,13 +178,19 @@ class RigRecorder(Observer):
         while self._writer.backlog > _BACKLOG and self._writer.error is None:
             time.sleep(_NAP)
 
+    @property
+    def due(self) -> float:
+        """Rig time of the next tick, s; infinity after the last one."""
+        return self._grid.instant(self._due) / 1e9 if self._due <= self._last else math.inf
+
     def ticks(self) -> Iterator[float]:
-        """Yield the instants of the ticks after the start, s; the rig must stop at each."""
-        return (self._grid.instant(tick) / 1e9 for tick in range(1, self._last + 1))
+        """Yield the instants of the ticks to come, s; the rig must stop at each."""
+        ticks = takewhile(lambda tick: tick <= self._last, count(self._due))
+        return (self._grid.instant(tick) / 1e9 for tick in ticks)
 
     def reached(self, instant: float) -> None:
         """Record the joint states if a tick is due at the instant, s, that the rig has reached."""
-        if self._due <= self._last and instant == self._grid.instant(self._due) / 1e9:
+        if instant == self.due:
             self._tick()
 
     def changed(self, time_ns: int, values: Mapping[str, Any], events: Iterable[Event]) -> None:
@@ -198,6 +214,14 @@ class RigRecorder(Observer):
         self.happened(events)
         self._describe(time_ns)
         self._snapshot('change', time_ns)
+
+    def reset(self, time_ns: int, initial: Mapping[str, Any], events: Iterable[Event]) -> None:
+        """Record a reset to initial conditions as `changed` records a change."""
+        if self._due > self._last:
+            return
+        self._snapshots.reset(initial)
+        self.happened(events)
+        self._snapshot('reset', time_ns)
 
     def happened(self, events: Iterable[Event]) -> None:
         """

@@ -19,7 +19,7 @@ from typing import Any
 
 from mcap.records import Attachment, Metadata
 
-from impact_damper_ros.parameters.quoting import counted, shown
+from impact_damper_ros.parameters.quoting import shown
 
 from .errors import RecordingError
 from .mcap_file import LARGEST, LATEST_STAMP, Block, StoredMessage, open_file
@@ -29,6 +29,8 @@ MAGIC = b'SQLite format 3\0'
 HEAD = 100
 #: Messages of a block.
 _BLOCK = 1000
+#: Rows between which messages are searched.
+_FIRST_ROW, _LAST_ROW = -(2**63), 2**40
 #: Instructions of SQLite's machine between two looks at the budget, and the budget: a row takes
 #: some 20 of them, and at least as many bytes.
 _STEPS = 10_000
@@ -54,17 +56,15 @@ class SqliteFile:
         self.metadata: list[Metadata] = []
         self._faults: list[str] = []
         self.finished, self.unusable = True, 0
+        self._damaged, self._skipped = False, 1
         self._size = self._measured()
         self._budget, self._interrupt = 0, KeyboardInterrupt()
         with self.opened() as connection:
             self._check_tables(connection)
             self.channels = dict(_channels(connection))
-            try:
-                self._find_blocks(connection)
-            except sqlite3.DatabaseError as error:
-                self._refuse_interruption(error)
-                self.finished = False
-                self._faults.append(f'it is damaged: {error}')
+            after: int | None = _FIRST_ROW
+            while after is not None:
+                after = self._find_blocks(connection, after)
 
     def _measured(self) -> int:
         """Return the size; note whether pages are missing."""
@@ -130,24 +130,45 @@ class SqliteFile:
             if not plain or any(column[-1] for column in columns):
                 raise sqlite3.DatabaseError(f'it has no table {name}, or not a plain one')
 
-    def _find_blocks(self, connection: sqlite3.Connection) -> None:
-        """Divide the messages into blocks, and count them."""
-        query = 'SELECT rowid, topic_id, timestamp FROM messages ORDER BY rowid'
-        block, strange = None, 0
-        for row, topic, stamp in connection.execute(query):
-            if topic not in self.channels or not _is_stamp(stamp):
-                text = f'a message of topic {shown(topic)} is stamped {shown(stamp)} ns'
-                strange += 1
-                continue
-            self.counts[topic] += 1
-            if block is None or row - block.position >= _BLOCK:
-                block = Block(row, 1, stamp, stamp)
-                self.blocks.append(block)
-            block.length = row - block.position + 1
-            block.start_ns, block.end_ns = min(stamp, block.start_ns), max(stamp, block.end_ns)
-        if strange:
-            self.finished = False
-            self._faults.append(f'{text} ({counted(strange, "message")} of that kind)')
+    def _find_blocks(self, connection: sqlite3.Connection, after: int) -> int | None:
+        """
+        Divide the messages after a row into blocks, and count them.
+
+        Return a row beyond the damage that ends this; None if there is none.
+        """
+        # The end of a long message may be damaged, too.
+        content = '' if self.finished else ', data'
+        query = f'SELECT rowid, topic_id, timestamp{content} FROM messages WHERE rowid > ?'
+        block, row = None, after
+        try:
+            for row, topic, stamp, *_ in connection.execute(f'{query} ORDER BY rowid', [after]):
+                if topic not in self.channels or not _is_stamp(stamp):
+                    self._note(f'a message of topic {shown(topic)} is stamped {shown(stamp)} ns')
+                    continue
+                self.counts[topic] += 1
+                if block is None or row - block.position >= _BLOCK:
+                    block = Block(row, 1, stamp, stamp)
+                    self.blocks.append(block)
+                block.length = row - block.position + 1
+                block.start_ns = min(stamp, block.start_ns)
+                block.end_ns = max(stamp, block.end_ns)
+        except sqlite3.DatabaseError as error:
+            self._refuse_interruption(error)
+            self._note(f'it is damaged: {error}')
+            if row == after:
+                # Twice as far each time
+                self._skipped *= 2
+            else:
+                self._skipped = 1
+            beyond = max(row, 0) + self._skipped
+            return beyond if beyond < _LAST_ROW else None
+        return None
+
+    def _note(self, fault: str) -> None:
+        """Note the first of the faults of the messages."""
+        if not self._damaged:
+            self._faults.append(fault)
+        self._damaged, self.finished = True, False
 
     def read(
         self,

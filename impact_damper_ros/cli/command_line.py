@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
@@ -192,6 +193,17 @@ def add_node_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_run_option(parser: argparse.ArgumentParser) -> None:
+    """Let a command take ``--run``, for a recording over a restart of the node."""
+    parser.add_argument(
+        '--run',
+        type=up_to(10**6),
+        metavar='N',
+        help='number of the run, from 1 on, if the node was restarted while it was recorded '
+        '[all runs, one after the other]',
+    )
+
+
 def add_path_option(
     parser: argparse._ActionsContainer, name: str, text: str, metavar: str = 'FILE'
 ) -> None:
@@ -312,6 +324,32 @@ def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> 
         + unit
         + ' [{elapsed}<{remaining}{postfix}]',
     )
+
+
+#: Time between two lines on how far work is, where there is no terminal for a progress bar, s.
+_REPORT_PERIOD = 15.0
+
+
+@contextmanager
+def share_done(
+    command: str, what: str, count: int, *, quiet: bool = False
+) -> Iterator[Callable[[float], None]]:
+    """
+    Show how far work is, in a progress bar or, without a terminal, in a line now and then.
+
+    Yields what is to be called with how much is done, out of `count`.
+    """
+    with progress_bar(what, 100.0 * count, '%', quiet=quiet) as bar:
+        reported = time.monotonic()
+
+        def reached(done: float) -> None:
+            nonlocal reported
+            bar.update(max(0.0, 100.0 * done - bar.n))
+            if bar.disable and not quiet and time.monotonic() > reported + _REPORT_PERIOD:
+                reported = time.monotonic()
+                say(command, f'{what} {100.0 * done / count:.0f} %')
+
+        yield reached
 
 
 #: Time after which work without a progress bar is reported to continue, s.

@@ -10,10 +10,11 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from impact_damper_ros.compare import RunComparison, compare_bag
+from impact_damper_ros.compare.comparison import compare_run
+from impact_damper_ros.compare.result import RunComparison
 from impact_damper_ros.outputs import check_directory, write_text
-from impact_damper_ros.parameters.parameters_file import load_parameters
 from impact_damper_ros.parameters.quoting import printable
+from impact_damper_ros.replay.run import RecordedRun
 from impact_damper_ros.report.text_report import comparison_text
 
 from .command_line import (
@@ -22,15 +23,17 @@ from .command_line import (
     add_node_option,
     add_path_option,
     add_quiet_option,
+    add_run_option,
     check_outputs,
     command_parser,
     need_matplotlib,
     outcome,
     progress_bar,
+    share_done,
     text_stream,
     write_json,
 )
-from .rig_options import add_recorded_law_option, announce
+from .rig_options import add_recorded_law_option
 
 _DESCRIPTION = """\
 Compare a recorded run with the periodic theory. The run is divided where its parameters change and
@@ -38,7 +41,8 @@ where it is reset. Each stretch is classified as transient, periodic, quasi-peri
 the matching periodic problem is solved for the logged parameters, and both are shown side by side:
 impacts, largest |X|, energy, decay into the steady state, and a verdict. Every recorded number is
 also held against a replay of the run. Works without ROS, on a bag directory or a single .mcap
-file, also a recovered one.
+file, also a recovered one. A recording over a restart of the node holds several runs; each is
+compared by itself.
 """
 _EPILOG = """\
 Exit code: 0 if no stretch differs from theory (a stretch that is not settled, or for which theory
@@ -54,6 +58,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = command_parser('compare_run', _DESCRIPTION, _EPILOG)
     add_bag_argument(parser, several=True)
     add_node_option(parser)
+    add_run_option(parser)
     add_recorded_law_option(parser)
     add_json_option(parser)
     page = 'write an HTML report with plots, and the result as JSON beside it'
@@ -64,8 +69,6 @@ def _parser() -> argparse.ArgumentParser:
         help='with --report: follow each predicted motion in the gap, about a second each '
         '(default: the first three)',
     )
-    rig = 'parameters of the rig, for a bag recorded without them (without snapshot)'
-    add_path_option(parser, '--params', rig, 'FILE.yaml')
     parser.add_argument(
         '--score',
         action='store_true',
@@ -78,13 +81,22 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _compared(arguments: argparse.Namespace) -> RunComparison:
-    """Compare the bag, with a progress bar for each pass through it."""
-    rig = None
-    if arguments.params is not None:
-        rig = load_parameters(arguments.params)[0]
-        if not arguments.quiet:
-            announce('compare_run', rig)
+def _runs(arguments: argparse.Namespace, bag: Path, purpose: str) -> list[RecordedRun]:
+    """Return the runs of a bag that are asked for."""
+    first = RecordedRun(
+        bag, arguments.node, arguments.run or 1, purpose=purpose, law=arguments.law
+    )
+    if arguments.run is not None:
+        return [first]
+    more = range(2, first.run_count + 1)
+    return [
+        first,
+        *(RecordedRun(bag, arguments.node, n, purpose=purpose, law=arguments.law) for n in more),
+    ]
+
+
+def _compared(arguments: argparse.Namespace, recorded: RecordedRun) -> RunComparison:
+    """Compare a run, with a progress bar."""
     with ExitStack() as stack:
 
         def progress(what: str, span: float) -> Callable[[float], None]:
@@ -98,19 +110,21 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
 
             return reached
 
-        return compare_bag(
-            arguments.bag[0], arguments.node, rig, law=arguments.law, progress=progress
-        )
+        return compare_run(recorded, progress)
 
 
 def _write_report(arguments: argparse.Namespace, comparison: RunComparison, command: str) -> Path:
+    """Write the report of a run, of several runs each into a directory of its own."""
     from impact_damper_ros.report.html_report import MOST_DETAILED, write_report
 
+    directory = arguments.report
+    if comparison.run_count > 1 and arguments.run is None:
+        directory /= f'run_{comparison.run}'
     steps = 2 * min(len(comparison.stretches), MOST_DETAILED)
     with progress_bar('drawn', steps, 'steps', quiet=arguments.quiet) as bar:
         return write_report(
             comparison,
-            arguments.report,
+            directory,
             command=command,
             gap_curves=arguments.gap_curves,
             done=bar.update,
@@ -119,14 +133,18 @@ def _write_report(arguments: argparse.Namespace, comparison: RunComparison, comm
 
 def _scored(arguments: argparse.Namespace) -> int:
     """Score recordings, and write what was asked for."""
-    from impact_damper_ros.compare.score import score_bag
+    from impact_damper_ros.compare.score import RunScore, score_run
     from impact_damper_ros.report.score_report import score_figure, score_table, score_text
 
-    runs = []
-    with progress_bar('scored', len(arguments.bag), 'runs', quiet=arguments.quiet) as bar:
-        for bag in arguments.bag:
-            runs.append(score_bag(bag, arguments.node, law=arguments.law))
-            bar.update()
+    runs: list[RunScore] = []
+    bags = [run for bag in arguments.bag for run in _runs(arguments, bag, 'score')]
+    with share_done('compare_run', 'scored', len(bags), quiet=arguments.quiet) as reached:
+        for recorded in bags:
+
+            def progress(share: float) -> None:
+                reached(len(runs) + share)
+
+            runs.append(score_run(recorded, progress=progress))
     write_json(arguments.json, {'runs': [run.as_dict() for run in runs]})
     if arguments.markdown is not None:
         write_text(arguments.markdown, score_table(runs).markdown() + '\n')
@@ -144,7 +162,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     parser = _parser()
     arguments = parser.parse_args(argv)
-    ignored = ('report', 'params') if arguments.score else ('markdown', 'figure')
+    ignored = ('report',) if arguments.score else ('markdown', 'figure')
     for name in ignored:
         if getattr(arguments, name) is not None:
             only = 'without' if arguments.score else 'with'
@@ -154,22 +172,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     command = shlex.join(['compare_run', *(sys.argv[1:] if argv is None else argv)])
 
     def work() -> int:
-        check_outputs(arguments, *arguments.bag, arguments.params)
+        check_outputs(arguments, *arguments.bag)
         if arguments.report is not None:
             need_matplotlib()
             check_directory(arguments.report)
         if arguments.score:
             return _scored(arguments)
-        comparison = _compared(arguments)
-        write_json(arguments.json, comparison.as_dict())
+        runs = _runs(arguments, arguments.bag[0], 'compare')
+        found = [_compared(arguments, run) for run in runs]
+        results = [comparison.as_dict() for comparison in found]
+        write_json(arguments.json, results[0] if len(found) == 1 else {'runs': results})
         stream = text_stream(arguments.json)
         if not arguments.quiet:
-            print(printable(comparison_text(comparison)), file=stream)
+            print(printable('\n\n'.join(map(comparison_text, found))), file=stream)
         if arguments.report is not None:
-            page = _write_report(arguments, comparison, command)
-            if not arguments.quiet:
-                print(f'report       {page}', file=stream)
-        return comparison.exit_code
+            for comparison in found:
+                page = _write_report(arguments, comparison, command)
+                if not arguments.quiet:
+                    print(f'report       {page}', file=stream)
+        return min((code for one in found if (code := one.exit_code)), default=0)
 
     return outcome('compare_run', work)
 

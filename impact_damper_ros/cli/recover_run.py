@@ -25,7 +25,9 @@ to a complete bag, with attachments and metadata records of other programs. What
 listed. The recording itself is not changed.
 """
 _EPILOG = """\
-Exit code: 0 if messages were saved; 1 if not; 2 if an argument is invalid.
+Exit code: 0 if messages were saved; 1 if not; 2 if an argument is invalid; 130 on Ctrl-C, 143 on
+SIGTERM.
+Example: recover_run runs/run_20250131_120000
 """
 
 

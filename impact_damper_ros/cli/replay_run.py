@@ -7,6 +7,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 from impact_damper_ros.motion.event import Sample, events_of_table
@@ -17,10 +18,11 @@ from impact_damper_ros.parameters.rig_parameters import (
     InitialConditions,
 )
 from impact_damper_ros.replay import RecordedRun, Replay, Setting
+from impact_damper_ros.replay.what_if import WhatIf
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.report.replay_report import findings_json, findings_text
-from impact_damper_ros.report.what_if_report import WhatIfReport
+from impact_damper_ros.report.run_pair import RunPair
 from impact_damper_ros.rig.runaway import RunawayError
 
 from .command_line import (
@@ -33,9 +35,11 @@ from .command_line import (
     add_node_option,
     add_path_option,
     add_quiet_option,
+    add_run_option,
     check_outputs,
     command_parser,
     outcome,
+    path_of,
     progress_bar,
     text_stream,
     write_json,
@@ -46,15 +50,15 @@ _DESCRIPTION = """\
 Replay a recorded run from its own log. Without --set, every recorded sample and impact is computed
 again from the first snapshot and the logged parameter changes and resets, and compared bit for
 bit. With --set, the same history is also run with parameters held at other values, and the two
-runs are compared. Works without ROS, on a bag directory or a single .mcap file, also a recovered
-one.
+runs are compared; --bag records that run, so that every other command takes it, too. Works without
+ROS, on a bag directory or a single .mcap file, also a recovered one.
 """
 _EPILOG = """\
 Exit code: 0 if all is reproduced bit for bit; 1 if something differs, a file cannot be written, or
-the what-if has more than --most-events events (--states and --impacts then end there); 2 if the
-bag or an argument is invalid; 3 if all that can be compared is reproduced, but the bag is cut,
-damaged, lacks messages, or holds some twice or out of order; 130 on Ctrl-C, 143 on SIGTERM.
-Example: replay_run runs/run_20250131_120000 --set gap=0.03 --figure what_if.png
+the what-if has more than --most-events events (--states, --impacts and --bag then end there); 2 if
+the bag or an argument is invalid; 3 if all that can be compared is reproduced, but the bag is cut,
+damaged, lacks messages, or holds some twice; 130 on Ctrl-C, 143 on SIGTERM.
+Example: replay_run runs/run_20250131_120000 --set gap=0.03 --figure what_if.png --bag runs/wider
 As CSV:  replay_run runs/run_20250131_120000 --states samples.csv --impacts impacts.csv
 """
 
@@ -71,9 +75,17 @@ def _parser() -> argparse.ArgumentParser:
         '--set gap=0.03; may be repeated',
     )
     add_node_option(parser)
+    add_run_option(parser)
     add_recorded_law_option(parser)
     add_json_option(parser)
     add_path_option(parser, '--figure', 'draw the recorded run and the what-if')
+    parser.add_argument(
+        '--bag',
+        dest='recording',
+        type=path_of,
+        metavar='DIR',
+        help='record the what-if as a bag; DIR must not exist',
+    )
     states = 'write the samples (of the what-if with --set) as CSV, in SI units (- : stdout)'
     add_path_option(parser, '--states', states)
     add_path_option(parser, '--impacts', 'write the impacts of the same run as CSV (- : stdout)')
@@ -96,76 +108,112 @@ def _held_values(
     )
 
 
-def _run(arguments: argparse.Namespace, replay: Replay, report: WhatIfReport | None) -> None:
-    """Replay, and write the tables."""
-    reader = replay.recorded.reader
+def _what_if(
+    arguments: argparse.Namespace, replay: Replay, stack: ExitStack
+) -> tuple[WhatIf | None, RunPair | None]:
+    """Return the rig of ``--set``, and what collects both runs; None without it."""
+    if not arguments.set:
+        return None, None
+    logged = Setting.of(replay.start.state)
+    held, held_initial = _held_values(arguments.set, logged)
+    what_if = WhatIf(
+        *(replay.start, held, held_initial),
+        most_in_period=arguments.most_events,
+        bag=arguments.recording,
+    )
+    stack.callback(what_if.close)
+    if not arguments.quiet:
+        rig = {n: value for n, value in held.items() if n in PARAMETER_SPECS}
+        announce('replay_run', logged.rig.replace(**rig))
+    drawn = arguments.figure is not None
+    return what_if, RunPair(replay.start, what_if, {**held, **held_initial}, drawn=drawn)
+
+
+def _replayed(arguments: argparse.Namespace, recorded: RecordedRun) -> tuple[int, Any, str]:
+    """Replay a run and write its tables; return the exit code, the result and a text."""
+    replay, reader = Replay(recorded), recorded.reader
     span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
     with ExitStack() as stack:
+        what_if, runs = _what_if(arguments, replay, stack)
         states = open_table(arguments.states, Sample._fields, stack)
         impacts = open_table(arguments.impacts, IMPACT_COLUMNS, stack)
         bar = stack.enter_context(progress_bar('replayed', span, 's', quiet=arguments.quiet))
         for part in replay:
-            samples, events, ended = part.samples, part.events, None
-            if report is not None:
+            shown, ended = part, None
+            if what_if is not None and runs is not None:
                 try:
-                    samples, events = report.look(part)
+                    shown = what_if.follow(part)
                 except RunawayError as error:
-                    (samples, events), ended = report.other.reached, error
+                    shown, ended = what_if.reached, error
+                else:
+                    runs.take(part, shown)
             if states is not None:
-                for sample in samples.tolist():
+                for sample in shown.samples.tolist():
                     states.write(row(sample))
             if impacts is not None:
-                impacts.write(impact_rows(events_of_table(events)))
+                impacts.write(impact_rows(events_of_table(shown.events)))
             if ended is not None:
                 raise CommandError(f'what if: {ended}{ALLOW_MORE}', EXIT_FAILED) from ended
             time = replay.rig.time - replay.start.time
             bar.update(max(0.0, min(span, time) - bar.n))
-
-
-def _report(arguments: argparse.Namespace, replay: Replay, what_if: WhatIfReport | None) -> int:
-    findings, recorded = replay.findings, replay.recorded
-    result = findings_json(findings, recorded)
-    text = findings_text(findings, recorded)
-    if what_if is not None:
-        result['what_if'] = what_if.as_json()
-        text += '\n' + what_if.text()
+    findings = replay.findings
+    result, text = findings_json(findings, recorded), findings_text(findings, recorded)
+    if runs is not None:
+        runs.finish()
+        result['what_if'] = runs.as_json()
+        text += '\n' + runs.text()
+        if arguments.recording is not None:
+            text += f'\nrecorded    {arguments.recording}'
         if findings.difference_count:
             text += '\ncaution     the run is not reproduced from its log: see above'
         if arguments.figure is not None:
-            save_figure(what_if.figure(), arguments.figure)
-    write_json(arguments.json, result)
-    if not arguments.quiet:
-        print(printable(text), file=text_stream(arguments.json))
-    return findings.verdict.value if findings.samples else 2
+            save_figure(runs.figure(), arguments.figure)
+    return findings.verdict.value if findings.samples else 2, result, text
+
+
+def _runs(arguments: argparse.Namespace) -> list[RecordedRun]:
+    """Return the runs that are to be replayed."""
+
+    def run(number: int) -> RecordedRun:
+        return RecordedRun(arguments.bag, arguments.node, number, law=arguments.law)
+
+    first = run(arguments.run or 1)
+    if arguments.run is not None or first.run_count == 1:
+        return [first]
+    if arguments.set or arguments.states is not None or arguments.impacts is not None:
+        raise CommandError(
+            f'{arguments.bag} holds {first.run_count} runs of {first.topics.name}, which was '
+            f'restarted: choose one with --run 1 to --run {first.run_count}'
+        )
+    return [first, *(run(number) for number in range(2, first.run_count + 1))]
+
+
+def _check_recording(recording: Path | None, bag: Path) -> None:
+    """Raise an error if a bag is to be written within the one that is read."""
+    if recording is not None and bag.resolve() in (
+        recording.resolve(),
+        *recording.resolve().parents,
+    ):
+        raise ValueError(f'{recording} is, or is in, what is read: give --bag another name')
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     parser = _parser()
     arguments = parser.parse_args(argv)
-    if arguments.figure is not None and not arguments.set:
-        parser.error(
-            '--figure draws a what-if beside the recorded run: give --set NAME=VALUE as well'
-        )
+    for name, option in (('figure', '--figure draws'), ('recording', '--bag records')):
+        if getattr(arguments, name) is not None and not arguments.set:
+            parser.error(f'{option} a what-if: give --set NAME=VALUE as well')
 
     def work() -> int:
         check_outputs(arguments, arguments.bag)
-        replay = Replay(RecordedRun(arguments.bag, arguments.node, law=arguments.law))
-        what_if = None
-        if arguments.set:
-            # A misspelt name is reported at once
-            logged = Setting.of(replay.start.state)
-            held, held_initial = _held_values(arguments.set, logged)
-            what_if = WhatIfReport(
-                *(replay, held, held_initial),
-                drawn=arguments.figure is not None,
-                most_in_period=arguments.most_events,
-            )
-            if not arguments.quiet:
-                rig = {n: value for n, value in held.items() if n in PARAMETER_SPECS}
-                announce('replay_run', logged.rig.replace(**rig))
-        _run(arguments, replay, what_if)
-        return _report(arguments, replay, what_if)
+        _check_recording(arguments.recording, arguments.bag)
+        done = [_replayed(arguments, recorded) for recorded in _runs(arguments)]
+        codes, results, texts = zip(*done, strict=True)
+        write_json(arguments.json, results[0] if len(done) == 1 else {'runs': results})
+        if not arguments.quiet:
+            print(printable('\n\n'.join(texts)), file=text_stream(arguments.json))
+        return 1 if 1 in codes else max(codes)
 
     return outcome('replay_run', work)
 

@@ -75,7 +75,7 @@ def add_set_option(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help='override a parameter of the file, for example --set gap=30; may be repeated',
+        help='override a parameter of the file, for example --set gap=0.03; may be repeated',
     )
 
 

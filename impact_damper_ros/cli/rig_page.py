@@ -36,8 +36,18 @@ _LOOK_S, _FIRST_PAUSE_S, _LIVED_S = 0.2, 0.5, 30.0
 _PR_SET_PDEATHSIG = 1
 
 
+_DESCRIPTION = 'Show a live rig, or with --bag a recording, in a browser.\n'
+_EPILOG = """\
+Exit code: 0 after Ctrl-C or SIGTERM; 1 if the page cannot be served, as where another program has
+the port; 2 if an argument or a recording is invalid.
+Examples:
+  rig_page --start bench_rig
+  rig_page --bag runs/run_20250131_120000
+"""
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = command_parser(COMMAND, 'Show a live rig, or with --bag a recording, in a browser.')
+    parser = command_parser(COMMAND, _DESCRIPTION, _EPILOG)
     what = parser.add_mutually_exclusive_group()
     what.add_argument(
         '--node', type=_node, default='', metavar='NAME', help='node of the rig to show first'

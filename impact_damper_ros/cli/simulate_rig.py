@@ -15,6 +15,7 @@ from typing import Any
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
+from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.control.record import Action
 from impact_damper_ros.motion.event import Event, EventKind, Sample
@@ -91,7 +92,7 @@ Exit code: 0 if the whole duration was simulated; 1 if the rig has more events t
 or a file cannot be written; 2 if an argument is invalid; 130 on Ctrl-C, 143 on SIGTERM. A table
 grows in FILE.part, and takes the place of FILE when the run is complete; of a run that ends early
 it stays there, and an older FILE as it was.
-Example: simulate_rig config/paper.yaml --duration 300 --impacts impacts.csv --set gap=30
+Example: simulate_rig bench_rig --duration 60 --impacts impacts.csv --set gap=0.03
 """
 
 
@@ -102,9 +103,11 @@ def _parser() -> argparse.ArgumentParser:
         '--parameters', action=_ListParameters, help='list all parameters of a rig and exit'
     )
     parser.add_argument(
+        '--urdf', action='store_true', help='print the robot description of the rig and exit'
+    )
+    parser.add_argument(
         '--duration',
         type=number(_SHORTEST, LATEST, 's'),
-        required=True,
         metavar='T',
         help='time to simulate [s]',
     )
@@ -406,10 +409,16 @@ def _kept(arguments: argparse.Namespace) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
-    arguments = _parser().parse_args(argv)
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    if arguments.duration is None and not arguments.urdf:
+        parser.error('the following arguments are required: --duration')
 
     def work() -> int:
         given = given_rig(arguments.params, arguments.set, arguments.node)
+        if arguments.urdf:
+            print(robot_description(given.parameters, given.control.widest_gap))
+            return 0
         law, control = given_law(arguments.law, given.control)
         given = given._replace(control=control)
         check_outputs(arguments, arguments.params)

@@ -52,7 +52,8 @@ Find the periodic motions of an impact damper with N impacts in K cycles of the 
 unstable, or the one that it settles into (--settled), and follow it while a parameter varies
 (--follow). The parameters file is that of sim_node and simulate_rig. All quantities are in SI
 units; velocities are absolute, along the axis, positive downwards. A phase is the time of an
-impact from t = 0 in cycles of the force F sin(W t + force_phase).
+impact from t = 0 in cycles of the force F sin(Omega t + phi): of force_amplitudes,
+force_frequencies and force_phases.
 """
 _EPILOG = """\
 Exit code: 0 if a motion was found that the rig can perform; 3 if there is no solution, or the rig
@@ -60,7 +61,7 @@ does not settle into a periodic motion; 4 if there are solutions but none is via
 gives the reasons); 2 if the input is invalid; 1 if a file cannot be written; 130 on Ctrl-C, 143 on
 SIGTERM.
 Examples:
-  solve_periodic config/paper.yaml --impacts 2 --cycles 1 --json orbits.json --set gap=30
+  solve_periodic bench_rig --impacts 2 --cycles 1 --json orbits.json --set gap=0.03
   solve_periodic bench_rig --impacts 1:4 --cycles 1:3 --viable
   solve_periodic bench_rig --settled
   solve_periodic paper --impacts 2 --follow gap=20:60 --csv gap.csv --figure gap.png

@@ -10,50 +10,31 @@ ROS; needs numpy.
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.lazy_names import lazy_names
-from impact_damper_ros.orbits.recurrence import MotionKind
-
-from .result import (
-    Beginning,
-    Decay,
-    EnergyBalance,
-    Finding,
-    ImpactStates,
-    LogCheck,
-    LogVerdict,
-    MeasuredMotion,
-    Overall,
-    RunComparison,
-    StretchComparison,
-    Verdict,
-)
 
 if TYPE_CHECKING:
-    from .comparison import compare_bag
-    from .stretches import LoggedRig
+    from .comparison import compare_bag as compare_bag
+    from .result import (
+        Beginning as Beginning,
+        Decay as Decay,
+        EnergyBalance as EnergyBalance,
+        Finding as Finding,
+        ImpactStates as ImpactStates,
+        LogCheck as LogCheck,
+        LogVerdict as LogVerdict,
+        MeasuredMotion as MeasuredMotion,
+        Overall as Overall,
+        RunComparison as RunComparison,
+        StretchComparison as StretchComparison,
+        Verdict as Verdict,
+    )
+    from .stretches import LoggedRig as LoggedRig
 
-__all__ = [
-    'Beginning',
-    'Decay',
-    'EnergyBalance',
-    'Finding',
-    'ImpactStates',
-    'LogCheck',
-    'LogVerdict',
-    'LoggedRig',
-    'MeasuredMotion',
-    'MotionKind',
-    'Overall',
-    'RunComparison',
-    'StretchComparison',
-    'Verdict',
-    'compare_bag',
-]
-
-#: Imported on first use.
-__getattr__ = lazy_names(
+__all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        'comparison': ('compare_bag',),
-        'stretches': ('LoggedRig',),
+        'comparison': 'compare_bag',
+        'result': 'Beginning Decay EnergyBalance Finding ImpactStates LogCheck LogVerdict '
+        'MeasuredMotion Overall RunComparison StretchComparison Verdict',
+        'stretches': 'LoggedRig',
     },
 )

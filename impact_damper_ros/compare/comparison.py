@@ -3,25 +3,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from impact_damper_ros import __version__
-from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.parameters.quoting import counted
-from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay import Difference, Findings, RecordedRun, Replay
 
 from .result import Finding, LogCheck, LogVerdict, RunComparison, StretchComparison
-from .stretches import RecordedPieces, Stretches
+from .stretches import Stretches
 from .verdict import compare_stretch
-
-#: Estimated error of X between joint states, as a share, that is remarked on.
-_COARSE = 0.01
 
 Progress = Callable[[float], object]
 
@@ -32,8 +29,6 @@ def _finding(difference: Difference) -> Finding:
     where = f'{difference.quantity} on {difference.topic} at {difference.time:.9g} s'
     if recorded is None and difference.quantity in ('impact', 'act of the gap control'):
         text = f'{where} is missing in the log ({replayed})'
-    elif difference.quantity == 'state_rate':
-        text = f'{where} is {_shown(recorded)} in the log; the joint states have a different rate'
     elif replayed is None:
         text = f'{where} is in the log, but did not happen ({recorded})'
     else:
@@ -62,11 +57,11 @@ def _log_check(replay: Replay) -> LogCheck:
     count = findings.difference_count
     exactly = 'within the errors of round-off' if findings.other_bits else 'bit for bit'
     how = f'replayed, with {counted(count, "difference")}' if count else f'replayed {exactly}'
-    said = f'{how}: {counted(findings.samples, "sample")}, {counted(findings.impacts, "impact")}'
+    text = f'{how}: {counted(findings.samples, "sample")}, {counted(findings.impacts, "impact")}'
     if findings.control:
-        said += f', {counted(findings.control, "act")} of the gap control'
-    said += f', {counted(findings.snapshots, "snapshot")}'
-    return LogCheck(True, said, count, _unchecked(replay))
+        text += f', {counted(findings.control, "act")} of the gap control'
+    text += f', {counted(findings.snapshots, "snapshot")}'
+    return LogCheck(text, count, _unchecked(replay))
 
 
 def _on_interruptions(findings: Findings) -> Iterator[str]:
@@ -83,28 +78,25 @@ def _unchecked(replay: Replay) -> tuple[str, ...]:
     """Return what the replay does not check."""
     topics = replay.recorded.topics
     checked = {topics.joint_states, topics.impacts, topics.gap_control, topics.snapshot}
-    found = [
-        name
-        for name in sorted({name for name, _ in replay.recorded.reader.topics})
-        if name not in checked and name != topics.parameter_events
-    ]
-    if topics.parameter_events:
-        found.append(f'{topics.parameter_events}: settings of the node')
+    held = {name for name, _ in replay.recorded.reader.topics}
+    found = sorted(held - checked)
     if replay.findings.other_bits and topics.gap_control:
         found.append(topics.gap_control)
     return tuple(found)
 
 
-def _on_coarse_samples(stretches: Sequence[StretchComparison]) -> Iterator[str]:
-    """Yield a remark if the joint states are too far apart for X between them."""
-    doubts = [(s.overall.accuracy, s.number) for s in stretches if s.overall is not None]
-    worst, number = max(doubts, default=(0.0, 0))
-    if worst > _COARSE:
-        size = f'may be off by about {100.0 * worst:.2g} %' if worst < 1.0 else 'are not known'
-        yield (
-            'the joint states are too far apart: largest |X|, rms X and the energies of force and '
-            f'dashpot {size} in stretch {number}; record more a second (state_rate, --rate)'
-        )
+def _with_log(
+    stretches: Sequence[StretchComparison], findings: Findings
+) -> Iterator[StretchComparison]:
+    """Yield the stretches, each with what its log has that the replay has not."""
+    ends = [stretch.end for stretch in stretches[:-1]]
+    # What is at the very end of a stretch is of the next one, as a change is.
+    places = [bisect_right(ends, difference.time) for difference in findings.differences]
+    for place, stretch in enumerate(stretches):
+        pairs = zip(places, findings.differences, strict=True)
+        mine = tuple(_finding(difference) for at, difference in pairs if at == place)
+        log = LogVerdict.DIFFERS if mine else LogVerdict.REPRODUCED
+        yield dataclasses.replace(stretch, log=log, log_findings=mine)
 
 
 def _unseen(_what: str, _span: float) -> Progress:
@@ -114,7 +106,7 @@ def _unseen(_what: str, _span: float) -> Progress:
 def compare_bag(
     path: Path,
     node: str | None = None,
-    parameters: RigParameters | None = None,
+    number: int = 1,
     *,
     law: OwnLaw | None = None,
     progress: Callable[[str, float], Progress] = _unseen,
@@ -128,8 +120,8 @@ def compare_bag(
         A bag directory or ``.mcap`` file.
     node : str, optional
         Name or namespace of the node, if there are several rigs in the bag.
-    parameters : RigParameters, optional
-        The rig, for a bag that does not name its parameters.
+    number : int, optional
+        Number of the run, from 1 on, if the node was restarted while it was recorded.
     law : OwnLaw, optional
         The law that moved the stops, for a rig with one of the user's own.
     progress : callable, optional
@@ -146,69 +138,41 @@ def compare_bag(
     RecordingError
         If the bag cannot be read, or holds no rig.
     """
-    path = Path(path)
-    recorded = RecordedRun(path, node, purpose='compare', snapshot_needed=False, law=law)
+    return compare_run(RecordedRun(path, node, number, purpose='compare', law=law), progress)
+
+
+def compare_run(
+    recorded: RecordedRun, progress: Callable[[str, float], Progress] = _unseen
+) -> RunComparison:
+    """Compare a recorded run with theory; for the parameters see `compare_bag`."""
     reader = recorded.reader
     span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
     reached = progress('compared', span)
-    stretches: list[StretchComparison] = []
-    remarks: list[str] = []
+    compared: list[StretchComparison] = []
     # A wrong number may be as large as numbers are.
     with np.errstate(over='ignore', invalid='ignore'):
-        if recorded.start is not None:
-            replay = Replay(recorded)
-            found = Stretches(replay)
-            said = 0
-            for stretch in found:
-                reached(stretch.end)
-                kept = replay.findings.differences
-                mine = [d for d in kept[said:] if d.time < stretch.end or stretch.last]
-                said += len(mine)
-                log = LogVerdict.DIFFERS if mine else LogVerdict.REPRODUCED
-                stretches.append(compare_stretch(stretch, log, [_finding(d) for d in mine]))
-            findings, check = replay.findings, _log_check(replay)
-            faults, remarks = findings.faults, [*_on_interruptions(findings), *findings.remarks]
-            counts = findings.samples, findings.recorded_impacts
-            if parameters is not None:
-                remarks.append('the bag holds the parameters of its rig: --params was not used')
-        else:
-            pieces = RecordedPieces(recorded, parameters)
-            found = Stretches(pieces)
-            for stretch in found:
-                reached(stretch.end)
-                if stretch.drive is not None:
-                    remarks.append(
-                        f'the phase of the force in stretch {stretch.number} is not in the bag; '
-                        'it was found from the motion'
-                    )
-                stretches.append(compare_stretch(stretch))
-            if pieces.rig is None:
-                cause = 'it does not hold the parameters of the rig: no snapshot, no list of all'
-                remedy = 'record the topic snapshot too, or give the rig with --params FILE.yaml'
-                raise RecordingError('compare', path, cause, remedy)
-            check = LogCheck(False, 'not checked: without a snapshot the run cannot be replayed')
-            faults = [*recorded.faults(), *pieces.faults]
-            remarks = [*recorded.remarks(), *remarks]
-            counts = pieces.samples, pieces.impacts
-            if pieces.early:
-                remarks.append(
-                    f'{pieces.early} messages from before the parameters are known were left out'
-                )
-        if not recorded.topics.impacts:
-            remarks.append('the topic of the impacts was not recorded: there are only samples')
-        remarks += _on_coarse_samples(stretches)
+        replay = Replay(recorded)
+        stretches = Stretches(replay.start.state, replay.period)
+        for stretch in stretches.of(replay):
+            reached(stretch.end)
+            compared.append(compare_stretch(stretch))
+    findings = replay.findings
+    remarks = [*_on_interruptions(findings), *findings.remarks]
+    if not recorded.topics.impacts:
+        remarks.append('the topic of the impacts was not recorded: there are only samples')
     return RunComparison(
-        bag=str(path),
+        bag=str(reader.path),
         node=recorded.topics.name,
         version=__version__,
         complete=reader.complete,
-        stamps='rig time' if recorded.stamped else 'times of arrival',
-        start=found.start,
-        end=found.end,
-        samples=counts[0],
-        impacts=counts[1],
-        stretches=tuple(stretches),
-        log=check,
-        faults=tuple(dict.fromkeys(faults)),
+        run=recorded.number,
+        run_count=recorded.run_count,
+        start=stretches.start,
+        end=stretches.end,
+        samples=findings.samples,
+        impacts=findings.recorded_impacts,
+        stretches=tuple(_with_log(compared, findings)),
+        log=_log_check(replay),
+        faults=tuple(dict.fromkeys(findings.faults)),
         remarks=tuple(remarks),
     )

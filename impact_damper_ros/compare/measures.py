@@ -19,8 +19,8 @@ from .result import (
 )
 from .stretches import RecordedStretch
 
-#: Round-off of a balance, and what the steps of the friction leave between recorded samples.
-_ROUND_OFF, _BETWEEN = 1e-9, 1e-3
+#: Round-off of a balance.
+_ROUND_OFF = 1e-9
 _MOST_ROWS, _PER_CYCLE = 12_000, 200
 _MOST_LINES = 4096
 _MOST_SPECTRUM_SAMPLES = 2**17
@@ -76,8 +76,6 @@ def energy_balance(
     stored = flights.stored()
     spent = found.dashpot + found.friction + found.both + stored
     scale = abs(found.force) + abs(found.air) + found.dashpot + found.friction + abs(found.both)
-    grip = bool(stretch.parameters.friction * stretch.parameters.gravity)
-    doubt = _ROUND_OFF if stretch.at_end else (_BETWEEN if grip else 1e-6)
     return EnergyBalance(
         start=float(flights.rows['time'][0]),
         end=float(flights.rows['time'][-1]),
@@ -89,7 +87,7 @@ def energy_balance(
         impacts=found.both,
         stored=stored,
         residual=found.force + found.air - spent,
-        tolerance=doubt * scale,
+        tolerance=_ROUND_OFF * scale,
     )
 
 

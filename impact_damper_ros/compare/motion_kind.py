@@ -14,8 +14,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from impact_damper_ros.motion.state import REST_1, REST_2, STICK
-from impact_damper_ros.orbits.flights import flight_at, machine_of, rig_on
 from impact_damper_ros.orbits.irregularity import IRREGULAR_SPREAD, REGULAR_SPREAD, Indications
 from impact_damper_ros.orbits.recurrence import (
     LONGEST_PERIOD,
@@ -26,7 +24,6 @@ from impact_damper_ros.orbits.recurrence import (
     find_period,
 )
 from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
-from impact_damper_ros.orbits.solved_orbits import counted_from_zero
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.replay.rows import NO_EVENTS, Events
 from impact_damper_ros.rig.rig import Rig
@@ -38,8 +35,8 @@ from .stretches import RecordedStretch
 SETTLED = NEAR
 #: Impacts weaker than this share of the strongest are those of a chatter, and not counted.
 NEGLIGIBLE_IMPULSE = 1e-3
-#: What the rounding of stamps makes of a difference of two of them, s, and round-off of states.
-_STAMP_S, _ROUND_OFF = 1.5e-9, 1e-12
+#: Round-off of states, relative.
+_ROUND_OFF = 1e-12
 #: Periods that differ by less are periodic whatever the rig does later.
 _SURE = 1e-6
 #: Cycles with impacts from which on the rig is run on, and those that are enough for most motions.
@@ -82,49 +79,23 @@ def section_of(impacts: Events, zero: float, cycle: float) -> Section:
 def period_of(stretch: RecordedStretch, impacts: Events, cycle: float) -> Period | None:
     """Find the period of impacts, as far as their digits show it."""
     zero = 0.0 if stretch.drive is None else stretch.drive.zero
-    # The replay has the digits that stamps lack.
-    digits = 2.0 * math.ulp(abs(stretch.end)) if stretch.at_end else _STAMP_S
-    floor = digits / cycle + _ROUND_OFF
+    # What the digits of two instants make of their difference
+    floor = 2.0 * math.ulp(abs(stretch.end)) / cycle + _ROUND_OFF
     return find_period(section_of(impacts, zero, cycle), 0.0, floor)
 
 
-def rig_at_end(stretch: RecordedStretch) -> Rig | None:
-    """Return the rig at the end of a stretch; None if its force is not known."""
-    if stretch.at_end:
-        # A law of the user's own, which is not in the state, does nothing where no control acts.
-        control = {n: v for n, v in stretch.at_end['gap_control'].items() if n != 'law'}
-        return Rig.restore({**stretch.at_end, 'gap_control': control})
-    drive, flights = stretch.drive, stretch.flights
-    if drive is None or not len(flights.rows):
-        return None
-    parameters, row = counted_from_zero(stretch.parameters, drive.angles), flights.rows[-1]
-    half, speed = 0.5 * parameters.gap, float(row['primary_velocity_after'])
-    beyond = float(row['y']) - half
-    resting = 0
-    if flights.together[-1]:
-        on_stop = abs(abs(row['y']) - half) <= 1e-9 * half
-        resting = (REST_1 if row['y'] > 0.0 else REST_2) if on_stop else STICK
-    flight = flight_at(
-        machine_of(parameters),
-        float(row['time']) - drive.zero,
-        float(row['x']),
-        speed,
-        beyond,
-        float(row['damper_velocity_after']) - speed,
-        resting,
-        int(flights.stop[-1]),
-    )
-    return rig_on(flight, parameters)
+def rig_at_end(stretch: RecordedStretch) -> Rig:
+    """Return the rig at the end of a stretch."""
+    # A law of the user's own, which is not in the state, does nothing where no control acts.
+    control = {n: v for n, v in stretch.at_end['gap_control'].items() if n != 'law'}
+    return Rig.restore({**stretch.at_end, 'gap_control': control})
 
 
 def run_on(stretch: RecordedStretch, cycle: float, quiet: float = _QUIET) -> SettledMotion | None:
-    """Run the rig on from the end of a stretch; None if its force is not known."""
-    rig = rig_at_end(stretch)
-    if rig is None:
-        return None
+    """Run the rig on from the end of a stretch; None if that is not possible."""
     most = int(min(max(_TIMES_RECORDED * stretch.duration / cycle, _LEAST), _MOST))
     found = settle(
-        rig,
+        rig_at_end(stretch),
         cycles=most,
         watch=3 * most // 4 if math.isfinite(quiet) else most,
         tolerance=_SURE,
@@ -240,7 +211,7 @@ def _irregular(later: SettledMotion | None, spent: float) -> StretchKind:
 
 
 def kind_of(stretch: RecordedStretch, cycle: float) -> StretchKind:
-    """Find the kind of a motion with impacts under a force whose phase is known."""
+    """Find the kind of a motion with impacts under a periodic force."""
     impacts = counted_impacts(stretch.flights.impacts)
     spent = float(np.ptp(impacts['time'])) / cycle if len(impacts) else 0.0
     recurrence = period_of(stretch, impacts, cycle)
@@ -261,7 +232,7 @@ def kind_of(stretch: RecordedStretch, cycle: float) -> StretchKind:
 
 
 def kind_by_impacts(stretch: RecordedStretch, cycle: float) -> StretchKind:
-    """Find the kind of a motion without a known force, or under control, by its impacts alone."""
+    """Find the kind of a motion without a periodic force or under control, by its impacts."""
     impacts = counted_impacts(stretch.flights.impacts)
     recurrence = period_of(stretch, impacts, cycle)
     if recurrence is not None:

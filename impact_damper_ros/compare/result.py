@@ -73,20 +73,13 @@ class MeasuredMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class Overall:
-    """
-    Swing, impacts and energy over a whole stretch or run, whatever the motion.
-
-    Of a replayed run they are exact. Of one that cannot be replayed, they are those of the flights
-    that the recorded states begin; intervals with missing samples are left out of the integrals.
-    """
+    """Swing, impacts and energy over a whole stretch or run, whatever the motion; exact."""
 
     #: Length, s.
     duration: float
-    #: How much of it the integrals (`x_rms`, `dashpot_energy`, `force_work`) cover, s.
-    covered: float
     #: Largest |X|, also between the samples, m; X from the static equilibrium of M.
     x_max: float
-    #: Root mean square of X over the time covered, m; the mean of X is not subtracted.
+    #: Root mean square of X, m; the mean of X is not subtracted.
     x_rms: float
     #: Number of recorded impacts.
     impacts: int
@@ -99,36 +92,32 @@ class Overall:
     impact_loss: float
     #: Energy that the dashpot took from M, J.
     dashpot_energy: float
-    #: Work of the force on M, J; NaN if its phase is not known.
+    #: Work of the force on M, J.
     force_work: float
     #: The part of it that is the work of a controller's active force, J.
     active_work: float
-    #: Energy that the actuators of the stops spent, J; NaN if the run was not replayed.
+    #: Energy that the actuators of the stops spent, J.
     actuator_energy: float
     #: Sum and largest of the impulses of the impacts, N s.
     total_impulse: float
     largest_impulse: float
-    #: Estimate of the relative error of `x_max`, `x_rms`, `dashpot_energy` and `force_work`:
-    #: 0 of a replayed run, else mu (W h)^3/50 with friction, with the longest interval h,
-    #: the highest circular frequency W of natural vibration and force, and the mass ratio
-    #: mu.
-    accuracy: float
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """Return the same over several stretches: sums, the largest |X|, the common rms."""
-        covered = sum(part.covered for part in parts)
-        squares = sum(part.x_rms**2 * part.covered for part in parts if part.covered > 0.0)
+        # What is not known of one stretch takes no part.
+        known = [part for part in parts if not math.isnan(part.x_rms)]
+        duration = sum(part.duration for part in known)
+        squares = sum(part.x_rms**2 * part.duration for part in known)
         joined: dict[str, Any] = {
             f.name: math.fsum(getattr(part, f.name) for part in parts)
             for f in fields(cls)
             if f.type == 'float'
         }
-        for name in ('x_max', 'largest_impulse', 'accuracy'):
-            # What is not known of one stretch takes no part
+        for name in ('x_max', 'largest_impulse'):
             values = [getattr(part, name) for part in parts]
             joined[name] = max([v for v in values if not math.isnan(v)], default=math.nan)
-        joined['x_rms'] = math.sqrt(squares / covered) if covered > 0.0 else math.nan
+        joined['x_rms'] = math.sqrt(squares / duration) if duration > 0.0 else math.nan
         counts = ('impacts', 'impacts_on_stop_1', 'impacts_on_stop_2')
         return cls(**joined, **{n: sum(getattr(part, n) for part in parts) for n in counts})
 
@@ -153,7 +142,7 @@ class EnergyBalance:
     stored: float
     #: The unexplained remainder.
     residual: float
-    #: Largest residual that round-off, or the steps of friction between samples, explain.
+    #: Largest residual that round-off explains.
     tolerance: float
 
 
@@ -223,8 +212,6 @@ class LogVerdict(Enum):
     #: Every number is that of the replay, to the last bit or, if it cannot be, within round-off.
     REPRODUCED = 'reproduced'
     DIFFERS = 'differs'
-    #: There is no snapshot to replay from.
-    NOT_CHECKED = 'not checked'
 
 
 @dataclass(frozen=True)
@@ -314,8 +301,18 @@ class LoggedStretch:
     begins: Beginning
     cause: str  # why it begins, in words, such as 'gap = 0.012 m (was 0.01 m)'
     parameters: RigParameters  # as logged
-    #: Parameters of the gap control as logged; empty if the bag has none.
+    #: Parameters of the gap control as logged.
     control: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def logged(self) -> LoggedStretch:
+        """The stretch without anything else that is known of it."""
+        return LoggedStretch(**{f.name: getattr(self, f.name) for f in fields(LoggedStretch)})
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """All parameters by name."""
+        return {**self.parameters.as_dict(), **self.control}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -358,7 +355,7 @@ class StretchComparison(LoggedStretch):
     #: In what it differs from theory, the earliest first.
     findings: tuple[Finding, ...] = ()
     #: Whether its log is that of the rig, whatever theory says.
-    log: LogVerdict = LogVerdict.NOT_CHECKED
+    log: LogVerdict = LogVerdict.REPRODUCED
     #: In what the log differs from the replay, the earliest first.
     log_findings: tuple[Finding, ...] = ()
     #: For plots.
@@ -381,9 +378,6 @@ class StretchComparison(LoggedStretch):
 class LogCheck:
     """How the numbers of a log were checked."""
 
-    #: Whether the log was replayed from its first snapshot, and every number held against
-    #: that.
-    replayed: bool
     #: What was checked, in words.
     text: str
     #: Number of values and messages that differ from the replay.
@@ -403,8 +397,9 @@ class RunComparison:
     version: str
     #: Whether the bag was finished and nothing of it is missing.
     complete: bool
-    #: Kind of the time stamps: ``'rig time'``, or ``'times of arrival'``.
-    stamps: str
+    #: Number of the run, and of all runs of the rig in the recording.
+    run: int = 1
+    run_count: int = 1
     #: Rig times of the first and last sample, s.
     start: float
     end: float
@@ -414,7 +409,7 @@ class RunComparison:
     #: In order.
     stretches: tuple[StretchComparison, ...]
     #: How the numbers were checked.
-    log: LogCheck = field(default_factory=lambda: LogCheck(False, 'the log was not checked'))
+    log: LogCheck = field(default_factory=lambda: LogCheck('not checked'))
     #: Why the bag could be used in part only.
     faults: tuple[str, ...] = ()
     #: Other facts about the recording.

@@ -9,8 +9,9 @@ with M alone. In them no control acts, neither on the stops nor on M.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +23,16 @@ from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 from impact_damper_ros.replay import RecordedRun, Replay, WhatIf
 from impact_damper_ros.replay.command import Command
-from impact_damper_ros.replay.replay import Step
-from impact_damper_ros.replay.rows import NO_SAMPLES
-from impact_damper_ros.rig.rig import Outcome, Rig
+from impact_damper_ros.replay.replay import Part
+from impact_damper_ros.replay.rows import NO_EVENTS
 from impact_damper_ros.rig.runaway import RunawayError
 
 from .result import Array, Overall, as_plain
-from .stretches import RecordedStretch, Stretches, builder_at
+from .stretches import RecordedStretch, Stretches
 
 #: The gaps that are tried, as shares of the gap that would be optimal for M alone, how many of the
-#: best are refined, and the tolerance of that, relative.
-_REFINED = 4
+#: best are refined by how many tries at most, and the tolerance of that, relative.
+_REFINED, _MOST_TRIES = 4, 20
 _NARROW, _WIDE, _TOLERANCE = np.geomspace(3e-3, 0.19, 20), np.linspace(0.2, 1.5, 131), 1e-3
 #: Restitution that counts at most in that gap: without losses at impacts it would be infinite.
 _MOST_RESTITUTION = 0.95
@@ -42,6 +42,8 @@ _ALONE = 1e-9
 _COMPILED_FROM = 50
 #: Points of a cycle at which |X| is looked up, and fewest cycles that show a settling time.
 _POINTS, _FEWEST = 48, 8
+#: Share of the work of a score that its replay is.
+_REPLAYED = 0.1
 #: Share of the final amplitude within which it has settled.
 SETTLED_WITHIN = 0.05
 
@@ -77,6 +79,9 @@ class RunScore:
     #: best fixed gap.
     amplitude: tuple[Array, Array]
     fixed_amplitude: tuple[Array, Array]
+    #: Number of the run, and of all runs of the rig in the recording.
+    number: int = 1
+    run_count: int = 1
 
     @property
     def exit_code(self) -> int:
@@ -131,36 +136,39 @@ def settling_time(stretch: RecordedStretch) -> float | None:
 class _History:
     """What was done to a rig in a run, done again to it with other parameters."""
 
-    def __init__(
-        self, command: Command, steps: Sequence[tuple[int, Step]], start: float, end: float
-    ) -> None:
-        self._command, self._start, self._end = command, start, end
-        self._steps = [(time_ns / 1e9, step) for time_ns, step in steps]
-        self.compiled: bool | None = False
+    def __init__(self, start: Command) -> None:
+        self._start = start
+        self._parts: list[Part] = []
+        self.begin = math.nan  # rig time from which on the run counts, s
+        self.compiled = False
+
+    def recorded(self, parts: Iterable[Part]) -> Iterator[Part]:
+        """Yield the parts of the recorded run, and keep what was done in them."""
+        for part in parts:
+            if len(part.samples) or part.command is not None or part.before:
+                # The last sample shows how far the part goes.
+                last = part.samples[-1:]
+                self._parts.append(Part(last, NO_EVENTS, part.command, part.steps, part.before))
+            yield part
 
     def run(self, held: Mapping[str, Any]) -> list[RecordedStretch]:
         """Return the stretches of a run with some parameters held, or raise RunawayError."""
-        other = WhatIf(self._command, {'gap_control': 'off', **held})
-        other.rig = Rig.restore(other.rig.snapshot(), self._command.law, compiled=self.compiled)
-        builder, found = builder_at(other.rig.snapshot(), self._start), []
-        for time, step in [*self._steps, (self._end, None)]:
-            result = other.rig.run(max(time, other.rig.time))
-            if result.outcome is not Outcome.COMPLETE:
-                raise RunawayError(result.reason)
-            builder.take(NO_SAMPLES, result.events)
-            found.append(builder.finish(time, other.rig.snapshot()))
-            if step is not None:
-                events = other.carry_out(step)
-                builder = builder_at(other.rig.snapshot())
-                builder.take(NO_SAMPLES, events)
-        return found
+        other = WhatIf(self._start, {'gap_control': 'off', **held}, compiled=self.compiled)
+        stretches = Stretches(other.rig.snapshot(), start=self.begin)
+        return list(stretches.of(map(other.follow, self._parts)))
 
 
 def _joined(stretches: Sequence[RecordedStretch]) -> Overall:
     return Overall.joined([stretch.overall for stretch in stretches])
 
 
-def _best_gap(history: _History, alone: Overall, rig: Any, own: set[float]) -> float:
+def _best_gap(
+    history: _History,
+    alone: Overall,
+    rig: Any,
+    own: set[float],
+    progress: Callable[[float], object],
+) -> float:
     """
     Return the fixed gap with which the rms of X over a history is least, m.
 
@@ -172,7 +180,11 @@ def _best_gap(history: _History, alone: Overall, rig: Any, own: set[float]) -> f
     bounce = min(max(rig.restitution_1, rig.restitution_2), _MOST_RESTITUTION)
     share = math.pi * (1.0 + bounce) / ((1.0 - bounce) * (1.0 + rig.mass_ratio))
 
+    tries = count(1)
+    most = len(_NARROW) + len(_WIDE) + len(own) + _REFINED * _MOST_TRIES
+
     def rms(log_gap: float) -> float:
+        progress(min(1.0, next(tries) / most))
         try:
             return _joined(history.run({'gap': math.exp(log_gap)})).x_rms
         except RunawayError:
@@ -185,7 +197,10 @@ def _best_gap(history: _History, alone: Overall, rig: Any, own: set[float]) -> f
     for best in np.argsort(found)[:_REFINED].tolist():
         around = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
         refined = minimize_scalar(
-            rms, bounds=around, method='bounded', options={'xatol': _TOLERANCE, 'maxiter': 20}
+            rms,
+            bounds=around,
+            method='bounded',
+            options={'xatol': _TOLERANCE, 'maxiter': _MOST_TRIES},
         )
         gaps |= {math.exp(tried[best]): found[best], math.exp(refined.x): refined.fun}
     return min(gaps, key=lambda gap: gaps[gap])
@@ -194,6 +209,7 @@ def _best_gap(history: _History, alone: Overall, rig: Any, own: set[float]) -> f
 def score_bag(
     path: Path,
     node: str | None = None,
+    number: int = 1,
     *,
     law: OwnLaw | None = None,
     progress: Callable[[float], object] = float,
@@ -201,21 +217,28 @@ def score_bag(
     """
     Score a recorded run, beside the same run with the best fixed gap and with M alone.
 
-    The bag must have a snapshot; `progress` is called now and then with the rig time reached, s.
+    Of a bag with several runs of the node, it is the one with a number from 1 on. `progress` is
+    called now and then with the share of the work that is done.
     """
-    path = Path(path)
-    recorded = RecordedRun(path, node, purpose='score', law=law)
+    return score_run(RecordedRun(path, node, number, purpose='score', law=law), progress=progress)
+
+
+def score_run(recorded: RecordedRun, *, progress: Callable[[float], object] = float) -> RunScore:
+    """Score a recorded run; for the parameters see `score_bag`."""
+    reader = recorded.reader
+    span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9 or 1.0
     replay = Replay(recorded)
-    found = Stretches(replay)
+    found = Stretches(replay.start.state, replay.period)
+    history = _History(replay.start)
     stretches = []
-    for stretch in found:
-        progress(stretch.end)
+    for stretch in found.of(history.recorded(replay)):
+        progress(_REPLAYED * min(1.0, max(0.0, stretch.end - replay.start.time) / span))
         stretches.append((stretch, settling_time(stretch), amplitudes(stretch)))
     if not stretches:
-        raise RecordingError('score', path, 'it holds no motion of the rig')
+        raise RecordingError('score', reader.path, 'it holds no motion of the rig')
     findings = replay.findings
     parts = [stretch for stretch, _, _ in stretches]
-    history = _History(replay.start, found.steps, parts[0].start, parts[-1].end)
+    history.begin = parts[0].start
     rig = parts[0].parameters
     alone = history.run(
         {
@@ -227,11 +250,14 @@ def score_bag(
         }
     )
     if parts[-1].end - parts[0].start >= _COMPILED_FROM * cycle_of(rig):
-        history.compiled = None
+        history.compiled = True
     own = {one.parameters.gap for one in parts if one.control['gap_control'] == 'off'}
     gap = rig.gap
     if _joined(alone).x_max:
-        gap = _best_gap(history, _joined(alone), rig, own)
+        gap = _best_gap(
+            *(history, _joined(alone), rig, own),
+            lambda share: progress(_REPLAYED + (1.0 - _REPLAYED) * share),
+        )
     fixed = history.run({'gap': gap})
 
     def within(others: Sequence[RecordedStretch], stretch: RecordedStretch) -> Overall:
@@ -253,7 +279,7 @@ def score_bag(
     )
     laws = ', '.join(dict.fromkeys(score.control for score in scores))
     return RunScore(
-        str(path),
+        str(reader.path),
         recorded.topics.name,
         gap,
         scores,
@@ -265,6 +291,8 @@ def score_bag(
         tuple(findings.faults),
         _series([swing for _, _, swing in stretches]),
         _series([amplitudes(stretch) for stretch in fixed]),
+        recorded.number,
+        recorded.run_count,
     )
 
 

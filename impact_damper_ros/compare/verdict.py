@@ -26,7 +26,6 @@ from .result import (
     EnergyBalance,
     Finding,
     LoggedStretch,
-    LogVerdict,
     StretchComparison,
     StretchCurves,
     Verdict,
@@ -212,8 +211,6 @@ def _why_no_theory(stretch: RecordedStretch) -> str:
         return 'the frequency of the force is swept'
     if rig.first_harmonic[0] == 0.0 or rig.first_harmonic[1] == 0.0:
         return 'the first harmonic of the force is zero: there are no cycles to count'
-    if stretch.drive is None:
-        return 'the phase of the force is not in the bag (no snapshot)'
     for cycles in range(1, LONGEST_PERIOD + 1):
         try:
             check_forcing(rig, cycles)
@@ -238,7 +235,7 @@ def _at_rest(samples: Samples) -> bool:
 
 
 def _unbalanced(energy: EnergyBalance | None) -> Iterator[Finding]:
-    """Yield that the energy of a replayed stretch does not balance, if it does not."""
+    """Yield that the energy of a stretch does not balance, if it does not."""
     if energy is None or abs(energy.residual) <= energy.tolerance:
         return
     text = (
@@ -251,13 +248,10 @@ def _unbalanced(energy: EnergyBalance | None) -> Iterator[Finding]:
 class _Comparison:
     """The comparison of one stretch, step by step."""
 
-    def __init__(
-        self, stretch: RecordedStretch, log: LogVerdict, findings: Sequence[Finding]
-    ) -> None:
+    def __init__(self, stretch: RecordedStretch) -> None:
         self.stretch = stretch
         self.cycle = _cycle(stretch)
         self.reason = _why_no_theory(stretch)
-        self.log, self.log_findings = log, tuple(findings)
         self.motion: PeriodicMotion | None = None
         self.orbit: PeriodicOrbit | None = None
         self.solver = ''
@@ -300,8 +294,7 @@ class _Comparison:
         stretch, drive = self.stretch, self.stretch.drive
         if drive is None or self.reason:
             kind = kind_by_impacts(stretch, self.cycle)
-            driven = drive is None and stretch.parameters.sweep_mode == 'off'
-            if self.reason and not driven and kind.recurrence is None:
+            if self.reason and kind.recurrence is None:
                 kind = StretchKind(MotionKind.NOT_PERIODICALLY_DRIVEN, self.reason)
             self.solver = self.reason
             if kind.recurrence is not None and drive is not None:
@@ -350,7 +343,6 @@ class _Comparison:
                 steady = min(settled_at, stretch.end)
                 begin = max(steady, stretch.end - _MEASURED * cycles * self.cycle)
         energy = self._energy(recorded)
-        unbalanced = _unbalanced(energy) if stretch.at_end else ()
         return StretchComparison(
             **{f.name: getattr(stretch, f.name) for f in fields(LoggedStretch)},
             samples=samples,
@@ -370,9 +362,7 @@ class _Comparison:
             decay=decay,
             verdict=judgement.verdict,
             sentence=judgement.sentence,
-            findings=(*judgement.findings, *unbalanced),
-            log=self.log,
-            log_findings=self.log_findings,
+            findings=(*judgement.findings, *_unbalanced(energy)),
             curves=self._curves(recorded, steady),
         )
 
@@ -414,14 +404,6 @@ class _Comparison:
         )
 
 
-def compare_stretch(
-    stretch: RecordedStretch,
-    log: LogVerdict = LogVerdict.NOT_CHECKED,
-    findings: Sequence[Finding] = (),
-) -> StretchComparison:
-    """
-    Measure a stretch, find the kind of its motion, and compare it with theory.
-
-    The verdict on its log, and what was found in it, are handed on.
-    """
-    return _Comparison(stretch, log, findings).run()
+def compare_stretch(stretch: RecordedStretch) -> StretchComparison:
+    """Measure a stretch, find the kind of its motion, and compare it with theory."""
+    return _Comparison(stretch).run()

@@ -65,7 +65,7 @@ class Rhythm:
     cycles : int
         Period k in cycles of the first harmonic of the force.
     phases : tuple of float
-        Instants of the impacts in cycles of the force F sin(W t + force_phase), from t = 0. The
+        Instants of the impacts in cycles of the force F sin(Omega t + phi), from t = 0. The
         first is in [0, 1), all are in [0, k).
     x : tuple of float
         Displacement of M at each impact, m.

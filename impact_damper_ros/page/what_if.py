@@ -18,7 +18,8 @@ from typing import Any
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.parameters.rig_parameters import INITIAL_SPECS
 from impact_damper_ros.replay import RecordedRun, Replay, Setting
-from impact_damper_ros.report.what_if_report import WhatIfReport
+from impact_damper_ros.replay.what_if import WhatIf
+from impact_damper_ros.report.run_pair import RunPair
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.theory.child_process import ChildProcess, decoded, send
 
@@ -95,20 +96,23 @@ def _run(path: Path, values: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         raise ValueError(f'{strange[0][:80]} is not a parameter of the rig or of its control')
     held = {name: value for name, value in values.items() if name in known}
     held_initial = {name: value for name, value in values.items() if name in INITIAL_SPECS}
-    report = WhatIfReport(replay, held, held_initial, drawn=False)
+    other = WhatIf(replay.start, held, held_initial)
+    runs = RunPair(replay.start, other, values)
     found = 0
     for part in replay:
         # The rows of a part are of the rig before the command at its end.
-        era = Era(0, 0, report.other.rig.parameters, None)
-        samples, events = report.look(part)
+        era = Era(0, 0, other.rig.parameters, None)
+        followed = other.follow(part)
+        runs.take(part, followed)
         # The impacts before a sample must arrive before it.
-        send(_ANSWERS, ('impacts', era.impact_rows(events)))
-        send(_ANSWERS, ('samples', era.sample_rows(samples)))
-        found += len(samples)
+        send(_ANSWERS, ('impacts', era.impact_rows(followed.events)))
+        send(_ANSWERS, ('samples', era.sample_rows(followed.samples)))
+        found += len(followed.samples)
+    runs.finish()
     if not found:
         return 'the recording holds no motion', {}
-    start = 'its initial conditions' if report.other.from_initial else 'the recorded state'
-    totals = report.as_json()
+    start = 'its initial conditions' if other.from_initial else 'the recorded state'
+    totals = runs.as_json()
     return f'computed from {start}', {name: totals[name] for name in ('recorded', 'what_if')}
 
 

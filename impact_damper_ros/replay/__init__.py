@@ -10,32 +10,23 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from .command import Command, Setting
-    from .findings import Difference, Findings, ReplayVerdict
-    from .replay import Part, Replay
-    from .run import RecordedRun, Rows
-    from .what_if import WhatIf
+    from .command import Command as Command, Setting as Setting
+    from .findings import (
+        Difference as Difference,
+        Findings as Findings,
+        ReplayVerdict as ReplayVerdict,
+    )
+    from .replay import Part as Part, Replay as Replay
+    from .run import RecordedRun as RecordedRun, Rows as Rows
+    from .what_if import WhatIf as WhatIf
 
-__all__ = [
-    'Command',
-    'Difference',
-    'Findings',
-    'Part',
-    'RecordedRun',
-    'Replay',
-    'ReplayVerdict',
-    'Rows',
-    'Setting',
-    'WhatIf',
-]
-
-__getattr__ = lazy_names(
+__all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        'command': ('Command', 'Setting'),
-        'findings': ('Difference', 'Findings', 'ReplayVerdict'),
-        'replay': ('Part', 'Replay'),
-        'run': ('RecordedRun', 'Rows'),
-        'what_if': ('WhatIf',),
+        'command': 'Command Setting',
+        'findings': 'Difference Findings ReplayVerdict',
+        'replay': 'Part Replay',
+        'run': 'RecordedRun Rows',
+        'what_if': 'WhatIf',
     },
 )

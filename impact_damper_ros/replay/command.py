@@ -9,10 +9,10 @@ otherwise show much later, as an error of arithmetic.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import inf, nextafter
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
 from impact_damper_ros.bag import RecordedMessage, RecordingError, String
 from impact_damper_ros.bag.messages import STRING, decode
@@ -41,10 +41,13 @@ from impact_damper_ros.rig.snapshot import (
 
 #: Stamps of ROS have 32 bits of seconds, with a sign.
 _LATEST_NS = 2**31 * 10**9
+#: Most entries that are read of what was done at one instant, a third of a millisecond each.
+_MOST_DONE = 10_000
 #: How often a search for the end of a flight may pause before it is given up, after some seconds.
 _MOST_LOOKS = 30_000
-#: Things done between two snapshots, each of which takes a third of a millisecond.
-_MOST_DONE = 10_000
+
+
+_T = TypeVar('_T')
 
 
 def _refuse(name: str) -> float:
@@ -65,6 +68,11 @@ class Setting(NamedTuple):
             GapControlParameters(**state['gap_control']['parameters']),
         )
 
+    @classmethod
+    def at(cls, rig: Rig) -> Self:
+        """Return the present parameters of a rig."""
+        return cls(rig.parameters, rig.control)
+
     def replaced(self, values: Mapping[str, Any]) -> Setting:
         """
         Return the setting with other values of those parameters that it has.
@@ -84,6 +92,29 @@ class Setting(NamedTuple):
         return {**self.rig.as_dict(), **self.control.as_dict()}
 
 
+class Head(NamedTuple):
+    """
+    Which snapshot of which run a snapshot is, and when it was taken.
+
+    `run` is empty in a snapshot of a version that did not name its runs.
+    """
+
+    run: str
+    number: int
+    reason: str
+    offset_ns: int
+    time_ns: int
+
+    @property
+    def stamp_ns(self) -> int:
+        """Its stamp."""
+        return self.offset_ns + self.time_ns
+
+    def starts_after(self, other: Head) -> bool:
+        """Return whether a rig that published another snapshot before was started anew here."""
+        return self.reason == 'start' and self.number <= other.number
+
+
 #: What is done to a rig: parameters that change together, a reset, or stamps that move.
 Deed = Mapping[str, Any] | InitialConditions | int
 
@@ -100,6 +131,8 @@ class Command(NamedTuple):
         Why the snapshot was published.
     number : int
         Of the snapshots of this rig.
+    run : str
+        Identity of the run, if it is named.
     node : str
         Full name of the node.
     topics : mapping of str to str
@@ -125,6 +158,7 @@ class Command(NamedTuple):
     time_ns: int
     reason: str
     number: int
+    run: str
     node: str
     topics: Mapping[str, str]
     rate: float
@@ -164,10 +198,22 @@ def _deed(name: object, value: Any) -> Deed:
     raise ValueError(f'{shown(name)} with {shown(value)} is nothing that is done to a rig')
 
 
+def read_head(record: RecordedMessage, path: Path, purpose: str) -> Head:
+    """Decode the head of a snapshot of a bag at `path`, which is read for a purpose."""
+    return _read(record, path, purpose, _head)
+
+
 def read_command(
     record: RecordedMessage, path: Path, purpose: str, law: OwnLaw | None = None
 ) -> Command:
-    """Decode and check the snapshot of a bag at `path`, which is read for a purpose."""
+    """Decode and check a snapshot of a bag at `path`, which is read for a purpose."""
+    return _read(record, path, purpose, lambda held: _checked(held, law))
+
+
+def _read(
+    record: RecordedMessage, path: Path, purpose: str, take: Callable[[dict[str, Any]], _T]
+) -> _T:
+    """Decode a snapshot, and take from it what is wanted."""
     where = f'the snapshot of {record.topic} at {record.stamp_ns} ns'
     try:
         message = decode(STRING, record.content)
@@ -175,54 +221,65 @@ def read_command(
         held = parsed(message.data)
     except ValueError as error:
         raise RecordingError(purpose, path, f'{where} cannot be read: {error}') from error
-    found, known = held.get('format'), FORMAT
-    if found == FORMAT and isinstance(held.get('state'), dict):
-        found, known = held['state'].get('format'), STATE_FORMAT
-    if found != known:
-        cause = f'{where} is of format {shown(found)}; this version reads format {known}'
+    version, read = held.get('format'), FORMAT
+    if version == FORMAT and isinstance(held.get('state'), dict):
+        version, read = held['state'].get('format'), STATE_FORMAT
+    if version != read:
+        cause = f'{where} is of format {shown(version)}; this version reads format {read}'
         remedy = 'use the version of impact_damper_ros that recorded the bag'
         raise RecordingError(purpose, path, cause, remedy)
     try:
-        return _checked(held, law)
+        return take(held)
     except LawError as error:
         remedy = 'compare_run and replay_run take it as --law MODULE:FUNCTION'
         raise RecordingError(purpose, path, f'{where} cannot be used: {error}', remedy) from error
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        said = str(error) if isinstance(error, ValueError) else repr(error)
+        text = str(error) if isinstance(error, ValueError) else repr(error)
         what = 'cannot be used' if isinstance(error, ValueError) else 'is not complete'
-        raise RecordingError(purpose, path, f'{where} {what}: {said}') from error
+        raise RecordingError(purpose, path, f'{where} {what}: {text}') from error
 
 
-def _checked(held: dict[str, Any], law: OwnLaw | None) -> Command:
-    # Other rigs of the bag may have no law of the user's own.
-    law = law if 'law' in held['state']['gap_control'] else None
+def _text(name: str, value: Any) -> str:
+    """Return a text that a snapshot holds."""
+    if not isinstance(value, str):
+        raise ValueError(f'{name} is {shown(value)}: it must be a text')
+    return value
+
+
+def _head(held: dict[str, Any]) -> Head:
     offset_ns, time_ns = held['stamp_offset_ns'], held['time_ns']
     text = f'stamp_offset_ns is {shown(offset_ns)} and time_ns {shown(time_ns)}'
     if type(offset_ns) is not int or type(time_ns) is not int or time_ns < 0:
         raise ValueError(f'{text}: both must be whole numbers of nanoseconds')
     if abs(offset_ns) + time_ns >= _LATEST_NS:
         raise ValueError(f'{text}: stamps of ROS end at {_LATEST_NS} ns')
-    _check_time(held['state'], time_ns / 1e9)
-    numbers = {name: held[name] for name in ('number', 'mathematics')}
-    numbers['arithmetic'] = held['state']['arithmetic']
+    if type(held['number']) is not int:
+        raise ValueError(f'number is {shown(held["number"])}: it must be a whole number')
+    run, reason = (_text(name, held.get(name, '')) for name in ('run', 'reason'))
+    return Head(run, held['number'], as_line(reason), offset_ns, time_ns)
+
+
+def _checked(held: dict[str, Any], law: OwnLaw | None) -> Command:
+    # Other rigs of the bag may have no law of the user's own.
+    law = law if 'law' in held['state']['gap_control'] else None
+    head = _head(held)
+    _check_time(held['state'], head.time_ns / 1e9)
+    numbers = {'mathematics': held['mathematics'], 'arithmetic': held['state']['arithmetic']}
     for name, number in numbers.items():
         if type(number) is not int:
             raise ValueError(f'{name} is {shown(number)}: it must be a whole number')
-    for name in ('reason', 'node'):
-        if type(held[name]) is not str:
-            raise ValueError(f'{name} is {shown(held[name])}: it must be a text')
-    if not all(type(topic) is str for topic in held['topics'].values()):
-        raise ValueError(f'topics is {shown(held["topics"])}: all names must be texts')
+    number_between('rate', held['rate'], *RATES)
     if len(held['done']) > _MOST_DONE:
         raise ValueError(f'done has {len(held["done"])} entries: at most {_MOST_DONE} are read')
-    number_between('rate', held['rate'], *RATES)
     return Command(
-        offset_ns + time_ns,
-        offset_ns,
-        time_ns,
-        as_line(held['reason']),
-        node=held['node'],
-        topics=held['topics'],
+        head.stamp_ns,
+        head.offset_ns,
+        head.time_ns,
+        head.reason,
+        head.number,
+        run=head.run,
+        node=_text('node', held['node']),
+        topics={str(key): _text('topics', name) for key, name in held['topics'].items()},
         rate=held['rate'],
         done=tuple(_deed(name, value) for name, value in held['done']),
         initial=InitialConditions(**held['initial']),

@@ -2,15 +2,14 @@
 """
 Recorded against replayed messages, as arrays.
 
-The messages of a topic are compared row by row, to the last bit. Impacts and acts are paired
-first: the longest rows of equal messages show which are missing on one side, and which were
-altered. A joint state is replayed at its own instant, so that it has its partner.
+The messages of a topic are compared row by row, to the last bit. Impacts and acts are joined by
+their stamps. A joint state is replayed at its own instant, so that it has its partner.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from difflib import SequenceMatcher
+from collections import Counter, defaultdict, deque
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,10 +21,10 @@ from impact_damper_ros.control.record import CONTROL_JOINTS
 
 from .findings import Findings, SampleGap, ulps_between
 from .rows import Messages, Numbers
-from .run import TWICE, Disorder
+from .run import REPEATED
 
-#: Gaps without samples that are remembered, to excuse the impacts missing there.
-_REMEMBERED_GAPS = 64
+#: Bytes of a stamp, with which the content of a message begins.
+_STAMP = 8
 #: Differing joint states of a piece that are looked at one by one.
 _LOOKED_AT = 20
 
@@ -74,26 +73,31 @@ def _telling(key: str, recorded: np.void, replayed: np.void) -> tuple[str, str, 
 
 class Matcher:
     """
-    Pairs the impacts, or the acts of the gap control, of a bag with those of its replay.
+    Joins the impacts, or the acts of the gap control, of a bag with those of its replay.
 
-    The recorder of a bag that is not stamped with rig time may not have received a missing one.
+    They are joined by their stamps; what is on one side only, and what is altered, is noted. A
+    message that is in the replay only is a difference in a bag that the node recorded itself, but
+    not where samples are missing, too. Another recorder may not have received it.
     """
 
     def __init__(
-        self, key: str, topic: str, findings: Findings, disorder: Disorder, *, stamped: bool
+        self,
+        key: str,
+        topic: str,
+        findings: Findings,
+        wrong: Counter[tuple[str, str]],
+        *,
+        own: bool,
     ) -> None:
         self.topic = topic
-        self._key, self._findings, self._stamped = key, findings, stamped
-        self._disorder = disorder
-        self._last = b''
+        self._key, self._findings, self._own = key, findings, own
+        self._wrong = wrong
         numbers = len(QUANTITIES[key]) - 2
         self._recorded = self._expected = np.empty(0, message_row(numbers))
-        self._gaps: deque[SampleGap] = deque(maxlen=_REMEMBERED_GAPS)
+        self._gaps: list[SampleGap] = []
         #: Stamps of the first and of the last recorded message
         self.first_ns: int | None = None
         self.last_ns = 0
-        #: Messages of the replay from before the first one that the recorder received
-        self.before_recorder = 0
 
     def take(self, recorded: Messages) -> None:
         """Take recorded messages."""
@@ -122,36 +126,48 @@ class Matcher:
         setattr(self._findings, name, getattr(self._findings, name) + count)
 
     def settle(self, before_ns: float) -> None:
-        """Compare what is from before a stamp."""
+        """Join what is from before a stamp."""
         recorded, self._recorded = _parted(self._recorded, before_ns)
         expected, self._expected = _parted(self._expected, before_ns)
         there, here = _contents(recorded), _contents(expected)
         if there == here:
             self._count('{}', len(there))
-            self._last = there[-1] if there else self._last
-            return
-        matcher = SequenceMatcher(None, there, here, autojunk=False)
-        for kind, a, b, c, d in matcher.get_opcodes():
-            both = min(b - a, d - c)
-            self._count('{}', both)
-            for i in range(both if kind == 'replace' else 0):
-                row = expected[c + i]
-                self.differ(row['stamp_ns'], *_telling(self._key, recorded[a + i], row))
-            for row in expected[c + both : d]:
-                self._missing(row)
-            for i in range(a + both, b):
-                if there[i] in ((there[i - 1] if i else self._last), *there[i + 1 : i + 2]):
-                    # Copied, as where recordings that overlap are joined
-                    self._disorder.note(TWICE, self.topic, [recorded[i]['stamp_ns']])
-                else:
-                    self.differ_wholly(recorded[i], recorded=True)
-        self._last = there[-1] if there else self._last
+        else:
+            self._join(recorded, there, expected, here)
+        self._gaps = [gap for gap in self._gaps if gap.to_ns >= before_ns]
+
+    def _join(
+        self, recorded: Messages, there: list[bytes], expected: Messages, here: list[bytes]
+    ) -> None:
+        """Note what is different in recorded and replayed messages, given also their contents."""
+        only_there, only_here = _without_partners(there, here)
+        # Altered are messages of the same instant, and equal messages of another one.
+        at_once, (only_there, only_here) = _partners(
+            recorded['stamp_ns'].tolist(), expected['stamp_ns'].tolist(), only_there, only_here
+        )
+        moved, (only_there, only_here) = _partners(
+            [c[_STAMP:] for c in there], [c[_STAMP:] for c in here], only_there, only_here
+        )
+        self._count('{}', len(here) - len(only_here))
+        for i, j in sorted([*at_once, *moved], key=lambda pair: pair[1]):
+            quantity = _telling(self._key, recorded[i], expected[j])
+            self.differ(expected[j]['stamp_ns'], *quantity)
+        for j in only_here:
+            self._missing(expected[j])
+        copies = Counter(there)
+        for i in only_there:
+            if copies[there[i]] > 1:
+                # As where recordings that overlap are joined
+                self._wrong[REPEATED, self.topic] += 1
+            else:
+                self.differ_wholly(recorded[i], recorded=True)
 
     def _missing(self, row: np.void) -> None:
         stamp_ns = row['stamp_ns']
-        if self.first_ns is None or (not self._stamped and stamp_ns < self.first_ns):
-            self.before_recorder += 1
-        elif not self._stamped or any(g.from_ns <= stamp_ns <= g.to_ns for g in self._gaps):
+        if not self._own and (self.first_ns is None or stamp_ns < self.first_ns):
+            # A recorder may join each topic at another time.
+            return
+        if not self._own or any(g.from_ns <= stamp_ns <= g.to_ns for g in self._gaps):
             self._count('missing_{}', 1)
         else:
             self.differ_wholly(row, recorded=False)
@@ -168,6 +184,28 @@ class Matcher:
         self._findings.differ(int(stamp_ns), self.topic, *difference)
 
 
+def _without_partners(there: list[bytes], here: list[bytes]) -> tuple[list[int], list[int]]:
+    """Return which entries of each of two lists are not in the other one."""
+    _, left = _partners(there, here, range(len(there)), range(len(here)))
+    return left
+
+
+def _partners(
+    there: Sequence[Any], here: Sequence[Any], some: Iterable[int], others: Iterable[int]
+) -> tuple[list[tuple[int, int]], tuple[list[int], list[int]]]:
+    """Pair equal entries, given by their places, in order; return pairs, and the places left."""
+    places = defaultdict[Any, deque[int]](deque)
+    for j in others:
+        places[here[j]].append(j)
+    pairs, left = [], []
+    for i in some:
+        if waiting := places.get(there[i]):
+            pairs.append((i, waiting.popleft()))
+        else:
+            left.append(i)
+    return pairs, (left, sorted(j for waiting in places.values() for j in waiting))
+
+
 def _parted(rows: Messages, before_ns: float) -> tuple[Messages, Messages]:
     """Return the messages up to the first that is not before a stamp, and the others."""
     late = np.flatnonzero(rows['stamp_ns'] >= before_ns)
@@ -175,12 +213,10 @@ def _parted(rows: Messages, before_ns: float) -> tuple[Messages, Messages]:
     return rows[:cut], rows[cut:]
 
 
-def expected_states(states: Messages, numbers: Numbers, *, stamped: bool) -> Messages:
+def expected_states(states: Messages, numbers: Numbers) -> Messages:
     """Return the joint states that should have been recorded, given the numbers of the replay."""
     found = states.copy()
     found['numbers'], found['frame'] = numbers, ''
-    if stamped:
-        found['stamp_ns'] = found['log_ns']
     return found
 
 

@@ -12,10 +12,9 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import zip_longest
+from collections.abc import Callable, Iterator, Mapping
 from math import inf
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +32,7 @@ from impact_damper_ros.rig.rig import Outcome, Rig
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
-from .command import Command, Deed, Setting, restored
+from .command import Command, Setting, restored
 from .findings import Findings, SampleGap
 from .matching import Matcher, differing_states, expected_states, note_states
 from .rows import (
@@ -50,10 +49,11 @@ from .rows import (
     published_states,
     samples_as_rows,
 )
-from .run import LATE, TWICE, RecordedRun, Rows, StatedParameters
+from .run import RecordedRun, Rows
 from .shadowing import Shadowing, near
 
-#: A longer time without samples, and without so many of them, counts as a wrong stamp.
+#: A longer time without samples, and without so many of them, counts as a wrong stamp. After the
+#: last sample the rig is run on for so many.
 _LONGEST_GAP_NS, _MOST_MISSING = 6 * 3600 * 10**9, 10
 #: The same after the snapshot that a recorder gets when it joins.
 _LONGEST_WAIT_NS = 10 * 86_400 * 10**9
@@ -91,6 +91,11 @@ class Part(NamedTuple):
     steps: list[tuple[int, Step]] = []  # noqa: RUF012 - never changed
     before: Mapping[str, Any] = {}
     orders: list[tuple[float, Order]] = []  # noqa: RUF012 - never changed
+
+    @classmethod
+    def empty(cls) -> Self:
+        """Return a part without anything."""
+        return cls(NO_SAMPLES, NO_EVENTS)
 
 
 class Advance(NamedTuple):
@@ -149,8 +154,8 @@ class Replay:
 
     def __init__(self, recorded: RecordedRun) -> None:
         start = recorded.start
-        assert start is not None
         self.recorded, self.start = recorded, start
+        self._own = recorded.reader.own
         self.rig = self._restored(start)
         self.initial = start.initial
         self.findings = findings = Findings(offset_ns=start.offset_ns)
@@ -167,20 +172,17 @@ class Replay:
         self._time_ns = start.time_ns
         self._command: Command | None = None
         self._before: list[tuple[int, Numbers]] = []
-        self._stated: list[StatedParameters] = []
-        self._has_events = False
         #: What a controller outside the rig is yet to order, with the rig times, s.
         self._orders: deque[tuple[float, Order]] = deque()
         #: Rig time from one sample to the next, s and ns
         self.period = 1.0 / start.rate
         self._period_ns = 1e9 / start.rate
         self._left_out = 0
-        topics, stamped = recorded.topics, recorded.stamped
-        held = recorded.reader.topics
-        samples = held[topics.joint_states, JOINT_STATE].message_count
+        topics = recorded.topics
+        samples = recorded.reader.topics[topics.joint_states, JOINT_STATE].message_count
         self._compiled = samples >= _COMPILED_FROM and has_numba()
         self._matchers = [
-            Matcher(key, getattr(topics, key), findings, recorded.disorder, stamped=stamped)
+            Matcher(key, getattr(topics, key), findings, recorded.wrong, own=self._own)
             for key in ('impacts', 'gap_control')
         ]
         self._shadowing = Shadowing(self, self._matchers[0]) if findings.other_bits else None
@@ -208,8 +210,6 @@ class Replay:
         for item in self.recorded.walk():
             if isinstance(item, Rows):
                 yield self._take_rows(item)
-            elif isinstance(item, StatedParameters):
-                self._take_stated(item)
             elif self._command is None:
                 self._begin(item)
             else:
@@ -227,9 +227,8 @@ class Replay:
                 matcher.take(table)
         findings, states = self.findings, rows.states
         self._orders += orders_of(rows.acts, findings.offset_ns)
-        stamp = 'log_ns' if self.recorded.stamped else 'stamp_ns'
-        states = states[self._usable(states[stamp] - findings.offset_ns)]
-        times_ns = states[stamp] - findings.offset_ns
+        states = states[self._usable(states['stamp_ns'] - findings.offset_ns)]
+        times_ns = states['stamp_ns'] - findings.offset_ns
         if not len(states):
             return Part(NO_SAMPLES, NO_EVENTS)
         instants = times_ns / 1e9
@@ -260,7 +259,7 @@ class Replay:
         self._time_ns = findings.end_ns = int(times_ns[-1])
         self._before = [entry for entry in self._before if entry[0] == self._time_ns]
         events = done.events
-        if first and not self.recorded.stamped:
+        if first and not self._own:
             # A recorder that joins late gets the latched snapshot, and nothing from before it.
             firsts = [m.first_ns for m in self._matchers if m.first_ns is not None]
             begun_ns = min([findings.offset_ns + int(times_ns[0]), *firsts])
@@ -274,7 +273,7 @@ class Replay:
     def _usable(self, times_ns: Ints) -> NDArray[np.bool_]:
         """Return which rig times are possible after the present one."""
         longest = max(_LONGEST_GAP_NS, _MOST_MISSING * self._period_ns)
-        first = self.findings.end_ns is None and not self.recorded.stamped
+        first = self.findings.end_ns is None and not self._own
         usable = np.ones(len(times_ns), dtype=np.bool_)
         steps = np.diff(times_ns, prepend=self._time_ns)
         if first:
@@ -363,10 +362,10 @@ class Replay:
         """Let the rig run on to joint states, and hold these against it."""
         found = self.advanced(self.rig, times_ns / 1e9)
         numbers = published_states(found[0], self.rig.parameters)
-        expected = expected_states(states, numbers, stamped=self.recorded.stamped)
+        expected = expected_states(states, numbers)
         differs = differing_states(states, expected)
         for time_ns, before in self._before:
-            # Of other recorders: a sample of the instant of a change may be from before it.
+            # A sample of the very instant of a change may be from before it.
             for i in np.flatnonzero(differs & (times_ns == time_ns)):
                 differs[i] = states['numbers'][i].tobytes() != before.tobytes()
         return Advance(*found, expected, differs)
@@ -416,13 +415,9 @@ class Replay:
 
     def _take_command(self, command: Command) -> Iterator[Part]:
         findings, last, topic = self.findings, self._command, self.recorded.topics.snapshot
-        disorder = self.recorded.disorder
         assert last is not None
-        if command == last:
-            disorder.note(TWICE, topic, [command.stamp_ns])
-            return
         if command.time_ns < self._time_ns:
-            disorder.note(LATE, topic, [command.stamp_ns])
+            self._differ(topic, 'time_ns', command.time_ns, self._time_ns)
             return
         self._command = command
         findings.snapshots += 1
@@ -431,13 +426,12 @@ class Replay:
         self._time_ns = command.time_ns
         self._expect(table_of_events(events), records)
         lost = command.number != last.number + 1
-        if lost and self.recorded.stamped:
+        if lost and self._own:
             self._differ(topic, 'number', command.number, last.number + 1)
         for name in ('arithmetic', 'mathematics', 'node', 'topics', 'rate'):
             recorded, expected = getattr(command, name), getattr(last, name)
             if recorded != expected:
                 self._differ(topic, name, recorded, expected)
-        self._check_stated(command.done)
         before = self.rig.snapshot()
         steps, more = self._carry_out(command)
         self._judge(command, lost=lost)
@@ -445,10 +439,11 @@ class Replay:
             findings.slips += 1
         elif command.offset_ns != last.offset_ns or command.reason == 'resume':
             findings.pauses += 1
-        if self.recorded.stamped:
+        if command.offset_ns < last.offset_ns:
+            # The stamps go back, and what follows may have those of earlier messages.
             for matcher in self._matchers:
                 matcher.settle(inf)
-        if findings.end_ns is None and not self.recorded.stamped:
+        if findings.end_ns is None and not self._own:
             events = []
         everything = np.concatenate([table_of_events(events), *more])
         yield Part(NO_SAMPLES, everything, command, steps, before, orders)
@@ -459,9 +454,8 @@ class Replay:
         steps: list[tuple[int, Step]] = []
         found = []
         for deed in command.done:
-            if not self.recorded.stamped:
-                numbers = published_states(samples_as_rows([rig.sample()]), rig.parameters)
-                self._before.append((command.time_ns, numbers[0]))
+            numbers = published_states(samples_as_rows([rig.sample()]), rig.parameters)
+            self._before.append((command.time_ns, numbers[0]))
             try:
                 if isinstance(deed, int):
                     findings.offset_ns = deed
@@ -476,7 +470,7 @@ class Replay:
                     initial = self.initial.as_dict()
                     initial |= {n: v for n, v in deed.items() if n in initial}
                     self.initial = InitialConditions(**initial)
-                    present = Setting(rig.parameters, rig.control)
+                    present = Setting.at(rig)
                     setting = present.replaced(deed)
                     if setting != present:
                         events = table_of_events(rig.change(*setting))
@@ -497,7 +491,7 @@ class Replay:
         """Hold a snapshot against the rig."""
         findings, topic = self.findings, self.recorded.topics.snapshot
         if command.offset_ns != findings.offset_ns:
-            if self.recorded.stamped:
+            if self._own:
                 name = 'stamp_offset_ns'
                 self._differ(topic, name, command.offset_ns, findings.offset_ns)
             findings.offset_ns = command.offset_ns
@@ -519,7 +513,7 @@ class Replay:
             return
         if lost:
             self.rig, self.initial = self._restored(command), command.initial
-        if lost and not self.recorded.stamped:
+        if lost and not self._own:
             findings.fault(
                 f'snapshots from before rig time {command.time:.9g} s are missing: what was done '
                 'to the rig is not known, and it goes on from this one'
@@ -534,42 +528,6 @@ class Replay:
         stamp_ns = self.findings.offset_ns + self._time_ns
         self.findings.differ(stamp_ns, topic, quantity, '', recorded, replayed)
 
-    # Parameter events, of a bag that the node recorded itself
-
-    def _known(self) -> dict[str, Any]:
-        setting = Setting(self.rig.parameters, self.rig.control)
-        return {**setting.as_dict(), **self.initial.as_dict()}
-
-    def _take_stated(self, stated: StatedParameters) -> None:
-        self._has_events = True
-        if not stated.listing:
-            self._stated.append(stated)
-            return
-        known = {**self._known(), 'record': True, 'state_rate': self.start.rate}
-        self._contradict(stated.values, {n: known.get(n) for n in stated.values})
-
-    def _contradict(self, stated: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
-        """Note what a parameter event states otherwise."""
-        topic = self.recorded.topics.parameter_events
-        for name in {**expected, **stated}:
-            if stated.get(name) != expected.get(name):
-                self._differ(topic, name, stated.get(name), expected.get(name))
-
-    def _check_stated(self, done: Sequence[Deed]) -> None:
-        """Hold the parameter events since the last command against what was done."""
-        known = self._known()
-        nothing: Mapping[str, Any] = {}
-        changes = []
-        for stated in self._stated:
-            new = {n: v for n, v in stated.values.items() if n in known and v != known[n]}
-            known |= new
-            changes += [new] if new else []
-        self._stated = []
-        deeds = [deed for deed in done if isinstance(deed, Mapping)]
-        if self._has_events and self.recorded.stamped:
-            for pair in zip_longest(changes, deeds, fillvalue=nothing):
-                self._contradict(*pair)
-
     # The end
 
     def _finish(self) -> Part:
@@ -577,29 +535,28 @@ class Replay:
         findings, recorded = self.findings, self.recorded
         end_ns = findings.offset_ns + self._time_ns
         last_ns = max(matcher.last_ns for matcher in self._matchers)
-        longest = max(_LONGEST_GAP_NS, _MOST_MISSING * self._period_ns)
         events: list[Event] = []
         before = self.rig.snapshot()
-        if end_ns < last_ns <= end_ns + longest:
+        if end_ns < last_ns <= end_ns + _MOST_MISSING * self._period_ns:
             # A cut bag may end with the impacts of a tick whose sample is lost.
             until = (last_ns + 1 - findings.offset_ns) / 1e9
             events, records = self._moved(self.rig, until, self._orders)
             self._expect(table_of_events(events), records)
+        else:
+            last_ns = end_ns
         for matcher in self._matchers:
             # In a tick that is cut off, each topic may end elsewhere.
             matcher.settle(max(matcher.last_ns, end_ns) + 1)
             matcher.forget(inf)
             matcher.settle(inf)
         self._judge_losses(end_ns, last_ns)
-        if self._stated and self._stated[0].log_ns < end_ns:
-            self._check_stated(())
         if self._left_out:
             findings.fault(f'joint states left out because of impossible stamps: {self._left_out}')
         for fault in recorded.faults():
             findings.fault(fault)
         for remark in recorded.remarks():
             findings.remark(remark)
-        if recorded.early:
+        if recorded.early and not self._own:
             findings.remark(f'messages from before the first snapshot, left out: {recorded.early}')
         if findings.other_bits:
             findings.remark(self._said_of_other_bits())
@@ -616,13 +573,7 @@ class Replay:
     def _judge_losses(self, end_ns: int, last_ns: int) -> None:
         """Report missing messages: the node records all that it does not note as dropped."""
         findings, recorded, period_ns = self.findings, self.recorded, self._period_ns
-        for matcher in self._matchers:
-            if matcher.before_recorder and matcher.first_ns is not None:
-                findings.remark(
-                    f'{matcher.before_recorder} messages of {matcher.topic} precede the first one '
-                    'that the recorder received'
-                )
-        if not recorded.stamped or findings.start_ns is None:
+        if not self._own or findings.start_ns is None:
             return
         # Before the first sample, and after the last one if impacts follow
         head_ns = findings.start_ns - self.start.time_ns

@@ -2,120 +2,75 @@
 """
 A recorded run: the commands that a rig was given, and the rows of messages between them.
 
-A bag that the node wrote itself stamps every message with rig time, in the order of the run. A bag
-of ``ros2 bag record`` is stamped with the times of arrival, in which topics overtake each other;
-there the stamps in the messages give the order.
+The order is that of the stamps in the messages, which are rig time, and of the numbers of the
+snapshots. When a recorder received a message, and which topic overtook another one on its way,
+does not count. Only where the stamps themselves go back, as after a restart of a rig whose stamps
+begin at 0, the snapshot that is the first with such stamps parts the recording.
 """
 
 from __future__ import annotations
 
-import heapq
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import islice
+from math import inf
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.bag import (
-    ParameterEvent,
-    RecordedMessage,
-    RecordingError,
-    RunReader,
-    String,
-)
-from impact_damper_ros.bag.messages import (
-    JOINT_STATE,
-    PARAMETER_EVENT,
-    STRING,
-    CdrError,
-    JointStateRows,
-    decode,
-    header_ns,
-)
+from impact_damper_ros.bag import RecordedMessage, RecordingError, RunReader, String
+from impact_damper_ros.bag.messages import JOINT_STATE, STRING, JointStateRows, decode, message_row
 from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_FRAME
 from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.control.record import CONTROL_JOINTS
-from impact_damper_ros.parameters.rig_parameters import (
-    GAP_CONTROL_SPECS,
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
-)
+from impact_damper_ros.parameters.quoting import counted
 
-from .command import Command, parsed, read_command
-from .rows import Ints, Messages
+from .command import Command, Head, parsed, read_command, read_head
+from .rows import Messages
 
-#: Parameters that a walk reports.
-_REPORTED = {*PARAMETER_SPECS, *INITIAL_SPECS, *GAP_CONTROL_SPECS, 'state_rate', 'record'}
-#: Largest number of messages of the rig that are yielded together.
-_MOST_AT_ONCE = 16_384
-#: Messages within which topics may overtake each other on their way to a recorder.
-_OVERTAKING = 2000
-#: Messages of a topic that show how a bag is stamped.
-_EXAMINED = 20
+#: Number of messages of the rig that are read at once, and number of the latest of them that wait
+#: for others: by so many messages one may be late in the recording.
+_READ_AT_ONCE, _WAITING = 16_384, 4000
 #: Joints of the topics of rows, and their positions, velocities and efforts that are read.
 _LAYOUTS: dict[str, tuple[tuple[str, ...], tuple[int, int, int]]] = {
     'joint_states': (JOINTS, (7, 7, 0)),
     'impacts': (IMPACT_JOINTS, (2, 2, 2)),
     'gap_control': (CONTROL_JOINTS, (3, 3, 3)),
 }
+#: What may be wrong with a message.
+REPEATED, LATE, UNREADABLE = (
+    'that are there twice',
+    f'recorded more than {_WAITING:,} messages late, left out',
+    'that cannot be read',
+)
 
 
 class Rows(NamedTuple):
-    """Messages between which nothing is done to the rig."""
+    """Messages between which nothing is done to the rig, each kind in the order of its stamps."""
 
     states: Messages
     impacts: Messages
     acts: Messages
 
 
-class StatedParameters(NamedTuple):
-    """A parameter event of the rig, in a bag that its node recorded."""
-
-    stamp_ns: int
-    log_ns: int
-    #: Parameters of the rig, of its gap control and of the recording, by name.
-    values: Mapping[str, Any]
-    listing: bool  # whether it lists the values of all parameters and changes none
+Item = Rows | Command
 
 
-Item = Rows | Command | StatedParameters
+class _Snapshot(NamedTuple):
+    """A snapshot of a recording, not decoded as a whole."""
 
-
-#: What may be wrong with a message.
-TWICE, LATE = 'twice', 'out of order'
-MISDATED, UNREADABLE = 'whose own stamp is not that of the bag', 'that cannot be read'
-
-
-class Disorder:
-    """Misplaced messages: how many by what is wrong and topic, and the stamp of the first."""
-
-    def __init__(self) -> None:
-        self._counts: Counter[tuple[str, str]] = Counter()
-        self._first_ns: int | None = None
-
-    def note(self, wrong: str, topic: str, stamps_ns: Sequence[int] | Ints) -> None:
-        """Count misplaced messages."""
-        if len(stamps_ns):
-            self._counts[wrong, topic] += len(stamps_ns)
-            if self._first_ns is None:
-                self._first_ns = int(stamps_ns[0])
-
-    def faults(self) -> Iterator[str]:
-        """Yield what is wrong."""
-        for kind in (TWICE, LATE, MISDATED, UNREADABLE):
-            for (wrong, topic), count in self._counts.items():
-                if wrong == kind:
-                    text = f'messages of {topic} {wrong}: {count}'
-                    yield f'{text} (first at stamp {self._first_ns} ns)'
+    record: RecordedMessage
+    head: Head
+    place: int  # among the snapshots in the order of the recording
+    run: int  # number of its run, from 1 on
+    part: int  # of the recording, within which stamps do not go back
 
 
 class RecordedRun:
     """
-    The recorded run of one rig; `walk` through it once.
+    One run of a rig in a recording; `walk` through it once.
 
     Parameters
     ----------
@@ -123,10 +78,10 @@ class RecordedRun:
         A bag directory or ``.mcap`` file.
     node : str, optional
         Name or namespace of the node, if there are several rigs in the bag.
+    number : int, optional
+        Number of the run, from 1 on, if the node was restarted while it was recorded.
     purpose : str, optional
         Purpose of the reading, as a verb for messages.
-    snapshot_needed : bool, optional
-        Whether to refuse a bag without a snapshot.
     law : OwnLaw, optional
         The law that moves the stops, for a rig with one of the user's own.
 
@@ -136,14 +91,14 @@ class RecordedRun:
         The bag.
     topics : RigTopics
         The topics of the rig.
-    start : Command or None
-        The first snapshot.
-    stamped : bool
-        Whether the bag is stamped with rig time, as the node itself records it.
-    disorder : Disorder
-        Misplaced messages met so far.
+    number, run_count : int
+        Number of this run, and of all runs of the rig in the bag.
+    start : Command
+        The first snapshot of the run.
+    wrong : Counter of (str, str)
+        Number of messages by what is wrong with them and by topic, met so far.
     early : int
-        Joint states, impacts and acts from before `start`, left out of the walk.
+        Joint states, impacts and acts from before the first snapshot, left out of the walk.
     damage : RecordingError or None
         Why the walk ended before the end of the bag.
 
@@ -157,9 +112,9 @@ class RecordedRun:
         self,
         path: Path | str,
         node: str | None = None,
+        number: int = 1,
         *,
         purpose: str = 'replay',
-        snapshot_needed: bool = True,
         law: OwnLaw | None = None,
     ) -> None:
         self.reader = RunReader(path)
@@ -167,52 +122,94 @@ class RecordedRun:
         if not self.reader.message_count:
             cause = 'it holds no whole message'
             raise RecordingError(purpose, path, cause, 'record a run with record:=true')
-        self.topics, first = _find_rig(
-            self.reader, node, purpose, law, snapshot_needed=snapshot_needed
-        )
-        self.disorder = Disorder()
-        self.early = 0
-        self.damage: RecordingError | None = None
-        self.start, at_once = None, True
-        if first is not None:
-            self.start = read_command(first, self.reader.path, purpose, law)
-            at_once = self.start.stamp_ns == first.stamp_ns
+        self.topics = _find_rig(self.reader, node, purpose, law)
         if not self.reader.topics[self.topics.joint_states, JOINT_STATE].message_count:
             cause = f'there is no message on {self.topics.joint_states}: nothing to compare'
             raise RecordingError(purpose, path, cause)
-        self.stamped = self.reader.own or (at_once and self._has_rig_stamps())
+        self.wrong: Counter[tuple[str, str]] = Counter()
+        self.early = 0
+        self.damage: RecordingError | None = None
+        #: The snapshots, and the place of the first one that cannot be read
+        self._snapshots: list[_Snapshot] = []
+        self._unread: tuple[int, RecordingError] | None = None
+        #: Places of the snapshots from which on stamps have gone back
+        self._begins: set[int] = set()
+        self._find_runs()
+        self.number, self.run_count = number, max(s.run for s in self._snapshots)
+        if not 1 <= number <= self.run_count:
+            cause = f'it holds {counted(self.run_count, "run")} of {self.topics.name}, no {number}'
+            raise RecordingError(purpose, path, cause, 'give a number from 1 on as --run')
+        first = next(snapshot for snapshot in self._snapshots if snapshot.run == number)
+        self.start = self._command(first)
 
-    def _has_rig_stamps(self) -> bool:
-        """
-        Return whether most of the first samples and impacts are logged at their own stamps.
+    def _find_runs(self) -> None:
+        """Read the heads of all snapshots, and to which run they belong."""
+        found: list[_Snapshot] = []
+        names: dict[str, int] = {}
+        contents: set[bytes] = set()
+        begun_ns = -inf
+        # The walk meets what is damaged.
+        with suppress(RecordingError):
+            for place, record in enumerate(self.reader.records([(self.topics.snapshot, STRING)])):
+                try:
+                    head = read_head(record, self.reader.path, self._purpose)
+                except RecordingError as error:
+                    self._unread = place, error
+                    break
+                if record.content in contents:
+                    # A recorder of several files may repeat what is latched.
+                    self.wrong[REPEATED, self.topics.snapshot] += self.reader.own
+                    continue
+                contents.add(record.content)
+                last = found[-1] if found else None
+                name = head.run or (last.head.run if last is not None else '')
+                if last is not None and not head.run and head.starts_after(last.head):
+                    # A version that did not name its runs
+                    name = f'{place}'
+                run = names.setdefault(name, len(names) + 1)
+                head = head._replace(run=name)
+                if last is None or run != last.run:
+                    back, begun_ns = head.stamp_ns <= begun_ns, head.stamp_ns
+                else:
+                    back = head.offset_ns < last.head.offset_ns and head.number > last.head.number
+                if back:
+                    self._begins.add(place)
+                found.append(_Snapshot(record, head, place, run, len(self._begins)))
+        if not found:
+            assert self._unread is not None
+            raise self._unread[1]
+        found.sort(key=lambda snapshot: (snapshot.part, snapshot.run, snapshot.head.number))
+        self._snapshots = found
 
-        A recorder that runs by the rig's clock logs them at its ticks.
-        """
-        for topic in {self.topics.joint_states, self.topics.impacts} - {''}:
-            different = 0
-            # The walk reports messages that cannot be read.
-            with suppress(RecordingError, CdrError):
-                for record in islice(self.reader.records([(topic, JOINT_STATE)]), _EXAMINED):
-                    different += 1 if record.stamp_ns != header_ns(record.content) else -1
-            if different > 0:
-                return False
-        return True
+    def _command(self, snapshot: _Snapshot) -> Command:
+        return read_command(snapshot.record, self.reader.path, self._purpose, self._law)
 
     def remarks(self) -> list[str]:
         """Return what else a user should know of the recording."""
-        return self.reader.remarks()
+        found = self.reader.remarks()
+        if self.run_count > 1:
+            found.append(
+                f'the node {self.topics.name} was restarted: this is run {self.number} of '
+                f'{self.run_count} in the bag, from stamp {self.start.stamp_ns} ns on'
+            )
+        return found
 
     def faults(self) -> list[str]:
         """Return why only a part of the bag could be used; complete after the walk."""
-        found = [*self.disorder.faults()]
+        wrong = self.wrong.items()
+        found = [f'messages of {topic} {what}: {n}' for (what, topic), n in wrong if n]
+        if self.early and self.reader.own:
+            found.append(
+                f'the bag is not whole: {self.early} messages are from before its first snapshot'
+            )
         if self.damage is not None:
             found.append(f'{self.damage}; the remainder was not compared')
         found += self.reader.faults()
         if not self.reader.complete:
             cut = self.reader.unusable
             cause = self.reader.missing or (
-                'its recording was cut short, or a file is missing (recover_run makes a complete '
-                'bag of the rest)'
+                'its recording was cut short, or its metadata.yaml is missing (recover_run makes '
+                'a complete bag of the rest)'
             )
             found.append(
                 f'the bag is not complete: {cause}'
@@ -222,7 +219,7 @@ class RecordedRun:
 
     def walk(self) -> Iterator[Item]:
         """
-        Yield the run in order, from the first snapshot on.
+        Yield the run in order, from its first snapshot on.
 
         Of a damaged bag, everything before the damage; `damage` is set then.
 
@@ -230,140 +227,119 @@ class RecordedRun:
         ------
         Rows
             Consecutive joint states, impacts and acts of the gap control: nothing was done to the
-            rig between them.
+            rig between them. Those at the very instant of a command follow it.
         Command
             What was done to the rig, and its state.
-        StatedParameters
-            A parameter event; those of a bag stamped with times of arrival are left out, as they
-            may come late.
         """
-        tables = _Tables(self)
-        began = self.start is None
-        items = self._items()
-        for item in items if self.stamped else _in_order(items):
-            if isinstance(item, RecordedMessage):
-                if not began:
-                    self.early += 1
-                    continue
-                tables.waiting.append(item)
-                if len(tables.waiting) >= _MOST_AT_ONCE:
-                    yield tables.rows()
-                continue
-            if tables.waiting:
-                yield tables.rows()
-            began = began or isinstance(item, Command)
-            if began:
-                yield item
-        if tables.waiting:
-            yield tables.rows()
-
-    def _items(self) -> Iterator[_Single]:
-        """Yield the messages one by one, in the order of the bag."""
-        names = self.topics
-        rows = {names.joint_states, names.impacts, names.gap_control} - {''}
-        wanted = {(topic, JOINT_STATE) for topic in rows}
-        wanted |= {(names.snapshot, STRING), (names.parameter_events, PARAMETER_EVENT)}
-        record = None
+        tables, waiting, part, run = _Tables(self), deque(self._snapshots), 0, 0
         try:
-            for record in self.reader.records(wanted):
-                if record.topic in rows:
-                    yield record
-                elif record.topic == names.snapshot:
-                    command = read_command(record, self.reader.path, self._purpose, self._law)
-                    self._check_stamp(record, command.stamp_ns)
-                    yield command
-                elif self.stamped and (stated := self._stated(record)) is not None:
-                    yield stated
+            for messages, place, ended in self._batches():
+                tables.add(messages)
+                until_ns = inf if ended else tables.settled_ns
+                while waiting and waiting[0].part == part:
+                    stamp_ns = waiting[0].head.stamp_ns
+                    if stamp_ns > until_ns or (ended and waiting[0].place > place):
+                        break
+                    yield from self._of_run(run, tables.taken(stamp_ns))
+                    snapshot = waiting.popleft()
+                    run = snapshot.run
+                    if run == self.number:
+                        yield self._command(snapshot)
+                yield from self._of_run(run, tables.taken(until_ns))
+                part += ended
         except RecordingError as error:
             self.damage = error
-        except CdrError as error:
-            assert record is not None
-            cause = f'the message of {record.topic} at {record.stamp_ns} ns is damaged: {error}'
-            self.damage = RecordingError('read', self.reader.path, cause)
 
-    def _check_stamp(self, record: RecordedMessage, within_ns: int) -> None:
-        """Note a message of the node's own bag whose stamps contradict each other."""
-        if self.stamped and within_ns != record.stamp_ns:
-            self.disorder.note(MISDATED, record.topic, [record.stamp_ns])
+    def _of_run(self, run: int, rows: Rows) -> Iterator[Rows]:
+        """Yield rows of a run if they are wanted, and count those from before all of them."""
+        count = sum(map(len, rows))
+        if count and run == self.number:
+            yield rows
+        elif not run:
+            self.early += count
 
-    def _stated(self, record: RecordedMessage) -> StatedParameters | None:
-        """Return a parameter event of the rig; None for one of another node."""
-        event = decode(PARAMETER_EVENT, record.content)
-        assert isinstance(event, ParameterEvent)
-        if self.topics.node and event.node != self.topics.node:
-            return None
-        self._check_stamp(record, event.stamp_ns)
-        listing = not event.changed_parameters
-        listed = event.new_parameters if listing else event.changed_parameters
-        values = {p.name: p.value for p in listed if p.name in _REPORTED}
-        return StatedParameters(event.stamp_ns, record.stamp_ns, values, listing)
-
-
-_Single = RecordedMessage | Command | StatedParameters
-
-
-def _in_order(items: Iterator[_Single]) -> Iterator[_Single]:
-    """Yield items in the order of the stamps in them, though some were logged out of order."""
-    pending: list[tuple[int, bool, int, _Single]] = []
-    for number, item in enumerate(items):
-        message = isinstance(item, RecordedMessage)
-        stamp_ns = header_ns(item.content) if isinstance(item, RecordedMessage) else item.stamp_ns
-        # At one instant the cause comes before its effects.
-        entry = (stamp_ns, message, number, item)
-        if len(pending) < _OVERTAKING:
-            heapq.heappush(pending, entry)
-        else:
-            yield heapq.heappushpop(pending, entry)[3]
-    while pending:
-        yield heapq.heappop(pending)[3]
+    def _batches(self) -> Iterator[tuple[list[RecordedMessage], int, bool]]:
+        """Yield messages, how many snapshots were met, and whether their part has ended."""
+        names = self.topics
+        rows = {names.joint_states, names.impacts, names.gap_control} - {''}
+        wanted = {(names.snapshot, STRING), *((topic, JOINT_STATE) for topic in rows)}
+        batch: list[RecordedMessage] = []
+        place = -1
+        try:
+            for record in self.reader.records(wanted):
+                if record.topic != names.snapshot:
+                    batch.append(record)
+                    if len(batch) >= _READ_AT_ONCE:
+                        yield batch, place, False
+                        batch = []
+                    continue
+                place += 1
+                if self._unread is not None and place == self._unread[0]:
+                    self.damage = self._unread[1]
+                    break
+                if place in self._begins:
+                    yield batch, place, True
+                    batch = []
+        except RecordingError as error:
+            self.damage = error
+        yield batch, place, True
 
 
 class _Tables:
-    """Collects the messages of the topics of rows, and reads them as tables."""
+    """Rows that wait for earlier ones, by the topics of a run."""
 
     def __init__(self, run: RecordedRun) -> None:
-        self._run = run
+        self._wrong = run.wrong
         self._topics = {key: getattr(run.topics, key) for key in _LAYOUTS}
-        self._columns = {
+        self._readers = {
             key: JointStateRows(joints, counts) for key, (joints, counts) in _LAYOUTS.items()
         }
-        self._last: dict[str, tuple[int, bytes]] = {}
-        self.waiting: list[RecordedMessage] = []
+        self._rows = {
+            key: np.empty(0, message_row(sum(counts))) for key, (_, counts) in _LAYOUTS.items()
+        }
+        self._taken_ns = -inf
+        #: Stamp from which on messages may still come
+        self.settled_ns: float = -inf
 
-    def rows(self) -> Rows:
-        """Return the waiting messages."""
-        rows = Rows(*(self._table(key) for key in _LAYOUTS))
-        self.waiting.clear()
-        return rows
+    def add(self, messages: list[RecordedMessage]) -> None:
+        """Take messages in the order of the recording."""
+        stamps_ns = np.full(len(messages), np.iinfo(np.int64).max)
+        for key, topic in self._topics.items():
+            places = [i for i, message in enumerate(messages) if message.topic == topic]
+            if not places:
+                continue
+            rows, readable = self._readers[key].read([messages[i].content for i in places], 0)
+            late = readable & (rows['stamp_ns'] < self._taken_ns)
+            self._wrong[UNREADABLE, topic] += int((~readable).sum())
+            self._wrong[LATE, topic] += int(late.sum())
+            used = readable & ~late
+            stamps_ns[np.array(places)[used]] = rows['stamp_ns'][used]
+            # A paused rig repeats its joint states, which are no samples.
+            rows = np.concatenate([self._rows[key], rows[used & (rows['frame'] != PAUSED_FRAME)]])
+            if (np.diff(rows['stamp_ns']) < 0).any():
+                rows = rows[np.argsort(rows['stamp_ns'], kind='stable')]
+            self._rows[key] = rows
+        if len(messages) > _WAITING:
+            self.settled_ns = int(stamps_ns[-_WAITING:].min())
 
-    def _table(self, key: str) -> Messages:
-        columns, topic, disorder = self._columns[key], self._topics[key], self._run.disorder
-        records = [record for record in self.waiting if record.topic == topic]
-        rows, readable = columns.read([r.content for r in records], [r.stamp_ns for r in records])
-        if not readable.all():
-            disorder.note(UNREADABLE, topic, rows['log_ns'][~readable])
-            rows = rows[readable]
-            records = [r for r, good in zip(records, readable, strict=True) if good]
-        if not len(rows):
-            return rows
-        stamps_ns, log_ns = rows['stamp_ns'], rows['log_ns']
-        if self._run.stamped:
-            disorder.note(MISDATED, topic, log_ns[stamps_ns != log_ns])
-        # A paused rig repeats its joint states; the node does not record them, others may.
-        kept = rows['frame'] != PAUSED_FRAME
-        before_ns, before = self._last.get(topic, (None, b''))
-        steps = np.diff(stamps_ns, prepend=stamps_ns[0] - 1)
-        steps[0] = 1 if before_ns is None else stamps_ns[0] - before_ns
-        for i in np.flatnonzero((steps <= 0) & kept):
-            if records[i].content == (records[i - 1].content if i else before):
-                # Changes may repeat an impact or an act while the rig is paused.
-                if key == 'joint_states':
-                    disorder.note(TWICE, topic, log_ns[i : i + 1])
-                    kept[i] = False
-            elif steps[i] < 0:
-                disorder.note(LATE, topic, log_ns[i : i + 1])
-        self._last[topic] = int(stamps_ns[-1]), records[-1].content
-        return rows if kept.all() else rows[kept]
+    def taken(self, before_ns: float) -> Rows:
+        """Take out the rows from before a stamp."""
+        found = []
+        for key, rows in self._rows.items():
+            count = int(np.searchsorted(rows['stamp_ns'], before_ns))
+            self._rows[key] = rows[count:]
+            found.append(rows[:count] if key != 'joint_states' else self._different(rows[:count]))
+        self._taken_ns = -inf if before_ns == inf else max(self._taken_ns, before_ns)
+        return Rows(*found)
+
+    def _different(self, states: Messages) -> Messages:
+        """Return joint states without those that are there twice."""
+        same = np.flatnonzero(np.diff(states['stamp_ns']) == 0) + 1
+        again = [i for i in same.tolist() if states[i].tobytes() == states[i - 1].tobytes()]
+        if not again:
+            return states
+        self._wrong[REPEATED, self._topics['joint_states']] += len(again)
+        return np.delete(states, again)
 
 
 # The topics of a rig in a bag
@@ -378,7 +354,6 @@ class RigTopics:
     joint_states: str
     impacts: str = ''
     gap_control: str = ''
-    parameter_events: str = ''
 
     @property
     def namespace(self) -> str:
@@ -391,10 +366,8 @@ class RigTopics:
         return self.node or f'of unknown name in the namespace {self.namespace}'
 
 
-def _by_snapshots(
-    reader: RunReader, purpose: str, law: OwnLaw | None
-) -> Iterator[tuple[RigTopics, RecordedMessage]]:
-    """Yield the rigs whose snapshots are in a bag, each with its first one."""
+def _rigs(reader: RunReader, purpose: str, law: OwnLaw | None) -> Iterator[RigTopics]:
+    """Yield the rigs whose snapshots are in a bag."""
     for (name, kind), topic in sorted(reader.topics.items()):
         if kind != STRING or not topic.message_count:
             continue
@@ -411,27 +384,11 @@ def _by_snapshots(
                 continue
         command = read_command(record, reader.path, purpose, law)
         there = {
-            key: topic if (topic, kind) in reader.topics else ''
-            for key, kind in (
-                *((key, JOINT_STATE) for key in _LAYOUTS),
-                ('parameter_events', PARAMETER_EVENT),
-            )
+            key: topic if (topic, JOINT_STATE) in reader.topics else ''
+            for key in _LAYOUTS
             for topic in (command.topics.get(key, ''),)
         }
-        yield RigTopics(command.node, name, **there), record
-
-
-def _by_names(reader: RunReader) -> Iterator[tuple[RigTopics, None]]:
-    """Yield the rigs whose joint states have their usual name, in any namespace."""
-    topics = reader.topics
-    events = next((t.name for t in topics.values() if t.type == PARAMETER_EVENT), '')
-    for name, kind in sorted(topics):
-        space, _, last = name.rpartition('/')
-        if last == 'joint_states' and kind == JOINT_STATE:
-            others = (f'{space}/{key}' for key in ('impacts', 'gap_control'))
-            there = [other if (other, JOINT_STATE) in topics else '' for other in others]
-            node = reader.custom.get('node', '')
-            yield RigTopics(node, '', name, there[0], there[1], events), None
+        yield RigTopics(command.node, name, **there)
 
 
 def _held(reader: RunReader) -> str:
@@ -440,25 +397,16 @@ def _held(reader: RunReader) -> str:
     return f'topics: {", ".join(topics) or "none"}'
 
 
-def _find_rig(
-    reader: RunReader,
-    node: str | None,
-    purpose: str,
-    law: OwnLaw | None,
-    *,
-    snapshot_needed: bool,
-) -> tuple[RigTopics, RecordedMessage | None]:
-    """Return the topics of the rig as its snapshots name them, and the first snapshot."""
-    found: list[tuple[RigTopics, RecordedMessage | None]] = [*_by_snapshots(reader, purpose, law)]
-    if not found and not snapshot_needed:
-        found += _by_names(reader)
+def _find_rig(reader: RunReader, node: str | None, purpose: str, law: OwnLaw | None) -> RigTopics:
+    """Return the topics of the rig as its snapshots name them."""
+    found = [*_rigs(reader, purpose, law)]
     chosen = [
-        (rig, first)
-        for rig, first in found
+        rig
+        for rig in found
         if node is None or node in (rig.node, rig.namespace, rig.namespace.rstrip('/'))
     ]
     if len(chosen) == 1:
-        if not chosen[0][0].joint_states:
+        if not chosen[0].joint_states:
             cause = (
                 'the joint states that its snapshots name are not in it, or of another type than '
                 f'{JOINT_STATE} ({_held(reader)})'
@@ -466,11 +414,13 @@ def _find_rig(
             raise RecordingError(purpose, reader.path, cause, 'record this topic too')
         return chosen[0]
     if not found:
-        wanted = 'no message of a snapshot' if snapshot_needed else 'no topic joint_states'
-        cause = f'no rig is recorded in it: {wanted} ({_held(reader)})'
-        remedy = 'give a bag that sim_node has recorded, or record the topic snapshot too'
+        cause = f'no rig is recorded in it: no message of a snapshot ({_held(reader)})'
+        remedy = (
+            'record the topic snapshot too: a rig publishes it latched, so that ros2 bag record '
+            'gets it whenever it starts'
+        )
         raise RecordingError(purpose, reader.path, cause, remedy)
-    names = ', '.join(rig.node or rig.namespace for rig, _ in found)
+    names = ', '.join(rig.node or rig.namespace for rig in found)
     if node is not None and not chosen:
         raise RecordingError(purpose, reader.path, f'it holds no node {node!r}; it has {names}')
     cause = f'it holds several rigs: {names}'

@@ -11,26 +11,15 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from .html_report import report_page, write_report
-    from .replay_report import findings_json, findings_text
-    from .text_report import comparison_text
-    from .what_if_report import WhatIfReport
+    from .html_report import report_page as report_page, write_report as write_report
+    from .replay_report import findings_json as findings_json, findings_text as findings_text
+    from .text_report import comparison_text as comparison_text
 
-__all__ = [
-    'WhatIfReport',
-    'comparison_text',
-    'findings_json',
-    'findings_text',
-    'report_page',
-    'write_report',
-]
-
-__getattr__ = lazy_names(
+__all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        'html_report': ('report_page', 'write_report'),
-        'replay_report': ('findings_json', 'findings_text'),
-        'text_report': ('comparison_text',),
-        'what_if_report': ('WhatIfReport',),
+        'html_report': 'report_page write_report',
+        'replay_report': 'findings_json findings_text',
+        'text_report': 'comparison_text',
     },
 )

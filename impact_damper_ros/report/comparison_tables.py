@@ -17,8 +17,6 @@ from .table import Column, Table
 
 #: Changes that are named where a stretch begins; impacts of a period that are listed.
 _MOST_CHANGES, _MOST_IMPACTS = 4, 8
-#: Share of a run that samples cover if none is missing.
-_COVERED = 0.99
 
 _AT_IMPACTS: tuple[tuple[str, str, str], ...] = (
     ('phases', 'phase', 'cycles'),
@@ -126,11 +124,6 @@ def overall_table(
     }
     rows = [(name, *(text(e) for text in columns.values())) for name, e in entries.items()]
     text = 'Over whole stretches, transients included. '
-    if overall.accuracy:
-        text += f'From the recorded samples, accurate to about {number(overall.accuracy, 1)}. '
-    if overall.covered < _COVERED * overall.duration:
-        text += f'Samples are missing: rms and work cover {instant(overall.covered)} s of '
-        text += f'{instant(overall.duration)} s. '
     heads = [Column('stretch', 'text'), *map(Column, columns)]
     return Table(heads, [('', rows)], 'Swing, impacts and energy', text + note)
 

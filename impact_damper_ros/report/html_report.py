@@ -225,7 +225,7 @@ def _head(comparison: RunComparison, command: str) -> dict[str, Any]:
         ('Recording', comparison.bag),
         ('Node', comparison.node or 'not named in the recording'),
         ('Recording complete', 'yes' if comparison.complete else 'no'),
-        ('Stamps', comparison.stamps),
+        ('Run', f'{comparison.run} of {comparison.run_count}'),
         ('Rig time', f'{instant(comparison.start)} s to {instant(comparison.end)} s'),
         ('Written by', f'impact_damper_ros {comparison.version}'),
     ]
@@ -237,10 +237,10 @@ def _head(comparison: RunComparison, command: str) -> dict[str, Any]:
         'checked': checked,
         'facts': [*facts, ('Command', command)] if command else facts,
         'origin': (
-            'What is measured is that of the replayed recording, with all its digits; without a '
-            'snapshot, of the recorded numbers. What is predicted is the exact periodic motion '
-            'for the logged parameters. report.json beside this page contains all numbers, '
-            'including those of the stretches without a section here.'
+            'What is measured is that of the replayed recording, with all its digits. What is '
+            'predicted is the exact periodic motion for the logged parameters. report.json '
+            'beside this page contains all numbers, including those of the stretches without a '
+            'section here.'
         ),
     }
 

@@ -63,6 +63,8 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
     """Return the findings of a replay and the verdict as text."""
     start, end = (findings.start_ns or 0) / 1e9, (findings.end_ns or 0) / 1e9
     node = recorded.topics.name
+    if recorded.run_count > 1:
+        node += f', run {recorded.number} of {recorded.run_count}'
     impacts = counted(findings.impacts, 'impact')
     if not recorded.topics.impacts:
         impacts = 'no impacts (their topic was not recorded)'
@@ -135,6 +137,8 @@ def findings_json(findings: Findings, recorded: RecordedRun) -> dict[str, Any]:
     return {
         'bag': str(recorded.reader.path),
         'node': recorded.topics.name,
+        'run': recorded.number,
+        'run_count': recorded.run_count,
         'complete': recorded.reader.complete,
         'verdict': findings.verdict.name.lower(),
         'compared': {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a run: its stages close up, and a recorded run beside its what-if."""
+"""Figures of a run: its stages close up, and a run beside its what-if."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _draw_closeup(
     time, stop_1, stop_2 = (samples[name] for name in ('time', 'stop_1', 'stop_2'))
     for name, look in zip('xz', looks, strict=True):
         axes.plot(time, samples[name], **look)
-    depth = _DEPTH * float((stop_1 - stop_2).max(initial=0.0))
+    depth = _DEPTH * float(np.nan_to_num(stop_1 - stop_2).max(initial=0.0))
     draw_stop(axes, time, stop_1, depth, 'stops')
     draw_stop(axes, time, stop_2, -depth)
     for stop, look in IMPACTS.items():
@@ -171,20 +171,18 @@ def _draw_envelopes(axes: Any, sides: Sequence[Side]) -> None:
 
 
 @print_style()
-def draw_what_if(
-    recorded: Side,
-    what_if: Side,
+def draw_runs(
+    sides: tuple[Side, Side],
     changes: Sequence[tuple[float, str]] = (),
     title: str = '',
 ) -> Figure:
     """Draw two runs: all of both over each other, and the end of each close up."""
     figure = blank_figure(11, 7.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.5))
-    sides = (recorded, what_if)
     largest = [s.envelope[1:] for s in sides]
     overview = figure.add_subplot(grid[0, :])
     _draw_envelopes(overview, sides)
-    end = recorded.closeup.samples['time']
+    end = sides[0].closeup.samples['time']
     if len(end) and end[0] > overview.get_xlim()[0]:
         overview.axvspan(end[0], end[-1], **_BAND, zorder=0, label='close up below')
     _mark_changes(overview, changes, _MOST_LABELS)

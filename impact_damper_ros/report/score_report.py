@@ -30,12 +30,15 @@ from .table import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: Kinds of line of runs, beside the dashed one of the best fixed gap.
+_KINDS = ('-', '-.', ':')
 _LINES = (BLUE, ORANGE, GREEN, PURPLE, '#e69f00', '#56b4e9')
 
 
 def _name(run: RunScore) -> str:
     path = Path(run.bag)
-    return path.stem if path.suffix == '.mcap' else path.name
+    name = path.stem if path.suffix == '.mcap' else path.name
+    return f'{name}, run {run.number}' if run.run_count > 1 else name
 
 
 def score_table(runs: Sequence[RunScore]) -> Table:
@@ -89,9 +92,10 @@ def score_text(runs: Sequence[RunScore]) -> str:
     lines = []
     for run in runs:
         log = 'log reproduced'
+        which = f', run {run.number} of {run.run_count}' if run.run_count > 1 else ''
         if run.differences:
             log = f'LOG DIFFERS from its replay in {run.differences:,} numbers or messages'
-        lines.append(f'scored       {run.bag}, node {run.node}: {log}')
+        lines.append(f'scored       {run.bag}, node {run.node}{which}: {log}')
         for part, score in enumerate(run.stretches, 1):
             lines.append(
                 f'  stretch {part:<3} {score.start:.9g} s to {score.end:.9g} s; begins with: '
@@ -109,12 +113,17 @@ def score_figure(runs: Sequence[RunScore]) -> Figure:
     largest = [run.amplitude[1] for run in runs]
     handles: list[Any] = []
     seen: list[float] = []
-    for run, color in zip(runs, _cycled(len(runs)), strict=True):
-        handles += left.plot(*run.amplitude, color=color, linewidth=1.4, label=_name(run))
+    alike = len({round(math.log(run.best_gap), 6) for run in runs}) == 1
+    for count, (run, color) in enumerate(zip(runs, _cycled(len(runs)), strict=True)):
+        look = {'color': color, 'linewidth': 1.4, 'label': _name(run)}
+        # Runs that share a colour have lines of another kind.
+        kind = _KINDS[count // len(_LINES) % len(_KINDS)]
+        handles += left.plot(*run.amplitude, **look, linestyle=kind)
         if not any(np.isclose(run.best_gap, gap, rtol=1e-6) for gap in seen):
             seen.append(run.best_gap)
             label = f'best fixed gap, {quantity(run.best_gap, "m", 3)}'
-            look = {'color': COLORS['quiet'], 'linewidth': 1.0, 'linestyle': '--', 'zorder': 1}
+            shade = COLORS['ink'] if alike else color
+            look = {'color': shade, 'linewidth': 1.1, 'linestyle': (0, (4, 2)), 'alpha': 0.75}
             handles += left.plot(*run.fixed_amplitude, **look, label=label)
             largest.append(run.fixed_amplitude[1])
     for edge in {score.start for run in runs for score in run.stretches[1:]}:

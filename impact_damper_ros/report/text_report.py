@@ -92,17 +92,14 @@ def _motion_lines(stretch: StretchComparison) -> Iterator[str]:
 
 def _overall_lines(overall: Overall) -> Iterator[str]:
     stops = f'{overall.impacts_on_stop_1} on stop 1, {overall.impacts_on_stop_2} on stop 2'
-    span = f'{overall.duration:.9g} s'
-    if overall.covered < (1.0 - 1e-9) * overall.duration:
-        span += f' (samples cover {overall.covered:.6g} s)'
     yield (
-        f'  overall    largest |X| {overall.x_max:.7g} m, rms X {overall.x_rms:.6g} m in {span}; '
-        f'{counted(overall.impacts, "impact")} ({stops})'
+        f'  overall    largest |X| {overall.x_max:.7g} m, rms X {overall.x_rms:.6g} m in '
+        f'{overall.duration:.9g} s; {counted(overall.impacts, "impact")} ({stops})'
     )
-    work = '' if math.isnan(overall.force_work) else f'force {overall.force_work:.6g} J into M; '
     yield (
-        f'             {work}taken from M by impacts {overall.impact_energy:.6g} J '
-        f'({overall.impact_loss:.6g} J of it lost), by the dashpot {overall.dashpot_energy:.6g} J'
+        f'             force {overall.force_work:.6g} J into M; taken from M by impacts '
+        f'{overall.impact_energy:.6g} J ({overall.impact_loss:.6g} J of it lost), by the dashpot '
+        f'{overall.dashpot_energy:.6g} J'
     )
 
 
@@ -154,10 +151,15 @@ def _stretch_text(stretch: StretchComparison) -> str:
     return '\n'.join(map(as_line, lines))
 
 
+def _run_of(comparison: RunComparison) -> str:
+    several = comparison.run_count > 1
+    return f', run {comparison.run} of {comparison.run_count}' if several else ''
+
+
 def comparison_text(comparison: RunComparison) -> str:
     """Return the text of a comparison; units are in it, all SI."""
     lines = [
-        f'compared     {comparison.bag}, node {comparison.node} (stamps: {comparison.stamps})',
+        f'compared     {comparison.bag}, node {comparison.node}{_run_of(comparison)}',
         f'recorded     {comparison.start:.9g} s to {comparison.end:.9g} s of rig time, '
         f'{counted(comparison.samples, "sample")}, {counted(comparison.impacts, "impact")}, '
         f'{counted(len(comparison.stretches), "stretch")}',

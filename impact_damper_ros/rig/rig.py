@@ -1035,20 +1035,24 @@ class Rig:
         return Sample(*sample_at(self._rig, self._lines, self._run, self._waves, time))
 
     def drive(self) -> tuple[float, float]:
-        """Return the present force on M, N, and X'', m/s^2, after any event at that time."""
+        """
+        Return the present force on M, N, and X'', m/s^2, after any event at that time.
+
+        The force is without that of the spring and the dashpot, also where their base moves.
+        """
         run, lines, view = self._run, self._lines, self._view()
         tau = max(0.0, (run.now - run.time) - run.time_low)
         sines = [
             math.sin(wave.angle + line.frequency * tau + line.phase)
             for line, wave in zip(lines, self._waves, strict=False)  # alone; those with m follow
         ]
-        alone, moving = (
-            sum(lines[first + j].force * sine for j, sine in enumerate(sines))
-            for first in (0, run.first)
-        )
+        sines_of_force = list(enumerate(sines))
+        del sines_of_force[self.parameters.base_rows]
+        force = sum(lines[j].force * sine for j, sine in sines_of_force)
+        moving = sum(lines[run.first + j].force * sine for j, sine in enumerate(sines))
         oscillator = oscillator_of(self._rig, run)
         held = 2.0 * oscillator.decay * view.velocity + oscillator.omega_squared * view.x
-        return self.parameters.primary_mass * alone + run.force, run.constant + moving - held
+        return self.parameters.primary_mass * force + run.force, run.constant + moving - held
 
     def state(self) -> Snapshot:
         """Return the motion of the rig, without its control, as a record."""

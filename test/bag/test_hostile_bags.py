@@ -343,7 +343,7 @@ def test_no_escape_sequence_reaches_the_terminal(tmp_path, messages):
         assert bounded_commands.run(command, path) == ''
     text = bounded_commands.output_of('replay_run', path).read_text()
     assert r'node /n\x1b]0;x\x07' in text
-    assert r'messages of /joint_states\x1b[31m\n\u202e twice: 1' in text
+    assert r'messages of /joint_states\x1b[31m\n\u202e that are there twice: 1' in text
 
 
 def test_printable_texts():

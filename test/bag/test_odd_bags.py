@@ -330,6 +330,24 @@ def test_a_truncated_database(tmp_path, database, messages, part, capsys):
     assert len(saved) > len(messages) * (part - 0.2)
 
 
+def test_a_hole_in_a_database(tmp_path, database, messages, capsys):
+    """After a power cut a page in the middle may be zero."""
+    (file,) = database.glob('*.db3')
+    content = bytearray(file.read_bytes())
+    at = len(content) // 2 // 4096 * 4096
+    content[at : at + 4096] = bytes(4096)
+    file.write_bytes(content)
+    code, text = command(replay_run, capsys, database)
+    assert (code, 'it is damaged: ' in text) == (3, True)
+    code, text = command(recover_run, capsys, database, '--output', tmp_path / 'saved')
+    assert (code, 'it is damaged: ' in text) == (0, True)
+    saved = {
+        (topic, content, stamp) for _, topic, _, stamp, _, content in stored(tmp_path / 'saved')
+    }
+    assert saved <= set(ros2_bags.joined(messages, 0))
+    assert len(messages) - 40 < len(saved) < len(messages)
+
+
 def test_findings_of_a_reader_of_json(tmp_path, messages, capsys):
     """The same messages give the same findings in every form."""
     arrived = ros2_bags.joined(messages, 0)

@@ -90,7 +90,7 @@ def test_viewers_can_draw_the_recording(tmp_path, capsys):
     assert replay_run([str(tmp_path / 'bag')]) == 0
     compare_run([str(tmp_path / 'bag'), '--json', str(tmp_path / 'found.json'), '--quiet'])
     log = json.loads((tmp_path / 'found.json').read_text(encoding='utf-8'))['log']
-    assert (log['replayed'], log['differences'], log['unchecked'][0]) == (True, 0, PICTURE)
+    assert (log['differences'], PICTURE in log['unchecked']) == (0, True)
     recovered = recover_run(tmp_path / 'bag')
     assert recovered.was_complete
     assert PICTURE in {topic.name for topic in recovered.topics}

@@ -51,6 +51,7 @@ def test_first_impacts_from_rest(tmp_path):
         ['friction=0.5', 'angle=0.3'],
         ['force_amplitudes=[1.2, 0.4]', 'force_frequencies=[31.4, 70]', 'force_phases=[0, 1]'],
         ['one_sided=true', 'angle=1.2', 'air_force=0.1'],
+        ['base_amplitudes=[2.0]', 'base_frequencies=[25.0]'],
     ],
 )
 def test_force_and_acceleration_of_the_states(tmp_path, settings):

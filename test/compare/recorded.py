@@ -1,4 +1,4 @@
-"""Stretches of simulated runs: as a replay has them, and as rows without a snapshot."""
+"""Stretches of simulated runs as a replay has them."""
 
 import math
 
@@ -8,7 +8,6 @@ from impact_damper_ros import InitialConditions, Rig
 from impact_damper_ros.compare.result import Beginning
 from impact_damper_ros.compare.stretches import LoggedRig, StretchBuilder
 from impact_damper_ros.compare.verdict import compare_stretch
-from impact_damper_ros.replay.rows import impacts_of
 
 DISPLACED = InitialConditions(initial_primary_position=1.0)
 
@@ -40,19 +39,6 @@ def replayed(parameters, cycles, initial=DISPLACED, per_cycle=40, **options):
     start, samples, events, end = simulated(parameters, cycles, initial, per_cycle)
     rig = LoggedRig(parameters, state=start)
     return built(rig, samples, events, end, **options)
-
-
-def as_logged(events):
-    """Return the impacts among some events, stamps on whole nanoseconds."""
-    hits = impacts_of(events)
-    hits['time'] = np.round(hits['time'] * 1e9) / 1e9
-    return hits
-
-
-def recorded(parameters, cycles, initial=DISPLACED, per_cycle=40, **options):
-    """Return a stretch of a run without a snapshot."""
-    _, samples, events, _ = simulated(parameters, cycles, initial, per_cycle)
-    return built(LoggedRig(parameters), samples, as_logged(events), **options)
 
 
 def compared(parameters, cycles, initial=DISPLACED, per_cycle=40):

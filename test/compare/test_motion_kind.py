@@ -14,7 +14,6 @@ from compare import motion_kinds
 from rigs import BENCH
 
 from impact_damper_ros import Rig
-from impact_damper_ros.compare.motion_kind import kind_of
 from impact_damper_ros.compare.predicted import decay_rate
 from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.orbits.recurrence import MotionKind
@@ -77,16 +76,6 @@ def test_short_recordings(name, cycles, kind):
     if kind is UNDECIDED:
         assert 'would decide' in found.evidence
         assert found.short
-
-
-def test_a_sample_of_two_kinds_of_data():
-    """Rows without a snapshot lead to the same kind as the replayed ones."""
-    from compare.recorded import recorded
-
-    case = known()['level, gap 37']
-    for cycles, kind in ((30, TRANSIENT), (300, PERIODIC)):
-        stretch = recorded(case.parameters, cycles, case.initial)
-        assert kind_of(stretch, case.cycle).kind is kind
 
 
 def test_weighted_averages_of_known_sequences():

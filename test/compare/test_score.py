@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -117,8 +118,9 @@ def test_a_motion_that_does_not_settle(tmp_path):
     assert score.overall.run.x_max == 1.0
 
 
-def test_the_command(timed, tmp_path, capsys):
+def test_the_command(timed, tmp_path, capsys, monkeypatch):
     pytest.importorskip('matplotlib')
+    monkeypatch.setattr('impact_damper_ros.cli.command_line._REPORT_PERIOD', 0.0)
     other = recorded(tmp_path, BENCH, seconds=5, name='other')
     names = {name: tmp_path / f'score.{name}' for name in ('json', 'md', 'png')}
     files = ['--json', names['json'], '--markdown', names['md'], '--figure', names['png']]
@@ -131,9 +133,13 @@ def test_the_command(timed, tmp_path, capsys):
     assert len(lines) == 2 + 2 * 5
     assert {line.replace('\\|', '').count('|') for line in lines} == {14}
     assert names['png'].read_bytes().startswith(b'\x89PNG')
-    said = capsys.readouterr().out
-    assert said.count('log reproduced') == 2
-    assert 'best fixed: gap' in said
+    printed = capsys.readouterr()
+    assert printed.out.count('log reproduced') == 2
+    assert 'best fixed: gap' in printed.out
+    # How far it is, where there is no terminal for a progress bar
+    shares = re.findall(r'^compare_run: scored (\d+) %$', printed.err, re.MULTILINE)
+    assert len(shares) > 100
+    assert int(shares[0]) < 10 < 90 < int(shares[-1]) <= 100
     for words in (
         ['--score', str(timed), '--report', 'report'],
         [str(timed), '--figure', 'score.png'],

@@ -1,19 +1,15 @@
-"""The files that users start from: presets, URDF, RViz set-up and launch file."""
+"""The files that users start from: presets, URDF and views of RViz."""
 
 import math
-import signal
-import time
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 import yaml
-from launched import Launched
 
 from impact_damper_ros import Rig, RigParameters, load_parameters as load, settle
 from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, JOINTS
-from impact_damper_ros.bag.robot_description import robot_description
-from impact_damper_ros.node.rviz_setup import rviz_setup
+from impact_damper_ros.bag.robot_description import picture_size, robot_description
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 
 ROOT = Path(__file__).parents[2]
@@ -206,161 +202,16 @@ def test_urdf_swing_is_that_of_the_resonance_in_a_sweep(bench):
     assert robot_description(past) == robot_description(best)
 
 
-@pytest.mark.parametrize('name', ['bench', 'wide', 'kilometres', 'hanging', 'controlled'])
-def test_rviz_view_shows_the_whole_rig(name, bench):
-    changes, gap_max = RIGS[name]
-    rig = bench.replace(**changes)
-    text = (ROOT / 'rviz' / 'rig.rviz').read_text(encoding='utf-8')
-    setup = yaml.safe_load(rviz_setup(text, rig, gap_max))
-    view = setup['Visualization Manager']['Views']['Current']
-    urdf = ElementTree.fromstring(robot_description(rig, gap_max))
-    deck = extent(urdf, 'primary', rig.static_deflection)
-    # What the eye sees to each side of the focal point: RViz opens at 45 degrees.
-    focus = math.copysign(math.hypot(*view['Focal Point'].values()), rig.static_deflection)
-    seen = view['Distance'] * math.tan(math.pi / 8)
-    assert focus - seen < deck[0] < deck[1] < focus + seen
-    # And large enough to be seen.
-    assert deck[1] - deck[0] > 0.15 * 2.0 * seen
-    assert 0.0 < view['Near Clip Distance'] < 0.01 * view['Distance']
-    # Nothing else is changed.
-    before = yaml.safe_load(text)
-    for tree in (setup, before):
-        manager = tree['Visualization Manager']
-        for field in ('Distance', 'Near Clip Distance', 'Focal Shape Size', 'Focal Point'):
-            del manager['Views']['Current'][field]
-        (grid,) = (d for d in manager['Displays'] if d['Name'] == 'Grid')
-        assert 6 <= grid['Plane Cell Count'] <= 150
-        for field in ('Cell Size', 'Plane Cell Count', 'Offset'):
-            del grid[field]
-        (frames,) = (d for d in manager['Displays'] if d['Name'] == 'Frames')
-        del frames['Marker Scale']
-    assert setup == before
-
-
-def test_rviz_shows_the_robot_from_its_base():
-    setup = yaml.safe_load((ROOT / 'rviz' / 'rig.rviz').read_text(encoding='utf-8'))
+@pytest.mark.parametrize(('view', 'preset'), [('rig', 'bench_rig'), ('paper', 'paper')])
+def test_rviz_shows_the_robot_from_its_base(view, preset):
+    setup = yaml.safe_load((ROOT / 'rviz' / f'{view}.rviz').read_text(encoding='utf-8'))
     manager = setup['Visualization Manager']
+    # The rig of the preset is in the view, and large enough: RViz opens at 45 degrees.
+    rig, _, _ = load(preset)
+    seen = manager['Views']['Current']['Distance'] * math.tan(math.pi / 8)
+    assert 0.15 * seen < picture_size(rig).deck < seen
     assert manager['Global Options']['Fixed Frame'] == 'base_link'
     (model,) = [d for d in manager['Displays'] if d['Class'].endswith('/RobotModel')]
     # The launch file remaps this name into the namespace.
     assert model['Description Topic']['Value'] == '/robot_description'
     assert model['Description Topic']['Durability Policy'] == 'Transient Local'
-
-
-def test_launch_file_starts_what_it_says():
-    pytest.importorskip('launch_ros')
-    source = pytest.importorskip('launch.launch_description_sources')
-    path = ROOT / 'launch' / 'rig.launch.py'
-    description = source.get_launch_description_from_python_launch_file(str(path))
-    assert [argument.name for argument in description.get_launch_arguments()] == [
-        'params_file',
-        'namespace',
-        'record',
-        'bag_directory',
-        'real_time_factor',
-        'publish_clock',
-        'use_robot_state_publisher',
-        'use_rviz',
-        'page',
-    ]
-
-
-def wait_for_the_end(launched):
-    """Wait until all that was started has ended."""
-    deadline = time.monotonic() + 100.0
-    while launched.ended() != launched.started():
-        assert time.monotonic() < deadline, launched.said
-        time.sleep(0.05)
-
-
-@pytest.mark.parametrize(
-    ('missing', 'argument', 'said'),
-    [
-        ('robot_state_publisher', 'use_rviz:=false', "'robot_state_publisher' not found"),
-        ('rviz2', 'use_rviz:=true', "'rviz2' not found"),
-        ('', 'real_time_factor:=fast', "could not convert string to float: 'fast'"),
-        ('', 'params_file:={rigs}', 'no parameters for /sim_node among'),
-    ],
-)
-def test_launch_that_fails_leaves_nothing_running(missing, argument, said, tmp_path):
-    rigs = tmp_path / 'rigs.yaml'
-    rigs.write_text('/rig1/sim_node: {ros__parameters: {gap: 0.3}}', encoding='utf-8')
-    packages = {'impact_damper_ros', 'robot_state_publisher', 'rviz2'} - {missing}
-    launched = Launched(tmp_path, *packages)
-    assert launched.start(argument.format(rigs=rigs)).wait(100.0) == 1
-    assert said in launched.said
-    assert 'sim_node' not in launched.started()
-    wait_for_the_end(launched)
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_launch_leaves_nothing_behind(number, tmp_path):
-    launched = Launched(tmp_path, 'impact_damper_ros', 'robot_state_publisher')
-    process = launched.start()
-    process.send_signal(number)
-    process.wait(100.0)
-    assert launched.started() == ['robot_state_publisher', 'sim_node']
-    wait_for_the_end(launched)
-
-
-def test_launch_draws_the_rig_that_the_node_runs(tmp_path):
-    rigs = tmp_path / 'rigs.yaml'
-    rigs.write_text(
-        '/rig1/sim_node: {ros__parameters: {gap: 0.3, angle: 0.25}}\n'
-        '/rig2/sim_node: {ros__parameters: {gap: 0.01, gap_control: timed, gap_max: 0.05}}\n',
-        encoding='utf-8',
-    )
-    drawn = {
-        'rig1': robot_description(RigParameters(gap=0.3, angle=0.25)),
-        '/rig2': robot_description(RigParameters(gap=0.01), 0.05),
-    }
-    for namespace, description in drawn.items():
-        launched = Launched(
-            tmp_path / namespace.strip('/'), 'impact_damper_ros', 'robot_state_publisher'
-        )
-        process = launched.start(f'params_file:={rigs}', f'namespace:={namespace}')
-        process.send_signal(signal.SIGINT)
-        assert process.wait(100.0) == 0, launched.said
-        _, given = launched.parameters('robot_state_publisher')
-        assert given == {'robot_description': description, 'use_sim_time': False}
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'of_the_node', 'simulated'),
-    [
-        (('publish_clock:=true',), {'publish_clock': True}, True),
-        (
-            ('publish_clock:=false', 'record:=true'),
-            {'publish_clock': False, 'record': True},
-            False,
-        ),
-        (('real_time_factor:=0.5',), {'real_time_factor': 0.5}, True),
-        (('real_time_factor:=1',), {'real_time_factor': 1.0}, False),
-    ],
-)
-def test_launch_has_one_switch_for_the_clock(arguments, of_the_node, simulated, tmp_path):
-    launched = Launched(tmp_path, 'impact_damper_ros', 'robot_state_publisher', 'rviz2')
-    process = launched.start('params_file:=bench_rig', 'use_rviz:=true', *arguments)
-    process.send_signal(signal.SIGINT)
-    assert process.wait(100.0) == 0, launched.said
-    # Under the node's own name, so that they count after what the file gives it by that name.
-    assert launched.parameters('sim_node') == ('/sim_node', of_the_node)
-    for name in ('robot_state_publisher', 'rviz2'):
-        assert launched.parameters(name)[1]['use_sim_time'] is simulated
-    preset = ROOT / 'config' / 'bench_rig.yaml'
-    words = (tmp_path / 'sim_node.arguments').read_text(encoding='utf-8').split()
-    assert Path(words[words.index('--params-file') + 1]).resolve() == preset
-
-
-def test_launch_shows_its_rig_in_a_browser(tmp_path):
-    launched = Launched(tmp_path, 'impact_damper_ros')
-    process = launched.start(
-        *('page:=true', 'use_robot_state_publisher:=false', 'namespace:=left'),
-        'bag_directory:=here',
-    )
-    process.send_signal(signal.SIGINT)
-    assert process.wait(100.0) == 0, launched.said
-    assert launched.started() == ['rig_page', 'sim_node']
-    words = (tmp_path / 'rig_page.arguments').read_text(encoding='utf-8').split()
-    assert words[words.index('--node') + 1] == '/left/sim_node'
-    assert words[words.index('--recordings') + 1] == 'here'

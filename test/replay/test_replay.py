@@ -18,6 +18,7 @@ from bag.recorded_rig import (
     NOTES,
     RecordedRig,
     ordered_run,
+    params_file,
     random_excitation,
     random_run,
     requested_run,
@@ -31,10 +32,13 @@ from impact_damper_ros import (
     ParameterError,
     Rig,
 )
-from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.bag import RecordingError, RunReader
 from impact_damper_ros.bag.messages import decode, header_ns
 from impact_damper_ros.bag.snapshots import FORMAT
+from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.compare.comparison import compare_bag
 from impact_damper_ros.motion.event import events_of_table
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
@@ -195,9 +199,6 @@ def controlled():
         ('/snapshot', -1, ('state', 'origin', 'clearance_1'), 'origin.clearance_1'),
         ('/snapshot', -1, ('rate',), 'rate'),
         ('/snapshot', 0, ('number',), 'number'),
-        ('/parameter_events', 0, ('gap', 'double_value'), 'gap'),
-        ('/parameter_events', 0, ('state_rate', 'double_value'), 'state_rate'),
-        ('/parameter_events', 1, ('restitution_1', 'double_value'), 'restitution_1'),
     ],
 )
 def test_an_altered_number_is_named(tmp_path, controlled, topic, number, place, quantity):
@@ -257,23 +258,48 @@ def test_the_same_impact_twice_while_paused(tmp_path):
 
 
 def test_messages_twice_and_out_of_order(tmp_path, messages):
-    """The reader sorts them by their stamps; the node writes them in order."""
+    """The stamps in the messages give the order, in bags of the node as in others."""
     a, b = places(messages, '/joint_states')[30:32]
     hit = places(messages, '/impacts')[3]
+    change = places(messages, '/snapshot')[-1]
     exchanged = list(messages)
     exchanged[a], exchanged[b] = ((*messages[i][:2], messages[j][2]) for i, j in ((b, a), (a, b)))
-    partial, first = ReplayVerdict.PARTIAL, messages[hit][2]
-    again = messages[: hit + 1] + messages[hit:]
-    for name, changed, verdict, words in (
-        ('state', messages[: a + 1] + messages[a:], partial, '/joint_states twice: 1'),
-        ('hit', again, partial, f'/impacts twice: 1 (first at stamp {first} ns)'),
-        ('stamps', exchanged, ReplayVerdict.DIFFERENT, '/joint_states out of order: 1'),
+    logged = messages[0][2]
+    for name, changed, words in (
+        ('state', messages[: a + 1] + messages[a:], '/joint_states that are there twice: 1'),
+        ('hit', messages[: hit + 1] + messages[hit:], '/impacts that are there twice: 1'),
+        (
+            'change',
+            messages[: change + 1] + messages[change:],
+            '/snapshot that are there twice: 1',
+        ),
+        ('stamps', exchanged, ''),
+        ('at once', [(*m[:2], logged) for m in messages], ''),
     ):
         findings = replayed(samples.record(tmp_path / name, changed, custom=NOTES))
-        assert findings.verdict is verdict
-        assert words in findings.faults[0]
-        if verdict is not partial:
-            assert (findings.first.quantity, findings.difference_count) == ('stamp', 2)
+        verdict = ReplayVerdict.PARTIAL if words else ReplayVerdict.IDENTICAL
+        assert findings.verdict is verdict, findings
+        assert findings.faults == ([f'messages of {words}'] if words else [])
+
+
+def test_any_order_of_arrival_is_the_same_run(tmp_path):
+    """Each topic on its own way, the latched snapshot after what it caused."""
+    rig = ordered_run(7)
+    rng = random.Random(5)
+    late = {topic: rng.randrange(0, 3 * 10**8) for topic in sorted({m[0] for m in rig.messages})}
+    arrived = sorted(
+        (
+            (t, content, stamp + late[t] + rng.randrange(10**8))
+            for t, content, stamp in rig.messages
+        ),
+        key=lambda message: message[2],
+    )
+    findings = {
+        name: replayed(samples.record(tmp_path / name, messages, samples.CONTROLLED))
+        for name, messages in (('in order', rig.messages), ('arrived', arrived))
+    }
+    assert findings['arrived'] == findings['in order']
+    assert findings['arrived'].verdict is ReplayVerdict.IDENTICAL
 
 
 def of_format(message, version, name='format'):
@@ -373,7 +399,7 @@ def what_if(bag, **held):
     history = RecordedRun(bag)
     other = WhatIf(history.start, held)
     found = [other.follow(part) for part in Replay(history)]
-    samples, events = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    samples, events = (np.concatenate([part[i] for part in found]) for i in (0, 1))
     return other, samples.tolist(), [(e.time, e.kind, e.x) for e in events_of_table(events)]
 
 
@@ -467,3 +493,210 @@ def test_what_if_the_control_had_been_on(tmp_path, capsys):
     twin = Rig(rig.rig.parameters, control=CONTROL)
     twin.advance(rig.time_ns / 1e9)
     assert twin.control.active
+
+
+# Recorded
+
+
+def recorded_what_if(path, other, *settings):
+    """Record a what-if by the command; return its result as JSON."""
+    words = [word for setting in settings for word in ('--set', setting)]
+    result = other.with_suffix('.json')
+    files = ['--json', str(result), '--bag', str(other)]
+    assert replay_run([str(path), *words, *files, '--quiet']) == 0
+    return json.loads(result.read_text())['what_if']
+
+
+def from_the_middle(_):
+    rig = RecordedRig(control=CONTROL)
+    rig.run(137)
+    rig.record()
+    for requests in (('change', {'friction': 0.1}), ('reset', None), ('resume', 10**9)):
+        rig.run(90, requests)
+    return rig
+
+
+def with_a_reset_that_does_not_fit(_):
+    initial = InitialConditions(initial_damper_offset=0.004)
+    return RecordedRig(initial=initial).start().run(100).run(100, ('reset', None))
+
+
+WHAT_IFS = {
+    'requests': (lambda seed: random_run(seed, 400), ('gap=0.013', 'restitution_1=0.6')),
+    'control': (lambda seed: requested_run(seed, control=CONTROL), ('damper_mass=0.2',)),
+    'orders': (ordered_run, ('friction=0.05',)),
+    'middle': (from_the_middle, ('gap=0.003',)),
+    'reset': (with_a_reset_that_does_not_fit, ('gap=0.006',)),
+    'controlled': (
+        lambda seed: random_run(seed, 200),
+        tuple(f'{name}={value}' for name, value in CONTROL.as_dict().items()),
+    ),
+}
+
+
+@pytest.mark.parametrize('name', WHAT_IFS)
+def test_a_what_if_is_a_recording(tmp_path, name):
+    """It is replayed bit for bit, and compared; the numbers are those of the table."""
+    make, settings = WHAT_IFS[name]
+    rig = make(5)
+    totals = recorded_what_if(rig.save(tmp_path / 'bag'), tmp_path / 'other', *settings)
+    findings = replayed(tmp_path / 'other')
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings
+    # It also has the sample of its start.
+    first = json.loads(decode(samples.STRING, rig.messages[0][1]).data)['time_ns']
+    assert findings.samples == len(places(rig.messages, '/joint_states')) + (first > 0)
+    whole = compare_bag(tmp_path / 'other').overall
+    for key, value in (
+        ('largest_x', whole.x_max),
+        ('rms_x', whole.x_rms),
+        ('energy_lost_in_impacts', whole.impact_loss),
+    ):
+        close = 5e-3 if first else 1e-9
+        assert totals['what_if'][key] == pytest.approx(value, rel=close), key
+    assert totals['what_if']['impacts'] == findings.impacts
+
+
+def test_the_recorded_what_if_is_what_simulate_rig_records(tmp_path):
+    """The same messages but for the identity of the run."""
+    bag = RecordedRig(offset=0).start().run(400).save(tmp_path / 'bag')
+    recorded_what_if(bag, tmp_path / 'other', 'gap=0.006')
+    params = params_file(tmp_path / 'params.yaml', LIVELY)
+    words = [str(params), '--duration', '2', '--set', 'gap=0.006', '--quiet', '--bag']
+    assert simulate_rig([*words, str(tmp_path / 'direct')]) == 0
+    topics = {'/joint_states', '/impacts'}
+    one, other = (
+        [record[2:] for record in RunReader(tmp_path / name).records(topics)]
+        for name in ('other', 'direct')
+    )
+    assert one == other
+
+
+def test_a_what_if_is_recorded_beside_what_is_read(tmp_path, capsys):
+    bag = RecordedRig().start().run(20).save(tmp_path / 'bag')
+    for name, words in ((bag, 'what is read'), (bag / 'more', 'what is read')):
+        assert replay_run([str(bag), '--set', 'gap=0.02', '--bag', str(name)]) == 2
+        assert words in capsys.readouterr().err
+    other = ['--set', 'gap=0.02', '--bag', str(tmp_path / 'other')]
+    assert replay_run([str(bag), *other]) == 0
+    assert replay_run([str(bag), *other]) != 0
+    assert 'other' in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        replay_run([str(bag), '--bag', str(tmp_path / 'more')])
+
+
+def test_both_sides_of_the_figure_have_the_orders(tmp_path):
+    """Of a controller outside the rig; held is a value that changes nothing."""
+    pytest.importorskip('matplotlib')
+    from impact_damper_ros.report.run_pair import RunPair
+
+    external = CONTROL.replace(gap_control='external')
+    rng = random.Random(3)
+    rig = RecordedRig(control=external).start()
+    rig.run(400, order=lambda: Order(rng.uniform(0.005, 0.02), -0.01, force=rng.gauss(0.0, 2.0)))
+    history = RecordedRun(rig.save(tmp_path / 'bag'))
+    other = WhatIf(history.start, {'gap_control_seed': 5})
+    runs = RunPair(history.start, other, {'gap_control_seed': 5}, drawn=True)
+    for part in Replay(history):
+        runs.take(part, other.follow(part))
+    runs.finish()
+    last = rig.rig.sample()
+    figure = runs.figure()
+    for axes in figure.axes[1:3]:
+        ends = {
+            line.get_label(): (line.get_xdata()[-1], line.get_ydata()[-1])
+            for line in axes.lines
+            if not line.get_label().startswith('_')
+        }
+        drawn = next(value for label, value in ends.items() if label.startswith('X '))
+        assert drawn == pytest.approx((last.time, last.x), rel=1e-9)
+        assert ends['Z, loose mass'] == pytest.approx((last.time, last.z), rel=1e-9)
+
+
+# Restarts
+
+
+def restarted(offset, *, named=True):
+    """Return what another recorder gets of two runs of a node, and both rigs."""
+    first = RecordedRig(offset=0).start().run(300, ('change', {'gap': 0.012}))
+    second = RecordedRig(LIVELY.replace(gap=0.02), offset=offset).start()
+    second.run(100).run(100, ('change', {'friction': 0.1}))
+    second.run_id = first.run_id[::-1]
+    messages = [*first.messages, *second.messages]
+    for i in places(messages, '/snapshot'):
+        topic, content, stamp = messages[i]
+        held = json.loads(decode(samples.STRING, content).data)
+        held['run'] = (first if i < len(first.messages) else second).run_id
+        if not named:
+            del held['run']
+        text = samples.make(samples.STRING, json.dumps(held))
+        messages[i] = topic, samples.serialise(samples.STRING, text), stamp
+    arrived = [
+        (*m[:2], 10**9 + k * 10**6)
+        for k, m in enumerate(messages)
+        # What is latched comes once to a recorder: the last one.
+        if m[0] != '/snapshot' or b'record' not in m[1][:600]
+    ]
+    return arrived, first, second
+
+
+@pytest.mark.parametrize('named', [True, False])
+@pytest.mark.parametrize('offset', [5 * 10**9, 0])
+def test_a_restart_makes_another_run(tmp_path, capsys, offset, named):
+    """Stamps go on, or begin at 0 again; each run is judged by itself."""
+    messages, first, second = restarted(offset, named=named)
+    bag = samples.record(tmp_path / 'bag', messages)
+    result = tmp_path / 'result.json'
+    assert replay_run([str(bag), '--json', str(result)]) == 0
+    text = capsys.readouterr().out
+    assert text.count('identical: the run is reproduced bit for bit') == 2
+    assert 'node /sim_node, run 2 of 2' in text
+    assert text.count('the node /sim_node was restarted') == 2
+    runs = json.loads(result.read_text())['runs']
+    counts = [len(places(rig.messages, '/joint_states')) for rig in (first, second)]
+    assert [run['compared']['samples'] for run in runs] == counts
+    assert [run['compared']['changes'] for run in runs] == [1, 1]
+    assert [run['faults'] for run in runs] == [[], []]
+    # One of them
+    states = tmp_path / 'states.csv'
+    assert replay_run([str(bag), '--states', str(states)]) == 2
+    assert 'choose one with --run 1 to --run 2' in capsys.readouterr().err
+    assert replay_run([str(bag), '--run', '2', '--states', str(states)]) == 0
+    assert len(states.read_text().splitlines()) == 1 + counts[1]
+    assert replay_run([str(bag), '--run', '3']) == 2
+    assert 'holds 2 runs' in capsys.readouterr().err
+    assert compare_run([str(bag), '--json', str(result), '--quiet']) == 0
+    compared = json.loads(result.read_text())['runs']
+    assert [run['samples'] for run in compared] == counts
+    assert [run['run'] for run in compared] == [1, 2]
+
+
+def test_stamps_may_go_back_with_the_system_clock(tmp_path):
+    """As another recorder has it, of a rig that then counts from the clock that was set back."""
+    rig = RecordedRig().start().run(200).run(200, ('resume', -(10**9) // 2))
+    rig.run(100, ('change', {'gap': 0.02}))
+    messages = [(*m[:2], 10**9 + k) for k, m in enumerate(rig.messages)]
+    findings = replayed(samples.record(tmp_path / 'bag', messages))
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:2]
+    assert findings.samples == 501
+    assert findings.impacts == len(places(rig.messages, '/impacts'))
+
+
+# What a snapshot may hold
+
+
+def test_a_snapshot_that_does_too_much_or_says_why_in_another_way(tmp_path, messages):
+    place = places(messages, '/snapshot')[-1]
+    topic, content, stamp = messages[place]
+    for name, value, words in (
+        ('done', [['change', {'gap': 0.01}]] * 300_000, 'done has 300000 entries'),
+        ('reason', 5, 'reason is 5: it must be a text'),
+        ('node', ['a'], "node is ['a']: it must be a text"),
+        ('run', 1.5, 'run is 1.5: it must be a text'),
+    ):
+        held = json.loads(decode(samples.STRING, content).data)
+        held[name] = value
+        text = samples.make(samples.STRING, json.dumps(held))
+        messages[place] = topic, samples.serialise(samples.STRING, text), stamp
+        findings = replayed(samples.record(tmp_path / name, messages, custom=NOTES))
+        assert findings.verdict is ReplayVerdict.PARTIAL
+        assert words in findings.faults[0]

@@ -72,7 +72,6 @@ def example(*, gap_curve=True):
         node='/sim_node',
         version='0.1.0',
         complete=True,
-        stamps='rig time',
         start=0.0,
         end=chaotic.end,
         samples=3 * first.samples,

@@ -18,9 +18,12 @@ const worded = (name) => {
   return text[0].toUpperCase() + text.slice(1);
 };
 
-/** How a parameter is shown: unit, factor, and whether only its first entry. */
-export function display(descriptor, scale) {
-  const { unit } = descriptor;
+/** Units of the motion of the base, by its quantity. */
+const BASE = { displacement: 'm', velocity: 'm/s', acceleration: 'm/s²' };
+
+/** How a parameter is shown: unit and factor; lengths in a scale, the motion of the base as its quantity. */
+function display({ name, unit }, { scale, quantity }) {
+  if (name === 'base_amplitudes') return { unit: BASE[quantity] ?? '', factor: 1 };
   if (unit === 'rad/s') return { unit: 'Hz', factor: 1 / TAU };
   if (unit === 'rad') return { unit: '°', factor: 360 / TAU };
   if (unit === 'm') return scale;
@@ -37,7 +40,7 @@ class Knob {
     this.value = descriptor.value;
     this.busy = false;
     this.next = null;
-    this.shown = display(descriptor, knobs.scale);
+    this.shown = display(descriptor, knobs);
     const { name, type } = descriptor;
     this.id = `${slider ? 'knob' : 'parameter'}-${name}`;
     const fixed = descriptor.read_only || knobs.locked;
@@ -291,7 +294,7 @@ class Knob {
   /** The unit of lengths, or the natural frequency, is another one. */
   rescale() {
     const { unit } = this.shown;
-    this.shown = display(this.descriptor, this.knobs.scale);
+    this.shown = display(this.descriptor, this.knobs);
     // What is half typed was meant in the unit before.
     if (this.shown.unit !== unit) this.typing = false;
     write(this.unit, this.unitText());
@@ -320,6 +323,7 @@ export class Knobs {
     const [mass, stiffness] = [known.get('primary_mass')?.value, known.get('stiffness')?.value];
     this.natural = mass > 0 ? Math.sqrt(stiffness / mass) / TAU : 0;
     this.scale = lengthUnit(known.get('gap')?.value ?? 1);
+    this.quantity = known.get('base_quantity')?.value;
     this.knobs = [];
     const first = byId('first-knobs');
     first.replaceChildren();
@@ -365,6 +369,10 @@ export class Knobs {
       anew = scale.unit !== this.scale.unit || far;
       this.natural = natural;
       if (anew) this.scale = scale;
+    }
+    if (values.base_quantity && values.base_quantity !== this.quantity) {
+      this.quantity = values.base_quantity;
+      anew = true;
     }
     for (const knob of this.knobs) {
       const outside = knob.range && !knob.dragging && (knob.number < knob.span[0] || knob.number > knob.span[1]);

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two runs side by side, a recorded one and its what-if: as a table, as JSON and as a figure."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from impact_damper_ros.compare.result import Overall
+from impact_damper_ros.compare.whole_run import WholeRun
+from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, RigParameters
+from impact_damper_ros.replay.command import Command, Setting
+from impact_damper_ros.replay.replay import Part
+from impact_damper_ros.replay.what_if import WhatIf
+
+from .formatting import setting, unit_for
+from .run_figures import Motion, Side, draw_runs
+from .table import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+#: Values of a held parameter that are listed, and those of them in a figure.
+_MOST_IN_TABLE, _MOST_IN_FIGURE = 20, 3
+_CLOSEUP_CYCLES = 4
+#: What both runs are compared by: name in the table, in JSON, and in `Overall`.
+_QUANTITIES = (
+    ('largest |X| [m]', 'largest_x', 'x_max'),
+    ('rms X [m]', 'rms_x', 'x_rms'),
+    ('impacts', 'impacts', 'impacts'),
+    ('energy lost in impacts [J]', 'energy_lost_in_impacts', 'impact_loss'),
+    (
+        'taken from M by impacts [J]',
+        'energy_taken_from_primary_by_impacts',
+        'impact_energy',
+    ),
+)
+
+
+def _longest_cycle(rig: RigParameters) -> float:
+    """Return the longest period of the force, or the natural one of a rig without force, s."""
+    harmonics = zip(rig.force_amplitudes, rig.force_frequencies, strict=True)
+    return math.tau / min((w for amplitude, w in harmonics if amplitude and w), default=rig.omega)
+
+
+class RunPair:
+    """
+    A recorded run and its what-if, whose parts are taken one after the other.
+
+    Parameters
+    ----------
+    start : Command
+        Where the recorded run begins.
+    what_if : WhatIf
+        The other rig, there.
+    held : mapping
+        Parameters and initial conditions that are held, and their values.
+    drawn : bool, optional
+        Whether to keep what the figure needs.
+    """
+
+    def __init__(
+        self, start: Command, what_if: WhatIf, held: Mapping[str, Any], *, drawn: bool = False
+    ) -> None:
+        rigs = Setting.of(start.state).rig, what_if.rig.parameters
+        span = _CLOSEUP_CYCLES * max(map(_longest_cycle, rigs)) if drawn else 0.0
+        self._held, self._initial = dict(held), start.initial.as_dict()
+        self._from_initial = what_if.from_initial
+        self._recorded = WholeRun(start.state, span)
+        self._other = WholeRun(what_if.rig.snapshot(), span)
+
+    def take(self, recorded: Part, other: Part) -> None:
+        """Take the next part of both runs."""
+        self._recorded.take(recorded)
+        self._other.take(other)
+
+    def finish(self) -> None:
+        """Take note that both runs have ended."""
+        self._recorded.finish()
+        self._other.finish()
+
+    def _recorded_values(self, name: str) -> list[Any]:
+        """Return the values of a held parameter in the recorded run, in order."""
+        if name in self._initial:
+            return [self._initial[name]]
+        found: list[Any] = []
+        for stretch in self._recorded.stretches:
+            value = stretch.values[name]
+            found += [] if found and found[-1] == value else [value]
+        return found
+
+    def text(self) -> str:
+        """Return both runs side by side, as a table."""
+        parts = []
+        for name, value in self._held.items():
+            was = self._recorded_values(name)
+            listed = ', '.join(map(repr, was[:_MOST_IN_TABLE])) or 'not known'
+            more = len(was) - _MOST_IN_TABLE
+            listed += f' and {more} more' if more > 0 else ''
+            parts.append(f'{name} = {value!r} (recorded: {listed})')
+        how = 'with the recorded state, to which the rig was changed as a live one would be'
+        if self._from_initial:
+            how = 'from the initial conditions, as the recorded run did'
+        return '\n'.join(
+            [
+                textwrap.fill(f'what if     {", ".join(parts)}', 99, subsequent_indent=' ' * 12),
+                f'start       {how}',
+                self.table().text(),
+            ]
+        )
+
+    def table(self) -> Table:
+        """Return what both runs amount to."""
+        both = self._recorded.overall, self._other.overall
+        rows = []
+        for title, _, name in _QUANTITIES:
+            was, now = (math.nan if one is None else getattr(one, name) for one in both)
+            ratio = f'{now / was:.4f}' if was else '-'
+            rows.append([title, f'{was:.7g}', f'{now:.7g}', ratio])
+        return Table.of_rows(['', 'recorded', 'what if', 'ratio'], rows)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return both for JSON, in SI units; None where something is not known."""
+        return {
+            'set': self._held,
+            'recorded_values': {name: self._recorded_values(name) for name in self._held},
+            'from_initial': self._from_initial,
+            'recorded': _totals(self._recorded.overall),
+            'what_if': _totals(self._other.overall),
+        }
+
+    def figure(self) -> Figure:
+        """Return the figure of both; needs `drawn`."""
+        now = ', '.join(f'{name} = {_with_unit(v, name)}' for name, v in self._held.items())
+        was = []
+        for name in self._held:
+            values = self._recorded_values(name)
+            listed = ', '.join(_with_unit(value, name) for value in values[:_MOST_IN_FIGURE])
+            more = len(values) - _MOST_IN_FIGURE
+            was.append(f'{name} = {listed}' + (f' and {more} more' if more > 0 else ''))
+        recorded, other = (
+            Side(f'{textwrap.fill(head, 66)}\n{_in_a_line(run)}', run.envelope, Motion(*run.end))
+            for head, run in (
+                (f'recorded: {", ".join(was)}', self._recorded),
+                (f'what if {now}', self._other),
+            )
+        )
+        title = f'The recorded run, and the same history with {now}'
+        return draw_runs((recorded, other), list(self._changes()), title)
+
+    def _changes(self) -> Iterator[tuple[float, str]]:
+        """Yield when the recorded run was changed, s, and what."""
+        before: dict[str, Any] = {}
+        for stretch in self._recorded.stretches:
+            values = stretch.values
+            texts = [
+                f'{name} {_with_unit(value, name)}' + (' (held)' if name in self._held else '')
+                for name, value in values.items()
+                if before and before[name] != value
+            ]
+            if before:
+                yield stretch.start, ', '.join(texts) or stretch.begins.value
+            before = values
+
+
+def _totals(overall: Overall | None) -> dict[str, Any]:
+    values = {key: getattr(overall, name, math.nan) for _, key, name in _QUANTITIES}
+    return {key: None if math.isnan(value) else value for key, value in values.items()}
+
+
+def _in_a_line(run: WholeRun) -> str:
+    overall = run.overall
+    if overall is None:
+        return 'no motion'
+    unit = unit_for('m', overall.x_max)
+    return (
+        f'{counted(overall.impacts, "impact")}, '
+        f'largest |X| {unit.factor * overall.x_max:.4g} {unit.name}, '
+        f'rms {unit.factor * overall.x_rms:.4g} {unit.name}'
+    )
+
+
+def _with_unit(value: Any, name: str) -> str:
+    return f'{setting(value)} {ALL_SPECS[name].unit}'.rstrip()
