@@ -296,7 +296,7 @@ def predicted_report(theory: TheoryProcess, agreement: Agreement) -> MotionRepor
         words,
         {
             'State': state,
-            'Reason': theory.trouble or known.error or known.reason,
+            'Reason': known.error or known.reason,
             'Chosen as': agreement.basis,
             'Complete': known.complete,
             **_rhythm_values(motion),
@@ -313,8 +313,6 @@ def predicted_report(theory: TheoryProcess, agreement: Agreement) -> MotionRepor
             'Tolerance': _number(agreement.tolerance, 3),
             'Computing time [s]': _number(theory.seconds if theory.prediction else None, 3),
             'Process': theory.process or '',
-            'Restarts of the process': theory.restarts,
-            'Last end of the process': theory.last_trouble,
         },
     )
 
@@ -324,11 +322,10 @@ def _state(theory: TheoryProcess, agreement: Agreement) -> tuple[str, bool, str]
     known, motion = theory.prediction, agreement.motion
     if not theory.enabled:
         return 'off', False, 'off: predict_motion is false'
-    trouble = theory.trouble
     if known is None:
-        return ('unavailable', True, trouble) if trouble else ('computing', False, 'computing')
+        return 'computing', False, 'computing'
     if known.error:
-        return 'unavailable', True, trouble or f'the prediction failed: {known.error}'
+        return 'unavailable', True, f'the prediction failed: {known.error}'
     if motion is None:
         if agreement.verdict == 'disagrees':
             return 'none', True, 'the measured motion repeats, but theory finds no such motion'
@@ -338,9 +335,9 @@ def _state(theory: TheoryProcess, agreement: Agreement) -> tuple[str, bool, str]
     words = [f'{_in_words(motion)}, {motion.stability}{"" if motion.viable else ", not viable"}']
     if agreement.verdict in ('agrees', 'disagrees'):
         words.append(f'the measured motion {agreement.verdict}')
-    words += filter(None, (known.reason, trouble))
+    words += filter(None, [known.reason])
     lost = known.complete and not (motion.stable and motion.viable)
-    warning = lost or agreement.verdict == 'disagrees' or bool(trouble)
+    warning = lost or agreement.verdict == 'disagrees'
     return 'found', warning, '; '.join(words)
 
 

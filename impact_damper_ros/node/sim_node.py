@@ -204,7 +204,7 @@ class SimNode(Node):
         # never keep it waiting, but those of other programs do not keep them from releasing the
         # interpreter.
         take_priority(max(1, priority - 1) if priority else 0)
-        self._theory = TheoryProcess(warn=self.get_logger().warning)
+        self._theory = TheoryProcess()
         self._theory.enable(parameters.predict_motion)
         self.engine = Engine(
             parameters,
@@ -460,12 +460,12 @@ class SimNode(Node):
     def _follow_theory(self) -> None:
         """Take what the process has computed so far; report and publish what is new."""
         theory = self._theory
-        before = theory.prediction, theory.trouble
+        before = theory.prediction
         theory.poll()
         if theory.document != self._document:
             self._document = theory.document
             self._theory_publisher.publish(encode(String(self._document)))
-        if before != (theory.prediction, theory.trouble):
+        if theory.prediction is not before:
             report = self._diagnostics.motion_report(self.engine.stamp_ns(), self._monitor.look())
             self._publish('diagnostics', encode(report))
         if theory.done:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import shutil
 import signal
 import sys
@@ -20,16 +21,24 @@ from urllib.parse import quote
 
 import yaml
 
+import impact_damper_ros
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.metadata import read_listing
 from impact_damper_ros.bag.run_reader import bag_files
 from impact_damper_ros.parameters.quoting import printable
-from impact_damper_ros.theory.child_process import environment
 
 _SUFFIXES = ('.mcap', '.mcap.zstd', '.db3', '.db3.zstd')
 _MOST_LISTED = 500
 #: Longest comparison, s.
 _PATIENCE_S = 1800.0
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment in which another Python finds this package and uses one core."""
+    root = str(Path(impact_damper_ros.__file__).parents[1])
+    path = os.pathsep.join(filter(None, [root, os.environ.get('PYTHONPATH')]))
+    threads = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
+    return {**os.environ, **dict.fromkeys(threads, '1'), 'PYTHONPATH': path}
 
 
 class Recordings:
@@ -132,7 +141,7 @@ class Recordings:
         process = await asyncio.create_subprocess_exec(
             *('nice', '-n', '5', sys.executable, '-m', 'impact_damper_ros.cli.compare_run'),
             *(str(path), '--report', str(directory)),
-            env=environment(),
+            env=_environment(),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,

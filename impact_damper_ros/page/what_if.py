@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The what-if beside a recording: another rig with the same history, from a child process.
+The what-if beside a recording: another rig with the same history, from a process of its own.
 
-The process reads one request from its standard input: the path of the bag and the values that are
-held. It answers with impacts and samples as they are computed, and at last with how it went.
+The process sends impacts and samples as they are computed, and at last how it went.
 """
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +17,9 @@ from impact_damper_ros.replay import RecordedRun, Replay, Setting
 from impact_damper_ros.replay.what_if import WhatIf
 from impact_damper_ros.report.run_pair import RunPair
 from impact_damper_ros.rig.runaway import RunawayError
-from impact_damper_ros.theory.child_process import ChildProcess, decoded, send
+from impact_damper_ros.theory.background import BackgroundCall
 
 from .motion import MOST_IMPACTS, MOST_SAMPLES, Era, Motion
-
-_NICENESS = 10
-#: Standard output
-_ANSWERS = 1
 
 
 class WhatIfMotion:
@@ -46,8 +38,7 @@ class WhatIfMotion:
         self._done = False
         # What both rigs amount to, once that is known
         self._totals: dict[str, Any] = {}
-        self._child = ChildProcess('-m', __name__)
-        self._child.send((path, self._values))
+        self._call = BackgroundCall(_computed, path, self._values, patience=0.0)
         self._say('computing')
 
     def _say(self, text: str, *, on: bool = True, done: bool = False) -> None:
@@ -67,8 +58,7 @@ class WhatIfMotion:
 
     def tick(self) -> None:
         """Take in what has been computed."""
-        ended = self._child.end
-        for kind, content in self._child.poll():
+        for kind, content in self._call.poll():
             if kind == 'end':
                 self._done = True
                 ok, text, self._totals = content
@@ -78,56 +68,43 @@ class WhatIfMotion:
             else:
                 self.motion.add_samples(content)
                 self._say('computing')
-        if ended and not self._done:
+        if self._call.end and not self._done:
             self._done = True
             self._say('the process of the what-if ended early: try it again', on=False, done=True)
 
     def close(self) -> None:
         """End the process."""
-        self._child.close()
+        self._call.close()
 
 
-def _run(path: Path, values: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Run the rig; return a text on how it started, and what both rigs amount to."""
-    replay = Replay(RecordedRun(path))
-    known = Setting.of(replay.start.state).as_dict()
-    strange = [name for name in values if name not in known and name not in INITIAL_SPECS]
-    if strange:
-        raise ValueError(f'{strange[0][:80]} is not a parameter of the rig or of its control')
-    held = {name: value for name, value in values.items() if name in known}
-    held_initial = {name: value for name, value in values.items() if name in INITIAL_SPECS}
-    other = WhatIf(replay.start, held, held_initial)
-    runs = RunPair(replay.start, other, values)
-    found = 0
-    for part in replay:
-        # The rows of a part are of the rig before the command at its end.
-        era = Era(0, 0, other.rig.parameters, None)
-        followed = other.follow(part)
-        runs.take(part, followed)
-        # The impacts before a sample must arrive before it.
-        send(_ANSWERS, ('impacts', era.impact_rows(followed.events)))
-        send(_ANSWERS, ('samples', era.sample_rows(followed.samples)))
-        found += len(followed.samples)
-    runs.finish()
-    if not found:
-        return 'the recording holds no motion', {}
-    start = 'its initial conditions' if other.from_initial else 'the recorded state'
-    totals = runs.as_json()
-    return f'computed from {start}', {name: totals[name] for name in ('recorded', 'what_if')}
-
-
-def main() -> None:
-    """Process the request."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(_NICENESS)
-    lines = (line.strip() for line in sys.stdin.buffer)
-    path, values = next(filter(None, map(decoded, lines)))
+def _computed(path: Path, values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Run the rig; yield impacts, samples, and at last how it started and what both amount to."""
     try:
-        end = True, *_run(path, values)
+        replay = Replay(RecordedRun(path))
+        known = Setting.of(replay.start.state).as_dict()
+        strange = [name for name in values if name not in known and name not in INITIAL_SPECS]
+        if strange:
+            raise ValueError(f'{strange[0][:80]} is not a parameter of the rig or of its control')
+        held = {name: value for name, value in values.items() if name in known}
+        held_initial = {name: value for name, value in values.items() if name in INITIAL_SPECS}
+        other = WhatIf(replay.start, held, held_initial)
+        runs = RunPair(replay.start, other, values)
+        found = 0
+        for part in replay:
+            # The rows of a part are of the rig before the command at its end.
+            era = Era(0, 0, other.rig.parameters, None)
+            followed = other.follow(part)
+            runs.take(part, followed)
+            # The impacts before a sample must arrive before it.
+            yield 'impacts', era.impact_rows(followed.events)
+            yield 'samples', era.sample_rows(followed.samples)
+            found += len(followed.samples)
+        runs.finish()
+        text, totals = 'the recording holds no motion', {}
+        if found:
+            start = 'its initial conditions' if other.from_initial else 'the recorded state'
+            text, totals = f'computed from {start}', runs.as_json()
+            totals = {name: totals[name] for name in ('recorded', 'what_if')}
+        yield 'end', (True, text, totals)
     except (RecordingError, RunawayError, ArithmeticError, ValueError, TypeError) as error:
-        end = False, str(error), {}
-    send(_ANSWERS, ('end', end))
-
-
-if __name__ == '__main__':
-    main()
+        yield 'end', (False, str(error), {})

@@ -15,7 +15,6 @@ import logging
 import os
 import queue
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import (
@@ -27,7 +26,7 @@ from concurrent.futures import (
 )
 from contextlib import contextmanager
 from importlib.util import find_spec
-from multiprocessing import connection, get_context, parent_process
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -37,6 +36,7 @@ from impact_damper_ros.parameters.parameter_spec import ParameterError, whole_nu
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import Snapshot
+from impact_damper_ros.theory.background import end_with_parent
 
 from .grid import Grid, RigSetup, Varied
 from .part_file import PartFile, State, differences, part_path
@@ -145,14 +145,7 @@ def _begin_worker() -> None:
     """Leave Ctrl-C and what is logged to the parent process, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.getLogger(impact_damper_ros.__name__).setLevel(logging.ERROR)
-    parent = parent_process()
-    if parent is not None:
-
-        def wait() -> None:
-            connection.wait([parent.sentinel])
-            os._exit(1)
-
-        threading.Thread(target=wait, daemon=True).start()
+    end_with_parent()
 
 
 @contextmanager

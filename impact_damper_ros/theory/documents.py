@@ -31,7 +31,10 @@ are known:
 
 from __future__ import annotations
 
+import json
 import math
+import time
+import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -43,8 +46,10 @@ from impact_damper_ros.rig.rig import Rig
 from .expected_motion import predictions, zero_of_force
 from .gap_curve import MOST_POINTS, PREVIEW_POINTS, GapCurve, name_of
 from .motion_curve import orbit_curve
-from .prediction import ObservedMotion, Prediction
-from .theory_process import failed_document
+from .prediction import ObservedMotion, Prediction, failed_document
+
+#: Delay of the work, s: turning a knob makes a request at each step, and only the last counts.
+_QUIET_S = 0.04
 
 
 def theory(
@@ -95,6 +100,23 @@ def theory(
             yield {**shown, 'gap_curve': curve.message()}
     text = '' if followed else 'a one-sided rig has no gap'
     yield {**shown, 'gap_curve': curve.message(done=True, text=text)}
+
+
+def answers(
+    state: Mapping[str, Any], measured: ObservedMotion | None, document: bool
+) -> Iterator[Prediction | str | None]:
+    """Yield the answers to a request, documents as JSON, and None as the last."""
+    warnings.simplefilter('ignore')
+    time.sleep(_QUIET_S)
+    try:
+        for answer in theory(state, measured, document=document):
+            if isinstance(answer, Prediction):
+                yield answer
+            else:
+                yield json.dumps(answer, allow_nan=False)
+    except Exception as error:
+        yield Prediction(error=f'{type(error).__name__}: {error}')
+    yield None
 
 
 def orbit_message(rig: Rig, prediction: Prediction) -> dict[str, Any]:

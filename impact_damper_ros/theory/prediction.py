@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from impact_damper_ros.motion.event import Event
 from impact_damper_ros.orbits.orbit import Apart, PeriodicOrbit, Rhythm
@@ -73,3 +73,9 @@ class Prediction:
         """Return the nearest motion, beginning at the same impact, and its distance."""
         turned = filter(None, (orbit.nearest_turn(measured) for orbit in self.orbits))
         return min(turned, key=lambda pair: max(pair[1]), default=None)
+
+
+def failed_document(time: float | None, text: str) -> dict[str, Any]:
+    """Return the document of a rig for which there is no theory."""
+    reason = {'type': 'theory_failed', 'text': text} if text else None
+    return {'time': time, 'orbit': None, 'gap_curve': None, 'theory_failed': reason}

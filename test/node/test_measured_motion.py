@@ -234,9 +234,6 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
         (RecentMotion(MotionKind.TRANSIENT), ANSWER, {}, 'found', False, '2 impacts in 1 cycle'),
         (MEASURED, None, {}, 'computing', False, 'computing'),
         (MEASURED, None, {'enabled': False}, 'off', False, 'predict_motion'),
-        (MEASURED, None, {'trouble': 'it ended'}, 'unavailable', True, 'it ended'),
-        # What was found stays true.
-        (MEASURED, ANSWER, {'trouble': 'it ended'}, 'found', True, 'agrees; it ended'),
         (MEASURED, Prediction(error='no memory'), {}, 'unavailable', True, 'no memory'),
         (
             RecentMotion(MotionKind.UNDECIDED),

@@ -57,7 +57,7 @@ def test_a_priority_is_taken_where_it_is_permitted(priority):
 
 
 def test_the_threads_of_a_node(client, launch, namespace):
-    """The engine comes first; the process of the theory has no priority."""
+    """The engine comes first; the processes of the theory have no priority."""
     states = client.listen(JointState, f'{namespace}/joint_states')
     process = launch(f'__ns:={namespace}', record=True, real_time_priority=3)
     until(lambda: len(states) > 2, lambda: process.output)
@@ -67,8 +67,8 @@ def test_the_threads_of_a_node(client, launch, namespace):
         assert set(found[:-1]) == {2}
     else:
         assert found == []
-    (child,) = until(lambda: children(process.pid))
-    until(lambda: priorities(child) == [])
+    for child in until(lambda: children(process.pid)):
+        until(lambda child=child: priorities(child) == [])
     assert process.stop() == 0, process.output
     # Without a pace the priority would keep the processor from all others.
     free = NodeParameters(real_time_priority=3, real_time_factor=0.0)

@@ -142,7 +142,7 @@ LEAN = {
     'import impact_damper_ros.node.sim_node': (
         *('matplotlib', 'mcap', 'numba', 'scipy', 'tqdm', 'zstandard'),
     ),
-    'import impact_damper_ros.theory.worker': ROS,
+    'import impact_damper_ros.theory.documents': ROS,
     'from impact_damper_ros.theory.expected_motion import predictions': (
         'impact_damper_ros.bag',
         'mcap',

@@ -12,6 +12,7 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 from bag.recorded_rig import RecordedRig
+from theory import searches
 
 from impact_damper_ros import EventKind, Rig, load_parameters
 from impact_damper_ros.bag import RecordingError
@@ -226,7 +227,7 @@ async def test_what_if_shows_another_rig(runs, tmp_path):
 
 @in_loop
 async def test_a_what_if_whose_process_is_killed_says_so(runs, monkeypatch):
-    monkeypatch.setattr('impact_damper_ros.page.what_if.__name__', 'no_such_module')
+    monkeypatch.setattr('impact_damper_ros.page.what_if._computed', searches.dying)
     async with serving(runs / 'run') as server, opened(server) as page:
         await page.next('hello', mode='player')
         await page.send(type='what_if', values={'gap': 0.02})
@@ -385,13 +386,13 @@ async def test_many_pages_at_once_share_what_they_play(runs, monkeypatch):
         assert len(shown) == 30
         for page in shown:
             await page.until(lambda page=page: page.frames)
-            await page.next('orbit', found=True)
+            await page.next('orbit', found=True, complete=True)
         assert len(read) == 1
         assert children() - before <= 1
         # Of another setting it is computed once more, for those that are there
         await shown[0].send(type='seek', time=6.0)
         seen = len(shown[0].of('orbit'))
-        await shown[0].next('orbit', after=seen, found=True)
+        await shown[0].next('orbit', after=seen, found=True, complete=True)
         assert shown[1].of('orbit')[-1] != shown[0].of('orbit')[-1]
         refused = [page for page in pages if page not in shown]
         assert all('30 pages open already' in page.messages[0]['text'] for page in refused)
