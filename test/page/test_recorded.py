@@ -388,7 +388,8 @@ async def test_many_pages_at_once_share_what_they_play(runs, monkeypatch):
             await page.until(lambda page=page: page.frames)
             await page.next('orbit', found=True, complete=True)
         assert len(read) == 1
-        assert children() - before <= 1
+        # The server of processes, and what tracks their resources
+        assert children() - before <= 2
         # Of another setting it is computed once more, for those that are there
         await shown[0].send(type='seek', time=6.0)
         seen = len(shown[0].of('orbit'))
