@@ -1,5 +1,6 @@
 """The engine on its own: what it hands out, in which order and with which stamps."""
 
+import itertools
 import json
 import time
 from dataclasses import replace
@@ -31,6 +32,12 @@ from impact_damper_ros.node.engine import LOG_BACKLOG, Engine
 from impact_damper_ros.node.pacing import CATCH_UP_NS
 from impact_damper_ros.node.parameters import NodeParameters
 from impact_damper_ros.node.publishing import TopicPublisher
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.rig_parameters import (
+    GAP_CONTROL_SPECS,
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+)
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
@@ -40,6 +47,7 @@ TYPES = {
     'states': JointState,
     'impacts': JointState,
     'gap_control': JointState,
+    'measurements': JointState,
     'snapshot': String,
     'clock': Clock,
 }
@@ -70,6 +78,7 @@ class Bench:
         clock=True,
         control=None,
         inbox=None,
+        measurement_rate=0.0,
     ):
         self.sent = []
         self.troubles = []
@@ -87,6 +96,7 @@ class Bench:
             real_time_factor=factor,
             publish_clock=clock,
             control=control or GapControlParameters(),
+            measurement_rate=measurement_rate,
         )
         # Stamps count from 0 only where a test wants them to, at any pace.
         with patch.object(NodeParameters, 'simulated_time', clock):
@@ -769,6 +779,56 @@ def test_paused_states_that_were_missed_are_not_made_up_for(monkeypatch):
         bench.engine._thread.join(DEADLINE_S)
     # Fifty naps of 20 ms are a second: ten joint states, and one just after that minute.
     assert 9 <= naps[-1] <= 12
+
+
+TINY = (0.0, -0.0, 5e-324, -5e-324, 1e-300)
+
+
+def test_the_least_numbers_leave_the_rig_ticking_or_held():
+    """Of every parameter, one at a time; none ends the engine, or keeps it from answering."""
+    specs = {**PARAMETER_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS}
+    names = [name for name, spec in specs.items() if spec.kind == 'double']
+    law = GapControlParameters(gap_control='timed')
+    count = 0
+    with Bench(factor=0.0, rate=50.0, control=law).started() as bench:
+        home = bench.engine.parameters
+        for name, value in itertools.product(names, TINY):
+            try:
+                after = home.changed({name: value})
+            except ParameterError:
+                continue
+            requests = bench.ask('change', after, event_bytes()), bench.ask('reset')
+            assert [done(request).error for request in requests] == [None, None], (name, value)
+            ticks = bench.engine.status().pacing.ticks
+            until(
+                lambda ticks=ticks: (
+                    (status := bench.engine.status()).held or status.pacing.ticks > ticks + 5
+                ),
+                f'{name} {value}',
+            )
+            assert done(bench.ask('change', home, event_bytes())).error is None
+            count += 1
+    assert bench.engine.failure is None
+    assert count > 80
+
+
+def test_a_sensor_that_fails_holds_the_rig(monkeypatch):
+    settings = {'control': GapControlParameters(gap_control='external'), 'measurement_rate': 50.0}
+    with Bench(factor=1.0, **settings) as bench:
+
+        def fail(_index):
+            raise OverflowError('cannot convert float infinity to integer')
+
+        measure = bench.engine._rig.measure
+        monkeypatch.setattr(bench.engine._rig, 'measure', fail)
+        bench.engine.start()
+        until(lambda: bench.engine.status().held)
+        assert bench.engine.status().held.startswith('OverflowError: cannot convert')
+        monkeypatch.setattr(bench.engine._rig, 'measure', measure)
+        done(bench.change(rig=LIVELY.replace(gap=0.5)))
+        count = len(bench.samples())
+        until(lambda: len(bench.samples()) > count + 3)
+        assert bench.engine.failure is None
 
 
 def test_a_failure_is_reported_and_requests_are_turned_away(monkeypatch):

@@ -4,11 +4,16 @@ import json
 import math
 
 import pytest
+import rclpy
 from rcl_interfaces.msg import Parameter, ParameterValue
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter as RosParameter
 
 from impact_damper_ros import load_parameters
 from impact_damper_ros.cli.simulate_rig import main
+from impact_damper_ros.node import engine
 from impact_damper_ros.node.parameters import descriptor
+from impact_damper_ros.node.sim_node import SimNode
 from impact_damper_ros.parameters.parameters_file import values_given
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 from node.rig_client import until
@@ -65,6 +70,34 @@ def test_a_parameter_cannot_be_undeclared(rig):
     nothing = Parameter(name='gap', value=ParameterValue())
     assert 'gap' in rig.parameters.set(gap=nothing)
     assert rig.parameters.get('gap') == 0.01
+
+
+def test_a_request_is_answered_when_it_is_in_effect(monkeypatch):
+    """What the rig does not carry out is withdrawn, and changes no parameter."""
+    rclpy.init(args=['sim_node', '--ros-args', '-r', '__ns:=/answers'])
+    monkeypatch.setattr(engine, 'ANSWER_TIMEOUT_S', 0.1)
+    node = SimNode((), SingleThreadedExecutor())
+    try:
+        # Its engine does not run yet.
+        result = node.set_parameters_atomically([RosParameter('gap', value=2.0)])
+        assert not result.successful
+        assert 'has not answered within 0.1 s: the request is withdrawn' in result.reason
+        assert node.get_parameter('gap').value == 37.0
+        monkeypatch.setattr(engine, 'ANSWER_TIMEOUT_S', 10.0)
+        node.start()
+        for gap in (3.0, 4.0, 5.0):
+            assert node.set_parameters_atomically([RosParameter('gap', value=gap)]).successful
+            assert node.engine._rig.parameters.gap == gap
+            assert node.get_parameter('gap').value == gap
+        # What the rig refuses is no value of the node either.
+        monkeypatch.setattr(node.engine._rig, 'change', lambda *_: 1.0 / 0.0)
+        result = node.set_parameters_atomically([RosParameter('gap', value=6.0)])
+        assert (result.successful, 'division by zero' in result.reason) == (False, True)
+        assert node.get_parameter('gap').value == node.engine.parameters.rig.gap == 5.0
+    finally:
+        node.finish()
+        node.destroy_node()
+        rclpy.try_shutdown()
 
 
 def test_a_request_is_judged_as_a_whole(rig):

@@ -2,6 +2,7 @@
 
 import json
 import resource
+import shutil
 from itertools import pairwise
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -141,6 +142,18 @@ def test_a_run_is_reproduced_from_its_bag(rig, tmp_path):
     # What was published is what was logged.
     compare_heard(bag, 'joint_states', rig.states, 50)
     compare_heard(bag, 'impacts', rig.impacts, 10)
+
+
+def test_a_change_and_the_end_of_a_recording_in_one_request(rig, tmp_path):
+    assert rig.parameters.set(bag_directory=str(tmp_path)) == ''
+    for last in ({'gap': 0.021}, {'gap': 0.012, 'real_time_factor': 1.5}, {'real_time_factor': 1}):
+        assert rig.parameters.set(record=True) == ''
+        rig.await_states(20)
+        assert rig.parameters.set_atomically(**last, record=False) == ''
+        (bag,) = tmp_path.iterdir()
+        findings = replayed(bag)
+        assert findings.changes == ('gap' in last)
+        shutil.rmtree(bag)
 
 
 def test_names_are_those_of_the_namespace_and_remapped_also_in_a_bag(
