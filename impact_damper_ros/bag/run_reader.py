@@ -50,6 +50,7 @@ _STAMP = itemgetter(2)
 #: Bytes of messages, with what each takes in memory, that overlap in time and are held together.
 _MOST_HELD = 512 * 1024 * 1024
 _EACH = 250
+_MOST_CHANNELS = 5000
 #: Topics that the node has recorded from its first version on.
 _NOTED = ('joint_states', 'impacts', 'snapshot')
 _REMEDY = 'name a bag directory or a .mcap file'
@@ -144,6 +145,9 @@ class RunReader:
             # Some recorders state none
             if file.profile not in ('ros2', ''):
                 cause = f'its MCAP profile is {file.profile!r}, not ros2: ROS 2 did not write it'
+                raise RecordingError('read', name, cause)
+            if len(file.channels) > _MOST_CHANNELS:
+                cause = f'it has {len(file.channels)} topics: at most {_MOST_CHANNELS} are read'
                 raise RecordingError('read', name, cause)
             self.files.append(file)
         self.unusable = sum(file.unusable for file in self.files)

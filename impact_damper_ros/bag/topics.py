@@ -13,7 +13,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from importlib.resources import files
 from typing import Any
 
@@ -168,7 +168,7 @@ class Channel:
         """The hash of the type (REP 2016); empty if unknown."""
         return self.metadata.get('topic_type_hash', '')
 
-    @property
+    @cached_property
     def qos_profiles(self) -> list[dict[str, Any]]:
         """The quality of service of each publisher; none if it is not stated as rosbag2 does."""
         try:

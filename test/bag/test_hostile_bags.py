@@ -7,6 +7,7 @@ import shutil
 import signal
 import sqlite3
 import struct
+import zlib
 
 import lz4.frame
 import pytest
@@ -307,6 +308,33 @@ def test_a_database_that_takes_more_work_than_its_size_accounts_for(tmp_path, me
 
 def interrupt(number, _):
     raise KeyboardInterrupt(number)
+
+
+def test_very_many_topics(tmp_path, bag):
+    """Each with a long quality of service, of which 64 MiB are a file of 200 kB."""
+    qos = b'- history: keep_last\n' * 600
+
+    def change(found):
+        channels = [
+            (Opcode.CHANNEL, struct.pack('<HH', n, 1) + text(b'/t%d' % n) + text(b'cdr') + note)
+            for n in range(100, 4900)
+        ]
+        records = b''.join(struct.pack('<BQ', o, len(held)) + held for o, held in channels)
+        packed = zstandard.ZstdCompressor().compress(records)
+        head = struct.pack('<QQQII', 0, 0, len(records), zlib.crc32(records), 4) + b'zstd'
+        found.insert(2, (Opcode.CHUNK, head + struct.pack('<Q', len(packed)) + packed))
+
+    def text(content):
+        return struct.pack('<I', len(content)) + content
+
+    pair = text(b'offered_qos_profiles') + text(qos)
+    note = text(pair)
+    path = altered(bag, tmp_path / 'bag', change, listing=False)
+    path.write_bytes(path.read_bytes()[:-40])
+    for command in ('replay_run', 'recover_run'):
+        assert bounded_commands.run(command, path, seconds=30) == ''
+    saved = path.with_name(f'{path.stem}_recovered')
+    assert len(RunReader(saved).topics) > 4800
 
 
 def test_metadata_of_very_many_entries(tmp_path, bag):
