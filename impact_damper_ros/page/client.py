@@ -174,9 +174,10 @@ class Client:
         if kind != 'view':
             return await self._handle(message, self)
         window, rate = number(message, 'window'), number(message, 'rate')
+        relative = message.get('relative', False) is True
         # A page that has a longer window already has all of a shorter one.
-        if window > self.view.window:
-            self.view = View(window)
+        if window > self.view.window or relative != self.view.relative:
+            self.view = View(window, relative=relative)
         self._period = 0.0 if rate >= _MOST_RATE else 1.0 / max(rate, 0.1)
         # A page that comes into view is not shown what it was a second ago.
         self._due = 0.0

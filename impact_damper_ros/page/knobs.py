@@ -32,6 +32,21 @@ _FIRST = {
 }
 
 
+#: What takes the place of the force where only the base is shaken.
+_SHAKEN = {
+    'base_frequencies': ('Base frequency', 'frequency-ratio', 'f'),
+    'base_amplitudes': ('Base amplitude', '', 'b'),
+}
+
+
+def _first_of(values: Mapping[str, Any]) -> dict[str, tuple[str, str, str]]:
+    """Return the most important parameters of a rig."""
+    if any(values.get('force_amplitudes', (1.0,))) or not any(values.get('base_amplitudes', ())):
+        return _FIRST
+    force, base = ('force_frequencies', 'force_amplitudes'), iter(_SHAKEN.items())
+    return dict(next(base) if name in force else (name, _FIRST[name]) for name in _FIRST)
+
+
 def group(name: str) -> str:
     """Return the group of knobs in which the page shows a parameter."""
     if name in GAP_CONTROL_SPECS:
@@ -41,16 +56,12 @@ def group(name: str) -> str:
     return 'rig' if name in PARAMETER_SPECS else 'run'
 
 
-def _first(name: str) -> dict[str, Any] | None:
-    """Return the place and the words of one of the most important parameters."""
-    if name not in _FIRST:
-        return None
-    title, term, symbol = _FIRST[name]
-    return {'place': list(_FIRST).index(name), 'title': title, 'term': term, 'symbol': symbol}
-
-
 def knobs_of(values: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the parameters that have values, for JSON."""
+    first = {
+        name: {'place': place, 'title': title, 'term': term, 'symbol': symbol}
+        for place, (name, (title, term, symbol)) in enumerate(_first_of(values).items())
+    }
     return [
         {
             'name': name,
@@ -64,7 +75,7 @@ def knobs_of(values: Mapping[str, Any]) -> list[dict[str, Any]]:
             'read_only': spec.effect == 'start',
             'choices': spec.choices,
             'group': group(name),
-            'first': _first(name),
+            'first': first.get(name),
             'value': as_json(values[name]),
         }
         for name, spec in ALL_SPECS.items()

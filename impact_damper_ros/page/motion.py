@@ -26,7 +26,7 @@ Rows = NDArray[np.float64]
 
 _SAMPLE = ('time', 'x', 'primary_velocity', 'z', 'damper_velocity', 'stop_1', 'stop_2')
 #: Columns of samples; positions count from the static equilibrium of M, m, s, rad, cycles.
-SAMPLE_COLUMNS = (*_SAMPLE, 'angle', 'phase')
+SAMPLE_COLUMNS = (*_SAMPLE, 'angle', 'phase', 'base', 'base_velocity')
 _IMPACT = (
     *('time', 'stop', 'x', 'y', 'primary_velocity_before', 'primary_velocity_after'),
     *('damper_velocity_before', 'damper_velocity_after', 'impulse'),
@@ -106,7 +106,9 @@ class Era:
         rows = np.column_stack([samples[name] for name in _SAMPLE])
         if self.rig.one_sided:
             rows[:, -1] = np.nan
-        return np.column_stack([rows, np.full(len(rows), self.rig.angle), self._phases(rows)])
+        angles = np.full(len(rows), self.rig.angle)
+        base = samples['base'], samples['base_velocity']
+        return np.column_stack([rows, angles, self._phases(rows), *base])
 
     def impact_rows(self, events: Events) -> Rows:
         """Return the impacts among events of the rig as `IMPACT_COLUMNS`."""

@@ -263,6 +263,18 @@ def test_m_is_as_large_as_it_is_heavy(opened, parameters):
     assert sizes[2] / sizes[1] == pytest.approx(math.sqrt(2.0), rel=0.1)
 
 
+def test_a_rig_on_a_table_is_seen_from_the_room_or_from_the_table(opened, parameters):
+    page = opened()
+    page.expect('#relative-switch').to_be_hidden()
+    shaken = {'base_amplitudes': [2.0], 'base_frequencies': [31.416], 'force_amplitudes': [0.0]}
+    assert parameters.set_atomically(**shaken, base_quantity='acceleration') == ''
+    page.expect('#rig-line').to_contain_text('base 2.00 m/s² at 5.000 Hz')
+    page.wait('Math.abs(impactDamper.history.state.base) > 0.001')
+    page.click('#relative')
+    page.wait('impactDamper.history.state.base === 0')
+    page.wait("location.hash.includes('relative=1')")
+
+
 def test_the_rig_is_moved_by_hand(opened, parameters):
     page = opened()
     page.click('#pause')

@@ -29,6 +29,15 @@ def test_what_matters_first_comes_first():
     ]
 
 
+def test_of_a_shaker_table_the_knobs_of_the_base_come_first():
+    values = {name: spec.default for name, spec in ALL_SPECS.items()}
+    knobs = knobs_of(values | {'force_amplitudes': [0.0], 'base_amplitudes': [2.0]})
+    places = {k['name']: k['first']['place'] for k in knobs if k['first']}
+    assert (places['base_frequencies'], places['base_amplitudes']) == (3, 4)
+    assert len(places) == 9
+    assert 'force_amplitudes' not in places
+
+
 def test_knobs_without_ros_are_those_with_values():
     knobs = knobs_of({'gap': 0.02, 'force_amplitudes': (1.0, 2.0), 'unknown': 3})
     assert [(k['name'], k['value'], k['unit'], k['group']) for k in knobs] == [

@@ -8,7 +8,7 @@ import { Drag } from './drag.js';
 import { Drawing } from './drawing.js';
 import { digits, TAU, withUnit } from './format.js';
 import { startGlossary } from './glossary.js';
-import { Knobs } from './knobs.js';
+import { BASE, Knobs } from './knobs.js';
 import { Player } from './player.js';
 import { makePresets, markPreset } from './presets.js';
 import { Recordings } from './recordings.js';
@@ -121,6 +121,15 @@ function offer(names, shown) {
   choice.disabled = all.length < 2;
 }
 
+/** Whether positions count from the base, which moves. */
+const isRelative = () => byId('relative').checked && !byId('relative-switch').hidden;
+
+/** Theory is of X in the laboratory. */
+function showFrom() {
+  drawing.traces.showTheory = byId('theory').checked && !isRelative();
+  drawing.rescale(NaN);
+}
+
 /** Show the speed of the rig, which may be one of somebody else's choice. */
 function showSpeed(factor) {
   const choice = byId('rig-speed');
@@ -134,8 +143,9 @@ function showSpeed(factor) {
 /** Take in values of the rig. */
 function takeValues(values) {
   const all = Object.assign(state.values, values);
-  // Some eight cycles of the force, or more
-  if (values.force_frequencies && !state.address.view.window) chooseWindow((8 * TAU) / values.force_frequencies[0]);
+  // Some eight cycles of what shakes the rig, or more
+  const frequency = drive(all).frequency / TAU;
+  if ((values.force_frequencies || values.base_frequencies) && frequency > 0 && !state.address.view.window) chooseWindow(8 / frequency);
   if ('real_time_factor' in values) showSpeed(values.real_time_factor);
   if ('record' in values) {
     mark(byId('record'), 'aria-pressed', String(values.record));
@@ -145,17 +155,28 @@ function takeValues(values) {
   // With a margin between the two, so that a knob that is dragged does not turn it to and fro
   const steep = document.body.classList.contains('steep') ? 0.6 : 0.8;
   document.body.classList.toggle('steep', Math.abs(all.angle) > steep);
-  const frequency = all.force_frequencies?.[0] / TAU;
   drawing.portrait.seconds = frequency > 0 ? Math.min(40, 8 / frequency) : 10;
-  write(byId('rig-line'), described(all, frequency));
+  write(byId('rig-line'), described(all));
+  const still = !(all.base_amplitudes ?? []).some((one) => one !== 0);
+  if (byId('relative-switch').hidden !== still) {
+    byId('relative-switch').hidden = still;
+    showFrom();
+    sendView();
+  }
   drawing.rig.stale = true;
 }
 
+/** What shakes the rig first, the force or the base: amplitude, unit, and frequency in rad/s. */
+function drive({ force_amplitudes: [force = 0] = [], force_frequencies: [ofForce] = [], base_amplitudes: [base = 0] = [], base_frequencies: [ofBase] = [], base_quantity: quantity }) {
+  if (force === 0 && base !== 0) return { amplitude: Math.abs(base), unit: BASE[quantity], frequency: ofBase, word: 'base ' };
+  return { amplitude: Math.abs(force), unit: 'N', frequency: ofForce, word: '' };
+}
+
 /** The rig in a line. */
-function described({ force_amplitudes: forces = [], multisine_level: level, gap, gap_control: control }, frequency) {
-  const force = Math.abs(forces[0] ?? 0);
+function described({ force_amplitudes: forces = [], multisine_level: level, gap, gap_control: control, ...rest }) {
+  const { amplitude, unit, frequency, word } = drive({ force_amplitudes: forces, ...rest });
   return [
-    force > 0 ? `${withUnit(force, 'N')} at ${withUnit(frequency, 'Hz', 4)}` : 'no single force',
+    amplitude > 0 ? `${word}${withUnit(amplitude, unit)} at ${withUnit(frequency / TAU, 'Hz', 4)}` : 'no single force',
     forces.length > 1 ? `+${forces.length - 1} harmonic${forces.length > 2 ? 's' : ''}` : '',
     level > 0 ? `multisine ${withUnit(level, 'N')} rms` : '',
     `gap ${withUnit(gap, 'm')}`,
@@ -346,10 +367,16 @@ byId('slow').addEventListener('change', () => {
   drawing.slow.switch(byId('slow').checked);
   keepView('slow', byId('slow').checked ? '1' : '');
 });
+byId('relative').addEventListener('change', () => {
+  keepView('relative', byId('relative').checked ? '1' : '');
+  showFrom();
+  sendView();
+});
 byId('sound').addEventListener('change', () => clicks.switch(byId('sound').checked));
 byId('theory').addEventListener('change', () => {
   const on = byId('theory').checked;
   drawing.showTheory(on);
+  showFrom();
   keepView('theory', on ? '' : '0');
 });
 byId('link').addEventListener('click', async () => {
@@ -390,7 +417,7 @@ document.addEventListener('keydown', (event) => {
 // The view
 
 function sendView() {
-  connection.send({ type: 'view', window: history.window, rate: document.hidden ? 1 : 60 });
+  connection.send({ type: 'view', window: history.window, rate: document.hidden ? 1 : 60, relative: isRelative() });
 }
 
 function setWindow(seconds) {
@@ -451,6 +478,7 @@ startTour({
 byId('more-knobs').open = matchMedia('(min-width: 110rem) and (min-height: 50rem)').matches;
 byId('theory').checked = state.address.view.theory !== '0';
 drawing.showTheory(byId('theory').checked);
+byId('relative').checked = state.address.view.relative === '1';
 byId('slow').checked = state.address.view.slow === '1';
 drawing.slow.switch(byId('slow').checked);
 history.window = Number(state.address.view.window) || 30;

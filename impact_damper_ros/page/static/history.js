@@ -116,10 +116,11 @@ class Motion {
       right = [[t, x, xRate], [t, x + y, zRate]];
     }
     const [x, z] = [0, 1].map((k) => between(left[k], right[k], time));
+    const base = state.base + ((next.base - state.base) * (time - state.time)) / (next.time - state.time);
     const turned = (((next.phase - state.phase) % 1) + 1) % 1;
     const phase = (state.phase + (turned * (time - state.time)) / (next.time - state.time)) % 1;
     // The stops ride on M.
-    return { ...state, x, z, stop_1: state.stop_1 + x - state.x, stop_2: state.stop_2 + x - state.x, phase };
+    return { ...state, x, z, stop_1: state.stop_1 + x - state.x, stop_2: state.stop_2 + x - state.x, phase, base };
   }
 }
 
@@ -198,12 +199,12 @@ export class History {
     return this.changes.findLast((change) => !(change.time > this.end))?.time ?? -Infinity;
   }
 
-  /** From where to where masses and stops were since an instant, and the largest |X| and |Y|; the what-if too. */
+  /** From where to where masses and stops were since an instant, the largest |X|, |Y| and motion of the base; the what-if too. */
   reach(since) {
-    let [low, high, lower, upper, swing, apart] = [0, 0, 0, 0, 0, 0];
+    let [low, high, lower, upper, swing, apart, shaken] = [0, 0, 0, 0, 0, 0, 0];
     const from = Math.max(since, this.begun);
     for (const { samples } of [this.own, this.other]) {
-      const [x, z, stop_1, stop_2] = ['x', 'z', 'stop_1', 'stop_2'].map((name) => samples.field(name));
+      const [x, z, stop_1, stop_2, base] = ['x', 'z', 'stop_1', 'stop_2', 'base'].map((name) => samples.field(name));
       for (let n = samples.after(from); n < samples.end; n += 1) {
         low = Math.min(low, x[n], z[n]);
         high = Math.max(high, x[n], z[n]);
@@ -212,8 +213,9 @@ export class History {
         upper = Math.max(upper, stop_1[n], stop_2[n] || 0);
         swing = Math.max(swing, Math.abs(x[n]));
         apart = Math.max(apart, Math.abs(z[n] - x[n]));
+        shaken = Math.max(shaken, Math.abs(base[n]));
       }
     }
-    return { low, high, lower, upper, swing, apart };
+    return { low, high, lower, upper, swing, apart, shaken };
   }
 }

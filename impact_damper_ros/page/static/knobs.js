@@ -19,7 +19,7 @@ const worded = (name) => {
 };
 
 /** Units of the motion of the base, by its quantity. */
-const BASE = { displacement: 'm', velocity: 'm/s', acceleration: 'm/s²' };
+export const BASE = { displacement: 'm', velocity: 'm/s', acceleration: 'm/s²' };
 
 /** How a parameter is shown: unit and factor; lengths in a scale, the motion of the base as its quantity. */
 function display({ name, unit }, { scale, quantity }) {
@@ -152,7 +152,7 @@ class Knob {
     if (name === 'angle') this.span = [-90, 90, 0.5];
     else if (name.startsWith('restitution')) this.span = [0, 1, 0.01];
     else if (name === 'friction') this.span = [0, Math.max(1, 2 * number), 0.005];
-    else if (name === 'force_frequencies') {
+    else if (name === 'force_frequencies' || name === 'base_frequencies') {
       const natural = this.knobs.natural || number || 1;
       this.span = [0.5 * natural, Math.max(1.5 * natural, 1.2 * number), 0.001 * natural];
     } else if (number > 0) {

@@ -36,6 +36,7 @@ export class RigDrawing extends Canvas {
   rescale() {
     this.swing = new SteadyRange();
     this.spread = new SteadyRange();
+    this.shaken = new SteadyRange();
   }
 
   /** Let a stop light up; its strength is the impulse over the largest seen lately. */
@@ -84,14 +85,16 @@ export class RigDrawing extends Canvas {
     const wall = 0.7 * em;
     const spring = Math.max(30, Math.min(0.12 * length, 6 * em));
     const fixed = wall + spring + 2 * (thick + rod + slug) + 0.8 * em;
-    const scale = Math.max(1e-12, (length - fixed) / (2 * swing + 2 * spread));
+    const shaken = this.shaken.fit(extent.shaken > 0 ? niceAbove(extent.shaken) : 0, now);
+    const way = extent.shaken > 0 ? shaken : 0;
+    const scale = Math.max(1e-12, (length - fixed) / (2 * swing + 2 * spread + 2 * way));
     const cavity = scale * spread + slug + rod;
     const body = cavity + thick;
     const reach = scale * swing;
     // The middle of what is drawn is the middle of the canvas.
-    const left = -(body + reach + spring + wall);
+    const left = -(body + reach + spring + wall + 2 * scale * way);
     const right = body + reach + 0.8 * em;
-    const geometry = { scale, slug, rod, thick, cavity, body, reach, tall, left, right, wall, angle, swing, spread, up, down };
+    const geometry = { scale, slug, rod, thick, cavity, body, reach, tall, left, right, wall, angle, swing, spread, up, down, way: scale * way };
     const before = this.shown;
     // Another scale is gone to smoothly.
     if (before && !reducedMotion() && now - before.now < 200 && Math.abs(before.scale / scale - 1) > 1e-3) {
@@ -112,7 +115,7 @@ export class RigDrawing extends Canvas {
     context.translate(this.width / 2, this.height / 2);
     context.rotate(g.angle);
     context.translate(-middle, (g.up - g.down) / 2);
-    this.ground(g);
+    this.ground(g, state);
     this.attachments(g, state);
     for (const other of [ghost, this.outline]) if (other) this.carriage(g, other, { oneSided, ghostly: true });
     this.carriage(g, state, { oneSided, now });
@@ -137,20 +140,20 @@ export class RigDrawing extends Canvas {
   }
 
   /** The incline with its ruler, which counts from the static equilibrium of M. */
-  ground(g) {
+  ground(g, state) {
     const { context } = this;
     const em = colours.size;
     const base = 0.66 * g.tall;
     this.base = base;
     context.strokeStyle = colours.steel;
     context.lineWidth = 1.5;
-    const wall = g.left + g.wall;
+    const wall = this.wallAt(g, state);
     strokeLines(context, [[g.left, base], [g.right, base]], [[wall, base], [wall, -g.tall / 2]]);
     context.lineWidth = 1;
     context.strokeStyle = colours.stop;
     const step = Math.max(6, 0.55 * em);
     const hatches = Array.from({ length: Math.floor((base + 0.1 + g.tall / 2) / step) }, (_, n) => n * step - g.tall / 2);
-    strokeLines(context, ...hatches.map((v) => [[wall, v], [g.left, v + step]]));
+    strokeLines(context, ...hatches.map((v) => [[wall, v], [wall - g.wall, v + step]]));
     const { factor, unit } = lengthUnit(g.swing + g.spread);
     const reach = Math.min(g.right, g.body + g.reach) / g.scale;
     const { values, decimals, step: apart } = ticks(-reach * factor, reach * factor, 8);
@@ -180,10 +183,15 @@ export class RigDrawing extends Canvas {
     context.restore();
   }
 
+  /** Where the wall is, which the base moves. */
+  wallAt(g, { base = 0 }) {
+    return g.left + g.wall + g.way + (base || 0) * g.scale;
+  }
+
   /** Spring and dashpot between the wall and M. */
   attachments(g, state) {
     const { context } = this;
-    const from = g.left + g.wall;
+    const from = this.wallAt(g, state);
     const to = state.x * g.scale - g.body;
     const span = Math.max(6, to - from);
     const [upper, lower] = [-0.22 * g.tall, 0.24 * g.tall];
@@ -198,7 +206,7 @@ export class RigDrawing extends Canvas {
     const cylinder = Math.max(10, 0.5 * (g.reach + 0.3 * (g.body - g.cavity) + 30));
     const start = from + lead;
     const bore = Math.min(cylinder, 0.72 * span);
-    const piston = start + Math.max(4, Math.min(bore - 3, 0.5 * bore + 0.35 * (state.x * g.scale)));
+    const piston = start + Math.max(4, Math.min(bore - 3, 0.5 * bore + 0.35 * ((state.x - (state.base || 0)) * g.scale)));
     context.lineWidth = 1.4;
     strokeLines(
       context,
