@@ -17,7 +17,8 @@ BEYOND = (math.nan, math.inf, -math.inf, 10**400, -(10**400))
 RANGES = [
     *((WRITER, name, (*BEYOND, -1.0)) for name in ('max_size', 'max_duration')),
     (partial(RECORDER, duration=1.0), 'rate', (*BEYOND, 0.0, -1.0)),
-    (partial(RECORDER, rate=9.0), 'duration', (*BEYOND, -1.0)),
+    # Without an end it is inf.
+    (partial(RECORDER, rate=9.0), 'duration', (math.nan, -math.inf, 10**400, -1.0)),
 ]
 
 
