@@ -22,9 +22,8 @@ from timing import in_turns, options, say, seconds_of, table, write_results
 from impact_damper_ros import GapControlParameters, Rig, RigParameters
 
 SAMPLES = 32
-#: Cycles of the plain runs, and of the predictive law, which runs the model ahead some fifty times
-#: at each passage of X through zero.
-FEW, SOME = 60, 1_000
+#: Cycles of the plain runs.
+FEW = 60
 #: Real sensors and actuators, in units of the golden case.
 REAL: dict[str, Any] = {
     'gap_control_noise_position': 1e-3,
@@ -45,7 +44,7 @@ def controls() -> dict[str, GapControlParameters]:
             gap_control_rate=SAMPLES / tau,
             **real,
         )
-        for law in ('amplitude', 'timed', 'predictive')
+        for law in ('amplitude', 'timed')
         for stops in ('symmetric', 'independent')
         for real in ({}, REAL)
     }
@@ -87,11 +86,10 @@ def main() -> int:
     plain: dict[str, float] = {}
     for name, control in cases.items():
         say(f'{name}: compiled and plain compared')
-        rig, predictive = checked(control), control.gap_control == 'predictive'
-        cycles[name] = min(arguments.cycles, SOME) if predictive else arguments.cycles
+        rig = checked(control)
+        cycles[name] = arguments.cycles
         calls[name] = ahead(rig, cycles[name])
-        few = 2 if predictive else FEW
-        plain[name] = few / seconds_of(ahead(Rig.restore(rig.snapshot()), few))
+        plain[name] = FEW / seconds_of(ahead(Rig.restore(rig.snapshot()), FEW))
     often = cases[ONCE].replace(gap_control_rate=2 * SAMPLES / tau)
     for name, rig in (
         (ALONE, Rig(RIG, compiled=True)),
@@ -114,8 +112,7 @@ def main() -> int:
         for name in cases
     )
     print(table(head, rows))
-    least = min(speed[name] for name in cases if not name.startswith('predictive'))
-    print(f'\nslowest without a model: {least:.3g} cycles per second')
+    print(f'\nslowest: {min(speed[name] for name in cases):.3g} cycles per second')
     sample = (1.0 / speed[TWICE] - 1.0 / speed[ONCE]) / SAMPLES
     print(f'one sample more in a cycle ({ONCE}): {1e9 * sample:.0f} ns')
     write_results(arguments.json, {'compiled': speed, 'plain': plain})

@@ -28,7 +28,7 @@ from impact_damper_ros import (
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
-from output import BLUE, GREEN, GREY, ORANGE
+from output import BLUE, GREY, ORANGE
 
 #: zeta = 0.01, mu = 0.1, R = 0.5, level, no friction; at resonance 50 m/N without impacts.
 RIG = RigParameters(
@@ -44,18 +44,16 @@ LABELS = {
     'amplitude': 'amplitude, independent stops',
     'timed symmetric': 'timed, symmetric stops',
     'timed': 'timed, independent stops',
-    'predictive': 'predictive (knows the model)',
 }
 LAWS = tuple(LABELS)[1:]
 #: The laws with independent stops.
-INDEPENDENT = ('amplitude', 'timed', 'predictive')
+INDEPENDENT = ('amplitude', 'timed')
 STYLES: dict[str, dict[str, Any]] = {
     FIXED: {'color': GREY, 'marker': 's'},
     'amplitude symmetric': {'color': ORANGE, 'marker': '^', 'linestyle': '--'},
     'amplitude': {'color': ORANGE, 'marker': 'o'},
     'timed symmetric': {'color': BLUE, 'marker': '^', 'linestyle': '--'},
     'timed': {'color': BLUE, 'marker': 'o'},
-    'predictive': {'color': GREEN, 'marker': 'v'},
 }
 #: Real stops: their speed, m/s for a force of 1 N, and the mass of each, kg.
 REAL = {'actuator_speed': 16.0, 'actuator_mass': 0.01}

@@ -35,7 +35,7 @@ def clear_amplitude_law(law: AmplitudeLaw) -> None:
 @kernel
 def amplitude_law_crosses(control: Control, seen: Measurement) -> None:
     """Move both stops to their places, at a passage of X through zero."""
-    law: AmplitudeLaw = control.timing
+    law: AmplitudeLaw = control.amplitude_law
     if control.settings.independent:
         correct_places(control, seen)
         place_stops(control, seen.time, law.place_1, -law.place_2, _SMALLEST_MOVE)
@@ -47,7 +47,7 @@ def amplitude_law_crosses(control: Control, seen: Measurement) -> None:
 @kernel
 def correct_places(control: Control, seen: Measurement) -> None:
     """Correct the distances of both stops from the middle."""
-    law: AmplitudeLaw = control.timing
+    law: AmplitudeLaw = control.amplitude_law
     observer: Observer = control.observer
     search: Search = control.search
     if law.place_1 != law.place_1:

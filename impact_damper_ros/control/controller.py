@@ -9,16 +9,12 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.motion.compiled import kernel, packed_rows
-from impact_damper_ros.motion.event import Log
-from impact_damper_ros.motion.flight import Lines, Waves
-from impact_damper_ros.motion.state import RigConstants, Run, Wave
 from impact_damper_ros.parameters.rig_parameters import GapControlParameters, RigParameters
 
 from .actuator import order_stops, settle_stops
 from .amplitude_law import amplitude_law_crosses, clear_amplitude_law
 from .law import clear_search, search_anew, search_missed, search_sample
 from .own_law import OwnLaw, compiled_law, own_law_acts
-from .predictive_law import predictive_law_crosses
 from .sensors import (
     DROPOUT,
     FROZEN,
@@ -80,10 +76,6 @@ def control_of(p: GapControlParameters, rig: RigParameters, law: OwnLaw | None =
         refusal=Refusal(),
         memory=[0.0] * MEMORY,
         law=law,
-        start=Run(),
-        start_waves=[],
-        trial=Run(),
-        trial_waves=[],
         **{name: part() for name, part in PARTS.items()},
     )
     settle_stops(control)
@@ -101,10 +93,6 @@ def packed_control(control: Control) -> Control:
         commands=packed_rows(control.commands, Command)[np.newaxis],
         memory=np.array([control.memory], float),
         law=compiled_law(control.law),
-        start=one(control.start),
-        start_waves=packed_rows(control.start_waves, Wave)[np.newaxis],
-        trial=one(control.trial),
-        trial_waves=packed_rows(control.trial_waves, Wave)[np.newaxis],
         **{name: one(part) for name, part in control.states().items()},
     )
 
@@ -151,7 +139,7 @@ def clear_controller(controller: Controller) -> None:
 
 
 _AMPLITUDE, _TIMED = LAW_NUMBERS['amplitude'], LAW_NUMBERS['timed']
-_PREDICTIVE, _EXTERNAL = LAW_NUMBERS['predictive'], LAW_NUMBERS['external']
+_EXTERNAL = LAW_NUMBERS['external']
 
 
 @kernel(inline=True)
@@ -177,23 +165,12 @@ def law_sees(control: Control, seen: Measurement) -> None:
 
 
 @kernel
-def law_crosses(
-    control: Control,
-    seen: Measurement,
-    rising: bool,
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
-    log: Log,
-) -> None:
+def law_crosses(control: Control, seen: Measurement, rising: bool) -> None:
     """Let the law act on a passage of X through zero, with the sample taken there."""
     if control.settings.law == _AMPLITUDE:
         amplitude_law_crosses(control, seen)
     elif control.settings.law == _TIMED:
         timed_law_crosses(control, seen)
-    elif control.settings.law == _PREDICTIVE:
-        predictive_law_crosses(control, seen, rig, lines, run, waves, log)
     elif control.settings.law == OWN_LAW:
         own_law_acts(control, seen, 1 if rising else -1)
 
@@ -202,8 +179,8 @@ def law_crosses(
 def relearn_laws(control: Control) -> None:
     """Reset the states of the laws, not those of the actuators."""
     clear_search(control.search)
-    clear_amplitude_law(control.timing)
-    clear_timed_law(control.timed)
+    clear_amplitude_law(control.amplitude_law)
+    clear_timed_law(control.timed_law)
     for k in range(len(control.memory)):
         control.memory[k] = 0.0
     control.controller.roused = False
@@ -295,21 +272,8 @@ def holds_off(control: Control, time: float) -> bool:
 
 
 @kernel
-def take_crossing(
-    control: Control,
-    seen: Measurement,
-    rising: bool,
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
-    log: Log,
-) -> None:
-    """
-    Take a trigger of the crossing detector, with its sample, and act on it.
-
-    The predictive law is given the rig and its run.
-    """
+def take_crossing(control: Control, seen: Measurement, rising: bool) -> None:
+    """Take a trigger of the crossing detector, with its sample, and act on it."""
     controller: Controller = control.controller
     observer: Observer = control.observer
     controller.trigger_index += 1
@@ -319,7 +283,7 @@ def take_crossing(
     if whole and observer.amplitude > control.settings.threshold:
         controller.roused = True
         controller.returning = False
-        law_crosses(control, seen, rising, rig, lines, run, waves, log)
+        law_crosses(control, seen, rising)
     elif whole and controller.roused:
         rest_stops(control, seen.time)
     search_anew(control.search, rising)

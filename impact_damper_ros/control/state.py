@@ -13,8 +13,6 @@ from math import nan, pi
 from typing import Any, NamedTuple, TypeVar
 
 from impact_damper_ros.motion.compiled import kernel, unpack
-from impact_damper_ros.motion.flight import Waves
-from impact_damper_ros.motion.state import Length, Run, Speed, Time, Wave
 from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS, RigParameters
 
 S = TypeVar('S')
@@ -89,21 +87,21 @@ class Observer:
         Its approach speed, m/s.
     """
 
-    amplitude: Length = 0.0
-    half_cycle: Time = 0.0
-    crossed: Time = nan
-    peak: Length = 0.0
-    time: Time = nan
-    x: Length = nan
-    x_rate: Speed = nan
-    y: Length = nan
-    y_rate: Speed = nan
-    stop_1: Length = nan
-    stop_2: Length = nan
-    hit_time_1: Time = nan
-    hit_speed_1: Speed = nan
-    hit_time_2: Time = nan
-    hit_speed_2: Speed = nan
+    amplitude: float = 0.0
+    half_cycle: float = 0.0
+    crossed: float = nan
+    peak: float = 0.0
+    time: float = nan
+    x: float = nan
+    x_rate: float = nan
+    y: float = nan
+    y_rate: float = nan
+    stop_1: float = nan
+    stop_2: float = nan
+    hit_time_1: float = nan
+    hit_speed_1: float = nan
+    hit_time_2: float = nan
+    hit_speed_2: float = nan
 
 
 @kernel
@@ -178,8 +176,8 @@ class Search:
 
     missed_1: int = 0
     missed_2: int = 0
-    reach_1: Length = 0.0
-    reach_2: Length = 0.0
+    reach_1: float = 0.0
+    reach_2: float = 0.0
 
 
 @dataclass(slots=True)
@@ -190,10 +188,10 @@ class Command:
     The speed is a limit below that of the actuators, m/s; NaN for none.
     """
 
-    time: Time = nan
-    stop_1: Length = nan
-    stop_2: Length = nan
-    speed: Speed = nan
+    time: float = nan
+    stop_1: float = nan
+    stop_2: float = nan
+    speed: float = nan
 
 
 @dataclass(slots=True)
@@ -217,12 +215,12 @@ class Actuators:
 
     first: int = 0
     waiting: int = 0
-    target_1: Length = 0.0
-    target_2: Length = 0.0
-    commanded_1: Length = 0.0
-    commanded_2: Length = 0.0
-    velocity_1: Speed = 0.0
-    velocity_2: Speed = 0.0
+    target_1: float = 0.0
+    target_2: float = 0.0
+    commanded_1: float = 0.0
+    commanded_2: float = 0.0
+    velocity_1: float = 0.0
+    velocity_2: float = 0.0
     energy_1: float = 0.0
     energy_2: float = 0.0
 
@@ -240,9 +238,9 @@ class AmplitudeLaw:
         Amplitude at the last passage, m.
     """
 
-    place_1: Length = nan
-    place_2: Length = nan
-    amplitude: Length = 0.0
+    place_1: float = nan
+    place_2: float = nan
+    amplitude: float = 0.0
 
 
 @dataclass(slots=True)
@@ -262,10 +260,10 @@ class TimedLaw:
         When it is to meet m, s.
     """
 
-    parked: Length = 0.0
+    parked: float = 0.0
     aimed: bool = False
     closed: int = 0
-    until: Time = 0.0
+    until: float = 0.0
 
 
 #: Numbers that a law may keep.
@@ -308,7 +306,7 @@ class ControlSettings(NamedTuple):
         Number of the law, of `LAW_NUMBERS` or that of a user's own; 0 if the control is off.
     independent : bool
         Whether each stop has a place of its own.
-    gain, park, lead, timing_gain, horizon, smoothing, threshold, gap_min, gap_max : float
+    gain, park, lead, timing_gain, smoothing, threshold, gap_min, gap_max : float
         Parameters of the laws.
     rate, noise_position, noise_velocity, resolution_position, resolution_velocity : float
         Of the sensors.
@@ -338,7 +336,6 @@ class ControlSettings(NamedTuple):
     park: float
     lead: float
     timing_gain: float
-    horizon: float
     smoothing: float
     threshold: float
     gap_min: float
@@ -373,7 +370,6 @@ def settings_fields(p: Any, rig: Any) -> dict[str, Any]:
         'park': p.gap_control_park,
         'lead': p.gap_control_lead,
         'timing_gain': p.gap_control_timing_gain,
-        'horizon': p.gap_control_horizon,
         'smoothing': p.gap_control_smoothing,
         'threshold': p.gap_control_threshold,
         'gap_min': p.gap_min,
@@ -430,8 +426,8 @@ ROWS_AT_FIRST = 8
 PARTS: dict[str, type[Any]] = {
     'observer': Observer,
     'search': Search,
-    'timing': AmplitudeLaw,
-    'timed': TimedLaw,
+    'amplitude_law': AmplitudeLaw,
+    'timed_law': TimedLaw,
     'actuators': Actuators,
 }
 
@@ -458,9 +454,9 @@ class Control(NamedTuple):
         Commands that wait; see `actuator`.
     settings : ControlSettings
         The parameters.
-    timing : AmplitudeLaw
+    amplitude_law : AmplitudeLaw
         State of the amplitude law.
-    timed : TimedLaw
+    timed_law : TimedLaw
         State of the timed law.
     refusal : Refusal
         What a law of the user's own returned last, if that was no place.
@@ -468,8 +464,6 @@ class Control(NamedTuple):
         Numbers that this law keeps.
     law : OwnLaw or None
         The law itself.
-    start, trial : Run
-        The present state, and one ahead, for the predictive law; with their waves.
     """
 
     controller: Controller
@@ -478,15 +472,11 @@ class Control(NamedTuple):
     actuators: Actuators
     commands: Any
     settings: ControlSettings
-    timing: AmplitudeLaw
-    timed: TimedLaw
+    amplitude_law: AmplitudeLaw
+    timed_law: TimedLaw
     refusal: Refusal
     memory: Any
     law: Any
-    start: Run
-    start_waves: Waves
-    trial: Run
-    trial_waves: Waves
 
     @property
     def waiting(self) -> list[Command]:
@@ -504,12 +494,6 @@ class Control(NamedTuple):
         """Return the same control with more room for commands."""
         return self._with_waiting(self.waiting)
 
-    def for_harmonics(self, count: int) -> Control:
-        """Return the same control for a rig with so many harmonics."""
-        return self._replace(
-            start_waves=[Wave() for _ in range(count)], trial_waves=[Wave() for _ in range(count)]
-        )
-
     def unpacked(self, rows: Any) -> Control:
         """Return this control in the state of one that was `packed`."""
         for name, part in self.states().items():
@@ -526,7 +510,7 @@ class Control(NamedTuple):
         parts = {name: copy(part) for name, part in self.states().items()}
         return self._replace(
             commands=[copy(row) for row in self.commands], memory=self.memory.copy(), **parts
-        ).for_harmonics(len(self.start_waves))
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Return the state as numbers, lists and dictionaries; JSON keeps it exactly."""

@@ -80,7 +80,7 @@ def clear_timed_law(law: TimedLaw) -> None:
 @kernel(inline=True)
 def timed_law_sees(control: Control, seen: Measurement, next_sample: float) -> None:
     """Open the stop that has done its work, and close one for the passage ahead."""
-    law: TimedLaw = control.timed
+    law: TimedLaw = control.timed_law
     p = control.settings
     if law.parked == 0.0:
         return
@@ -107,7 +107,7 @@ def timed_law_sees(control: Control, seen: Measurement, next_sample: float) -> N
 @kernel
 def timed_law_crosses(control: Control, seen: Measurement) -> None:
     """Park the stops, and close one for this passage if that has not been done."""
-    law: TimedLaw = control.timed
+    law: TimedLaw = control.timed_law
     aimed = law.aimed
     law.aimed = False
     law.parked = symmetric_place(control, control.settings.park)
@@ -120,7 +120,7 @@ def timed_law_crosses(control: Control, seen: Measurement) -> None:
 @kernel
 def park_stops(control: Control, seen: Measurement, first: bool, second: bool) -> None:
     """Send stops to where they are parked, unless m is or will be beyond that place."""
-    parked = control.timed.parked
+    parked = control.timed_law.parked
     clearance = _CLEAR_OF_DAMPER * control.observer.half_cycle
     place_1 = nan
     place_2 = nan
@@ -134,7 +134,7 @@ def park_stops(control: Control, seen: Measurement, first: bool, second: bool) -
 @kernel
 def close_stop(control: Control, at: Passage, seen: Measurement, before: float) -> bool:
     """Order a stop to meet m at a passage; return whether one is ordered before an instant."""
-    law: TimedLaw = control.timed
+    law: TimedLaw = control.timed_law
     observer: Observer = control.observer
     p = control.settings
     optimal = best_gap(control)

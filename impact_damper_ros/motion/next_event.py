@@ -14,9 +14,9 @@ from math import inf
 from .compiled import kernel
 from .event import ROWS_AT_ONCE, Log
 from .first_event import search_on, search_passage
-from .flight import NO_EVENT, Lines, Waves, begin_next_flight
-from .state import REST_1, RigConstants, Run
-from .transition import common_velocity, resolve
+from .flight import NO_EVENT, Lines, Waves
+from .state import RigConstants, Run
+from .transition import resolve
 
 #: The instant was reached.
 DONE = 0
@@ -108,33 +108,3 @@ def count_modes(run: Run, in_mode: MutableSequence[float]) -> None:
     if since > run.counted:
         in_mode[run.mode] += since - run.counted
         run.counted = since
-
-
-#: Most flights that are followed. M then carries m, which rattles on a stop or in a narrow gap.
-_MOST_FLIGHTS = 200
-
-
-@kernel
-def go_ahead(
-    rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, end: float
-) -> float:
-    """
-    Follow a run without control to the flight that holds a later instant.
-
-    Returns the time of that instant since the origin of the flight, s. Events are not reported.
-    """
-    run.room = 0
-    run.steps = ALL_STEPS
-    for _ in range(_MOST_FLIGHTS):
-        since = max(0.0, (end - run.time) - run.time_low)
-        find_event(rig, lines, run, waves, end)
-        if run.kind == NO_EVENT or run.tau > since:
-            return since
-        resolve(rig, lines, run, waves, log)
-    run.velocity = common_velocity(rig, run)
-    run.relative_velocity = 0.0
-    run.mode = REST_1
-    run.stop_velocity_1 = 0.0
-    run.stop_velocity_2 = 0.0
-    begin_next_flight(rig, lines, run, waves)
-    return max(0.0, (end - run.time) - run.time_low)

@@ -9,12 +9,11 @@ end. `flight.begin_flight` derives all that is not in `STORED` from that.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import lru_cache
 from math import cos, inf, sin
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
@@ -168,12 +167,6 @@ def constants_of(
     return RigConstants(free, joint, len(amplitudes), **fields), rows
 
 
-#: What a number of a state is, where a little more or less of it is another state nearby.
-Length = Annotated[float, 'length']
-Speed = Annotated[float, 'speed']
-Time = Annotated[float, 'time']
-
-
 @dataclass(slots=True)
 class Wave:
     """
@@ -283,22 +276,22 @@ class Run:
     time: float = 0.0
     time_low: float = 0.0
     mode: int = STICK
-    x: Length = 0.0
-    velocity: Speed = 0.0
-    relative_velocity: Speed = 0.0
-    clearance_1: Length = 0.0
-    clearance_2: Length = 0.0
-    stop_1: Length = 0.0
-    stop_2: Length = 0.0
+    x: float = 0.0
+    velocity: float = 0.0
+    relative_velocity: float = 0.0
+    clearance_1: float = 0.0
+    clearance_2: float = 0.0
+    stop_1: float = 0.0
+    stop_2: float = 0.0
     last_stop: int = 0
     released: bool = False
-    chatter_left: Time = 0.0
-    target_1: Length = 0.0
-    target_2: Length = 0.0
-    speed_1: Speed = inf
-    speed_2: Speed = inf
-    stop_velocity_1: Speed = 0.0
-    stop_velocity_2: Speed = 0.0
+    chatter_left: float = 0.0
+    target_1: float = 0.0
+    target_2: float = 0.0
+    speed_1: float = inf
+    speed_2: float = inf
+    stop_velocity_1: float = 0.0
+    stop_velocity_2: float = 0.0
     side: int = 0
     force: float = 0.0
     now: float = 0.0
@@ -361,36 +354,6 @@ STORED = (
 )
 #: Their types.
 STORED_TYPES: dict[str, Any] = {n: t for n, t in get_type_hints(Run).items() if n in STORED}
-
-
-@kernel
-def copy_state(run: Run, waves: Sequence[Wave], other: Run, others: Sequence[Wave]) -> None:
-    """Copy the state at the origin of a run to another run."""
-    other.time = run.time
-    other.time_low = run.time_low
-    other.mode = run.mode
-    other.x = run.x
-    other.velocity = run.velocity
-    other.relative_velocity = run.relative_velocity
-    other.clearance_1 = run.clearance_1
-    other.clearance_2 = run.clearance_2
-    other.stop_1 = run.stop_1
-    other.stop_2 = run.stop_2
-    other.last_stop = run.last_stop
-    other.released = run.released
-    other.chatter_left = run.chatter_left
-    other.target_1 = run.target_1
-    other.target_2 = run.target_2
-    other.speed_1 = run.speed_1
-    other.speed_2 = run.speed_2
-    other.stop_velocity_1 = run.stop_velocity_1
-    other.stop_velocity_2 = run.stop_velocity_2
-    other.side = run.side
-    other.force = run.force
-    for j in range(len(waves)):
-        others[j].angle = waves[j].angle
-        others[j].sine_0 = waves[j].sine_0
-        others[j].cosine_0 = waves[j].cosine_0
 
 
 @kernel(inline=True)

@@ -449,10 +449,10 @@ class GapControlParameters(ParameterTable):
 
     gap_control: str = text(
         'off',
-        ('off', 'amplitude', 'timed', 'predictive', 'external'),
+        ('off', 'amplitude', 'timed', 'external'),
         'Law that moves the stops: off holds them at the gap, amplitude follows the vibration, '
-        'timed closes a stop on m where M is fastest, predictive tries places in the simulator, '
-        'external does what a controller outside of the rig commands.',
+        'timed closes a stop on m where M is fastest, external does what a controller outside of '
+        'the rig commands.',
     )
     gap_control_stops: str = text(
         'independent',
@@ -487,13 +487,6 @@ class GapControlParameters(ParameterTable):
         2.0,
         '',
         'Part of the way to that instant by which a stop is moved at each impact.',
-    )
-    gap_control_horizon: float = number(
-        2.1,
-        0.1,
-        100.0,
-        '',
-        'Time after which the predictive law wants the least energy of M, in half cycles.',
     )
     gap_control_smoothing: float = number(
         0.3, 1e-3, 1.0, '', 'Weight of the last half cycle in the estimate of the amplitude of X.'

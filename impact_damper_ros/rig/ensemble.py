@@ -298,7 +298,7 @@ def run_ensemble(
     runs['most_in_period'] = MOST_IN_PERIOD
     controls = None
     if controlled:
-        one = control_of(settings, parameters, own).for_harmonics(waves.shape[1])
+        one = control_of(settings, parameters, own)
         begin_sampling(one, 0.0)
         controls = _controls(one, p, count)
     result = EnsembleResult(

@@ -179,7 +179,7 @@ def perform_passage(
     rising = log[run.written - 1].primary_velocity_after > 0.0
     number = trigger_number(control)
     seen = measure(rig, lines, run, waves, control.settings, control.observer, number)
-    take_crossing(control, seen, rising, rig, lines, run, waves, log)
+    take_crossing(control, seen, rising)
     write_act(control, acts, _CROSSING, run.now)
 
 
@@ -432,15 +432,11 @@ def run_each_under_control(waves: Sequence[Waves], controls: Any, acts: Any, res
             controls.actuators[k],
             controls.commands[k],
             controls.settings[k],
-            controls.timing[k],
-            controls.timed[k],
+            controls.amplitude_law[k],
+            controls.timed_law[k],
             controls.refusal[k],
             controls.memory[k],
             controls.law,
-            controls.start[k],
-            controls.start_waves[k],
-            controls.trial[k],
-            controls.trial_waves[k],
         )
         run_one(k, waves[k], control, acts, *rest)
     return len(waves)

@@ -402,8 +402,7 @@ class Rig:
         # An impact at the very start, of m that moves into the stop it is on
         self._unreported: list[Event] = []
         self._unreported = self._begin()
-        control = control_of(self._gap_control, parameters, self._law)
-        self._control = control.for_harmonics(self._rig.harmonics)
+        self._control = control_of(self._gap_control, parameters, self._law)
         if self._gap_control.active:
             begin_sampling(self._control, time)
 
@@ -840,7 +839,7 @@ class Rig:
             settings = settings_of(control, parameters, own=own)
         events = self._change(parameters) if parameters != before else []
         here = self._control._replace(settings=settings_of(old, parameters, own=own))
-        self._control = here.for_harmonics(self._rig.harmonics)
+        self._control = here
         if (parameters.gap, parameters.one_sided) != (before.gap, before.one_sided):
             settle_stops(here)
             relearn_laws(here)
@@ -1136,7 +1135,6 @@ def _restored(held: dict[str, Any] | None, rig: Rig) -> tuple[GapControlParamete
     try:
         parameters = GapControlParameters(**(held['parameters'] if held else {}))
         control = control_of(parameters, rig.parameters, rig.own_law)
-        control = control.for_harmonics(rig._rig.harmonics)
         if held is None:
             return parameters, control
         control = control.restored(held['state'])

@@ -16,7 +16,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .stepped_sine import SteppedSine, frequency_steps
 
-FORMAT = 6
+FORMAT = 7
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.
 #: 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter however
 #: high its bounces were, 4 polished the passages of X through zero by bisection and took the

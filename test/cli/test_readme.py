@@ -64,14 +64,6 @@ LESS = (
     ('multisine_lines=128', 'multisine_lines=16'),
     ('=0.4:1.2:33', '=0.4:1.2:2 --no-search'),
     ('--cycles 300 --watch 100', '--cycles 60 --watch 21'),
-    ('horizon=1,1.25,1.5,1.75,2,2.1,2.25,2.5', 'horizon=2.1'),
-    ('angle=0.75,0.768,0.785,0.803,0.82', 'angle=0.75'),
-    ('multisine_seed=9:16:8', 'multisine_seed=9'),
-    ('--cycles 240 --watch 80', '--cycles 1 --watch 21'),
-    ('--cycles 10 --watch 90', '--cycles 1 --watch 21'),
-    # Forms of the loop that no other test compiles
-    ('force_amplitudes=[0] --set multisine_level=1', 'multisine_level=0'),
-    ('gap_control=predictive', 'gap_control=timed'),
 )
 RANGE = re.compile(r'(=-?[0-9.]+:-?[0-9.]+):\d+')
 

@@ -37,7 +37,7 @@ def test_all_parameters_with_units_and_ranges(capsys):
     assert list(rows) == list(ALL_SPECS)
     assert rows['gap'] == ['0.01', 'm', '1e-09 to 1e+09', '0.0001 to 100']
     assert rows['force_amplitudes'] == ['[10]', 'N', '-1e+12 to 1e+12', '-1e+04 to 1e+04']
-    assert rows['gap_control'] == ['off', 'off, amplitude, timed, predictive, external']
+    assert rows['gap_control'] == ['off', 'off, amplitude, timed, external']
     assert rows['record'] == ['false', 'true, false']
 
 

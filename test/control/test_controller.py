@@ -2,7 +2,6 @@
 
 import itertools
 import json
-from typing import get_type_hints
 
 import pytest
 
@@ -20,8 +19,7 @@ from impact_damper_ros import (
     damper_of,
 )
 from impact_damper_ros.control.controller import control_of
-from impact_damper_ros.control.state import LAW_NUMBERS, PARTS, Command
-from impact_damper_ros.motion.state import Length, Speed, Time
+from impact_damper_ros.control.state import LAW_NUMBERS, PARTS
 from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS
 
 
@@ -152,11 +150,3 @@ def test_the_controller_has_every_law_that_the_parameter_names():
     assert tuple(LAW_NUMBERS) == GAP_CONTROL_SPECS['gap_control'].choices
     assert LAW_NUMBERS['off'] == 0
     assert set(PARTS) <= set(start().states())
-
-
-def test_the_kind_of_every_number_is_known():
-    """Rigs nearby differ in these; whole numbers and the energies spent do not count."""
-    for part in (*PARTS.values(), Command):
-        hints = get_type_hints(part, include_extras=True)
-        assert {n for n in hints if hints[n] is float} <= {'energy_1', 'energy_2'}
-        assert set(hints.values()) <= {float, int, bool, Length, Speed, Time}

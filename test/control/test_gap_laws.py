@@ -1,27 +1,14 @@
 """What the laws are for: the vibration of M, over that without impacts."""
 
-import itertools
 import math
 
 import numpy as np
 import pytest
 
 from control.controlled_rigs import IDEAL, TRIAL, control
-from impact_damper_ros import Action, InitialConditions, Rig, RigParameters, damper_of
+from impact_damper_ros import Rig, RigParameters, damper_of
 
 INCLINE = RigParameters(angle=math.radians(45.0), friction=0.5, gravity=1.0)
-
-
-def broadband_rig(seed):
-    """Return the rig of the trials under a random-phase multisine of 1 N rms."""
-    return TRIAL.replace(
-        force_amplitudes=[0.0],
-        multisine_level=1.0,
-        multisine_low=0.5,
-        multisine_high=2.0,
-        multisine_lines=48,
-        multisine_seed=seed,
-    )
 
 
 def rms(rig, law, settled=300.0, until=900.0):
@@ -86,95 +73,6 @@ def test_stops_of_their_own_on_an_incline():
         assert found['amplitude', 'symmetric'] > 4.0 * found['amplitude', 'independent']
         assert found['amplitude', 'independent'] < 0.037
         assert found['timed', 'independent'] < 0.0355
-
-
-@pytest.mark.parametrize(
-    ('rig', 'share'),
-    [
-        (TRIAL, 1.0),
-        (TRIAL.replace(force_frequencies=[0.9]), 0.92),
-        (INCLINE, 1.0),
-    ],
-    ids=['resonance', 'off resonance', 'incline'],
-)
-def test_the_law_that_knows_the_model_is_better(rig, share):
-    """Than the timed law, which does not."""
-    assert rms(rig, control('predictive')) < share * rms(rig, control('timed'))
-
-
-def test_the_law_that_knows_the_model_is_better_under_broadband_excitation():
-    """In the mean of some seeds: each run is chaotic, and its rms a matter of the last bits."""
-    found = {'predictive': 0.0, 'timed': 0.0}
-    for seed, law in itertools.product(range(1, 6), found):
-        rig = TRIAL.replace(multisine_level=1.0, force_amplitudes=[0.0], multisine_seed=seed)
-        found[law] += rms(rig, control(law))
-    assert found['predictive'] < 0.97 * found['timed']
-
-
-def test_the_horizon_keeps_the_rhythm_of_weak_forces_on_inclines():
-    """One of 1.25 to 1.75 half cycles loses it at some of these angles."""
-    for angle in (43.0, 44.0, 45.0, 46.0, 47.0):
-        rig = INCLINE.replace(angle=math.radians(angle), force_amplitudes=[0.25])
-        found = [amplitude_ratio(rig, control(mode), 240, 60) for mode in ('predictive', 'timed')]
-        assert found[0] < 1.02 * found[1]
-
-
-def test_a_shorter_horizon_is_worse_under_broadband_excitation():
-    """In the mean of some seeds."""
-    found = {}
-    for horizon in (1.25, control('predictive').gap_control_horizon):
-        law = control('predictive', gap_control_horizon=horizon)
-        found[horizon] = sum(rms(broadband_rig(seed), law, 125.0, 700.0) for seed in (10, 14, 16))
-    assert min(found) == 1.25
-    assert max(found, key=found.__getitem__) == 1.25
-
-
-@pytest.mark.parametrize(
-    'values',
-    [
-        {'actuator_delay': 0.3},
-        {'actuator_speed': 20.0},
-        {'gap_control_stops': 'symmetric'},
-        {'actuator_delay': 0.3, 'actuator_speed': 20.0},
-    ],
-)
-def test_the_model_holds_the_actuators(values):
-    assert ratio('predictive', cycles=120, **values) < 1.1 * IDEAL
-
-
-def test_places_are_compared_at_equal_times():
-    """
-    Where m bounces on its stop hundreds of times within the horizon, ever less.
-
-    The motion ahead ended early for these places, among them the present ones, to which the law
-    then kept.
-    """
-    slope = TRIAL.replace(
-        angle=math.radians(43.0),
-        gravity=1.0,
-        gap=4.0,
-        restitution_1=0.97,
-        restitution_2=0.97,
-        force_amplitudes=[0.1],
-    )
-    start = InitialConditions(
-        initial_primary_position=-0.07, initial_damper_offset=2.0, initial_damper_velocity=-0.1
-    )
-    rig = Rig(slope, start, control=control('predictive'))
-    rig.advance(6.0)
-    # At the second passage, from which the law knows the half cycle
-    first, second, sent = rig.records[:3]
-    assert (second.action, sent.action) == (Action.CROSSING, Action.COMMAND)
-    end = sent.time + rig.control.gap_control_horizon * (second.time - first.time)
-    energies = []
-    for places in ((None, None), (sent.target_1, sent.target_2)):
-        plain = Rig(slope, start)
-        plain.advance(sent.time)
-        plain.move_stops(*places)
-        plain.advance(end)
-        here = plain.sample()
-        energies.append(here.primary_velocity**2 + here.x**2)
-    assert energies[1] < 0.5 * energies[0]
 
 
 def test_optimal_gap_is_that_of_the_symmetric_flight():

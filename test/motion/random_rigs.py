@@ -104,7 +104,7 @@ def random_control(rng: random.Random, **fixed: Any) -> GapControlParameters:
     """Return a control of any kind."""
     gap_min = 10 ** rng.uniform(-3, 0)
     drawn: dict[str, Any] = {
-        'gap_control': rng.choice(['amplitude', 'timed', 'timed', 'predictive']),
+        'gap_control': rng.choice(['amplitude', 'timed', 'timed']),
         'gap_control_stops': rng.choice(['symmetric', 'independent']),
         'gap_control_gain': rng.uniform(0.2, 1.2),
         'gap_control_park': rng.uniform(0.5, 3),
@@ -172,7 +172,7 @@ def any_rig(seed: int) -> RigParameters:
     )
 
 
-KINDS = ('free', 'stops', 'swept', 'multisine', 'off', 'amplitude', 'timed', 'predictive', 'own')
+KINDS = ('free', 'stops', 'swept', 'multisine', 'off', 'amplitude', 'timed', 'own')
 KINDS += ('external',)
 
 
@@ -188,10 +188,7 @@ def rig_of(kind: str, seed: int, times: Sequence[float] = (0.0, 1234.5), **fixed
     rng = random.Random(f'{kind} {seed}')
     parameters, initial = random_rig(f'{kind} {seed}', **fixed)
     parameters = parameters.replace(restitution_1=min(0.9, parameters.restitution_1))
-    if kind == 'predictive' and 'air_force' not in fixed:
-        # What the law foresees depends on the stop that was hit last.
-        parameters = parameters.replace(air_force=rng.choice([0.0, 0.1]))
-    elif kind == 'swept':
+    if kind == 'swept':
         parameters = parameters.replace(
             sweep_mode=rng.choice(['up', 'down', 'up_down']),
             sweep_low=0.5,

@@ -99,7 +99,6 @@ ENSEMBLES = {
         {'gap_control': 'timed'},
         None,
     ),
-    'predictive': (SLOPE, GAPS, {}, {'gap_control': 'predictive'}, None),
     'own law': (SLOPE, GAPS, {}, {'gap_control': 'timed', 'gap_control_rate': 3.0}, held),
 }
 
