@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import dtype_of, kernel
-from .flight import Lines, Motion, Waves, motion_after, places_after, stop_rates
+from .flight import Motion, motion_after, places_after, stop_rates
 from .oscillator import Line
-from .state import RigConstants, Run, Wave, offset_of, place
+from .state import Moving, Run, Wave, offset_of, place
 
 
 class EventKind(IntEnum):
@@ -211,10 +211,11 @@ class View(NamedTuple):
 
 
 @kernel(inline=True)
-def view_at(rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float) -> View:
+def view_at(moving: Moving, time: float) -> View:
     """Return what is seen at an instant of the flight."""
+    run = moving.run
     tau = max(0.0, (time - run.time) - run.time_low)
-    motion: Motion = motion_after(rig, lines, run, waves, tau)
+    motion: Motion = motion_after(moving, tau)
     clearance_1, clearance_2, stop_1, stop_2 = places_after(run, tau, motion.travel)
     y = offset_of(clearance_1, clearance_2, stop_1, stop_2)
     speed = 0.0 if run.joint else motion.relative_velocity
@@ -223,11 +224,13 @@ def view_at(rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float
 
 
 @kernel
-def write_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log) -> None:
+def write_passage(moving: Moving) -> None:
     """Write that X passes through zero at the present time."""
+    run = moving.run
+    log = moving.log
     if run.room == 0:
         return
-    view: View = view_at(rig, lines, run, waves, run.now)
+    view: View = view_at(moving, run.now)
     row = log[run.written]
     run.written += 1
     row.time = run.now
@@ -244,14 +247,16 @@ def write_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: 
 
 
 @kernel
-def base_at(
-    rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float
-) -> tuple[float, float]:
+def base_at(moving: Moving, time: float) -> tuple[float, float]:
     """Return displacement and velocity of the base at an instant of the flight, m and m/s."""
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
     tau = max(0.0, (time - run.time) - run.time_low)
     base = 0.0
     velocity = 0.0
-    for j in range(rig.base_first, rig.base_end):
+    for j in range(constants.base_first, constants.base_end):
         line: Line = lines[j]
         wave: Wave = waves[j]
         turn = line.frequency * tau
@@ -266,11 +271,11 @@ def base_at(
 
 @kernel
 def sample_at(
-    rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float
+    moving: Moving, time: float
 ) -> tuple[float, float, float, float, float, float, float, float, float, float, float]:
     """Return the motion at an instant of the flight, in the order of `Sample`."""
-    view: View = view_at(rig, lines, run, waves, time)
-    base, base_velocity = base_at(rig, lines, run, waves, time)
+    view: View = view_at(moving, time)
+    base, base_velocity = base_at(moving, time)
     return (
         time,
         view.x,

@@ -33,10 +33,8 @@ from .flight import (
     RELEASE_DOWN,
     RELEASE_UP,
     REVERSAL,
-    Lines,
     Motion,
     Series,
-    Waves,
     coarse_tail,
     motion_at,
     oscillator_of,
@@ -46,7 +44,7 @@ from .flight import (
     with_derivatives,
 )
 from .oscillator import POINTS, Oscillator, free_bound
-from .state import RigConstants, Run, advance_time, on_stop_1, on_stop_2
+from .state import Lines, Moving, RigConstants, Run, Waves, advance_time, on_stop_1, on_stop_2
 
 _EPSILON = 2.220446049250313e-16
 #: Error of a watched function at an instant, relative to its terms.
@@ -132,10 +130,10 @@ def falling_root(f_a: float, d_a: float, f_b: float, d_b: float, step: float) ->
 
 @kernel
 def watched(
-    rig: RigConstants, run: Run, kind: int, tau: float, motion: Motion
+    constants: RigConstants, run: Run, kind: int, tau: float, motion: Motion
 ) -> tuple[float, float, float, float]:
     """Return a watched function and its first two derivatives, and the size of its terms."""
-    oscillator = oscillator_of(rig, run)
+    oscillator = oscillator_of(constants, run)
     if kind in (CONTACT_1, CONTACT_2, ARRIVAL):
         side = 1.0
         left = run.clearance_1
@@ -232,10 +230,7 @@ def end_near(run: Run, kind: int, tau: float, motion: Motion, step: float) -> fl
 
 @kernel
 def first_root(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
+    moving: Moving,
     kind: int,
     start: float,
     motion: Motion,
@@ -248,8 +243,10 @@ def first_root(
     `motion` is that at the start, and `step` the first one tried. The time is infinite if there is
     no root; else, unless it is a passage of X, the flight ends there.
     """
-    oscillator = oscillator_of(rig, run)
-    f_a, d_a, e_a, size = watched(rig, run, kind, start, motion)
+    constants = moving.constants
+    run = moving.run
+    oscillator = oscillator_of(constants, run)
+    f_a, d_a, e_a, size = watched(constants, run, kind, start, motion)
     bound_3, bound_4 = bounds_of(oscillator, kind, motion)
     t_a = start
     if f_a <= 0.0:
@@ -269,12 +266,12 @@ def first_root(
     while t_a < end:
         t_b = min(t_a + step, end)
         span = t_b - t_a
-        motion = motion_at(rig, lines, run, waves, t_b)
-        f_b, d_b, _, size = watched(rig, run, kind, t_b, motion)
+        motion = motion_at(moving, t_b)
+        f_b, d_b, _, size = watched(constants, run, kind, t_b, motion)
         error = ERROR * size + _NO_LENGTH + 2.0 * max(0.0, -f_a)
         if falls(d_a, d_b, span, bound_3):
             if f_b <= 0.0:
-                return root_between(rig, lines, run, waves, kind, t_a, f_a, d_a, t_b, f_b, d_b)
+                return root_between(moving, kind, t_a, f_a, d_a, t_b, f_b, d_b)
         elif not keeps_sign(f_a + error, d_a, f_b + error, d_b, span, bound_4):
             if span > shortest:
                 step = 0.5 * span
@@ -304,10 +301,7 @@ def bounds_of(oscillator: Oscillator, kind: int, motion: Motion) -> tuple[float,
 
 @kernel
 def root_between(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
+    moving: Moving,
     kind: int,
     low: float,
     f_low: float,
@@ -317,17 +311,19 @@ def root_between(
     d_high: float,
 ) -> float:
     """Return the root of a watched function that falls between two times; as `first_root`."""
-    oscillator = oscillator_of(rig, run)
+    constants = moving.constants
+    run = moving.run
+    oscillator = oscillator_of(constants, run)
     tau = low
     if f_low > 0.0:
         tau = low + falling_root(f_low, d_low, f_high, d_high, high - low)
         if not low <= tau <= high:
             tau = 0.5 * (low + high)
-    motion: Motion = motion_at(rig, lines, run, waves, tau)
+    motion: Motion = motion_at(moving, tau)
     if f_low <= 0.0:
         return end_near(run, kind, tau, motion, 0.0)
     for _ in range(60):
-        value, rate, bend, _ = watched(rig, run, kind, tau, motion)
+        value, rate, bend, _ = watched(constants, run, kind, tau, motion)
         if value > 0.0:
             low = tau
         else:
@@ -344,7 +340,7 @@ def root_between(
         if tau + change == tau:
             break
         tau += change
-        motion = motion_at(rig, lines, run, waves, tau)
+        motion = motion_at(moving, tau)
     return end_near(run, kind, tau, motion, 0.0)
 
 
@@ -356,15 +352,17 @@ def leaves_support(run: Run) -> bool:
 
 
 @kernel
-def leap(rig: RigConstants, lines: Lines, run: Run, waves: Waves, longest: float) -> float:
+def leap(moving: Moving, longest: float) -> float:
     """
     Return how long m certainly moves on after its support has given way; negative if it stays.
 
     Relative velocity and acceleration are zero then. With jerk j and a bound B of the next
     derivative the speed is positive for u < 3 j/B, the clearance left behind for u < 4 j/B.
     """
-    oscillator: Oscillator = rig.free
-    motion: Motion = starting_motion(rig, lines, run, waves)
+    constants = moving.constants
+    run = moving.run
+    oscillator: Oscillator = constants.free
+    motion: Motion = starting_motion(moving)
     away = run.direction
     if away == 0:
         away = -1 if run.clearance_1 == 0.0 else 1
@@ -385,10 +383,7 @@ def leap(rig: RigConstants, lines: Lines, run: Run, waves: Waves, longest: float
 
 @kernel
 def look_for(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
+    moving: Moving,
     kind: int,
     start: float,
     motion: Motion,
@@ -396,66 +391,66 @@ def look_for(
     motion_end: Motion,
 ) -> None:
     """Let the flight end at the first root of a function, if it is earlier than what is found."""
-    f_a, d_a, _, _ = watched(rig, run, kind, start, motion)
-    f_b, d_b, _, size = watched(rig, run, kind, end, motion_end)
-    bound_3, bound_4 = bounds_of(oscillator_of(rig, run), kind, motion)
+    constants = moving.constants
+    run = moving.run
+    f_a, d_a, _, _ = watched(constants, run, kind, start, motion)
+    f_b, d_b, _, size = watched(constants, run, kind, end, motion_end)
+    bound_3, bound_4 = bounds_of(oscillator_of(constants, run), kind, motion)
     span = end - start
     error = ERROR * size
     if keeps_sign(f_a - error, d_a, f_b - error, d_b, span, bound_4):
         return
     if f_a > error and falls(d_a, d_b, span, bound_3):
         if f_b <= 0.0 and end <= run.tau:
-            root_between(rig, lines, run, waves, kind, start, f_a, d_a, end, f_b, d_b)
+            root_between(moving, kind, start, f_a, d_a, end, f_b, d_b)
             return
         if f_b > 0.0:
             return
-    first_root(rig, lines, run, waves, kind, start, motion, min(end, run.tau), 0.5 * span)
+    first_root(moving, kind, start, motion, min(end, run.tau), 0.5 * span)
 
 
 @kernel
 def first_of(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
+    moving: Moving,
     start: float,
     motion_a: Motion,
     end: float,
     motion_b: Motion,
 ) -> None:
     """Let the flight end at the first event between two times, if there is one."""
+    run = moving.run
     run.tau = inf
     if run.joint:
         if run.support_high < inf:
-            look_for(rig, lines, run, waves, RELEASE_UP, start, motion_a, end, motion_b)
+            look_for(moving, RELEASE_UP, start, motion_a, end, motion_b)
         if run.support_low > -inf:
-            look_for(rig, lines, run, waves, RELEASE_DOWN, start, motion_a, end, motion_b)
+            look_for(moving, RELEASE_DOWN, start, motion_a, end, motion_b)
         return
     after = start
     motion_c = motion_a
     if start == 0.0 and leaves_support(run):
-        after = leap(rig, lines, run, waves, end)
+        after = leap(moving, end)
         if after < 0.0:
             end_near(run, REVERSAL, 0.0, motion_a, 0.0)
             return
-        motion_c = motion_at(rig, lines, run, waves, after)
+        motion_c = motion_at(moving, after)
     if run.direction != 0:
         if run.arrival < inf:
-            look_for(rig, lines, run, waves, ARRIVAL, start, motion_a, end, motion_b)
+            look_for(moving, ARRIVAL, start, motion_a, end, motion_b)
             if (run.speed_1 if run.direction < 0 else run.speed_2) < inf:
-                look_for(rig, lines, run, waves, OUTRUN, start, motion_a, end, motion_b)
-        look_for(rig, lines, run, waves, REVERSAL, after, motion_c, end, motion_b)
+                look_for(moving, OUTRUN, start, motion_a, end, motion_b)
+        look_for(moving, REVERSAL, after, motion_c, end, motion_b)
     # The stop that m leaves is watched only if it moves after m.
     if run.direction >= 0 or run.stop_velocity_1 < 0.0:
         if on_stop_1(run):
-            look_for(rig, lines, run, waves, CONTACT_1, after, motion_c, end, motion_b)
+            look_for(moving, CONTACT_1, after, motion_c, end, motion_b)
         else:
-            look_for(rig, lines, run, waves, CONTACT_1, start, motion_a, end, motion_b)
+            look_for(moving, CONTACT_1, start, motion_a, end, motion_b)
     if (run.direction <= 0 or run.stop_velocity_2 > 0.0) and run.clearance_2 < inf:
         if on_stop_2(run):
-            look_for(rig, lines, run, waves, CONTACT_2, after, motion_c, end, motion_b)
+            look_for(moving, CONTACT_2, after, motion_c, end, motion_b)
         else:
-            look_for(rig, lines, run, waves, CONTACT_2, start, motion_a, end, motion_b)
+            look_for(moving, CONTACT_2, start, motion_a, end, motion_b)
 
 
 @kernel(inline=True)
@@ -560,10 +555,7 @@ def root_by_series(
 
 @kernel(inline=True)
 def contact_by_series(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
+    moving: Moving,
     side: float,
     t: float,
     offset: float,
@@ -575,7 +567,11 @@ def contact_by_series(
     high: float,
 ) -> bool:
     """Set the end of the flight by a contact near a point of the grid; or return that it fails."""
-    oscillator: Oscillator = rig.free
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    oscillator: Oscillator = constants.free
     step = oscillator.step
     fall = run.relative_acceleration + run.acceleration
     launched = run.relative_velocity + run.velocity
@@ -655,18 +651,22 @@ def gathers_speed(
 
 
 @kernel(inline=True)
-def search_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+def search_moving(moving: Moving) -> None:
     """Search the next steps of the grid while m moves between standing stops."""
-    oscillator: Oscillator = rig.free
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    oscillator: Oscillator = constants.free
     tau = run.searched
     # m alone
     fall = run.relative_acceleration + run.acceleration
     launched = run.relative_velocity + run.velocity
     resting = run.constant * oscillator.inverse_square
     if tau == 0.0:
-        motion: Motion = starting_motion(rig, lines, run, waves)
+        motion: Motion = starting_motion(moving)
     else:
-        motion = motion_at(rig, lines, run, waves, tau)
+        motion = motion_at(moving, tau)
     step = oscillator.step
     # How far the speed may fall below its values at both points
     free = free_bound(oscillator, motion.x_3, motion.x_4)
@@ -724,10 +724,7 @@ def search_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> No
                 t, x, travel = t_a, x_a, travel_a
                 turn_back(lines, 0, waves)
             found = contact_by_series(
-                rig,
-                lines,
-                run,
-                waves,
+                moving,
                 side,
                 t,
                 offset_a,
@@ -743,19 +740,19 @@ def search_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> No
         if (approaching and left <= 0.0) or (
             not approaching
             and not clears_stops(
-                rig, run, free, travel_a, speed_a, travel_b, speed_b, abs(x_b) + abs(start_x)
+                constants, run, free, travel_a, speed_a, travel_b, speed_b, abs(x_b) + abs(start_x)
             )
         ):
             if approaching:
-                motion_b: Motion = motion_at(rig, lines, run, waves, t_b)
-                motion_a: Motion = motion_at(rig, lines, run, waves, t_a)
+                motion_b: Motion = motion_at(moving, t_b)
+                motion_a: Motion = motion_at(moving, t_a)
             else:
-                motion_b = grid_motion(rig, lines, run, waves, x_b, velocity_b, travel_b, speed_b)
+                motion_b = grid_motion(moving, x_b, velocity_b, travel_b, speed_b)
                 turn_back(lines, 0, waves)
-                motion_a = grid_motion(rig, lines, run, waves, x_a, velocity_a, travel_a, speed_a)
+                motion_a = grid_motion(moving, x_a, velocity_a, travel_a, speed_a)
                 if t_a == 0.0:
-                    motion_a = starting_motion(rig, lines, run, waves)
-            first_of(rig, lines, run, waves, t_a, motion_a, t_b, motion_b)
+                    motion_a = starting_motion(moving)
+            first_of(moving, t_a, motion_a, t_b, motion_b)
             # The waves are elsewhere now: the search begins again from here.
             if run.kind == NO_EVENT:
                 run.searched = t_b
@@ -771,17 +768,18 @@ def search_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> No
 
 @kernel
 def grid_motion(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
+    moving: Moving,
     x: float,
     velocity: float,
     travel: float,
     speed: float,
 ) -> Motion:
     """Return the motion at a point of the grid, where the waves are."""
-    oscillator = oscillator_of(rig, run)
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    oscillator = oscillator_of(constants, run)
     x_2 = acceleration_now(oscillator, lines, run, waves, x, velocity)
     fall = run.relative_acceleration + run.acceleration
     return with_derivatives(
@@ -791,7 +789,7 @@ def grid_motion(
 
 @kernel
 def clears_stops(
-    rig: RigConstants,
+    constants: RigConstants,
     run: Run,
     free: float,
     travel_a: float,
@@ -803,7 +801,7 @@ def clears_stops(
     """Return whether m turns in a step without an event: it touches no stop, without friction."""
     if run.direction != 0:
         return False
-    oscillator: Oscillator = rig.free
+    oscillator: Oscillator = constants.free
     bound = sqrt(oscillator.omega_squared) * free + oscillator.rate_3
     error = ERROR * (size + abs(travel_a) + abs(travel_b))
     return keeps_sign(
@@ -827,12 +825,16 @@ def clears_stops(
 
 
 @kernel
-def search_joint(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+def search_joint(moving: Moving) -> None:
     """Search the next steps of the grid for the support to give way."""
-    oscillator: Oscillator = rig.joint
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    oscillator: Oscillator = constants.joint
     first = run.first
     tau = run.searched
-    motion: Motion = motion_at(rig, lines, run, waves, tau)
+    motion: Motion = motion_at(moving, tau)
     _, bound = bounds_of(oscillator, RELEASE_UP, motion)
     offset = motion.x - run.constant / oscillator.omega_squared
     velocity = motion.velocity
@@ -869,9 +871,9 @@ def search_joint(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> Non
             and (low == -inf or keeps_sign(x_2 - low, x_3, x_2_b - low, x_3_b, t_b - t_a, bound))
         ):
             x_b = offset + run.constant / oscillator.omega_squared
-            motion_b: Motion = grid_motion(rig, lines, run, waves, x_b, velocity, 0.0, 0.0)
-            motion_a: Motion = motion_at(rig, lines, run, waves, t_a)
-            first_of(rig, lines, run, waves, t_a, motion_a, t_b, motion_b)
+            motion_b: Motion = grid_motion(moving, x_b, velocity, 0.0, 0.0)
+            motion_a: Motion = motion_at(moving, t_a)
+            first_of(moving, t_a, motion_a, t_b, motion_b)
             if run.kind == NO_EVENT:
                 run.searched = t_b
             return
@@ -888,16 +890,20 @@ _MARGIN = 1e-6
 
 
 @kernel
-def holds_for_ever(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: float) -> bool:
+def holds_for_ever(moving: Moving, tau: float) -> bool:
     """
     Return whether joint motion certainly goes on for ever after a time.
 
     X'' is the sum of the steady vibration, whose amplitude is known, and of a free one, which
     never grows.
     """
-    oscillator: Oscillator = rig.joint
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    oscillator: Oscillator = constants.joint
     omega_squared = oscillator.omega_squared
-    motion: Motion = motion_at(rig, lines, run, waves, tau)
+    motion: Motion = motion_at(moving, tau)
     free = motion.x_2
     rate = motion.x_3
     most = 0.0
@@ -917,57 +923,61 @@ def holds_for_ever(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau:
         rate += push * frequency * (stiff * cosine + dashpot * sine)
         most += abs(push) * sqrt(gain)
     most += sqrt(free * free + rate * rate / omega_squared)
-    most += _MARGIN * (most + abs(run.constant) + abs(rig.slope))
+    most += _MARGIN * (most + abs(run.constant) + abs(constants.slope))
     return most < run.support_high and -most > run.support_low
 
 
 @kernel(inline=True)
-def search_on(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+def search_on(moving: Moving) -> None:
     """
     Search the flight a few steps of the grid further, up to its first event.
 
     The steps do not depend on how far the run is to go.
     """
+    run = moving.run
     if run.joint:
-        search_joint(rig, lines, run, waves)
+        search_joint(moving)
         if run.kind == NO_EVENT and run.searched >= run.look:
             # m may stick for days.
             run.look = 2.0 * run.searched
-            if holds_for_ever(rig, lines, run, waves, run.searched):
+            if holds_for_ever(moving, run.searched):
                 run.searched = FOR_EVER
     elif run.arrival == inf and run.stop_velocity_1 == 0.0 and run.stop_velocity_2 == 0.0:
         # Only `first_of` knows of a support that m leaves.
         if run.searched == 0.0 and leaves_support(run):
-            search_all(rig, lines, run, waves)
+            search_all(moving)
         else:
-            search_moving(rig, lines, run, waves)
+            search_moving(moving)
     else:
-        search_all(rig, lines, run, waves)
+        search_all(moving)
     if run.tau > run.deadline if run.kind != NO_EVENT else run.searched >= run.deadline:
         # A snapshot keeps what is searched, not what was found.
         run.searched = min(run.searched, run.deadline)
-        motion: Motion = motion_at(rig, lines, run, waves, run.deadline)
+        motion: Motion = motion_at(moving, run.deadline)
         end_near(run, run.deadline_kind, run.deadline, motion, 0.0)
 
 
 @kernel
-def search_all(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+def search_all(moving: Moving) -> None:
     """Search the next step of the grid for all that may end the flight."""
+    constants = moving.constants
+    run = moving.run
     start = run.searched
-    end = start + oscillator_of(rig, run).step
-    motion_a: Motion = motion_at(rig, lines, run, waves, start)
-    motion_b: Motion = motion_at(rig, lines, run, waves, end)
-    first_of(rig, lines, run, waves, start, motion_a, end, motion_b)
+    end = start + oscillator_of(constants, run).step
+    motion_a: Motion = motion_at(moving, start)
+    motion_b: Motion = motion_at(moving, end)
+    first_of(moving, start, motion_a, end, motion_b)
     if run.kind == NO_EVENT:
         run.searched = end
 
 
 @kernel
-def starting_side(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> int:
+def starting_side(moving: Moving) -> int:
     """Return the sign of X just after the origin: as stored, or if that is 0 from X."""
+    run = moving.run
     if run.side != 0:
         return run.side
-    motion: Motion = starting_motion(rig, lines, run, waves)
+    motion: Motion = starting_motion(moving)
     leading = motion.x
     if leading == 0.0:
         leading = motion.velocity
@@ -982,10 +992,7 @@ def starting_side(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> in
 
 @kernel
 def passage_by_series(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
+    moving: Moving,
     t_a: float,
     x_a: float,
     velocity_a: float,
@@ -994,7 +1001,11 @@ def passage_by_series(
     bound_3: float,
 ) -> float:
     """Return where X falls to zero on its side in a step, at whose end the waves are, or NaN."""
-    oscillator = oscillator_of(rig, run)
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    oscillator = oscillator_of(constants, run)
     step = oscillator.step
     side = 1.0 * run.crossing_side
     if not (
@@ -1027,18 +1038,22 @@ def passage_by_series(
 
 
 @kernel
-def search_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+def search_passage(moving: Moving) -> None:
     """Search the next steps of the grid for a passage of X through zero."""
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
     if run.crossing_side == 0:
-        run.crossing_side = starting_side(rig, lines, run, waves)
-    oscillator = oscillator_of(rig, run)
+        run.crossing_side = starting_side(moving)
+    oscillator = oscillator_of(constants, run)
     step = oscillator.step
     side = 1.0 * run.crossing_side
     start = run.watched
     if start == 0.0:
-        motion: Motion = starting_motion(rig, lines, run, waves)
+        motion: Motion = starting_motion(moving)
     else:
-        motion = motion_at(rig, lines, run, waves, start)
+        motion = motion_at(moving, start)
     bound_3, bound_4 = bounds_of(oscillator, PASSAGE, motion)
     x_x = oscillator.x_x
     x_v = oscillator.x_v
@@ -1067,14 +1082,12 @@ def search_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> N
             step,
             bound_4,
         ):
-            root = passage_by_series(
-                rig, lines, run, waves, t_a, x_a, velocity_a, x_b, velocity_b, bound_3
-            )
+            root = passage_by_series(moving, t_a, x_a, velocity_a, x_b, velocity_b, bound_3)
             if root != root:
                 if t_a > start:
-                    motion = motion_at(rig, lines, run, waves, t_a)
+                    motion = motion_at(moving, t_a)
                 end = run.watched
-                root = first_root(rig, lines, run, waves, PASSAGE, t_a, motion, end, step)
+                root = first_root(moving, PASSAGE, t_a, motion, end, step)
             if root < inf:
                 run.watched = root
                 instant, _ = advance_time(run.time, run.time_low, root)
@@ -1097,9 +1110,13 @@ _NEAR_ZERO = 1e-9
 
 
 @kernel
-def set_side(rig: RigConstants, lines: Lines, run: Run, waves: Waves, before: int) -> None:
+def set_side(moving: Moving, before: int) -> None:
     """Take over the side of X at a new origin from the flight before, where X is zero there."""
-    scale = abs(run.velocity) * rig.free.horizon
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    scale = abs(run.velocity) * constants.free.horizon
     for j in range(len(waves)):
-        scale += abs(lines[j].force) / rig.free.omega_squared
+        scale += abs(lines[j].force) / constants.free.omega_squared
     run.side = 0 if abs(run.x) > _NEAR_ZERO * scale else before

@@ -17,7 +17,6 @@ rest on a stop.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import cos, floor, inf, sin
 from typing import NamedTuple
 
@@ -31,9 +30,12 @@ from .state import (
     SLIDE_DOWN,
     SLIDE_UP,
     STICK,
+    Lines,
+    Moving,
     RigConstants,
     Run,
     Wave,
+    Waves,
     advance_time,
     on_stop_1,
     on_stop_2,
@@ -41,9 +43,6 @@ from .state import (
 
 #: Horizons after which joint motion is looked at as a whole.
 _LOOK = 64.0
-
-Lines = Sequence[Line]
-Waves = Sequence[Wave]
 
 #: What ends a flight.
 NO_EVENT = 0
@@ -106,28 +105,28 @@ class Series(NamedTuple):
 
 
 @kernel(inline=True)
-def oscillator_of(rig: RigConstants, run: Run) -> Oscillator:
+def oscillator_of(constants: RigConstants, run: Run) -> Oscillator:
     """Return the oscillator that moves: M alone, or M and m as one."""
-    return rig.joint if run.joint else rig.free
+    return constants.joint if run.joint else constants.free
 
 
 @kernel(inline=True)
-def air_acceleration(rig: RigConstants, run: Run) -> float:
+def air_acceleration(constants: RigConstants, run: Run) -> float:
     """Return the acceleration of m by the air force, away from the stop hit last."""
     if run.last_stop == 1:
-        return -rig.air
+        return -constants.air
     if run.last_stop == 2:
-        return rig.air
+        return constants.air
     return 0.0
 
 
 @kernel(inline=True)
-def pushed(rig: RigConstants, run: Run, constant: float, share: float) -> float:
+def pushed(constants: RigConstants, run: Run, constant: float, share: float) -> float:
     """Add the active force to a constant acceleration; `share` is m over what moves."""
     # Without one, a negative zero stays what it is.
     if run.force == 0.0:
         return constant
-    return constant + run.force * share / rig.damper_mass
+    return constant + run.force * share / constants.damper_mass
 
 
 @kernel(inline=True)
@@ -164,17 +163,21 @@ def acceleration_at(
 
 
 @kernel(inline=True)
-def support_need(
-    rig: RigConstants, lines: Lines, run: Run, waves: Waves, velocity: float
-) -> float:
+def support_need(moving: Moving, velocity: float) -> float:
     """Return n = X'' - g sin(angle) - p/m, the acceleration m needs from friction and stops."""
-    constant = pushed(rig, run, rig.share * rig.slope, rig.share)
-    together = acceleration_at(rig.joint, lines, rig.harmonics, waves, constant, run.x, velocity)
-    return together - rig.slope - air_acceleration(rig, run)
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    constant = pushed(constants, run, constants.share * constants.slope, constants.share)
+    together = acceleration_at(
+        constants.joint, lines, constants.harmonics, waves, constant, run.x, velocity
+    )
+    return together - constants.slope - air_acceleration(constants, run)
 
 
 @kernel
-def rest(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+def rest(moving: Moving) -> None:
     """
     Set the mode that follows when the relative velocity has become zero.
 
@@ -182,11 +185,13 @@ def rest(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
     |n| <= grip, and otherwise leaves in the direction in which its support fails. A stop that
     moves is no support.
     """
+    constants = moving.constants
+    run = moving.run
     run.relative_velocity = 0.0
     run.released = False
     run.chatter_left = 0.0
-    need = support_need(rig, lines, run, waves, run.velocity)
-    grip = rig.grip
+    need = support_need(moving, run.velocity)
+    grip = constants.grip
     if on_stop_1(run) and need <= grip:
         run.mode = REST_1
     elif on_stop_2(run) and need >= -grip:
@@ -202,9 +207,9 @@ def rest(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
 
 
 @kernel(inline=True)
-def moving_mode(rig: RigConstants, relative_velocity: float) -> int:
+def moving_mode(constants: RigConstants, relative_velocity: float) -> int:
     """Return the mode of m that moves relative to M."""
-    if rig.grip == 0.0:
+    if constants.grip == 0.0:
         return FREE
     return SLIDE_DOWN if relative_velocity > 0.0 else SLIDE_UP
 
@@ -243,21 +248,25 @@ def set_deadline(run: Run) -> None:
 
 
 @kernel(inline=True)
-def begin_joint(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+def begin_joint(moving: Moving) -> None:
     """Begin a flight of both masses as one."""
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
     run.joint = True
-    run.look = _LOOK * rig.joint.horizon
-    run.first = rig.harmonics
-    run.constant = pushed(rig, run, rig.share * rig.slope, rig.share)
+    run.look = _LOOK * constants.joint.horizon
+    run.first = constants.harmonics
+    run.constant = pushed(constants, run, constants.share * constants.slope, constants.share)
     run.acceleration = acceleration_at(
-        rig.joint, lines, rig.harmonics, waves, run.constant, run.x, run.velocity
+        constants.joint, lines, constants.harmonics, waves, run.constant, run.x, run.velocity
     )
     run.relative_velocity = 0.0
     run.relative_acceleration = 0.0
     run.direction = 0
-    need = rig.slope + air_acceleration(rig, run)
-    run.support_low = need - rig.grip
-    run.support_high = need + rig.grip
+    need = constants.slope + air_acceleration(constants, run)
+    run.support_low = need - constants.grip
+    run.support_high = need + constants.grip
     # Between two stops that both touch it, m cannot move at all; a chatter ends by itself.
     if run.mode == REST_1 or run.mode >= CHATTER_1 or on_stop_1(run):
         run.support_low = -inf
@@ -266,9 +275,13 @@ def begin_joint(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None
 
 
 @kernel(inline=True)
-def begin_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+def begin_moving(moving: Moving) -> None:
     """Begin a flight in which m moves relative to M."""
-    air = air_acceleration(rig, run)
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    air = air_acceleration(constants, run)
     direction = 0
     if run.mode == SLIDE_DOWN:
         direction = 1
@@ -276,10 +289,17 @@ def begin_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> Non
         direction = -1
     run.joint = False
     run.first = 0
-    run.constant = pushed(rig, run, rig.mass_ratio * (direction * rig.grip - air), rig.mass_ratio)
-    acceleration = acceleration_at(rig.free, lines, 0, waves, run.constant, run.x, run.velocity)
+    run.constant = pushed(
+        constants,
+        run,
+        constants.mass_ratio * (direction * constants.grip - air),
+        constants.mass_ratio,
+    )
+    acceleration = acceleration_at(
+        constants.free, lines, 0, waves, run.constant, run.x, run.velocity
+    )
     run.acceleration = acceleration
-    relative = (rig.slope - direction * rig.grip + air) - acceleration
+    relative = (constants.slope - direction * constants.grip + air) - acceleration
     if run.released:
         relative = 0.0
     elif run.relative_velocity == 0.0 and (
@@ -304,15 +324,18 @@ def begin_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> Non
 
 
 @kernel(inline=True)
-def begin_flight(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+def begin_flight(moving: Moving) -> None:
     """Begin the flight from the present origin: all that follows from the stored state."""
+    lines = moving.lines
+    waves = moving.waves
     set_waves(lines, waves)
-    begin_next_flight(rig, lines, run, waves)
+    begin_next_flight(moving)
 
 
 @kernel(inline=True)
-def begin_next_flight(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+def begin_next_flight(moving: Moving) -> None:
     """Begin the flight from an origin for which the waves are set: all else of `begin_flight`."""
+    run = moving.run
     run.kind = NO_EVENT
     run.due = inf
     run.searched = 0.0
@@ -326,12 +349,12 @@ def begin_next_flight(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -
     if run.stop_velocity_1 != 0.0 or run.stop_velocity_2 != 0.0:
         set_deadline(run)
     if run.mode >= STICK:
-        begin_joint(rig, lines, run, waves)
+        begin_joint(moving)
         if run.mode >= CHATTER_1 and run.chatter_left < run.deadline:
             run.deadline = run.chatter_left
             run.deadline_kind = CHATTER_END
     else:
-        begin_moving(rig, lines, run, waves)
+        begin_moving(moving)
 
 
 @kernel(inline=True)
@@ -513,11 +536,15 @@ def waves_to_origin(waves: Waves) -> None:
 
 
 @kernel(inline=True)
-def starting_motion(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> Motion:
+def starting_motion(moving: Moving) -> Motion:
     """Return the motion at the origin."""
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
     waves_to_origin(waves)
     return with_derivatives(
-        oscillator_of(rig, run),
+        oscillator_of(constants, run),
         lines,
         run.first,
         waves,
@@ -531,9 +558,13 @@ def starting_motion(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> 
 
 
 @kernel(inline=True)
-def motion_near(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: float) -> Motion:
+def motion_near(moving: Moving, tau: float) -> Motion:
     """Sum the Taylor series: what bends the path away from its tangent parabola."""
-    oscillator = oscillator_of(rig, run)
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    oscillator = oscillator_of(constants, run)
     first = run.first
     waves_to_origin(waves)
     offset = run.x - run.constant / oscillator.omega_squared
@@ -568,9 +599,13 @@ def motion_near(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: fl
 
 
 @kernel(inline=True)
-def motion_far(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: float) -> Motion:
+def motion_far(moving: Moving, tau: float) -> Motion:
     """Evaluate the closed form itself."""
-    oscillator = oscillator_of(rig, run)
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    oscillator = oscillator_of(constants, run)
     first = run.first
     omega_squared = oscillator.omega_squared
     constant = run.constant
@@ -609,7 +644,7 @@ def motion_far(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: flo
 
 
 @kernel(inline=True)
-def motion_after(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: float) -> Motion:
+def motion_after(moving: Moving, tau: float) -> Motion:
     """
     Evaluate the closed form; the waves then have the sines and cosines of that instant.
 
@@ -617,15 +652,17 @@ def motion_after(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: f
     -----
     Bapat (1995), equations (3)-(5), in the form that the module describes.
     """
-    if tau <= oscillator_of(rig, run).taylor_limit:
-        return motion_near(rig, lines, run, waves, tau)
-    return motion_far(rig, lines, run, waves, tau)
+    constants = moving.constants
+    run = moving.run
+    if tau <= oscillator_of(constants, run).taylor_limit:
+        return motion_near(moving, tau)
+    return motion_far(moving, tau)
 
 
 @kernel
-def motion_at(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: float) -> Motion:
+def motion_at(moving: Moving, tau: float) -> Motion:
     """Return the motion as `motion_after` does; compiled once, not where it is used."""
-    return motion_after(rig, lines, run, waves, tau)
+    return motion_after(moving, tau)
 
 
 @kernel(inline=True)
@@ -708,10 +745,13 @@ def move_origin(
 
 
 @kernel
-def move_to(rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float) -> None:
+def move_to(moving: Moving, time: float) -> None:
     """Move the origin to an instant of the flight, s."""
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
     tau = max(0.0, (time - run.time) - run.time_low)
-    motion: Motion = motion_at(rig, lines, run, waves, tau)
+    motion: Motion = motion_at(moving, tau)
     move_origin(
         lines, run, waves, tau, motion.x, motion.velocity, motion.travel, motion.relative_velocity
     )

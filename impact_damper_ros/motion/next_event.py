@@ -12,10 +12,10 @@ from collections.abc import MutableSequence
 from math import inf
 
 from .compiled import kernel
-from .event import ROWS_AT_ONCE, Log
+from .event import ROWS_AT_ONCE
 from .first_event import search_on, search_passage
-from .flight import NO_EVENT, Lines, Waves
-from .state import RigConstants, Run
+from .flight import NO_EVENT
+from .state import Moving, Run
 from .transition import resolve
 
 #: The instant was reached.
@@ -45,20 +45,22 @@ _NEXT = 4.440892098500626e-16
 
 
 @kernel(inline=True)
-def find_event(rig: RigConstants, lines: Lines, run: Run, waves: Waves, until: float) -> bool:
+def find_event(moving: Moving, until: float) -> bool:
     """Search for the event that ends the flight, up to an instant; return false to pause."""
+    run = moving.run
     limit = (until - run.time) - run.time_low + _NEXT * abs(until)
     while run.kind == NO_EVENT and run.searched <= limit:
         if run.steps <= 0 and run.now < until:
             return False
         run.steps -= 1
-        search_on(rig, lines, run, waves)
+        search_on(moving)
     return True
 
 
 @kernel
-def find_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves, until: float) -> bool:
+def find_passage(moving: Moving, until: float) -> bool:
     """Search for the next passage of X through zero, as `find_event` does."""
+    run = moving.run
     last = min(until, run.due)
     limit = (last - run.time) - run.time_low + _NEXT * abs(last)
     while True:
@@ -71,19 +73,17 @@ def find_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves, until:
         if run.steps <= 0 and run.now < until:
             return False
         run.steps -= 1
-        search_passage(rig, lines, run, waves)
+        search_passage(moving)
 
 
 @kernel(inline=True)
 def next_event(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
-    log: Log,
+    moving: Moving,
     in_mode: MutableSequence[float],
 ) -> int:
     """Go to the event that is due, resolve and report it; return `GOING`, or why not."""
+    constants = moving.constants
+    run = moving.run
     if run.happened >= run.most:
         return SPENT
     if run.in_period >= run.most_in_period:
@@ -91,10 +91,10 @@ def next_event(
     if 0 < run.room < run.written + ROWS_AT_ONCE:
         return FULL
     in_mode[run.mode] += run.tau - run.counted
-    resolve(rig, lines, run, waves, log)
+    resolve(moving)
     run.happened += 1
     run.now = max(run.now, run.time)
-    if (run.time - run.counted_from) * rig.free.fastest > _CYCLE:
+    if (run.time - run.counted_from) * constants.free.fastest > _CYCLE:
         run.counted_from = run.time
         run.in_period = 0
     run.in_period += 1

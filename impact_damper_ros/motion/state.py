@@ -9,6 +9,7 @@ end. `flight.begin_flight` derives all that is not in `STORED` from that.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import lru_cache
@@ -328,6 +329,35 @@ class Run:
     room: int = 0
     written: int = 0
     steps: int = 0
+
+
+Lines = Sequence[Line]
+Waves = Sequence[Wave]
+
+
+class Moving(NamedTuple):
+    """
+    A rig that moves: what all kernels of the motion need.
+
+    Attributes
+    ----------
+    constants : RigConstants
+        Its constants.
+    lines : sequence of Line
+        Constants of the harmonics, those of M alone first.
+    run : Run
+        Its state.
+    waves : sequence of Wave
+        State of each harmonic.
+    log : sequence of EventRow
+        The table into which events are written.
+    """
+
+    constants: RigConstants
+    lines: Lines
+    run: Run
+    waves: Waves
+    log: Sequence[Any]
 
 
 def starting_fields(initial: InitialConditions, half_gap: Any, one_sided: bool) -> dict[str, Any]:

@@ -40,9 +40,7 @@ from .flight import (
     REVERSAL,
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
-    Lines,
     Motion,
-    Waves,
     begin_next_flight,
     move_origin,
     move_to,
@@ -62,6 +60,7 @@ from .state import (
     SLIDE_DOWN,
     SLIDE_UP,
     STICK,
+    Moving,
     RigConstants,
     Run,
     on_stop_1,
@@ -85,9 +84,9 @@ SHORTEST_BOUNCE = 1e-9
 
 
 @kernel(inline=True)
-def common_velocity(rig: RigConstants, run: Run) -> float:
+def common_velocity(constants: RigConstants, run: Run) -> float:
     """Return the velocity that M and m would have together."""
-    return run.velocity + rig.share * run.relative_velocity
+    return run.velocity + constants.share * run.relative_velocity
 
 
 @kernel
@@ -134,38 +133,38 @@ def may_complete(
 
 
 @kernel(inline=True)
-def may_chatter(rig: RigConstants, run: Run) -> bool:
+def may_chatter(constants: RigConstants, run: Run) -> bool:
     """
     Return whether a chatter may be complete, or a bounce too short to be resolved.
 
     A bounce takes 2 speed/push at least. No sine is evaluated.
     """
-    push = rig.push + (1.0 + rig.mass_ratio) * (
-        rig.joint.omega_squared * abs(run.x)
-        + 2.0 * rig.joint.decay * abs(common_velocity(rig, run))
-        + abs(run.force) * rig.share / rig.damper_mass
+    push = constants.push + (1.0 + constants.mass_ratio) * (
+        constants.joint.omega_squared * abs(run.x)
+        + 2.0 * constants.joint.decay * abs(common_velocity(constants, run))
+        + abs(run.force) * constants.share / constants.damper_mass
     )
     twice = 2.0 * abs(run.relative_velocity)
     return (
-        rig.free.jerk_bound * twice <= CHATTER_TOLERANCE * push * push
-        or twice <= SHORTEST_BOUNCE * rig.free.horizon * push
+        constants.free.jerk_bound * twice <= CHATTER_TOLERANCE * push * push
+        or twice <= SHORTEST_BOUNCE * constants.free.horizon * push
     )
 
 
 @kernel
-def end_bounces(
-    rig: RigConstants, lines: Lines, run: Run, waves: Waves, stop: int, restitution: float
-) -> None:
+def end_bounces(moving: Moving, stop: int, restitution: float) -> None:
     """Go over to the chatter that an impact belongs to, if it does and can be completed."""
-    common = common_velocity(rig, run)
+    constants = moving.constants
+    run = moving.run
+    common = common_velocity(constants, run)
     away = 1.0 if stop == 2 else -1.0
     speed = away * run.relative_velocity
-    press = (1.0 + rig.mass_ratio) * away * support_need(rig, lines, run, waves, common)
-    grip = (1.0 + rig.mass_ratio) * rig.grip
+    press = (1.0 + constants.mass_ratio) * away * support_need(moving, common)
+    grip = (1.0 + constants.mass_ratio) * constants.grip
     left = chatter_duration(speed, press, grip, restitution)
     bounce = bounce_duration(speed, press, grip)
-    omega = sqrt(rig.free.omega_squared)
-    if bounce < SHORTEST_BOUNCE * rig.free.horizon:
+    omega = sqrt(constants.free.omega_squared)
+    if bounce < SHORTEST_BOUNCE * constants.free.horizon:
         # Bounces too short to be resolved, and without energy. On an elastic stop they have no
         # end; no chatter may last so long that its support has to be watched.
         left = left if omega * left <= CHATTER_SPAN else 0.0
@@ -173,12 +172,12 @@ def end_bounces(
         # Infinite with one stop only; there `CHATTER_SPAN` bounds the height.
         gap = run.clearance_1 + run.clearance_2
         # The smallest possible bound of the jerk excludes most of the others.
-        jerk = rig.free.jerk_bound
+        jerk = constants.free.jerk_bound
         if not may_complete(left, speed, press, grip, jerk, omega, gap):
             return
-        begin_next_flight(rig, lines, run, waves)
-        motion: Motion = starting_motion(rig, lines, run, waves)
-        jerk += free_bound(rig.free, motion.x_3, motion.x_4)
+        begin_next_flight(moving)
+        motion: Motion = starting_motion(moving)
+        jerk += free_bound(constants.free, motion.x_3, motion.x_4)
         if not may_complete(left, speed, press, grip, jerk, omega, gap):
             return
     else:
@@ -210,23 +209,26 @@ def starts_again(run: Run, stop: int) -> bool:
 
 
 @kernel(inline=True)
-def strike(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, stop: int) -> None:
+def strike(moving: Moving, stop: int) -> None:
     """Resolve and report an impact."""
+    constants = moving.constants
+    run = moving.run
+    log = moving.log
     before = run.velocity
     relative_before = run.relative_velocity
     # Towards stop 1 is positive; round-off must not give a grazing contact a negative speed.
     if stop == 1:
         relative_before = max(relative_before, 0.0)
-        restitution = rig.restitution_1
+        restitution = constants.restitution_1
         away = run.stop_1 != run.target_1
     else:
         relative_before = min(relative_before, 0.0)
-        restitution = rig.restitution_2
+        restitution = constants.restitution_2
         away = run.stop_2 != run.target_2
     if run.clearance_1 == 0.0 and run.clearance_2 == 0.0:
         # With no room between the stops, impacts on both follow without end until m is at rest.
         restitution = 0.0
-    after = before + rig.share * (1.0 + restitution) * relative_before
+    after = before + constants.share * (1.0 + restitution) * relative_before
     relative_after = -restitution * relative_before
     run.velocity = after
     run.last_stop = stop
@@ -239,12 +241,17 @@ def strike(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, st
     run.relative_velocity = relative_after
     starts = away and starts_again(run, stop)
     if relative_after == 0.0:
-        rest(rig, lines, run, waves)
+        rest(moving)
     else:
-        run.mode = moving_mode(rig, relative_after)
-        if not away and may_chatter(rig, run):
-            end_bounces(rig, lines, run, waves, stop, restitution)
-    impulse = rig.damper_mass * (1.0 + restitution) / (1.0 + rig.mass_ratio) * abs(relative_before)
+        run.mode = moving_mode(constants, relative_after)
+        if not away and may_chatter(constants, run):
+            end_bounces(moving, stop, restitution)
+    impulse = (
+        constants.damper_mass
+        * (1.0 + restitution)
+        / (1.0 + constants.mass_ratio)
+        * abs(relative_before)
+    )
     damper_after = after + relative_after
     write_event(
         run, log, IMPACT, stop, before, after, before + relative_before, damper_after, impulse
@@ -256,9 +263,9 @@ def strike(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, st
 
 
 @kernel(inline=True)
-def put_on_stop(rig: RigConstants, run: Run, stop: int) -> None:
+def put_on_stop(constants: RigConstants, run: Run, stop: int) -> None:
     """Put m exactly on a stop."""
-    across = inf if rig.one_sided else max(0.0, run.stop_1 - run.stop_2)
+    across = inf if constants.one_sided else max(0.0, run.stop_1 - run.stop_2)
     run.clearance_1 = 0.0 if stop == 1 else across
     run.clearance_2 = across if stop == 1 else 0.0
 
@@ -280,11 +287,11 @@ def put_between_stops(run: Run, stop: int) -> bool:
 
 
 @kernel
-def hold_stop(rig: RigConstants, run: Run, stop: int) -> None:
+def hold_stop(constants: RigConstants, run: Run, stop: int) -> None:
     """Let a stop stand where it has met m."""
     if stop == 1:
         # The stops never cross; with m on both there is no room between them.
-        if run.clearance_2 == 0.0 or (not rig.one_sided and run.stop_1 < run.stop_2):
+        if run.clearance_2 == 0.0 or (not constants.one_sided and run.stop_1 < run.stop_2):
             run.stop_1 = run.stop_2
         run.stop_velocity_1 = 0.0
     else:
@@ -292,7 +299,7 @@ def hold_stop(rig: RigConstants, run: Run, stop: int) -> None:
             run.stop_2 = run.stop_1
         run.stop_velocity_2 = 0.0
     run.released = False
-    put_on_stop(rig, run, stop)
+    put_on_stop(constants, run, stop)
 
 
 @kernel
@@ -305,31 +312,33 @@ def report_support(run: Run, log: Log, mode_before: int) -> None:
 
 
 @kernel(inline=True)
-def resolve_contact(
-    rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, stop: int
-) -> None:
+def resolve_contact(moving: Moving, stop: int) -> None:
     """Resolve the contact of m with a stop, which stands there if it moves."""
+    constants = moving.constants
+    run = moving.run
+    log = moving.log
     if (run.stop_velocity_1 if stop == 1 else run.stop_velocity_2) == 0.0:
         if not put_between_stops(run, stop):
-            put_on_stop(rig, run, stop)
-        strike(rig, lines, run, waves, log, stop)
+            put_on_stop(constants, run, stop)
+        strike(moving, stop)
         return
     mode_before = run.mode
     relative = run.relative_velocity
-    hold_stop(rig, run, stop)
+    hold_stop(constants, run, stop)
     write_quiet(run, log, STOP_TOUCHED, stop)
     if relative > 0.0 if stop == 1 else relative < 0.0:
-        strike(rig, lines, run, waves, log, stop)
+        strike(moving, stop)
     elif relative == 0.0:
-        rest(rig, lines, run, waves)
+        rest(moving)
         report_support(run, log, mode_before)
 
 
 @kernel
-def resolve_rest(
-    rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, kind: int
-) -> None:
+def resolve_rest(moving: Moving, kind: int) -> None:
     """Resolve the end of a chatter, a reversal, or a support that gives way."""
+    constants = moving.constants
+    run = moving.run
+    log = moving.log
     mode_before = run.mode
     before = run.velocity
     relative_before = run.relative_velocity
@@ -344,11 +353,11 @@ def resolve_rest(
         run.released = False
         run.chatter_left = 0.0
     elif kind in (REVERSAL, CHATTER_END) or mode_before >= CHATTER_1:
-        rest(rig, lines, run, waves)
+        rest(moving)
     else:
         # A support gives way, in the direction that the event names.
         run.mode = FREE
-        if rig.grip > 0.0:
+        if constants.grip > 0.0:
             run.mode = SLIDE_UP if kind == RELEASE_UP else SLIDE_DOWN
         run.relative_velocity = 0.0
         run.released = True
@@ -374,8 +383,13 @@ def resolve_rest(
 
 
 @kernel(inline=True)
-def resolve(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log) -> None:
+def resolve(moving: Moving) -> None:
     """Go to the event that ends the flight, resolve and report it, and begin the next flight."""
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    log = moving.log
     kind = run.kind
     direction = run.direction
     side = run.crossing_side
@@ -390,14 +404,14 @@ def resolve(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log) -
         run.end_relative_velocity,
     )
     if kind in (CONTACT_1, CONTACT_2):
-        resolve_contact(rig, lines, run, waves, log, 1 if kind == CONTACT_1 else 2)
+        resolve_contact(moving, 1 if kind == CONTACT_1 else 2)
     elif kind == ARRIVAL:
         stop = 1 if direction < 0 else 2
         if stop == 1:
             run.stop_1 = run.target_1
         else:
             run.stop_2 = run.target_2
-        put_on_stop(rig, run, stop)
+        put_on_stop(constants, run, stop)
         write_quiet(run, log, STOP_ARRIVED, stop)
     elif kind == OUTRUN:
         # Exactly as fast as m, so that they come apart from here
@@ -415,33 +429,37 @@ def resolve(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log) -
         run.stop_velocity_2 = 0.0
         write_quiet(run, log, STOP_ARRIVED, 2)
     else:
-        resolve_rest(rig, lines, run, waves, log, kind)
+        resolve_rest(moving, kind)
     if side != 0:
-        set_side(rig, lines, run, waves, side)
-    begin_next_flight(rig, lines, run, waves)
+        set_side(moving, side)
+    begin_next_flight(moving)
 
 
 @kernel
-def begin_from(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log) -> None:
+def begin_from(moving: Moving) -> None:
     """Begin from a state of unknown mode, with the impact of m that moves into its stop."""
+    constants = moving.constants
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
     set_waves(lines, waves)
     relative = run.relative_velocity
     if relative == 0.0:
         mode = run.mode
         left = run.chatter_left
-        rest(rig, lines, run, waves)
+        rest(moving)
         # A chatter that its stop still bears comes to rest when it would have done.
         if mode >= CHATTER_1 and stop_under(run.mode) == stop_under(mode):
             run.mode = mode
             run.chatter_left = left
     elif on_stop_1(run) and relative > 0.0:
-        strike(rig, lines, run, waves, log, 1)
+        strike(moving, 1)
     elif on_stop_2(run) and relative < 0.0:
-        strike(rig, lines, run, waves, log, 2)
+        strike(moving, 2)
     else:
-        run.mode = moving_mode(rig, relative)
+        run.mode = moving_mode(constants, relative)
         run.chatter_left = 0.0
-    begin_next_flight(rig, lines, run, waves)
+    begin_next_flight(moving)
 
 
 #: A stop just after a command: it moves, is at its target, or is held up by m.
@@ -451,7 +469,7 @@ TOUCHED = 2
 
 
 @kernel
-def send_stop(rig: RigConstants, run: Run, stop: int, target: float, speed: float) -> int:
+def send_stop(constants: RigConstants, run: Run, stop: int, target: float, speed: float) -> int:
     """Send a stop to a target, at once or at a speed; velocities and mode stay."""
     outwards = 1.0 if stop == 1 else -1.0
     here = run.stop_1 if stop == 1 else run.stop_2
@@ -472,7 +490,7 @@ def send_stop(rig: RigConstants, run: Run, stop: int, target: float, speed: floa
     if velocity != 0.0:
         closing = outwards * (run.relative_velocity - velocity)
         if clearance == 0.0 and outwards * velocity < 0.0 and closing >= 0.0:
-            hold_stop(rig, run, stop)
+            hold_stop(constants, run, stop)
             return TOUCHED
         return MOVING
     if way == 0.0:
@@ -489,78 +507,74 @@ def send_stop(rig: RigConstants, run: Run, stop: int, target: float, speed: floa
         run.stop_2 = target
         run.clearance_2 = clearance
     if touches:
-        hold_stop(rig, run, stop)
+        hold_stop(constants, run, stop)
         return TOUCHED
     return ARRIVED
 
 
 @kernel
 def move_stops(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
-    log: Log,
+    moving: Moving,
     stop_1: float,
     stop_2: float,
     speed: float,
 ) -> None:
     """Send stops to targets, Y in m, at the present time; NaN leaves a stop alone, or moving."""
+    run = moving.run
     side = run.crossing_side
-    move_to(rig, lines, run, waves, run.now)
+    move_to(moving, run.now)
     if side != 0:
-        set_side(rig, lines, run, waves, side)
-    send_stops(rig, lines, run, waves, log, stop_1, stop_2, speed)
+        set_side(moving, side)
+    send_stops(moving, stop_1, stop_2, speed)
 
 
 @kernel
 def send_stops(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
-    log: Log,
+    moving: Moving,
     stop_1: float,
     stop_2: float,
     speed: float,
 ) -> None:
     """Send stops to targets at the origin of a flight, and begin the next flight there."""
+    constants = moving.constants
+    run = moving.run
+    log = moving.log
     mode = run.mode
     was_on_1 = on_stop_1(run)
     was_on_2 = on_stop_2(run)
     first = MOVING
     second = MOVING
     if stop_1 == stop_1:
-        first = send_stop(rig, run, 1, stop_1, speed)
+        first = send_stop(constants, run, 1, stop_1, speed)
     if stop_2 == stop_2:
-        second = send_stop(rig, run, 2, stop_2, speed)
+        second = send_stop(constants, run, 2, stop_2, speed)
     if first != MOVING:
         write_quiet(run, log, STOP_ARRIVED if first == ARRIVED else STOP_TOUCHED, 1)
     if second != MOVING:
         write_quiet(run, log, STOP_ARRIVED if second == ARRIVED else STOP_TOUCHED, 2)
     if on_stop_1(run) == was_on_1 and on_stop_2(run) == was_on_2:
-        begin_next_flight(rig, lines, run, waves)
+        begin_next_flight(moving)
         return
     written = run.written
-    begin_from(rig, lines, run, waves, log)
+    begin_from(moving)
     if run.written == written:
         report_support(run, log, mode)
 
 
 @kernel
-def place_stops_at_gap(rig: RigConstants, run: Run) -> None:
+def place_stops_at_gap(constants: RigConstants, run: Run) -> None:
     """Send both stops to half the gap of the rig, at once."""
-    half = rig.half_gap
-    if rig.one_sided:
+    half = constants.half_gap
+    if constants.one_sided:
         run.clearance_2 = inf
         run.stop_2 = -half
         run.target_2 = -half
         run.stop_velocity_2 = 0.0
     elif run.clearance_2 == inf:
-        # Stop 2 comes to the rig.
+        # Stop 2 comes to the constants.
         offset = place(run)
         run.stop_2 = min(-half, offset)
         run.clearance_2 = max(0.0, offset - run.stop_2)
-    send_stop(rig, run, 1, half, inf)
-    if not rig.one_sided:
-        send_stop(rig, run, 2, -half, inf)
+    send_stop(constants, run, 1, half, inf)
+    if not constants.one_sided:
+        send_stop(constants, run, 2, -half, inf)

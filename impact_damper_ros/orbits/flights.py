@@ -33,6 +33,7 @@ from impact_damper_ros.motion.state import (
     REST_1,
     REST_2,
     STICK,
+    Moving,
     RigConstants,
     Run,
     Wave,
@@ -70,16 +71,21 @@ class Flight:
     run: Run
     waves: list[Wave]
 
+    @property
+    def moving(self) -> Moving:
+        """What kernels of the motion are given."""
+        return Moving(*self.machine, self.run, self.waves, [])
+
     def motion(self, tau: float) -> Motion:
         """Return the motion some time after the origin, s."""
         if tau == 0.0:
-            return starting_motion(*self.machine, self.run, self.waves)
-        return motion_at(*self.machine, self.run, self.waves, tau)
+            return starting_motion(self.moving)
+        return motion_at(self.moving, tau)
 
     def first_event(self, limit: float) -> tuple[int, float]:
         """Return the first event up to a time since the origin, s, and when; or `NO_EVENT`."""
         self.run.steps = ALL_STEPS
-        find_event(*self.machine, self.run, self.waves, self.run.time + limit)
+        find_event(self.moving, self.run.time + limit)
         if self.run.kind == NO_EVENT or self.run.tau > limit:
             return NO_EVENT, limit
         return self.run.kind, self.run.tau
@@ -92,13 +98,13 @@ class Flight:
     def after(self, tau: float) -> Flight:
         """Return the flight that goes on from a time since the origin, s."""
         there = self.copy()
-        move_to(*self.machine, there.run, there.waves, self.run.time + tau)
+        move_to(there.moving, self.run.time + tau)
         return there.begun()
 
     def begun(self) -> Flight:
         """Begin the flight at its origin, and return it."""
         self.run.time = self.run.time_low = self.run.now = 0.0
-        begin_flight(*self.machine, self.run, self.waves)
+        begin_flight(self.moving)
         return self
 
     def struck(self, velocity: float, relative_velocity: float) -> Flight:
@@ -106,7 +112,7 @@ class Flight:
         there = self.copy()
         there.run.velocity, there.run.relative_velocity = velocity, relative_velocity
         there.run.room = 0
-        strike(*self.machine, there.run, there.waves, [], there.run.last_stop)
+        strike(there.moving, there.run.last_stop)
         return there.begun()
 
 
@@ -129,8 +135,8 @@ def flight_at(
     is `STICK`, `REST_1` or `REST_2`; 0 says that m moves. `last_stop` is 0 if none was hit
     yet. `angles` are those of the harmonics at instant 0, if these are not their phases.
     """
-    rig, lines = machine
-    half = rig.half_gap
+    constants, lines = machine
+    half = constants.half_gap
     if resting == REST_1:
         beyond = 0.0
     elif resting == REST_2:
@@ -141,19 +147,19 @@ def flight_at(
         velocity=velocity,
         relative_velocity=relative_velocity,
         clearance_1=max(0.0, -beyond),
-        clearance_2=inf if rig.one_sided else max(0.0, 2.0 * half + beyond),
+        clearance_2=inf if constants.one_sided else max(0.0, 2.0 * half + beyond),
         stop_1=half,
         stop_2=-half,
         target_1=half,
         target_2=-half,
         last_stop=last_stop,
     )
-    waves = [Wave(angle) for angle in angles] or [Wave() for _ in range(rig.harmonics)]
+    waves = [Wave(angle) for angle in angles] or [Wave() for _ in range(constants.harmonics)]
     turn_waves(lines, waves, instant)
     if resting:
-        rest(rig, lines, run, waves)
+        rest(Moving(*machine, run, waves, []))
     else:
-        run.mode = moving_mode(rig, relative_velocity)
+        run.mode = moving_mode(constants, relative_velocity)
     return Flight(machine, run, waves).begun()
 
 
@@ -186,11 +192,11 @@ def flight_at_impact(
 def _turning_times(flight: Flight, duration: float, relative: bool) -> Iterator[float]:
     """Yield the times at which X or, if `relative`, Y turns, in order, by the certified search."""
     there = flight.copy()
-    run, waves, machine = there.run, there.waves, there.machine
+    run = there.run
     if not relative:
         # As seen from M, an m that hangs still moves by -X.
         run.relative_velocity, run.relative_acceleration = -run.velocity, -run.acceleration
-    step = oscillator_of(machine.constants, run).step
+    step = oscillator_of(there.machine.constants, run).step
     tau, run.direction = 0.0, 0
     while tau < duration:
         motion = there.motion(tau)
@@ -201,7 +207,7 @@ def _turning_times(flight: Flight, duration: float, relative: bool) -> Iterator[
                 return
             run.direction = 1 if leading > 0.0 else -1
         end = min(tau + POINTS * step, duration)
-        root = first_root(*machine, run, waves, REVERSAL, tau, motion, end, step)
+        root = first_root(there.moving, REVERSAL, tau, motion, end, step)
         tau = end
         if root < inf:
             yield root

@@ -51,7 +51,7 @@ def _after_reversal(node: Node, flight: Flight) -> str:
     there = flight.copy()
     # Within the gap, however short the bounce
     there.run.clearance_1 = there.run.clearance_2 = math.inf
-    rest(*there.machine, there.run, there.waves)
+    rest(there.moving)
     if there.run.mode == node.mode:
         return ''
     if node.kind is EventKind.STICK:

@@ -48,7 +48,7 @@ from impact_damper_ros.motion.event import (
     write_passage,
 )
 from impact_damper_ros.motion.first_event import pass_zero
-from impact_damper_ros.motion.flight import Lines, Motion, Waves, motion_at, places_after
+from impact_damper_ros.motion.flight import Motion, motion_at, places_after
 from impact_damper_ros.motion.next_event import (
     COMMANDS_FULL,
     DONE,
@@ -63,7 +63,7 @@ from impact_damper_ros.motion.next_event import (
     find_passage,
     next_event,
 )
-from impact_damper_ros.motion.state import RigConstants, Run, Wave
+from impact_damper_ros.motion.state import Lines, Moving, RigConstants, Run, Wave, Waves
 from impact_damper_ros.motion.transition import begin_from, move_stops
 
 #: Each `Action` as a number, for the kernels.
@@ -72,16 +72,14 @@ _COMMAND, _ARRIVED, _TOUCHED, _CROSSING, _STARTED, _ = map(int, Action)
 
 @kernel
 def measure(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
+    moving: Moving,
     settings: ControlSettings,
     observer: Observer,
     index: int,
 ) -> Measurement:
     """Return the sample of an index that the sensors take at the present time."""
-    view: View = view_at(rig, lines, run, waves, run.now)
+    run = moving.run
+    view: View = view_at(moving, run.now)
     return measured(
         settings,
         observer,
@@ -97,13 +95,14 @@ def measure(
 
 
 @kernel
-def stops_now(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> tuple[float, float]:
+def stops_now(moving: Moving) -> tuple[float, float]:
     """Return where the stops are at the present time, Y in m."""
+    run = moving.run
     tau = max(0.0, (run.now - run.time) - run.time_low)
     travel = 0.0
     if run.arrival < inf:
         # A stop follows m.
-        motion: Motion = motion_at(rig, lines, run, waves, tau)
+        motion: Motion = motion_at(moving, tau)
         travel = motion.travel
     _, _, stop_1, stop_2 = places_after(run, tau, travel)
     return stop_1, stop_2
@@ -165,42 +164,38 @@ def note_stops(run: Run, log: Log, control: Control, acts: Sequence[ActRow], fir
 
 @kernel
 def perform_passage(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
-    log: Log,
+    moving: Moving,
     control: Control,
     acts: Sequence[ActRow],
 ) -> None:
     """Let the control act on the passage of X through zero that the last event reports."""
+    run = moving.run
+    log = moving.log
     if holds_off(control, run.now):
         return
     rising = log[run.written - 1].primary_velocity_after > 0.0
     number = trigger_number(control)
-    seen = measure(rig, lines, run, waves, control.settings, control.observer, number)
+    seen = measure(moving, control.settings, control.observer, number)
     take_crossing(control, seen, rising)
     write_act(control, acts, _CROSSING, run.now)
 
 
 @kernel
 def perform_command(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
-    log: Log,
+    moving: Moving,
     in_mode: MutableSequence[float],
     control: Control,
     acts: Sequence[ActRow],
 ) -> None:
     """Carry out the command that is due."""
-    place_1, place_2 = stops_now(rig, lines, run, waves)
+    run = moving.run
+    log = moving.log
+    place_1, place_2 = stops_now(moving)
     target_1, target_2, speed = start_command(control, place_1, place_2)
     write_act(control, acts, _COMMAND, run.now)
     first = run.written
     count_modes(run, in_mode)
-    move_stops(rig, lines, run, waves, log, target_1, target_2, speed)
+    move_stops(moving, target_1, target_2, speed)
     run.happened += run.written - first
     note_stops(run, log, control, acts, first)
 
@@ -220,18 +215,17 @@ def quiet_until(run: Run) -> float:
 
 
 @kernel
-def perform_samples(
-    rig: RigConstants, lines: Lines, run: Run, waves: Waves, control: Control, end: float
-) -> None:
+def perform_samples(moving: Moving, control: Control, end: float) -> None:
     """Take the sample that is due, and those before an instant up to which all else is quiet."""
+    run = moving.run
     until = min(quiet_until(run), end)
     while True:
         if run.watch and not is_blind(control):
             index = control.controller.sample_index
-            seen = measure(rig, lines, run, waves, control.settings, control.observer, index)
+            seen = measure(moving, control.settings, control.observer, index)
             take_sample(control, seen)
         if control.controller.returning:
-            place_1, place_2 = stops_now(rig, lines, run, waves)
+            place_1, place_2 = stops_now(moving)
             note_return(control, place_1, place_2)
         end_sample(control)
         if not run.watch or run.steps <= 0 or control.controller.returning:
@@ -247,11 +241,7 @@ def perform_samples(
 
 @kernel
 def run_to(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
-    log: Log,
+    moving: Moving,
     in_mode: MutableSequence[float],
     control: Any,
     acts: Any,
@@ -262,6 +252,8 @@ def run_to(
 
     `control` and `acts` are None for a rig without control: its compiled loop has no code of it.
     """
+    run = moving.run
+    log = moving.log
     while True:
         until = end
         command = inf
@@ -281,25 +273,25 @@ def run_to(
         if run.steps <= 0 and run.now < end:
             return PAUSED
         run.steps -= 1
-        if not find_event(rig, lines, run, waves, until):
+        if not find_event(moving, until):
             return PAUSED
         if control is not None:
-            if run.watch and not find_passage(rig, lines, run, waves, until):
+            if run.watch and not find_passage(moving, until):
                 return PAUSED
             if run.crossing <= until and run.crossing <= run.due and run.watch:
                 if run.happened >= run.most:
                     return SPENT
                 run.now = run.crossing
-                write_passage(rig, lines, run, waves, log)
+                write_passage(moving)
                 pass_zero(run)
                 run.happened += 1
-                perform_passage(rig, lines, run, waves, log, control, acts)
+                perform_passage(moving, control, acts)
                 if law_failed(control):
                     return LAW_FAILED
                 continue
         if run.due <= until:
             first = run.written
-            status = next_event(rig, lines, run, waves, log, in_mode)
+            status = next_event(moving, in_mode)
             if status != GOING:
                 return status
             if control is not None:
@@ -310,10 +302,10 @@ def run_to(
             if command <= until:
                 if run.happened >= run.most:
                     return SPENT
-                perform_command(rig, lines, run, waves, log, in_mode, control, acts)
+                perform_command(moving, in_mode, control, acts)
                 continue
             if sample <= until:
-                perform_samples(rig, lines, run, waves, control, end)
+                perform_samples(moving, control, end)
                 if law_failed(control):
                     return LAW_FAILED
                 continue
@@ -322,11 +314,7 @@ def run_to(
 
 @kernel
 def run_through(
-    rig: RigConstants,
-    lines: Lines,
-    run: Run,
-    waves: Waves,
-    log: Log,
+    moving: Moving,
     in_mode: MutableSequence[float],
     control: Any,
     acts: Any,
@@ -339,15 +327,15 @@ def run_through(
     status = DONE
     while sampled < len(instants):
         instant = instants[sampled]
-        status = run_to(rig, lines, run, waves, log, in_mode, control, acts, instant)
+        status = run_to(moving, in_mode, control, acts, instant)
         if status != DONE:
             break
-        row = sample_at(rig, lines, run, waves, instant)
+        row = sample_at(moving, instant)
         for k in range(11):
             samples[sampled, k] = row[k]
         sampled += 1
     if status == DONE:
-        status = run_to(rig, lines, run, waves, log, in_mode, control, acts, end)
+        status = run_to(moving, in_mode, control, acts, end)
     return status, sampled
 
 
@@ -376,25 +364,15 @@ def run_one(
     not kept; `log` is where their control finds what the stops do.
     """
     run = runs[k]
+    moving = Moving(rigs[k], lines[k], run, waves, log)
     if anew:
-        begin_from(rigs[k], lines[k], run, waves, log)
+        begin_from(moving)
     status = FULL
     count = sampled[k]
     while status == FULL:
         run.written = 0
         status, count = run_through(
-            rigs[k],
-            lines[k],
-            run,
-            waves,
-            log,
-            in_mode[k],
-            control,
-            acts,
-            end,
-            instants,
-            count,
-            samples[k],
+            moving, in_mode[k], control, acts, end, instants, count, samples[k]
         )
         if not anew:
             break

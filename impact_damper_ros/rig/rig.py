@@ -63,6 +63,7 @@ from impact_damper_ros.motion.oscillator import Line
 from impact_damper_ros.motion.state import (
     STICK,
     Mode,
+    Moving,
     RigConstants,
     Run,
     Wave,
@@ -395,9 +396,9 @@ class Rig:
         initial.check_within(parameters)
         self._sweep = SteppedSine.begun(parameters, time)
         self._tune()
-        fields = starting_fields(initial, self._rig.half_gap, parameters.one_sided)
+        fields = starting_fields(initial, self._constants.half_gap, parameters.one_sided)
         self._run = Run(time=time, now=time, counted_from=time, **fields)
-        self._waves = [Wave() for _ in range(self._rig.harmonics)]
+        self._waves = [Wave() for _ in range(self._constants.harmonics)]
         self._records: list[ControlRecord] = []
         # An impact at the very start, of m that moves into the stop it is on
         self._unreported: list[Event] = []
@@ -409,7 +410,7 @@ class Rig:
     def _tune(self) -> None:
         """Take the constants at the present frequency."""
         frequency = frequency_at(self._parameters, self._sweep.step)
-        self._rig, self._lines = constants_of(self._parameters, frequency)
+        self._constants, self._lines = constants_of(self._parameters, frequency)
         self._step_due = self._sweep.due(self._parameters)
         self._packed: Any = None
         self._scratch = (
@@ -417,11 +418,15 @@ class Rig:
             [ActRow() for _ in range(_PLAIN_ROWS)],
         )
 
+    def _moving(self, log: Sequence[EventRow] = ()) -> Moving:
+        """Return what the kernels of the motion are given, with a table for the events."""
+        return Moving(self._constants, self._lines, self._run, self._waves, log)
+
     def _begin(self) -> list[Event]:
         """Begin from a state of unknown mode; return what happens there."""
         rows = [EventRow() for _ in range(ROWS_AT_ONCE)]
         self._run.room, self._run.written = len(rows), 0
-        begin_from(self._rig, self._lines, self._run, self._waves, rows)
+        begin_from(self._moving(rows))
         return events_of(rows, self._run.written)
 
     @property
@@ -461,7 +466,7 @@ class Rig:
         return self._lines[0].frequency
 
     def _view(self) -> View:
-        return view_at(self._rig, self._lines, self._run, self._waves, self._run.now)
+        return view_at(self._moving(), self._run.now)
 
     @property
     def stops(self) -> tuple[float, float]:
@@ -657,11 +662,7 @@ class Rig:
         run.room, run.written = len(rows), 0
         controller.recorded, controller.room = 0, len(acts) if tables.keep else 0
         status, sampled = run_through(
-            self._rig,
-            self._lines,
-            run,
-            self._waves,
-            rows,
+            self._moving(rows),
             in_mode,
             self._control if self.acts else None,
             acts,
@@ -677,13 +678,13 @@ class Rig:
     def _step_frequency(self) -> Event:
         """Go on to the next frequency of the stepped sine, at an exact instant."""
         run, side = self._run, self._run.crossing_side
-        move_to(self._rig, self._lines, run, self._waves, self._step_due)
+        move_to(self._moving(), self._step_due)
         run.now = self._step_due
         if side:
-            set_side(self._rig, self._lines, run, self._waves, side)
+            set_side(self._moving(), side)
         self._sweep = SteppedSine(self._sweep.start, self._sweep.step + 1)
         self._tune()
-        begin_flight(self._rig, self._lines, run, self._waves)
+        begin_flight(self._moving())
         return self._force_event(EventKind.FREQUENCY_STEP)
 
     def _force_event(self, kind: EventKind, force: float = 0.0) -> Event:
@@ -764,7 +765,7 @@ class Rig:
         run, control, controlled = self._run, self._control, self.acts
         if self._packed is None:
             harmonics = packed_rows(self._lines, Line)
-            self._packed = packed_rows([self._rig], RigConstants), harmonics[np.newaxis]
+            self._packed = packed_rows([self._constants], RigConstants), harmonics[np.newaxis]
         rigs, lines = self._packed
         rows, acts = tables.room(run.now), NO_ACTS
         if controlled and not tables.keep:
@@ -861,9 +862,9 @@ class Rig:
     def _change(self, parameters: RigParameters) -> list[Event]:
         before, run, side = self._parameters, self._run, self._run.crossing_side
         shift = before.static_deflection - parameters.static_deflection
-        move_to(self._rig, self._lines, run, self._waves, run.now)
+        move_to(self._moving(), run.now)
         if side and shift == 0.0:
-            set_side(self._rig, self._lines, run, self._waves, side)
+            set_side(self._moving(), side)
         self._parameters = parameters
         run.counted_from, run.in_period = run.now, 0
         if any(getattr(parameters, name) != getattr(before, name) for name in SWEEP_FIELDS):
@@ -873,7 +874,7 @@ class Rig:
         # An impact of the last reset is reported later, with X from the new equilibrium.
         self._unreported = [event._replace(x=event.x + shift) for event in self._unreported]
         if (parameters.gap, parameters.one_sided) != (before.gap, before.one_sided):
-            place_stops_at_gap(self._rig, run)
+            place_stops_at_gap(self._constants, run)
         run.x += shift
         return self._begin()
 
@@ -935,15 +936,11 @@ class Rig:
         speed = as_float(speed)
         for stop, target in ((1, stop_1), (2, stop_2)):
             if target is not None:
-                _check_target(self._rig.one_sided, stop, target, speed)
+                _check_target(self._constants.one_sided, stop, target, speed)
         rows = [EventRow() for _ in range(ROWS_AT_ONCE)]
         self._run.room, self._run.written = len(rows), 0
         move_stops(
-            self._rig,
-            self._lines,
-            self._run,
-            self._waves,
-            rows,
+            self._moving(rows),
             nan if stop_1 is None else float(stop_1),
             nan if stop_2 is None else float(stop_2),
             speed,
@@ -1003,9 +1000,9 @@ class Rig:
         run, side = self._run, self._run.crossing_side
         if force == run.force:
             return []
-        move_to(self._rig, self._lines, run, self._waves, run.now)
+        move_to(self._moving(), run.now)
         if side:
-            set_side(self._rig, self._lines, run, self._waves, side)
+            set_side(self._moving(), side)
         run.force = force
         before = run.mode
         caused = self._begin()
@@ -1031,7 +1028,7 @@ class Rig:
         return self._sample(self.time)
 
     def _sample(self, time: float) -> Sample:
-        return Sample(*sample_at(self._rig, self._lines, self._run, self._waves, time))
+        return Sample(*sample_at(self._moving(), time))
 
     def drive(self) -> tuple[float, float]:
         """
@@ -1049,7 +1046,7 @@ class Rig:
         del sines_of_force[self.parameters.base_rows]
         force = sum(lines[j].force * sine for j, sine in sines_of_force)
         moving = sum(lines[run.first + j].force * sine for j, sine in enumerate(sines))
-        oscillator = oscillator_of(self._rig, run)
+        oscillator = oscillator_of(self._constants, run)
         held = 2.0 * oscillator.decay * view.velocity + oscillator.omega_squared * view.x
         return self.parameters.primary_mass * force + run.force, run.constant + moving - held
 
@@ -1121,7 +1118,7 @@ class Rig:
         rig._run, rig._waves = Run(*_run_fields(state.run)), [Wave(a) for a in state.angles]
         rig._records, rig._unreported = [], list(state.unreported)
         kept = state.run
-        begin_flight(rig._rig, rig._lines, rig._run, rig._waves)
+        begin_flight(rig._moving())
         rig._run.searched, rig._run.crossing_side = kept.searched, kept.crossing_side
         rig._run.watched, rig._run.crossing = kept.watched, kept.crossing
         rig._run.counted_from = kept.now

@@ -341,7 +341,7 @@ def test_relative_acceleration_is_that_of_the_need():
         way = rng.choice([-1.0, 1.0])
         x, velocity, instant = (rng.uniform(-3.0, 3.0) for _ in range(3))
         flight = flight_at(machine, instant, x, velocity, -10.0, way, 0, rng.choice([0, 1, 2]))
-        need = support_need(*machine, flight.run, flight.waves, velocity)
+        need = support_need(flight.moving, velocity)
         expected = -(1.0 + rig.mass_ratio) * (need + way * machine.constants.grip)
         assert flight.run.relative_acceleration == pytest.approx(expected, rel=1e-12, abs=1e-13)
 

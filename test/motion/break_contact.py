@@ -21,7 +21,7 @@ from impact_damper_ros.motion.compiled import compiled_namespace, has_numba, row
 from impact_damper_ros.motion.flight import begin_flight
 from impact_damper_ros.motion.next_event import ALL_STEPS, find_event
 from impact_damper_ros.motion.oscillator import Line, Oscillator, oscillators
-from impact_damper_ros.motion.state import Mode, RigConstants, Run, Wave
+from impact_damper_ros.motion.state import Mode, Moving, RigConstants, Run, Wave
 from oracle.dense_check import FALSE, MISSED, Verdict, check
 from oracle.flight_cases import EPS, FlightCases
 from oracle.flight_generators import near_grazing_flights, random_flights
@@ -91,15 +91,16 @@ def flights_of(cases: FlightCases):
 def find_all(rigs, lines, runs, waves, horizons):
     """Find the first event of each flight."""
     for i in range(len(runs)):
-        begin_flight(rigs[i], lines[i], runs[i], waves[i])
-        find_event(rigs[i], lines[i], runs[i], waves[i], horizons[i])
+        moving = Moving(rigs[i], lines[i], runs[i], waves[i], ())
+        begin_flight(moving)
+        find_event(moving, horizons[i])
 
 
 def compiled_find_all():
     """Return `find_all` with compiled kernels."""
     import numba
 
-    names = {name: compiled_namespace()[name] for name in ('begin_flight', 'find_event')}
+    names = {name: compiled_namespace()[name] for name in ('begin_flight', 'find_event', 'Moving')}
     twin = FunctionType(find_all.__code__, names)
     return numba.njit(twin, error_model='numpy', _nrt=False)
 

@@ -18,6 +18,7 @@ from impact_damper_ros.motion.flight import (
     begin_flight,
 )
 from impact_damper_ros.motion.next_event import ALL_STEPS, find_event
+from impact_damper_ros.motion.state import Moving
 from motion.break_contact import (
     GENERATORS,
     TOLERANCE,
@@ -61,17 +62,20 @@ def test_the_check_would_notice():
 def test_how_far_it_is_searched_at_a_time_does_not_matter():
     cases = launchable(GENERATORS['near-grazing'](100, np.random.default_rng(4)))
     rng = np.random.default_rng(5)
-    whole, pieces = (zip(*plain(*flights_of(cases)), strict=True) for _ in range(2))
+    whole, pieces = (
+        [Moving(*flight, []) for flight in zip(*plain(*flights_of(cases)), strict=True)]
+        for _ in range(2)
+    )
     for one, other, horizon in zip(whole, pieces, cases.horizon.tolist(), strict=True):
         for flight in (one, other):
-            begin_flight(*flight)
-        find_event(*one, horizon)
+            begin_flight(flight)
+        find_event(one, horizon)
         for limit in [*np.sort(rng.uniform(0, horizon, 5)).tolist(), horizon]:
-            other[2].steps = int(rng.integers(3))
-            while not find_event(*other, limit):
-                other[2].steps = 1
-        one[2].steps = other[2].steps = 0
-        assert one[2] == other[2]
+            other.run.steps = int(rng.integers(3))
+            while not find_event(other, limit):
+                other.run.steps = 1
+        one.run.steps = other.run.steps = 0
+        assert one.run == other.run
 
 
 def test_what_keeps_its_sign_does():
@@ -123,14 +127,14 @@ def first(clearance_1, clearance_2, until=99.0, direction=0, support=None, **val
     slide = np.array([direction], dtype=np.int8)
     flights = plain(*flights_of(FlightCases(**arrays, **flags, slide=slide)))
     ((rig, lines, run, waves),) = zip(*flights, strict=True)
-    flight = rig, lines * 2, run, waves
+    flight = Moving(rig, lines * 2, run, waves, [])
     run.clearance_1, run.clearance_2, run.steps = clearance_1, clearance_2, ALL_STEPS
     if support is not None:
         run.mode = int(Mode.STICK)
-    begin_flight(*flight)
+    begin_flight(flight)
     if support is not None:
         run.support_low, run.support_high = support
-    find_event(*flight, until)
+    find_event(flight, until)
     return run.kind, run.tau if run.kind and run.tau <= until else until
 
 

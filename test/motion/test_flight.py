@@ -9,6 +9,7 @@ import pytest
 from impact_damper_ros.motion.first_event import next_point
 from impact_damper_ros.motion.flight import begin_flight, motion_at, starting_motion
 from impact_damper_ros.motion.oscillator import POINTS, free_bound
+from impact_damper_ros.motion.state import Moving
 from motion.break_contact import flights_of, launchable, plain
 from oracle.flight_cases import EPS, REAL, exact_motion, precise, round_off
 from oracle.flight_generators import random_flights
@@ -20,9 +21,9 @@ NAMES = 'x', 'velocity', 'travel', 'relative_velocity'
 
 def begun(cases):
     """Return the oracle's flights, as arguments of kernels."""
-    flights = list(zip(*plain(*flights_of(cases)), strict=True))
+    flights = [Moving(*flight, []) for flight in zip(*plain(*flights_of(cases)), strict=True)]
     for flight in flights:
-        begin_flight(*flight)
+        begin_flight(flight)
     return flights
 
 
@@ -47,7 +48,7 @@ def errors(cases, t, unit):
     wide = t.astype(REAL)
     x = cases.x0 + (cases.w0 + cases.v0.astype(REAL)) * wide + cases.gz * wide**2 / 2 - travel
     velocity = cases.v0.astype(REAL) + cases.w0 + cases.gz * wide - speed
-    found = [motion_at(*flight, tau) for flight, tau in zip(begun(cases), t.tolist(), strict=True)]
+    found = [motion_at(flight, tau) for flight, tau in zip(begun(cases), t.tolist(), strict=True)]
     exact = dict(zip(NAMES, (x, velocity, travel, speed), strict=True))
     units = dict(zip(NAMES, (length_unit, speed_unit) * 2, strict=True))
     return {
@@ -87,15 +88,16 @@ def test_resonance(decay):
     cases = replace(cases, **{name: np.array(value) for name, value in given.items()})
     (flight,) = begun(cases)
     for t in (0.1, 1.0, 10.0, 1e3, 1e5):
-        motion = motion_at(*flight, t)
+        motion = motion_at(flight, t)
         allowed = 4 * EPS * t + decay * t * t
         assert motion.x == pytest.approx((math.sin(t) - t * math.cos(t)) / 2, abs=allowed)
         assert motion.velocity == pytest.approx(t * math.sin(t) / 2, abs=allowed)
 
 
 def test_at_the_origin_nothing_is_rounded():
-    for rig, lines, run, waves in begun(random_flights(50, RNG(4))):
-        assert tuple(motion_at(rig, lines, run, waves, 0.0))[:6] == (
+    for flight in begun(random_flights(50, RNG(4))):
+        run = flight.run
+        assert tuple(motion_at(flight, 0.0))[:6] == (
             run.x,
             run.velocity,
             0.0,
@@ -109,10 +111,10 @@ def test_derivatives_are_those_of_the_motion():
     """And the grid has the points of the closed form."""
     rng = RNG(5)
     cases = random_flights(60, rng)
-    for i, (rig, lines, run, waves) in enumerate(begun(cases)):
-        exact, free = exact_motion(cases, i), rig.free
+    for i, flight in enumerate(begun(cases)):
+        exact, free, run = exact_motion(cases, i), flight.constants.free, flight.run
         base = float(rng.choice([0.0, 10 ** rng.uniform(-2, 1)])) / free.fastest
-        motion = motion_at(rig, lines, run, waves, base)
+        motion = motion_at(flight, base)
         offset, velocity = motion.x - run.constant / free.omega_squared, motion.velocity
         for k in range(POINTS + 1):
             derivatives = [float(v) for v in exact.derivatives(mp.mpf(base + k * free.step))]
@@ -124,7 +126,9 @@ def test_derivatives_are_those_of_the_motion():
                 found = [motion.x, motion.velocity, *motion[5:]]
             else:
                 steps = free.x_x, free.x_v, free.v_x, free.v_v
-                offset, velocity = next_point(lines, 0, waves, offset, velocity, *steps)
+                offset, velocity = next_point(
+                    flight.lines, 0, flight.waves, offset, velocity, *steps
+                )
                 found = [offset + run.constant / free.omega_squared, velocity]
             for order, (got, want) in enumerate(zip(found, derivatives, strict=False)):
                 unit = max(strength, float(cases.strength[i]) / free.omega_squared)
@@ -139,7 +143,7 @@ def test_bounds_hold_over_a_search():
         free = flight[0].free
         first = float(rng.choice([0.0, 10 ** rng.uniform(-2, 1)])) / free.fastest
         end = first + POINTS * free.step
-        motions = [motion_at(*flight, float(t)) for t in np.linspace(first, end, 400)]
+        motions = [motion_at(flight, float(t)) for t in np.linspace(first, end, 400)]
         for k, drive, rate in (
             (6, free.bound_3, free.rate_3),
             (7, free.bound_4, free.rate_4),
@@ -156,4 +160,4 @@ def test_bounds_hold_over_a_search():
 
 def test_the_start_of_a_search_is_the_origin():
     for flight in begun(random_flights(20, RNG(7))):
-        assert starting_motion(*flight) == pytest.approx(motion_at(*flight, 0.0), rel=1e-14)
+        assert starting_motion(flight) == pytest.approx(motion_at(flight, 0.0), rel=1e-14)
