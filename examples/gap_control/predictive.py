@@ -90,12 +90,12 @@ def main() -> None:
     parser.add_argument('--quick', action='store_true', help='a few cycles only')
     quick = parser.parse_args().quick
     settle, watch = (40.0, 20.0) if quick else (240.0, 80.0)
-    cases = {f'{level} N': study.RIG.replace(force_amplitudes=level) for level in (0.25, 1.0, 4.0)}
-    cases['broadband'] = study.broadband_rig(1)
+    cases = {f'resonance, {level:g} N': study.RIG.replace(force_amplitudes=level) for level in (0.25, 1.0, 4.0)}
+    cases['broadband, seed 1'] = study.broadband_rig(1)
     print('| rms of X [m] | predictive (knows the model) | timed, independent stops |')
     print('| --- | --- | --- |')
     for name, rig in cases.items():
-        spans = (settle, watch) if name != 'broadband' else (study.START, settle + watch)
+        spans = (settle, watch) if name.startswith('resonance') else (study.START, settle + watch)
         timed = study.watched(rig, study.law('timed', rig), settle=spans[0], watch=spans[1])
         print(f'| {name} | {rms_under_control(rig, *spans):.4g} | {timed.rms:.4g} |')
 
