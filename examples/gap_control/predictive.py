@@ -90,7 +90,10 @@ def main() -> None:
     parser.add_argument('--quick', action='store_true', help='a few cycles only')
     quick = parser.parse_args().quick
     settle, watch = (40.0, 20.0) if quick else (240.0, 80.0)
-    cases = {f'resonance, {level:g} N': study.RIG.replace(force_amplitudes=level) for level in (0.25, 1.0, 4.0)}
+    cases = {
+        f'resonance, {level:g} N': study.RIG.replace(force_amplitudes=level)
+        for level in (0.25, 1.0, 4.0)
+    }
     cases['broadband, seed 1'] = study.broadband_rig(1)
     print('| rms of X [m] | predictive (knows the model) | timed, independent stops |')
     print('| --- | --- | --- |')
