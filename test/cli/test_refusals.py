@@ -23,7 +23,6 @@ REFUSALS = {
         ('--score --json - --markdown -', 'two outputs go to the standard output'),
         ('--report=', 'the name is empty: give that of a file or directory'),
         ('', "cannot read 'no_bag': there is no such file or directory; name a bag directory"),
-        ('--params broken.yaml', 'gap is -1.0 m'),
     ],
     'replay_run': [
         ('', "cannot read 'no_bag': there is no such file or directory; name a bag directory"),
@@ -129,7 +128,6 @@ def run(command, words):
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     """Go to a directory of some files that are wrong."""
-    (tmp_path / 'broken.yaml').write_text('/**:\n  ros__parameters:\n    gap: -1.0\n')
     (tmp_path / 'm.csv').write_text('time,x\n')
     monkeypatch.chdir(tmp_path)
     return tmp_path
