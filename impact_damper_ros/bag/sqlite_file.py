@@ -67,13 +67,18 @@ class SqliteFile:
                 after = self._find_blocks(connection, after)
 
     def _measured(self) -> int:
-        """Return the size; note whether pages are missing."""
+        """Return the size; note whether pages are missing or half written."""
         with open_file(self.path) as stream:
             page, pages = pages_of(stream.read(HEAD))
             size = stream.seek(0, os.SEEK_END)
         if size < page * pages:
             self.finished = False
             self._faults.append(f'it ends after {size} of {page * pages} bytes')
+        journal = self.source.with_name(f'{self.source.name}-journal')
+        if journal.exists() and journal.stat().st_size:
+            # SQLite may delete any file that a journal names: it is left alone.
+            self.finished = False
+            self._faults.append(f'it was cut in a change that {journal.name} would undo')
         return size
 
     def faults(self) -> Iterator[str]:

@@ -297,6 +297,23 @@ def test_a_database_with_a_write_ahead_log(tmp_path, database, messages, capsys)
     assert len(stored(tmp_path / 'saved')) == len(messages)
 
 
+def test_a_database_with_a_journal_is_read_as_it_is(tmp_path, database, messages, capsys):
+    """SQLite would undo its last change, and delete the file that the journal may name."""
+    (file,) = database.glob('*.db3')
+    (database / f'{file.name}-journal').write_bytes(
+        b'\xd9\xd5\x05\xf9\x20\xa1\x63\xd7' + bytes(600)
+    )
+    before = names(database)
+    code, text = command(replay_run, capsys, database)
+    assert (code, f'it was cut in a change that {file.name}-journal would undo' in text) == (
+        3,
+        True,
+    )
+    assert command(recover_run, capsys, database, '--output', tmp_path / 'saved')[0] == 0
+    assert len(stored(tmp_path / 'saved')) == len(messages)
+    assert names(database) == before
+
+
 def test_a_database_in_wal_mode_stays_alone(database, capsys):
     (file,) = database.glob('*.db3')
     connection = sqlite3.connect(file)
