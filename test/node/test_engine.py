@@ -617,7 +617,7 @@ def test_a_rig_that_cannot_go_on_is_held_until_it_is_changed():
         bench.engine.start()
         until(lambda: bench.engine.status().held)
         status = bench.engine.status()
-        assert 'give a wider gap' in status.held
+        assert 'the gap wider' in status.held
         assert 'it waits for a change or a reset' in bench.troubles[0]
         until(lambda: len(bench.paused()) > 1)
         assert bench.engine.failure is None
@@ -629,7 +629,7 @@ def test_a_rig_that_cannot_go_on_is_held_until_it_is_changed():
         # Nor is there a step to be made.
         done(bench.ask('pause', True))
         step = done(bench.ask('step'))
-        assert 'give a wider gap' in str(step.error)
+        assert 'the gap wider' in str(step.error)
         done(bench.ask('pause', False))
         # A reset to the same end
         count = len(bench.troubles)
@@ -651,7 +651,7 @@ def test_a_step_of_a_rig_that_cannot_go_on_ends_in_a_pause():
         done(bench.change(rig=LIVELY.replace(**values)))
         done(bench.reset(InitialConditions(**initial)))
         step = done(bench.ask('step'))
-        assert 'give a wider gap' in str(step.result.exception(DEADLINE_S))
+        assert 'the gap wider' in str(step.result.exception(DEADLINE_S))
         # What sets a held rig going again leaves a paused one where it is.
         done(bench.change(rig=LIVELY))
         status = bench.engine.status()
@@ -834,7 +834,7 @@ def test_a_sensor_that_fails_holds_the_rig(monkeypatch):
 def test_a_failure_is_reported_and_requests_are_turned_away(monkeypatch):
     with Bench() as bench:
 
-        def fail(_time, **_):
+        def fail(*_):
             raise RuntimeError('no root')
 
         monkeypatch.setattr(bench.engine._rig, 'advance', fail)
