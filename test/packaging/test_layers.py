@@ -26,11 +26,12 @@ LEVEL = {
     'theory': 5,
     'replay': 5,
     'compare': 6,
-    'report': 7,
-    'sweep': 8,
-    'node': 9,
-    'page': 9,
-    'cli': 10,
+    'design': 7,
+    'report': 8,
+    'sweep': 9,
+    'node': 10,
+    'page': 10,
+    'cli': 11,
 }
 WITHOUT_ROS = [name for name in LEVEL if LEVEL[name] < LEVEL['node'] and (PACKAGE / name).is_dir()]
 ROS = (

@@ -1,0 +1,355 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The best gap of an impact damper of each mass, and how sure it is.
+
+For each mass the stable motion of two impacts per cycle is followed over the gap, exactly, to
+where M moves least. Whether a rig from rest reaches that motion is simulated. A structure that
+swings less than half the gap never hits a stop; the best gap from rest is then found by running
+rigs of many gaps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.orbits.arguments import OrbitError
+from impact_damper_ros.orbits.branch import Branch
+from impact_damper_ros.orbits.continuation import follow
+from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.orbits.search import carried_over, find_orbits
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.rig.rig import Rig
+
+Array = NDArray[np.float64]
+
+#: Gaps that are tried first, over the optimal gap of theory.
+_FIRST_GAPS = (0.9, 0.7, 0.5, 1.0)
+#: A run from rest: time constants of M, least cycles, and cycles at its end that are measured.
+_TIME_CONSTANTS, _LEAST_CYCLES, _MEASURED_CYCLES, _SAMPLES = 8.0, 150, 30, 128
+#: Two motions with largest |X| within this part are one.
+_SAME = 5e-3
+#: Gaps that are tried from rest, and the widest of them, over that which M alone swings across.
+_GAPS_FROM_REST, _MARGIN = 48, 0.95
+_POINTS, _STEP = 40, 0.15
+
+
+@dataclass(frozen=True)
+class Span:
+    """
+    How far a parameter may go before the motion is lost.
+
+    Attributes
+    ----------
+    low, high : float
+        The least and the largest value, SI.
+    low_reason, high_reason : str
+        What happens there; empty at the end of the range that was looked at.
+    """
+
+    low: float
+    high: float
+    low_reason: str = ''
+    high_reason: str = ''
+
+    def over(self, scale: float) -> Span:
+        """Return the same range over a scale."""
+        return Span(self.low / scale, self.high / scale, self.low_reason, self.high_reason)
+
+
+@dataclass(frozen=True)
+class Design:
+    """
+    The best damper of one mass.
+
+    Attributes
+    ----------
+    rig : RigParameters
+        The rig with the best gap.
+    orbit : PeriodicOrbit
+        Its motion: two impacts in a cycle.
+    reached_from_rest : bool
+        Whether a rig from rest settles into it.
+    starts_by_itself : tuple of float or None
+        Gap and largest |X| of the best rig that does, m, where the best one does not.
+    gap_range, level_range, frequency_range : Span
+        How far the gap (m), the level (as a factor) and the frequency (rad/s) may go, each alone.
+    """
+
+    rig: RigParameters
+    orbit: PeriodicOrbit
+    reached_from_rest: bool
+    starts_by_itself: tuple[float, float] | None
+    gap_range: Span
+    level_range: Span
+    frequency_range: Span
+
+    @property
+    def mass_ratio(self) -> float:
+        """Mass ratio m/M."""
+        return self.rig.mass_ratio
+
+    @property
+    def bare(self) -> float:
+        """Amplitude of X without the damper, m."""
+        return self.rig.response_amplitude
+
+    @property
+    def gap(self) -> float:
+        """Gap to build: the best, or the best that starts by itself, m."""
+        return self.starts_by_itself[0] if self.starts_by_itself else self.rig.gap
+
+    @property
+    def x_max(self) -> float:
+        """Largest |X| with that gap, m."""
+        return self.starts_by_itself[1] if self.starts_by_itself else self.orbit.x_max
+
+    @property
+    def built(self) -> RigParameters:
+        """The rig to build."""
+        return self.rig.replace(gap=self.gap)
+
+    @property
+    def impact_speed(self) -> float:
+        """Largest approach speed at a stop, m/s."""
+        pairs = zip(
+            self.orbit.damper_velocity_before, self.orbit.primary_velocity_before, strict=True
+        )
+        return max(abs(z - x) for z, x in pairs)
+
+    @property
+    def impulse(self) -> float:
+        """Largest impulse at a stop, N s."""
+        pairs = zip(
+            self.orbit.damper_velocity_after, self.orbit.damper_velocity_before, strict=True
+        )
+        return self.rig.damper_mass * max(abs(after - before) for after, before in pairs)
+
+
+def optimal_gap(rig: RigParameters) -> float:
+    """
+    Return the gap of theory at resonance, m: two impacts per cycle at X = 0, without friction.
+
+    X/A = zeta/(zeta + zeta_e) with zeta_e = (2/pi)(mu/(1 + mu))(1 + R)/(1 - R), and
+    d* = pi X (1 + R)/((1 - R)(1 + mu)).
+    """
+    mean = min(0.5 * (rig.restitution_1 + rig.restitution_2), 0.999)
+    bounce, mu = (1.0 + mean) / (1.0 - mean), rig.mass_ratio
+    equivalent = 2.0 / math.pi * mu / (1.0 + mu) * bounce
+    # Half the width of the resonance, where it is not at its peak
+    static = abs(rig.first_harmonic[0]) / rig.stiffness
+    x = static / (2.0 * (rig.zeta + equivalent))
+    return math.pi * x * bounce / (1.0 + mu)
+
+
+def shaken_by(rig: RigParameters) -> str:
+    """Return what shakes a rig: 'force' or 'base'."""
+    return next(iter(rig.harmonic_groups))
+
+
+def at_level(rig: RigParameters, factor: float) -> RigParameters:
+    """Return a rig whose force or base is stronger by a factor."""
+    name = f'{shaken_by(rig)}_amplitudes'
+    return rig.replace(**{name: tuple(factor * a for a in getattr(rig, name))})
+
+
+def from_rest(rig: RigParameters) -> float:
+    """Return the largest |X| of a rig some time after it was started from rest, m."""
+    cycle = math.tau / rig.first_harmonic[1]
+    lasting = _TIME_CONSTANTS / (rig.zeta * rig.omega) if rig.zeta else math.inf
+    cycles = max(_LEAST_CYCLES, min(math.ceil(lasting / cycle), 10 * _LEAST_CYCLES))
+    start, end = cycles * cycle, (cycles + _MEASURED_CYCLES) * cycle
+    times = np.linspace(start, end, _MEASURED_CYCLES * _SAMPLES + 1)
+    samples = Rig(rig, compiled=None).run(end, times).samples
+    return float(np.abs(samples['x']).max(initial=0.0))
+
+
+def _performed(orbit: PeriodicOrbit) -> bool:
+    return orbit.viable and orbit.stable
+
+
+def _first_motion(rig: RigParameters) -> PeriodicOrbit | None:
+    """Return a stable motion of two impacts of a rig with some gap."""
+    for share in _FIRST_GAPS:
+        there = rig.replace(gap=share * optimal_gap(rig))
+        # Without friction all motions are found at once, and one is carried to the friction.
+        smooth = there.replace(friction=0.0)
+        for orbit in find_orbits(smooth, (1, 2)).orbits:
+            if orbit.viable:
+                found = carried_over(orbit, there) if there.friction else orbit
+                if found is not None and _performed(found):
+                    return found
+    return None
+
+
+def _followed(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Branch:
+    return follow(orbit, name, low, high, largest_step=_STEP, most_points=_POINTS)
+
+
+def _span(branch: Branch, orbit: PeriodicOrbit, value: float) -> Span:
+    """Return how far a branch is stable and viable around a motion on it."""
+    values = np.array(branch.values)
+    good = np.array([_performed(o) or o.neutral for o in branch.orbits])
+    sizes = np.array([o.x_max for o in branch.orbits])
+    # The branch may pass the same value again with another motion
+    here = int((np.abs(values / value - 1.0) + np.abs(sizes / orbit.x_max - 1.0)).argmin())
+    begin = end = here
+    while begin > 0 and good[begin - 1]:
+        begin -= 1
+    while end < len(values) - 1 and good[end + 1]:
+        end += 1
+    low, high = sorted((begin, end), key=lambda k: values[k])
+
+    def reason(k: int) -> str:
+        beyond = k - 1 if k == begin else k + 1
+        for n in (k, beyond):
+            if 0 <= n < len(values) and (text := branch.change_at(branch.orbits[n])):
+                return '' if text.endswith(('the end of the range', ' points')) else text
+        if 0 <= beyond < len(values):
+            lost = branch.orbits[beyond]
+            return lost.reason if not lost.viable else 'unstable'
+        return ''
+
+    return Span(float(values[low]), float(values[high]), reason(low), reason(high))
+
+
+def _span_of(orbit: PeriodicOrbit, name: str, here: float, low: float, high: float) -> Span:
+    """Return how far a motion is stable and viable over a parameter, from factors of its value."""
+    try:
+        return _span(_followed(orbit, name, *sorted((low * here, high * here))), orbit, here)
+    except (OrbitError, ArithmeticError):
+        return Span(here, here)
+
+
+def best_from_rest(rig: RigParameters) -> tuple[float, float]:
+    """
+    Return the gap with which a rig from rest moves least, m, and its largest |X| then, m.
+
+    M hits m only if it swings more than half the gap; a twentieth of that is kept as a margin.
+    """
+    widest = _MARGIN * 2.0 * rig.response_amplitude
+    gaps = np.geomspace(0.1 * widest, widest, _GAPS_FROM_REST)
+    for _ in range(2):
+        sizes = [from_rest(rig.replace(gap=float(gap))) for gap in gaps]
+        best = int(np.argmin(sizes))
+        low, high = gaps[max(best - 1, 0)], gaps[min(best + 1, len(gaps) - 1)]
+        found = float(gaps[best]), sizes[best]
+        gaps = np.linspace(low, high, _GAPS_FROM_REST // 4)
+    return found
+
+
+def best_design(rig: RigParameters) -> Design | None:
+    """
+    Return the best damper of a rig's damper mass; the gap of the rig does not matter.
+
+    Parameters
+    ----------
+    rig : RigParameters
+        The structure with a damper of some mass, shaken by one harmonic.
+
+    Returns
+    -------
+    Design or None
+        None if no stable motion of two impacts per cycle was found.
+    """
+    start = _first_motion(rig)
+    if start is None:
+        return None
+    gap = start.parameters.gap
+    branch = _followed(start, 'gap', gap / 3.0, 2.0 * gap)
+    best = branch.best()
+    if best is None:
+        return None
+    orbit, there = best.orbit, best.orbit.parameters
+    reached = abs(from_rest(there) / orbit.x_max - 1.0) < _SAME
+    alone = None if reached else best_from_rest(there)
+    gaps = _span(branch, orbit, best.value)
+    shaker = f'{shaken_by(there)}_'
+    here = there.first_harmonic[1]
+    frequencies = _span_of(orbit, f'{shaker}frequencies', here, 0.85, 1.2)
+    if there.friction or there.air_force or math.sin(there.angle) * there.gravity:
+        level = getattr(there, f'{shaker}amplitudes')[0]
+        levels = _span_of(orbit, f'{shaker}amplitudes', level, 0.25, 4.0).over(level)
+    else:
+        # Motions of another level are those of another gap, to scale.
+        levels = Span(gaps.high, gaps.low, gaps.high_reason, gaps.low_reason).over(best.value)
+        levels = Span(1.0 / levels.low, 1.0 / levels.high, levels.low_reason, levels.high_reason)
+    return Design(there, orbit, reached, alone, gaps, levels, frequencies)
+
+
+def designs(rig: RigParameters, mass_ratios: Sequence[float]) -> Iterator[Design]:
+    """Yield the best damper of each mass ratio; none for those without a motion of two impacts."""
+    for mass_ratio in mass_ratios:
+        found = best_design(rig.replace(mass_ratio=mass_ratio))
+        if found is not None:
+            yield found
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """
+    The gap whose worst case is best, over uncertain restitution and levels.
+
+    Attributes
+    ----------
+    gaps : ndarray, shape (n,)
+        Gaps that were tried, m.
+    ratios : ndarray, shape (n, r, l)
+        Largest |X| over that without the damper, from rest, for each restitution and level.
+    restitutions, levels : tuple of float
+        The restitutions of both stops, and the levels as factors.
+    """
+
+    gaps: Array
+    ratios: Array
+    restitutions: tuple[float, ...]
+    levels: tuple[float, ...]
+
+    @property
+    def worst(self) -> Array:
+        """The worst case of each gap, over the amplitude without the damper."""
+        worst: Array = self.ratios.max(axis=(1, 2))
+        return worst
+
+    @property
+    def best(self) -> tuple[float, float]:
+        """The gap whose worst case is best, m, and that worst case."""
+        k = int(np.argmin(self.worst))
+        return float(self.gaps[k]), float(self.worst[k])
+
+
+def uncertain(
+    design: Design,
+    restitutions: Sequence[float],
+    levels: Sequence[float],
+    count: int = 25,
+) -> Uncertain:
+    """Return how a range of gaps does from rest, for each restitution and each level."""
+    gaps = np.geomspace(0.3, 1.5, count) * design.gap
+    ratios = np.empty((count, len(restitutions), len(levels)))
+    for i, gap in enumerate(gaps):
+        for j, restitution in enumerate(restitutions):
+            for k, level in enumerate(levels):
+                rig = at_level(design.rig, level).replace(
+                    gap=float(gap), restitution_1=restitution, restitution_2=restitution
+                )
+                ratios[i, j, k] = from_rest(rig) / rig.response_amplitude
+    return Uncertain(gaps, ratios, tuple(restitutions), tuple(levels))
+
+
+def over_frequency(rig: RigParameters, frequencies: Array) -> Array:
+    """Return the largest |X| of a rig from rest at circular frequencies (rad/s), m."""
+    return np.array([from_rest(rig.with_first_frequency(float(w))) for w in frequencies])
+
+
+def over_level(rig: RigParameters, levels: Array) -> Array:
+    """Return the largest |X| of a rig from rest, over that without the damper, at levels."""
+    ratios = []
+    for level in levels:
+        there = at_level(rig, float(level))
+        ratios.append(from_rest(there) / there.response_amplitude)
+    return np.array(ratios)

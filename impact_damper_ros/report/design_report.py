@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a design says: the table, the words, JSON, and the figure beside a tuned mass damper."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.design.damper_design import Design, Span, Uncertain, shaken_by
+from impact_damper_ros.design.mass_damper import mass_damper_response
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
+
+from .csv_tables import row
+from .drawing import COLORS, blank_figure, finish_panel, legend_below, print_style, unit_axis
+from .formatting import quantity, setting
+from .table import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+class Comparison(NamedTuple):
+    """
+    A chosen damper beside nothing and beside a tuned mass damper of its mass.
+
+    Attributes
+    ----------
+    frequencies : ndarray
+        Circular frequencies, rad/s.
+    bare, mass_damper, damper : ndarray
+        Largest |X| there without a damper, with the mass damper, and with the impact damper, m.
+    levels, level_ratios : ndarray
+        Levels as factors, and there the largest |X| over that without the damper.
+    """
+
+    frequencies: Array
+    bare: Array
+    mass_damper: Array
+    damper: Array
+    levels: Array
+    level_ratios: Array
+
+
+def _percent(value: float, digits: int = 3) -> str:
+    return f'{100.0 * value:.{digits}g} %'
+
+
+def _mass(design: Design) -> str:
+    mass = design.rig.damper_mass
+    return f'{mass:.4g} kg' if mass >= 1.0 else f'{1e3 * mass:.4g} g'
+
+
+def design_table(found: Sequence[Design]) -> Table:
+    """Return the designs as a table for people."""
+    head = (
+        *('m/M', 'm', 'best gap', 'largest |X|', 'over none', 'from rest'),
+        *('gap to build', 'its |X|', 'over none', 'at a stop', 'impulse'),
+    )
+    rows = [
+        (
+            _percent(d.mass_ratio),
+            _mass(d),
+            f'{1e3 * d.rig.gap:.3g} mm',
+            f'{1e3 * d.orbit.x_max:.3g} mm',
+            _percent(d.orbit.x_max / d.bare),
+            'yes' if d.reached_from_rest else 'no',
+            f'{1e3 * d.gap:.3g} mm',
+            f'{1e3 * d.x_max:.3g} mm',
+            _percent(d.x_max / d.bare),
+            f'{d.impact_speed:.3g} m/s',
+            f'{d.impulse:.3g} N s',
+        )
+        for d in found
+    ]
+    return Table.of_rows(head, rows)
+
+
+def _span_words(span: Span, unit: str, factor: float) -> str:
+    ends = [text for text in (span.low_reason, span.high_reason) if text]
+    lost = f' ({"; ".join(dict.fromkeys(ends))} beyond)' if ends else ''
+    return f'{factor * span.low:.4g} to {factor * span.high:.4g} {unit}{lost}'
+
+
+def _peak(frequencies: Array, sizes: Array) -> str:
+    worst = int(np.argmax(sizes))
+    return f'{quantity(float(sizes[worst]), "m", 3)} at {frequencies[worst] / math.tau:.3g} Hz'
+
+
+def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
+    """Return what there is to say of the chosen design."""
+    gap, worst = unsure.best
+    here = np.array([design.rig.first_harmonic[1]])
+    other = quantity(float(mass_damper_response(design.rig, here)[0]), 'm', 3)
+    best = quantity(design.orbit.x_max, 'm', 3)
+    lines = [
+        f'Chosen: {_percent(design.mass_ratio)} of the mass, {_mass(design)}, with a gap of '
+        f'{1e3 * design.gap:.4g} mm in all.',
+        f'  It leaves {quantity(design.x_max, "m", 3)} of {quantity(design.bare, "m", 3)}, '
+        f'{_percent(design.x_max / design.bare)}; a tuned mass damper of that mass {other}.',
+    ]
+    if design.starts_by_itself is not None:
+        lines.append(
+            f'  A gap of {1e3 * design.rig.gap:.4g} mm would leave {best}, but M at rest never '
+            'swings across it: m has to be started by a push.'
+        )
+    lines += [
+        f'  The best motion lasts for gaps of {_span_words(design.gap_range, "mm", 1e3)},',
+        f'  levels of {_span_words(design.level_range, "times this one", 1.0)},',
+        f'  frequencies of {_span_words(design.frequency_range, "Hz", 1.0 / math.tau)}.',
+        f'  With R from {unsure.restitutions[0]:g} to {unsure.restitutions[-1]:g} and the level '
+        f'from {unsure.levels[0]:g} to {unsure.levels[-1]:g} times this one, a gap of',
+        f'  {1e3 * gap:.4g} mm has the best worst case, from rest: it leaves {_percent(worst)}.',
+        f'Largest |X| between {compared.frequencies[0] / math.tau:.3g} and '
+        f'{compared.frequencies[-1] / math.tau:.3g} Hz, from rest:',
+        f'  without a damper {_peak(compared.frequencies, compared.bare)},',
+        f'  with the impact damper {_peak(compared.frequencies, compared.damper)},',
+        f'  with the tuned mass damper {_peak(compared.frequencies, compared.mass_damper)}.',
+    ]
+    return '\n'.join(lines)
+
+
+def test_plan(design: Design) -> str:
+    """Return the runs to record on a bench, so that the rig can be fitted to them."""
+    gap, hertz = design.gap, design.rig.first_harmonic[1] / math.tau
+    return f"""\
+Test plan, with the structure on its shaker:
+  1. Without the damper, released by hand: the decay gives frequency and damping of M.
+  2. With the damper, from rest, the shaker switched on at once at {hertz:.4g} Hz, 20 s at
+     1 kHz. The start tells R, friction and gap apart; a steady motion alone does not.
+  3. The same at half and at twice the level: friction shows at the low one.
+  4. Swept slowly from {0.8 * hertz:.4g} to {1.2 * hertz:.4g} Hz and back at constant level:
+     where up and down differ, two motions are possible.
+  5. The same with gaps of {0.8e3 * gap:.3g} and {1.2e3 * gap:.3g} mm."""
+
+
+def _span_json(span: Span) -> dict[str, Any]:
+    return {
+        'low': span.low,
+        'high': span.high,
+        'low_reason': span.low_reason,
+        'high_reason': span.high_reason,
+    }
+
+
+def design_json(
+    found: Sequence[Design], chosen: Design, unsure: Uncertain, compared: Comparison
+) -> dict[str, Any]:
+    """Return all that was found, SI units."""
+    gap, worst = unsure.best
+    return {
+        'designs': [
+            {
+                'mass_ratio': d.mass_ratio,
+                'damper_mass': d.rig.damper_mass,
+                'gap': d.rig.gap,
+                'x_max': d.orbit.x_max,
+                'reduction': d.orbit.x_max / d.bare,
+                'reached_from_rest': d.reached_from_rest,
+                'starts_by_itself': None
+                if d.starts_by_itself is None
+                else dict(zip(('gap', 'x_max'), d.starts_by_itself, strict=True)),
+                'impulse': d.impulse,
+                'impact_speed': d.impact_speed,
+                'gap_range': _span_json(d.gap_range),
+                'level_range': _span_json(d.level_range),
+                'frequency_range': _span_json(d.frequency_range),
+            }
+            for d in found
+        ],
+        'chosen': {
+            'mass_ratio': chosen.mass_ratio,
+            'gap': chosen.gap,
+            'x_max': chosen.x_max,
+            'without_damper': chosen.bare,
+            'parameters': {
+                n: list(v) if isinstance(v, tuple) else v
+                for n, v in chosen.built.as_dict().items()
+            },
+        },
+        'uncertain': {
+            'gap': gap,
+            'worst_reduction': worst,
+            'restitutions': list(unsure.restitutions),
+            'levels': list(unsure.levels),
+        },
+        'comparison': {name: column.tolist() for name, column in compared._asdict().items()},
+    }
+
+
+_CSV = (
+    *('mass_ratio', 'damper_mass', 'best_gap', 'best_x_max', 'reached_from_rest', 'gap', 'x_max'),
+    *('without_damper', 'impact_speed', 'impulse', 'gap_low', 'gap_high', 'level_low'),
+    *('level_high', 'frequency_low', 'frequency_high'),
+)
+
+
+def design_csv(found: Sequence[Design]) -> str:
+    """Return the designs as CSV, SI units."""
+    rows = [
+        (
+            *(d.mass_ratio, d.rig.damper_mass, d.rig.gap, d.orbit.x_max),
+            *(str(d.reached_from_rest).lower(), d.gap, d.x_max, d.bare),
+            *(d.impact_speed, d.impulse, d.gap_range.low, d.gap_range.high),
+            *(d.level_range.low, d.level_range.high),
+            *(d.frequency_range.low, d.frequency_range.high),
+        )
+        for d in found
+    ]
+    return ','.join(_CSV) + '\n' + ''.join(map(row, rows))
+
+
+def rig_yaml(rig: RigParameters, title: str) -> str:
+    """Return a rig as a parameters file."""
+    lines = [f'# {title}', '/**:', '  ros__parameters:']
+    for name, value in rig.as_dict().items():
+        text = repr(list(value)) if isinstance(value, tuple) else setting_of(value)
+        unit = PARAMETER_SPECS[name].unit
+        lines.append(f'    {name}: {text}{f"  # {unit}" if unit else ""}')
+    return '\n'.join(lines) + '\n'
+
+
+def setting_of(value: Any) -> str:
+    """Return a value as YAML holds it, to the last bit."""
+    return repr(value) if isinstance(value, float) else setting(value)
+
+
+@print_style()
+def design_figure(
+    found: Sequence[Design], chosen: Design, unsure: Uncertain, compared: Comparison, title: str
+) -> Figure:
+    """Draw how heavy, which gap, over frequency and over level."""
+    from matplotlib.lines import Line2D
+    from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
+
+    figure = blank_figure(7.6, 6.4)
+    (mass, gap), (frequency, level) = figure.subplots(2, 2)
+    none: dict[str, Any] = {'color': COLORS['quiet'], 'ls': '--', 'lw': 1.2}
+    tuned: dict[str, Any] = {'color': COLORS['primary'], 'lw': 1.4}
+    impact: dict[str, Any] = {'color': COLORS['damper'], 'lw': 1.8}
+    ratios = [100.0 * d.mass_ratio for d in found]
+    rates = np.array([chosen.rig.first_harmonic[1]])
+    mass.axhline(chosen.bare, **none)
+    mass.plot(ratios, [mass_damper_response(d.rig, rates)[0] for d in found], **tuned)
+    mass.plot(ratios, [d.x_max for d in found], marker='o', ms=4, **impact)
+    mass.plot(ratios, [d.orbit.x_max for d in found], **{**impact, 'ls': ':'})
+    mass.plot([100.0 * chosen.mass_ratio], [chosen.x_max], 'o', ms=10, mfc='none', color='k')
+    mass.set_yscale('log')
+    finish_panel(mass, 'a', 'Mass of the damper [% of M]', '')
+    unit_axis(mass.yaxis, 'Largest |X|', 'm', chosen.bare)
+    ends = unsure.ratios.min(axis=(1, 2)), unsure.ratios.max(axis=(1, 2))
+    gap.fill_between(unsure.gaps, *ends, color=COLORS['damper'], alpha=0.25, lw=0)
+    gap.plot(unsure.gaps, unsure.worst, color=COLORS['special'], lw=1.4)
+    gap.axvline(chosen.gap, color='k', lw=0.8)
+    gap.axvline(unsure.best[0], color=COLORS['special'], lw=0.8, ls='--')
+    gap.set_ylim(0.0, min(1.2, 1.05 * float(ends[1].max())))
+    ratio = '|X| over that without damper'
+    finish_panel(gap, 'b', '', ratio)
+    unit_axis(gap.xaxis, 'Gap', 'm', unsure.gaps)
+    hertz = compared.frequencies / math.tau
+    frequency.plot(hertz, compared.bare, **none)
+    frequency.plot(hertz, compared.mass_damper, **tuned)
+    frequency.plot(hertz, compared.damper, **impact)
+    frequency.set_yscale('log')
+    finish_panel(frequency, 'c', 'Frequency [Hz]', '')
+    unit_axis(frequency.yaxis, 'Largest |X|', 'm', compared.bare)
+    level.axhline(1.0, **none)
+    level.axhline(mass_damper_response(chosen.rig, rates)[0] / chosen.bare, **tuned)
+    level.plot(compared.levels, compared.level_ratios, **impact)
+    level.axvline(1.0, color='k', lw=0.8)
+    level.set_xscale('log')
+    level.xaxis.set_major_locator(FixedLocator([0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 10.0]))
+    for axis in (level.xaxis, mass.yaxis, frequency.yaxis):
+        axis.set_minor_formatter(NullFormatter())
+    for axis in (mass.yaxis, frequency.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    level.set_ylim(0.0, 1.15)
+    level.xaxis.set_major_formatter(lambda value, _: f'{value:g}')
+    shaker = 'base' if shaken_by(chosen.rig) == 'base' else 'force'
+    finish_panel(level, 'd', f'Level of the {shaker}, over this one', ratio)
+    handles = [
+        Line2D([], [], label='no damper', **none),
+        Line2D([], [], label='tuned mass damper of the same mass', **tuned),
+        Line2D([], [], label='impact damper, from rest', **impact),
+        Line2D([], [], label='... once it is started', **{**impact, 'ls': ':'}),
+        Line2D([], [], label='worst case of R and level', color=COLORS['special'], lw=1.4),
+    ]
+    legend_below(figure, handles, 3)
+    figure.suptitle(textwrap.fill(title, 100), fontsize=7.5, color='0.3')
+    return figure
