@@ -124,9 +124,9 @@ def _without_ros_arguments(arguments: Sequence[str]) -> list[str]:
 class _Node:
     """The node of a rig, which is started again if it ends by itself."""
 
-    def __init__(self, file: Path, tell: Callable[[str], object]) -> None:
+    def __init__(self, file: Path, report: Callable[[str], object]) -> None:
         self._file = file
-        self._tell = tell
+        self._report = report
         self._begin()
 
     def _begin(self) -> None:
@@ -150,7 +150,7 @@ class _Node:
             lived = time.monotonic() - self._began
             pause = _FIRST_PAUSE_S if lived > _LIVED_S else min(2.0 * pause, _LIVED_S)
             how = f'by signal {-code}' if code < 0 else f'with code {code}'
-            self._tell(f'the node has ended {how}: it is started again')
+            self._report(f'the node has ended {how}: it is started again')
             await asyncio.sleep(pause)
             self._begin()
 
@@ -212,13 +212,13 @@ async def _serve(arguments: argparse.Namespace) -> None:
             EXIT_FAILED,
         ) from error
 
-    def tell(text: str) -> None:
+    def report(text: str) -> None:
         say(COMMAND, text)
         server.notify(f'{text[0].upper()}{text[1:]}.')
 
     node = watch = None
     if arguments.start is not None:
-        node = _Node(preset_file(arguments.start), tell)
+        node = _Node(preset_file(arguments.start), report)
         watch = loop.create_task(node.watch())
     try:
         print(f'{COMMAND}: the page is at {gate.url(gate.token)}', flush=True)

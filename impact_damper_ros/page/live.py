@@ -66,7 +66,7 @@ class LiveRig(Source):
         self.state: dict[str, Any] | None = None
         self._reports: dict[str, DiagnosticStatus] = {}
         self._forget()
-        self._heard = time.monotonic()
+        self._last_message_at = time.monotonic()
         # The last status that was sent, and when
         self._status_sent: tuple[str, str] = ('', '')
         self._status_at = 0.0
@@ -90,7 +90,7 @@ class LiveRig(Source):
         self._paused = False
         self._epoch = self._came = 0.0
         # The joint states of a paused rig
-        self._held: Messages | None = None
+        self._paused_states: Messages | None = None
         self._all_known = False
 
     async def close(self) -> None:
@@ -140,14 +140,14 @@ class LiveRig(Source):
         messages = self.link.poll()
         # /diagnostics are of all nodes; see below.
         if any(messages[name] for name in ('joint_states', 'impacts', 'snapshot')):
-            self._heard = time.monotonic()
+            self._last_message_at = time.monotonic()
         for content in messages['snapshot']:
             self._take_snapshot(content)
         if self._eras:
             for era, table in self._tables('joint_states', messages['joint_states']):
                 self.motion.add_samples(era.samples(table))
                 self._came = time.monotonic()
-            self._show_held()
+            self._show_paused()
             for topic, rows, add in (
                 ('impacts', Era.impacts, self.motion.add_impacts),
                 ('measurements', Era.measured, self.motion.add_measured),
@@ -163,11 +163,11 @@ class LiveRig(Source):
             self._take_theory(content)
         self._send_status()
 
-    def _show_held(self) -> None:
+    def _show_paused(self) -> None:
         """Show what a change or a reset has made of a paused rig."""
-        held, self._held = self._held, None
-        if held is not None:
-            self.motion.correct_end(self._eras[-1].samples(held)[0])
+        states, self._paused_states = self._paused_states, None
+        if states is not None:
+            self.motion.correct_end(self._eras[-1].samples(states)[0])
 
     def _take_snapshot(self, content: bytes) -> None:
         try:
@@ -206,7 +206,7 @@ class LiveRig(Source):
         change = change_between(self.values, plain, time_, kind)
         self.values |= plain
         if change is not None:
-            self.tell({'type': 'parameters', **change})
+            self.send({'type': 'parameters', **change})
 
     def _tables(self, topic: str, contents: list[bytes]) -> Iterable[tuple[Era, Messages]]:
         """Return messages of a topic, those of each era together."""
@@ -218,7 +218,7 @@ class LiveRig(Source):
             self._paused = bool(rows['frame'][-1] == PAUSED_FRAME)
             stamp, now = rows['stamp_ns'][-1] / 1e9, time.time()
             self._epoch = stamp if abs(stamp - now) < _WALL_S else now
-            self._held = rows[-1:] if self._paused else None
+            self._paused_states = rows[-1:] if self._paused else None
             # A paused rig repeats its last sample.
             rows = rows[rows['frame'] != PAUSED_FRAME]
         if len(self._eras) == 1:
@@ -266,7 +266,7 @@ class LiveRig(Source):
         try:
             message = decode(STRING, content)
             assert isinstance(message, String)
-            self.tell_theory(parsed(message.data))
+            self.send_theory(parsed(message.data))
         except ValueError:
             return
 
@@ -281,9 +281,9 @@ class LiveRig(Source):
         own = f'{self.link.name.removeprefix("/")}: '
         found = {s.name.removeprefix(own): s for s in array.status if s.name.startswith(own)}
         if found:
-            self._heard = time.monotonic()
+            self._last_message_at = time.monotonic()
             self._reports |= found
-            self.tell(self._diagnostics())
+            self.send(self._diagnostics())
 
     def _diagnostics(self) -> dict[str, Any]:
         """Return the last report of the node, as far as the page shows it."""
@@ -315,7 +315,7 @@ class LiveRig(Source):
         return {'type': 'status', 'state': state, 'text': text, 'time': as_json(self.motion.end)}
 
     def _judged(self) -> tuple[str, str]:
-        silent = time.monotonic() - self._heard
+        silent = time.monotonic() - self._last_message_at
         if silent > GONE_S or not self._eras:
             return 'gone', f'no message from {self.link.name} for {max(1, round(silent))} s'
         if self.link.mixed:
@@ -339,9 +339,9 @@ class LiveRig(Source):
         if news or now >= self._status_at + _STATUS_PERIOD_S:
             self._status_sent, self._status_at = judged, now
             self.link.match()
-            self.tell(self._status())
+            self.send(self._status())
             for numbers in self._numbers():
-                self.tell(numbers)
+                self.send(numbers)
 
     # The node
 

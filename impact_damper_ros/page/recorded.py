@@ -220,7 +220,7 @@ class Player(Source):
     def _take_theory(self, document: str) -> None:
         if document is not self._document:
             self._document = document
-            self.tell_theory(json.loads(document or '{}'))
+            self.send_theory(json.loads(document or '{}'))
 
     @property
     def computes(self) -> bool:
@@ -279,7 +279,7 @@ class Player(Source):
             self._enter(era)
             change = self.recorded.changes[era]
             values = {n: v for n, v in self._setting.values.items() if before.get(n, v) != v}
-            self.tell(
+            self.send(
                 {**change, 'type': 'parameters', 'kind': 'change', 'values': values}
                 | ({} if played else {'time': None})
             )
@@ -298,7 +298,7 @@ class Player(Source):
     def _send_status(self) -> None:
         self._status_at = time.monotonic()
         for message in self.news()[:2]:
-            self.tell(message)
+            self.send(message)
 
     # From the page
 
@@ -324,7 +324,7 @@ class Player(Source):
                 'this is a recording: run a what-if, or change the parameter of a live rig'
             )
         if kind in ('seek', 'jump'):
-            self.tell({'type': 'seek_done', 'time': self.time})
+            self.send({'type': 'seek_done', 'time': self.time})
         return {'ok': True, 'reason': ''}
 
     def _go_to(self, instant: float, *, playing: bool | None = None) -> None:
@@ -365,6 +365,6 @@ class Player(Source):
         if ghost is not None:
             ghost.close()
         if values:
-            self._ghost = WhatIfMotion(self._path, values, self.tell)
+            self._ghost = WhatIfMotion(self._path, values, self.send)
         else:
-            self.tell({'type': 'what_if', 'on': False, 'done': True, 'text': ''})
+            self.send({'type': 'what_if', 'on': False, 'done': True, 'text': ''})

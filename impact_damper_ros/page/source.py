@@ -75,18 +75,18 @@ class Source:
         """Return the messages that a new page needs, after the first one."""
         return [{'type': 'status', 'state': 'gone', 'text': 'no rig', 'time': None}]
 
-    def tell(self, message: dict[str, Any]) -> None:
+    def send(self, message: dict[str, Any]) -> None:
         """Send a message to all pages that show it."""
         for client in self.clients:
             client.put(message)
 
-    def tell_theory(self, document: dict[str, Any]) -> None:
+    def send_theory(self, document: dict[str, Any]) -> None:
         """Send what is new in a document of `theory.documents`."""
         for kind, before in self.theory.items():
             now = document.get(kind) or _UNKNOWN[kind]
             if now != before:
                 self.theory[kind] = now
-                self.tell(now)
+                self.send(now)
 
     def tick(self) -> None:
         """Take in what is new; 60 times a second."""

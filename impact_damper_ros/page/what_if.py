@@ -26,25 +26,25 @@ class WhatIfMotion:
     """
     The motion of the other rig, as far as it has been computed.
 
-    `values` are the parameters that are held; `tell` is called with each message for the page.
+    `values` are the parameters that are held; `send` is called with each message for the page.
     """
 
     def __init__(
-        self, path: Path, values: Mapping[str, Any], tell: Callable[[dict[str, Any]], None]
+        self, path: Path, values: Mapping[str, Any], send: Callable[[dict[str, Any]], None]
     ) -> None:
         self.motion = Motion(MOST_SAMPLES, MOST_IMPACTS)
         self._values = dict(values)
-        self._tell = tell
+        self._send = send
         self._done = False
         # What both rigs amount to, once that is known
         self._totals: dict[str, Any] = {}
         self._call = BackgroundCall(_computed, path, self._values, patience=0.0)
-        self._say('computing')
+        self._report('computing')
 
-    def _say(self, text: str, *, on: bool = True, done: bool = False) -> None:
+    def _report(self, text: str, *, on: bool = True, done: bool = False) -> None:
         samples = self.motion.samples
         until = float(samples[-1, 0]) if len(samples) else None
-        self._tell(
+        self._send(
             {
                 'type': 'what_if',
                 'on': on,
@@ -62,15 +62,17 @@ class WhatIfMotion:
             if kind == 'end':
                 self._done = True
                 ok, text, self._totals = content
-                self._say(text, on=ok, done=True)
+                self._report(text, on=ok, done=True)
             elif kind == 'impacts':
                 self.motion.add_impacts(content)
             else:
                 self.motion.add_samples(content)
-                self._say('computing')
+                self._report('computing')
         if self._call.end and not self._done:
             self._done = True
-            self._say('the process of the what-if ended early: try it again', on=False, done=True)
+            self._report(
+                'the process of the what-if ended early: try it again', on=False, done=True
+            )
 
     def close(self) -> None:
         """End the process."""

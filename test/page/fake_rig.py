@@ -33,7 +33,7 @@ def diagnostics(*statuses):
 
 
 class FakeLink:
-    """A node that runs as far as it is told to."""
+    """A node that runs on by hand."""
 
     def __init__(self, name='/sim_node', rig=None, reason='start'):
         self.name = name

@@ -173,7 +173,7 @@ def test_what_is_typed_is_read_with_its_unit(opened, parameters):
     page.expect('#rig-line').to_contain_text('4.000')
     page.key('Enter')
     until(lambda: frequency() == pytest.approx(6.0))
-    # What is usual is said where something is typed.
+    # What is usual is shown where something is typed.
     page('#knob-gap').focus()
     page.expect('#knob-gap-error').to_contain_text('Units: m, cm, mm')
     # What is typed stays also where the slider gets another end.
@@ -348,17 +348,17 @@ def test_sound_makes_a_click_at_each_impact(opened):
     events = []
     protocol = page.protocol()
     for name in ('audioNodeCreated', 'nodesConnected', 'contextChanged'):
-        protocol.on(f'WebAudio.{name}', lambda told, name=name: events.append((name, told)))
+        protocol.on(f'WebAudio.{name}', lambda event, name=name: events.append((name, event)))
     protocol.send('WebAudio.enable')
 
     def made(kind):
         page.run('0')
-        nodes = [told['node'] for name, told in events if name == 'audioNodeCreated']
+        nodes = [event['node'] for name, event in events if name == 'audioNodeCreated']
         return [node['nodeId'] for node in nodes if node['nodeType'] == kind]
 
     def states():
         page.run('0')
-        return [told['context']['contextState'] for n, told in events if n == 'contextChanged']
+        return [event['context']['contextState'] for n, event in events if n == 'contextChanged']
 
     # No sound, and nothing that could make one, before it is asked for
     frames = page.run('impactDamper.received.frames')
