@@ -21,7 +21,7 @@ import secrets
 import zlib
 from collections.abc import Mapping
 from functools import cache
-from math import cos, expm1, sin
+from math import atan2, cos, expm1, log, sin
 from struct import pack
 from typing import Any
 
@@ -41,6 +41,8 @@ def mathematics() -> int:
     Other C libraries and processors round them differently, so that a rig has other last bits.
     """
     numbers = [f(s * a) for a in _ARGUMENTS for f, s in ((sin, 1.0), (cos, 1.0), (expm1, -0.02))]
+    # Of the noise of the sensors and of the phase that they estimate
+    numbers += [value for a in _ARGUMENTS for value in (log(a), atan2(a - 100.0, 7.0))]
     return zlib.crc32(pack(f'<{len(numbers)}d', *numbers))
 
 

@@ -93,15 +93,10 @@ class Setting(NamedTuple):
 
 
 class Head(NamedTuple):
-    """
-    Which snapshot of which run a snapshot is, and when it was taken.
-
-    `run` is empty in a snapshot of a version that did not name its runs.
-    """
+    """Which snapshot of which run a snapshot is, and when it was taken."""
 
     run: str
     number: int
-    reason: str
     offset_ns: int
     time_ns: int
 
@@ -109,10 +104,6 @@ class Head(NamedTuple):
     def stamp_ns(self) -> int:
         """Its stamp."""
         return self.offset_ns + self.time_ns
-
-    def starts_after(self, other: Head) -> bool:
-        """Return whether a rig that published another snapshot before was started anew here."""
-        return self.reason == 'start' and self.number <= other.number
 
 
 #: What is done to a rig: parameters that change together, a reset, or stamps that move.
@@ -132,7 +123,7 @@ class Command(NamedTuple):
     number : int
         Of the snapshots of this rig.
     run : str
-        Identity of the run, if it is named.
+        Identity of the run.
     node : str
         Full name of the node.
     topics : mapping of str to str
@@ -255,8 +246,7 @@ def _head(held: dict[str, Any]) -> Head:
         raise ValueError(f'{text}: stamps of ROS end at {_LATEST_NS} ns')
     if type(held['number']) is not int:
         raise ValueError(f'number is {shown(held["number"])}: it must be a whole number')
-    run, reason = (_text(name, held.get(name, '')) for name in ('run', 'reason'))
-    return Head(run, held['number'], as_line(reason), offset_ns, time_ns)
+    return Head(_text('run', held['run']), held['number'], offset_ns, time_ns)
 
 
 def _checked(held: dict[str, Any], law: OwnLaw | None) -> Command:
@@ -275,7 +265,7 @@ def _checked(held: dict[str, Any], law: OwnLaw | None) -> Command:
         head.stamp_ns,
         head.offset_ns,
         head.time_ns,
-        head.reason,
+        as_line(_text('reason', held['reason'])),
         head.number,
         run=head.run,
         node=_text('node', held['node']),

@@ -162,12 +162,7 @@ class RecordedRun:
                     continue
                 contents.add(record.content)
                 last = found[-1] if found else None
-                name = head.run or (last.head.run if last is not None else '')
-                if last is not None and not head.run and head.starts_after(last.head):
-                    # A version that did not name its runs
-                    name = f'{place}'
-                run = names.setdefault(name, len(names) + 1)
-                head = head._replace(run=name)
+                run = names.setdefault(head.run, len(names) + 1)
                 if last is None or run != last.run:
                     back, begun_ns = head.stamp_ns <= begun_ns, head.stamp_ns
                 else:
