@@ -15,7 +15,7 @@ from impact_damper_ros.compare.result import RunComparison
 from impact_damper_ros.outputs import check_directory, write_text
 from impact_damper_ros.parameters.quoting import printable
 from impact_damper_ros.replay.run import RecordedRun
-from impact_damper_ros.report.text_report import comparison_text
+from impact_damper_ros.report.text_report import comparison_markdown, comparison_text
 
 from .command_line import (
     add_bag_argument,
@@ -75,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
         help='score the control of one or several recordings, each beside the same run with the '
         'best fixed gap and without damper',
     )
-    add_path_option(parser, '--markdown', 'with --score: write the table (- : stdout)')
+    add_path_option(parser, '--markdown', 'write all tables as Markdown (- : stdout)')
     add_path_option(parser, '--figure', 'with --score: draw the amplitudes of all recordings')
     add_quiet_option(parser, 'tables')
     return parser
@@ -162,7 +162,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     parser = _parser()
     arguments = parser.parse_args(argv)
-    ignored = ('report',) if arguments.score else ('markdown', 'figure')
+    ignored = ('report',) if arguments.score else ('figure',)
     for name in ignored:
         if getattr(arguments, name) is not None:
             only = 'without' if arguments.score else 'with'
@@ -182,7 +182,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         found = [_compared(arguments, run) for run in runs]
         results = [comparison.as_dict() for comparison in found]
         write_json(arguments.json, results[0] if len(found) == 1 else {'runs': results})
-        stream = text_stream(arguments.json)
+        if arguments.markdown is not None:
+            text = '\n'.join(map(comparison_markdown, found))
+            write_text(arguments.markdown, printable(text) + '\n')
+        taken = arguments.json if str(arguments.markdown) != '-' else arguments.markdown
+        stream = text_stream(taken)
         if not arguments.quiet:
             print(printable('\n\n'.join(map(comparison_text, found))), file=stream)
         if arguments.report is not None:

@@ -7,12 +7,12 @@ import cmath
 import math
 from collections.abc import Callable, Collection, Sequence
 
-from impact_damper_ros.compare import Overall, StretchComparison
+from impact_damper_ros.compare import Overall, RunComparison, StretchComparison
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
-from .formatting import NONE, instant, number, setting, unit_for
+from .formatting import NONE, Unit, instant, number, setting, unit_for
 from .table import Column, Table
 
 #: Changes that are named where a stretch begins; impacts of a period that are listed.
@@ -128,20 +128,17 @@ def overall_table(
     return Table(heads, [('', rows)], 'Swing, impacts and energy', text + note)
 
 
-def _pair(
-    name: str, unit: str, measured: float, predicted: float, apart: float | None = None
-) -> tuple[str, ...]:
+def _pair(name: str, unit: str, measured: float, predicted: float) -> tuple[str, ...]:
     """Return a row with a measured and a predicted value."""
     factor, handy = 1.0, unit
     if unit not in ('', 'cycles'):
         factor, handy = unit_for(unit, measured, predicted)
-    far = measured - predicted if apart is None else apart
     values = (number(factor * value, 7) for value in (measured, predicted))
-    return name, *values, number(factor * far, 2), handy
+    return name, *values, number(factor * (measured - predicted), 2), handy
 
 
 def comparison_table(stretch: StretchComparison) -> Table | None:
-    """Return the table of measured and predicted values; None if nothing was measured."""
+    """Return what was measured and predicted of a motion; None if nothing was measured."""
     measured, orbit = stretch.measured, stretch.predicted
     if measured is None:
         return None
@@ -157,28 +154,52 @@ def comparison_table(stretch: StretchComparison) -> Table | None:
         _pair('impacts per cycle', '', measured.impacts_per_cycle, per_cycle),
         _pair('mean impulse', 'N s', measured.mean_impulse, impulse),
     ]
+    note = ''
     if stretch.decay is not None:
         decay = stretch.decay
         whole.append(_pair('decay per period', '', decay.measured, decay.predicted))
-    span = f'{instant(measured.start)} s to {instant(measured.end)} s'
-    groups = [(f'Motion, measured from {span}', whole)]
-    last, note = measured.last_period, ''
-    for i, stop in enumerate([] if last is None else last.stops[:_MOST_IMPACTS]):
-        rows = []
-        for field, name, unit in _AT_IMPACTS:
-            source = stretch.predicted_impulse if field == 'impulse' else getattr(orbit, field, ())
-            one, other = (_entry(values, i) for values in (getattr(last, field), source))
-            apart = None
-            if field == 'phases' and orbit is not None:
-                # The same instant may be counted from another cycle of the force.
-                apart = math.remainder(one - other, orbit.cycles)
-            rows.append(_pair(name, unit, one, other, apart))
-        groups.append((f'Impact {i + 1}, on stop {stop}', rows))
-    if last is not None and len(last.stops) > _MOST_IMPACTS:
-        note = f'The first {_MOST_IMPACTS} of {len(last.stops)} impacts of the period.'
+        if decay.periods:
+            note = f'The decay is that of {counted(decay.periods, "period")}. '
+        note += f'At the end the motion is {number(decay.distance, 2)} of its size from the '
+        note += f'predicted one; the digits resolve {number(decay.floor, 1)}.'
     names = 'measured', 'predicted', 'difference'
     columns = [Column('quantity', 'text'), *map(Column, names), Column('unit', 'text')]
+    span = f'{instant(measured.start)} s to {instant(measured.end)} s'
+    groups = [(f'Motion, measured from {span}', whole)]
     return Table(columns, groups, 'Measured and predicted', note)
+
+
+def impact_table(stretch: StretchComparison) -> Table | None:
+    """Return the impacts of the last period, measured and predicted; None if it has no period."""
+    orbit = stretch.predicted
+    last = None if stretch.measured is None else stretch.measured.last_period
+    if last is None or not last.stops:
+        return None
+    columns, heads = [], [Column('', 'text')]
+    for field, name, unit in _AT_IMPACTS:
+        there = getattr(last, field)
+        here = stretch.predicted_impulse if field == 'impulse' else getattr(orbit, field, ())
+        handy = unit_for(unit, there, here) if unit != 'cycles' else Unit(1.0, unit)
+        heads.append(Column(f'{name} [{handy.name}]'))
+        columns.append((field, handy.factor, there, here))
+    groups = []
+    for i, stop in enumerate(last.stops[:_MOST_IMPACTS]):
+        rows: list[list[str]] = [['measured'], ['predicted'], ['difference']]
+        for field, factor, there, here in columns:
+            one, other = _entry(there, i), _entry(here, i)
+            apart = one - other
+            if field == 'phases' and orbit is not None:
+                # The same instant may be counted from another cycle of the force.
+                apart = math.remainder(apart, orbit.cycles)
+            digits = (9, 9, 2) if field == 'phases' else (7, 7, 2)
+            for row, value, count in zip(rows, (one, other, apart), digits, strict=True):
+                row.append(number(factor * value, count))
+        shown = rows if orbit is not None else rows[:1]
+        groups.append((f'Impact {i + 1}, on stop {stop}', shown))
+    note = ''
+    if len(last.stops) > _MOST_IMPACTS:
+        note = f'The first {_MOST_IMPACTS} of {len(last.stops)} impacts of the period.'
+    return Table(heads, groups, 'Impacts of the last period', note)
 
 
 def _entry(values: Sequence[float], index: int) -> float:
@@ -261,3 +282,22 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
     lines = [(n, values[n], units[n], earlier.get(n, NONE)) for n in changed]
     note = f'All others are those of stretch {before.number}.'
     return Table([*columns, Column('before')], [('', lines)], 'Changed parameters', note)
+
+
+def stretch_tables(stretch: StretchComparison, before: StretchComparison | None) -> list[Table]:
+    """Return all tables of a stretch, given the one before it."""
+    tables = (
+        impact_table(stretch),
+        comparison_table(stretch),
+        energy_table(stretch),
+        multiplier_table(stretch),
+        parameter_table(stretch, before),
+    )
+    return [table for table in tables if table is not None]
+
+
+def run_tables(comparison: RunComparison) -> list[Table]:
+    """Return the tables of a run as a whole."""
+    stretches = comparison.stretches
+    whole = overall_table(stretches, comparison.overall, '')
+    return [overview_table(stretches, (), ''), *([] if whole is None else [whole])]

@@ -31,6 +31,7 @@ from .comparison_tables import (
     cause_of,
     comparison_table,
     energy_table,
+    impact_table,
     motion_of,
     multiplier_table,
     overall_table,
@@ -182,6 +183,7 @@ def _detail(stretch: StretchComparison, before: StretchComparison | None) -> dic
         'tiles': list(_tiles(stretch)),
         'pictures': pictures,
         'missing': f'Not drawn: {"; ".join(missing)}.' if missing and pictures else '',
+        'impacts': impact_table(stretch),
         'columns': [
             [comparison_table(stretch), multiplier_table(stretch)],
             [energy_table(stretch), parameter_table(stretch, before)],

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -34,27 +35,60 @@ class Table:
         columns = [Column(*pair) for pair in zip(head, kinds, strict=True)]
         return cls(columns, [('', list(rows))])
 
+    def _shown(self, cells: Iterable[Any]) -> list[str]:
+        """Return the texts of cells; bars have none."""
+        pairs = zip(cells, self.columns, strict=True)
+        return [str(getattr(c, 'value', c)) for c, column in pairs if column.kind != 'bars']
+
     @property
-    def _lines(self) -> list[list[str]]:
-        rows = [row for _, rows in self.groups for row in rows]
-        return [[column.title for column in self.columns], *(list(map(str, r)) for r in rows)]
+    def _head(self) -> list[str]:
+        return self._shown(column.title for column in self.columns)
+
+    def _groups(self) -> Iterator[tuple[str, list[list[str]]]]:
+        """Yield the groups that have rows, as texts."""
+        for title, rows in self.groups:
+            if rows:
+                yield title, [self._shown(row) for row in rows]
 
     def text(self, indent: str = '') -> str:
         """Return it as text: numbers to the right."""
-        widths = [max(map(len, cells)) for cells in zip(*self._lines, strict=True)]
+        groups = list(self._groups())
+        lines = [self._head, *(row for _, rows in groups for row in rows)]
+        widths = [max(map(len, cells)) for cells in zip(*lines, strict=True)]
+        numbers = [column.kind == 'number' for column in self.columns if column.kind != 'bars']
 
         def line(cells: Sequence[str]) -> str:
-            parts = zip(cells, widths, self.columns, strict=True)
-            aligned = (
-                cell.rjust(width) if column.kind == 'number' else cell.ljust(width)
-                for cell, width, column in parts
-            )
+            parts = zip(cells, widths, numbers, strict=True)
+            aligned = (c.rjust(width) if right else c.ljust(width) for c, width, right in parts)
             return (indent + '  '.join(aligned)).rstrip()
 
-        return '\n'.join(map(line, self._lines))
+        found = [line(self._head)]
+        for title, rows in groups:
+            found += [f'{indent}{title}'] * bool(title) + list(map(line, rows))
+        return '\n'.join(found)
+
+    def described(self, indent: str = '') -> str:
+        """Return it as text with its caption before and its note behind it."""
+        note = textwrap.wrap(self.note, 99 - len(indent), break_long_words=False)
+        lines = [f'{indent}{self.caption}', self.text(f'{indent}  ')]
+        return '\n'.join([*lines, *(f'{indent}  {line}' for line in note)])
+
+    def section(self) -> str:
+        """Return it in Markdown with its caption as a heading and its note behind it."""
+        return '\n\n'.join(
+            filter(None, [f'### {self.caption}', self.markdown(), self.note.strip()])
+        )
 
     def markdown(self) -> str:
         """Return it in Markdown, without an end of line after the last row."""
-        head, *rows = ([cell.replace('|', '\\|') for cell in line] for line in self._lines)
-        lines = [head, ['---'] * len(head), *rows]
+        head, *more = (
+            [c.replace('|', '\\|') for c in line] for line in [self._head, *self._rows()]
+        )
+        lines = [head, ['---'] * len(head), *more]
         return '\n'.join(f'| {" | ".join(line)} |' for line in lines)
+
+    def _rows(self) -> Iterator[list[str]]:
+        for title, rows in self._groups():
+            if title:
+                yield [f'*{title}*', *[''] * (len(self._head) - 1)]
+            yield from rows

@@ -69,14 +69,23 @@ def test_what_it_says(bag, tmp_path, capsys):
     for words in (
         'stretch 2    24.005 s to 48.005 s; begins with: gap = 0.021 m (was 0.024 m)',
         'periodic, 2 impacts in 1 cycle, stops 1,2, settled at',
-        'phase [cycles]           X [m]',
-        'Xmax/A 0.107195',
-        'energy     force',
+        'phase [cycles]     X [mm]',
+        'Impact 1, on stop 1',
+        'Energy balance',
+        'work of the force',
         'largest multiplier 0.8711',
+        'Swing, impacts and energy',
         'verdict    agrees',
         'in all       2 agrees',
     ):
         assert words in text
+    # The same tables in Markdown
+    markdown = tmp_path / 'tables.md'
+    assert main([str(bag), '--quiet', '--markdown', str(markdown)]) == 0
+    written = markdown.read_text()
+    assert written.count('### Energy balance') == 3
+    assert '| work of the force |' in written
+    assert '| *Impact 1, on stop 1* |' in written
     # A single file, too
     (file,) = bag.glob('*.mcap')
     code, alone = run(file, tmp_path)

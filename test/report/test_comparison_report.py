@@ -142,17 +142,22 @@ def test_what_is_predicted_stands_beside_what_was_measured(run, page):
     assert named['largest |X|'][1:3] == ['5.072124', '5.072124']
     assert named['Xmax / A'][1:3] == ['0.2113439', '0.2113439']
     assert named['decay per period'][1:3] == ['0.9410476', '0.9410652']
-    first = rows.index(['Impact 1, on stop 1'])
-    phase, x = rows[first + 1], rows[first + 2]
-    assert phase[:3] == ['phase', '0.757995', '0.757995']
-    assert (float(phase[3].replace('−', '-')) < 1e-9, phase[4]) == (True, 'cycles')
-    assert x[:3] == ['X', '4.13214', '4.13214']
-    # A wrong impact is told with its sign, in the same unit.
+    impacts = rows_of(section(parsed(page), 1), 'Impacts of the last period')
+    assert impacts[0][1:3] == ['phase [cycles]', 'X [m]']
+    first = impacts.index(['Impact 1, on stop 1'])
+    for row, name in zip(impacts[first + 1 : first + 3], ('measured', 'predicted'), strict=True):
+        assert (row[0], float(row[1]), row[2]) == (
+            name,
+            pytest.approx(0.757995, abs=5e-7),
+            '4.13214',
+        )
+    assert float(impacts[first + 3][1].replace('−', '-')) < 1e-9
+    # A wrong impact has its sign, in the same unit.
     last = run.stretches[0].measured.last_period
     wrong = dataclasses.replace(last, x=(last.x[0] - 0.002, last.x[1]))
     measured = dataclasses.replace(run.stretches[0].measured, last_period=wrong)
-    other = rows_of(section(parsed(report_page(alone(run, 1, measured=measured))), 1), 'Measured')
-    assert other[first + 2] == ['X', '4.13014', '4.13214', '−0.002', 'm']
+    other = rows_of(section(parsed(report_page(alone(run, 1, measured=measured))), 1), 'Impacts')
+    assert [row[2] for row in other[first + 1 : first + 4]] == ['4.13014', '4.13214', '−0.002']
 
 
 def test_phases_are_compared_around_the_clock(run):
@@ -161,9 +166,8 @@ def test_phases_are_compared_around_the_clock(run):
     turned = dataclasses.replace(last, phases=(0.001, 0.2698))
     measured = dataclasses.replace(run.stretches[0].measured, last_period=turned)
     page = report_page(alone(run, 1, measured=measured, predicted=orbit))
-    rows = rows_of(section(parsed(page), 1), 'Measured')
-    phases = [row for row in rows if row[0] == 'phase']
-    assert phases[0][1:4] == ['0.001', '0.999', '0.002']
+    rows = rows_of(section(parsed(page), 1), 'Impacts')
+    assert [row[1] for row in rows[2:5]] == ['0.001', '0.999', '0.002']
 
 
 def test_energy_adds_up_on_the_page(run, page):

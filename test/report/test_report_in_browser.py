@@ -103,7 +103,8 @@ def test_every_plot_is_seen(browser, report, tmp_path, width):
     assert seen['clipped'] == seen['cut'] == 0
     # No part of the page is beyond an edge without a word.
     assert seen['unsaid'] == []
-    assert seen['hints'] == (2 if width < 700 else 0)
+    # Two tables of the run, and the impacts of each stretch
+    assert seen['hints'] == (2 + 3 if width < 700 else 0)
     names = [plot[0] for plot in seen['plots']]
     assert len(names) == 1 + 7 + 7 + 4
     assert 'Poincaré section, stretch 1' in names

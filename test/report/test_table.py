@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from impact_damper_ros.compare import Verdict
 from impact_damper_ros.report.formatting import instant, number, quantity, setting, unit_for
 from impact_damper_ros.report.table import Column, Table
 
@@ -20,7 +21,7 @@ def test_a_table_as_text_and_markdown():
         '| name | X [m] |\n| --- | --- |\n| first | 0.5 |\n| second one | -12.25 |'
     )
     grouped = Table([Column('a', 'text')], [('one', [('x',)]), ('two', [('y',)])])
-    assert grouped.text() == 'a\nx\ny'
+    assert grouped.text() == 'a\none\nx\ntwo\ny'
 
 
 @pytest.mark.parametrize(
@@ -44,3 +45,24 @@ def test_a_table_as_text_and_markdown():
 )
 def test_numbers_for_readers(shown, expected):
     assert shown == expected
+
+
+def test_groups_and_bars_as_text_and_markdown():
+    """Groups have their titles; bars are for pages, and verdicts are words."""
+    columns = [Column('', 'text'), Column('J'), Column('', 'bars'), Column('verdict', 'verdict')]
+    groups = [
+        ('Input', [('force', '9.5', '100', Verdict.AGREES)]),
+        ('Output', []),
+        ('', [('x', '1', '3', 'a|b')]),
+    ]
+    table = Table(columns, groups, 'Energy', 'Mean of 3.')
+    assert table.text() == '         J  verdict\nInput\nforce  9.5  agrees\nx        1  a|b'
+    assert table.described().splitlines()[0::5] == ['Energy', '  Mean of 3.']
+    assert table.markdown().splitlines() == [
+        '|  | J | verdict |',
+        '| --- | --- | --- |',
+        '| *Input* |  |  |',
+        '| force | 9.5 | agrees |',
+        '| x | 1 | a\\|b |',
+    ]
+    assert table.section().startswith('### Energy\n\n|  | J |')
