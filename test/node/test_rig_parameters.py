@@ -18,6 +18,7 @@ from impact_damper_ros.node.parameters import (
     parameters_from_overrides,
     promoted,
 )
+from impact_damper_ros.parameters.parameters_file import values_given
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS
 
 Type = Parameter.Type
@@ -251,6 +252,40 @@ def test_the_rig_of_a_file_is_that_which_ros_gives_the_node(entries, encoding, t
             else:
                 with pytest.raises(ParametersFileError, match=f'no parameters for {name} among'):
                     load_parameters(path, node=name)
+    finally:
+        context.try_shutdown()
+
+
+#: Arguments, with files by the names of their `ENTRIES`.
+GIVEN = [
+    'FILE in common -p gap:=9.0',
+    'FILE in common, last -p gap:=9.0',
+    '-p gap:=9.0 FILE in common',
+    'FILE in common -p sim_node:gap:=9.0 -p friction:=0.2',
+    'FILE bare name FILE in common -p angle:=0.2 -p angle:=0.3',
+    'FILE in common FILE bare name --param other:gap:=8.0',
+]
+
+
+@pytest.mark.parametrize('given', GIVEN)
+def test_files_and_the_command_line_count_as_in_ros(given, tmp_path):
+    words = []
+    for part in re.split(r'(FILE [a-z ,]+?(?= FILE| -|$))', given):
+        if part.startswith('FILE'):
+            path = tmp_path / f'{part[5:]}.yaml'
+            path.write_text(re.sub(r'\{(.+)\}', r'{ros__parameters: {\1}}', ENTRIES[part[5:]]))
+            words += ['--params-file', str(path)]
+        else:
+            words += part.split()
+    context = Context()
+    context.init(['--ros-args', *words])
+    try:
+        for namespace in NAMESPACES:
+            node = Node('sim_node', namespace=namespace, context=context, enable_rosout=False)
+            of_ros = {p: value.value for p, value in node._parameter_overrides.items()}
+            name = node.get_fully_qualified_name()
+            node.destroy_node()
+            assert values_given(['--ros-args', *words], name)[0] == of_ros
     finally:
         context.try_shutdown()
 
