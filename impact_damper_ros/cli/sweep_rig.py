@@ -413,7 +413,9 @@ def _report(table: pd.DataFrame, arguments: argparse.Namespace) -> int:
         missed = optimum is None and arguments.optimum != 'none' and not summary['attractors']
         if missed and summary['failed'] < summary['rigs']:
             why = f'no motion has {arguments.measure}: give another --measure'
-            if not table.settled.fillna(False).any():
+            if 'gap_control' in table.attrs['inputs']:
+                why += '; under gap control exponents and multipliers are not measured'
+            elif not table.settled.fillna(False).any():
                 why = 'no motion repeats: give more --cycles'
             print(f'  no optimum, since {why}', file=sys.stderr)
     return _ALL_FAILED if summary['failed'] == summary['rigs'] else 0

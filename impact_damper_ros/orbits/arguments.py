@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from impact_damper_ros.motion.state import constants_of
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
+
+from .flights import Machine, machine_of
 
 #: Most impacts in a period for which all stop sequences are listed.
 MOST_LISTED_IMPACTS = 6
@@ -115,22 +116,22 @@ def check_stops(parameters: RigParameters, stops: Sequence[int]) -> None:
         )
 
 
-def pressed_to(parameters: RigParameters, stop: int) -> bool:
+def pressed_to(machine: Machine, stop: int) -> bool:
     """Return whether weight, friction or air can press m to a stop, on average of a period."""
-    machine, _ = constants_of(parameters)
-    weight = machine.slope if stop == 1 else -machine.slope
-    return weight - machine.air + machine.grip > 0.0
+    constants = machine.constants
+    weight = constants.slope if stop == 1 else -constants.slope
+    return weight - constants.air + constants.grip > 0.0
 
 
-def symmetric(parameters: RigParameters) -> bool:
+def symmetric(machine: Machine) -> bool:
     """Return whether the mirror image of each motion, half a cycle later, is another one."""
-    machine, lines = constants_of(parameters)
-    first = parameters.first_harmonic[1]
-    turns = [line.frequency / first for line in lines[: machine.harmonics] if line.force != 0.0]
+    constants, lines = machine
+    own = lines[: constants.harmonics]
+    turns = [line.frequency / own[0].frequency for line in own if line.force != 0.0]
     return (
-        not parameters.one_sided
-        and machine.slope == 0.0
-        and machine.restitution_1 == machine.restitution_2
+        not constants.one_sided
+        and constants.slope == 0.0
+        and constants.restitution_1 == constants.restitution_2
         and all(turn % 2.0 == 1.0 for turn in turns)
     )
 
@@ -165,7 +166,7 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
             f'{impacts} impacts have too many stop sequences to try all: name one, such as '
             f'{",".join("12"[i % 2] for i in range(impacts))}'
         )
-    found = {(stop,) * impacts for stop in (1, 2) if pressed_to(parameters, stop)}
+    found = {(stop,) * impacts for stop in (1, 2) if pressed_to(machine_of(parameters), stop)}
     for code in range(1, 2**impacts - 1):
         word = tuple(1 + (code >> i) % 2 for i in range(impacts))
         found.add(min(word[i:] + word[:i] for i in range(impacts)))

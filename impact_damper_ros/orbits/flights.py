@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import inf
 from operator import attrgetter
 from typing import NamedTuple
@@ -58,8 +59,10 @@ class Machine(NamedTuple):
     lines: list[Line]
 
 
+# A search needs them for each guess
+@lru_cache(maxsize=64)
 def machine_of(parameters: RigParameters) -> Machine:
-    """Return the constants of a rig."""
+    """Return the constants of a rig, which must not be changed."""
     return Machine(*constants_of(parameters))
 
 

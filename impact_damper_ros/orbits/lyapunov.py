@@ -89,7 +89,7 @@ def deviations(flights: Flights, start: float, end: float) -> Deviations:
 
     The run, whose rows have modes, may begin before the stretch and reach beyond it.
     """
-    rig, laws, rows = flights.machine.constants, flights.laws, flights.rows
+    constants, laws, rows = flights.machine.constants, flights.laws, flights.rows
     events = rows[1:-1]
     time, kind, stop = events['time'], events['kind'], events['stop']
     impact = kind == EventKind.IMPACT
@@ -98,17 +98,17 @@ def deviations(flights: Flights, start: float, end: float) -> Deviations:
 
     def rates(flight: slice, side: str) -> Array:
         """Return the rates of the state at the events, in the flights before or after them."""
-        velocity, relative = velocities_of(events, side, joint[flight], rig.share)
-        drive = (force + push[flight]) * np.where(joint[flight], 1.0 - rig.share, 1.0)
+        velocity, relative = velocities_of(events, side, joint[flight], constants.share)
+        drive = (force + push[flight]) * np.where(joint[flight], 1.0 - constants.share, 1.0)
         along = FlightLaws(*(part[flight] for part in laws))
         return along.rates(events['x'], velocity, relative, drive)
 
-    restitution = np.where(stop == 1, rig.restitution_1, rig.restitution_2)
+    restitution = np.where(stop == 1, constants.restitution_1, constants.restitution_2)
     halts = np.isin(kind, (EventKind.REVERSAL, EventKind.STICK, EventKind.REST))
     # Plastic, or the cut of a chatter: all the impacts to come are one
     restitution = np.where(joint[1:], 0.0, restitution)
     matrices = event_matrices(
-        jumps(rig.share, impact, restitution),
+        jumps(constants.share, impact, restitution),
         impact,
         rates(slice(0, -1), 'before'),
         rates(slice(1, None), 'after'),

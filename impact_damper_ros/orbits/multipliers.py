@@ -63,23 +63,25 @@ class FlightLaws(NamedTuple):
     moves: Array  # 1 where m moves by itself, 0 where it moves as one with M
 
     @classmethod
-    def of(cls, rig: RigConstants, joint: Mask, direction: Array, away: Array) -> Self:
+    def of(cls, constants: RigConstants, joint: Mask, direction: Array, away: Array) -> Self:
         """
         Return the laws of flights.
 
         Given are whether M and m move as one, the paper's lambda, and the direction in which the
         air drives m.
         """
-        friction, air = direction * rig.grip, away * rig.air
+        friction, air = direction * constants.grip, away * constants.air
         moves = np.where(joint, 0.0, 1.0)
         decay, damped, stiffness = (
-            np.where(joint, getattr(rig.joint, name), getattr(rig.free, name))
+            np.where(joint, getattr(constants.joint, name), getattr(constants.free, name))
             for name in ('decay', 'frequency', 'omega_squared')
         )
         return cls(
             *(decay, damped, stiffness),
-            np.where(joint, rig.share * rig.slope, rig.mass_ratio * (friction - air)),
-            moves * (rig.slope - friction + air),
+            np.where(
+                joint, constants.share * constants.slope, constants.mass_ratio * (friction - air)
+            ),
+            moves * (constants.slope - friction + air),
             moves,
         )
 

@@ -30,7 +30,7 @@ from .arguments import (
     single_harmonic,
     symmetric,
 )
-from .flights import machine_of
+from .flights import Machine, machine_of
 from .orbit import AT_IMPACTS, PeriodicOrbit
 from .segments import Solution
 from .solved_orbits import after_impact, guess_along, orbit_at, orbit_of, solved
@@ -137,17 +137,18 @@ def _distinct(
     return kept
 
 
-def within_theory(parameters: RigParameters, stops: tuple[int, ...]) -> bool:
+def within_theory(machine: Machine, stops: tuple[int, ...]) -> bool:
     """Return whether friction is absent, or keeps its sign from impact to impact."""
     alternating = all(a != b for a, b in zip(stops, stops[1:] + stops[:1], strict=True))
-    return alternating or machine_of(parameters).constants.grip == 0.0
+    return alternating or machine.constants.grip == 0.0
 
 
-def may_rest_or_reverse(parameters: RigParameters, stops: tuple[int, ...]) -> bool:
+def may_rest_or_reverse(machine: Machine, stops: tuple[int, ...]) -> bool:
     """Return whether m is likely to reverse, stick or come to rest between these impacts."""
-    both = {1: parameters.restitution_1, 2: parameters.restitution_2}
+    constants = machine.constants
+    both = {1: constants.restitution_1, 2: constants.restitution_2}
     soft = min(both[stop] for stop in stops) < SOFT
-    return soft or len(stops) > 2 or machine_of(parameters).constants.grip > 0.0
+    return soft or len(stops) > 2 or constants.grip > 0.0
 
 
 def _theory(
@@ -157,7 +158,7 @@ def _theory(
     starts: int | None,
 ) -> tuple[list[PeriodicOrbit], StartReport]:
     """Solve from all starts, or many, that the impact equations give."""
-    report = StartReport(complete=not may_rest_or_reverse(parameters, stops))
+    report = StartReport(complete=not may_rest_or_reverse(machine_of(parameters), stops))
     equations = ImpactEquations(parameters, stops, cycles)
     if equations.impacts == 1:
         roots = one_impact_roots(equations)
@@ -259,7 +260,7 @@ def _repeated(
     for times in range(2, len(stops) + 1):
         word, k = stops[: len(stops) // times], cycles // times
         if word * times == stops and k * times == cycles and repeats_after(parameters, k):
-            yield from _found(parameters, word, k, starts, simulate=True).orbits
+            yield from _orbits_with(parameters, word, k, starts, simulate=True).orbits
 
 
 def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
@@ -341,13 +342,14 @@ def _simpler_orbits(
     The period of several harmonics may hold several of its periods, of which any may come first.
     """
     simple, single = _with_first_harmonic(parameters), single_harmonic(parameters)
-    if not within_theory(parameters, stops):
+    if not within_theory(machine_of(parameters), stops):
         simple = simple.replace(friction=0.0)
+    machine = machine_of(simple)
     for times in range(1, 2 if single else cycles + 1):
         word, k = stops[: len(stops) // times], cycles // times
         if word * times != stops or k * times != cycles:
             continue
-        if len(set(word)) == 1 and not pressed_to(simple, word[0]):
+        if len(set(word)) == 1 and not pressed_to(machine, word[0]):
             continue
         for orbit in filter(attrgetter('viable'), _theory(simple, word, k, starts)[0]):
             for first in range(1 if single else k):
@@ -414,7 +416,7 @@ def find_orbits(
         starts = whole_number('starts', starts, 0, 10_000_000)
     check_forcing(parameters, cycles)
     try:
-        return _found(parameters, stops, cycles, starts, simulate)
+        return _orbits_with(parameters, stops, cycles, starts, simulate)
     except np.linalg.LinAlgError as error:
         raise OrbitError(
             f'the equations of this rig have no solution in double precision ({error}): give '
@@ -424,7 +426,7 @@ def find_orbits(
 
 # Also for the searches of their multiples
 @lru_cache(maxsize=32)
-def _found(
+def _orbits_with(
     parameters: RigParameters,
     stops: tuple[int, ...],
     cycles: int,
@@ -434,11 +436,11 @@ def _found(
     """Find the periodic motions of a stop sequence that has been checked."""
     orbits: list[PeriodicOrbit] = []
     simpler: list[PeriodicOrbit] = []
-    report = StartReport(complete=False)
-    if single_harmonic(parameters) and within_theory(parameters, stops):
+    report, machine = StartReport(complete=False), machine_of(parameters)
+    if single_harmonic(parameters) and within_theory(machine, stops):
         parameters = _with_first_harmonic(parameters)
         orbits, report = _theory(parameters, stops, cycles, starts)
-        if not simulate or not may_rest_or_reverse(parameters, stops):
+        if not simulate or not may_rest_or_reverse(machine, stops):
             return OrbitSearch(tuple(orbits), report)
     else:
         simpler = list(_simpler_orbits(parameters, stops, cycles, starts))
@@ -446,6 +448,6 @@ def _found(
         parameters, stops, cycles, simpler, orbits, starts=starts, simulate=simulate
     )
     orbits += filter(None, others)
-    if symmetric(parameters):
+    if symmetric(machine):
         orbits += [orbit.mirrored() for orbit in orbits]
     return OrbitSearch(tuple(_distinct(orbits, stops)), report.with_guesses(others))

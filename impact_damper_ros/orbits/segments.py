@@ -223,30 +223,32 @@ class Segments:
         self.nodes = tuple(nodes)
         self.cycles = cycles
         self.machine = machine_of(parameters)
-        rig, lines = self.machine
+        constants, lines = self.machine
         self.cycle = math.tau / parameters.first_harmonic[1]
         self.period = cycles * self.cycle
-        self.rate = math.sqrt(rig.free.omega_squared)
+        self.rate = math.sqrt(constants.free.omega_squared)
         self.layout = layout = _layout(self.nodes)
         joint = layout.joint
-        self.laws = FlightLaws.of(rig, joint, layout.direction, layout.away)
-        acting = [h for h in range(rig.harmonics) if h == 0 or lines[h].force != 0.0]
+        self.laws = FlightLaws.of(constants, joint, layout.direction, layout.away)
+        acting = [h for h in range(constants.harmonics) if h == 0 or lines[h].force != 0.0]
         self._frequencies = np.array([lines[h].frequency for h in acting])
         self._phases = np.array([lines[h].phase for h in acting])
         free = np.array([lines[h].force for h in acting])
-        both = np.array([lines[rig.harmonics + h].force for h in acting])
+        both = np.array([lines[constants.harmonics + h].force for h in acting])
         self._forces: Array = np.where(joint[:, None], both, free)
         # The jump at each node, and the derivative of what m needs from its support
-        restitution = layout.bounce_1 * rig.restitution_1 + layout.bounce_2 * rig.restitution_2
+        restitution = (
+            layout.bounce_1 * constants.restitution_1 + layout.bounce_2 * constants.restitution_2
+        )
         self._jump = np.zeros((len(joint), 5, 4))
-        self._jump[:, :4] = jumps(rig.share, layout.impact, restitution)
+        self._jump[:, :4] = jumps(constants.share, layout.impact, restitution)
         self._jump[:, _NEED, _X] = -self.laws.stiffness[layout.last]
         self._jump[:, _NEED, _V] = -2.0 * self.laws.decay[layout.last]
-        air = rig.air * layout.away[layout.last]
-        self._need: Array = rig.slope + air + layout.gives_way * rig.grip
-        across = 0.0 if rig.one_sided else 2.0 * rig.half_gap
+        air = constants.air * layout.away[layout.last]
+        self._need: Array = constants.slope + air + layout.gives_way * constants.grip
+        across = 0.0 if constants.one_sided else 2.0 * constants.half_gap
         self._across = np.multiply(across, layout.across)
-        swing = abs(lines[0].force) / rig.free.omega_squared
+        swing = abs(lines[0].force) / constants.free.omega_squared
         fall = float(np.abs(self.laws.slide).max()) / parameters.first_harmonic[1] ** 2
         length = max(swing, fall, across if layout.both_hit else 0.0)
         self.set_units(length, length * self.rate, self.rate)

@@ -255,7 +255,7 @@ class SolutionCurve:
         """
         problem = self._segments(value)
         rig = problem.parameters
-        theory = single_harmonic(rig) and within_theory(rig, problem.stops)
+        theory = single_harmonic(rig) and within_theory(problem.machine, problem.stops)
         return not (self._of_impacts and theory)
 
     def value(self, place: Array) -> float:

@@ -170,7 +170,7 @@ def _guess_of_impacts(orbit: PeriodicOrbit) -> Guess:
 def orbit_of(solution: Solution) -> PeriodicOrbit:
     """Return the periodic motion that belongs to a solution of the boundary-value problem."""
     segments, states = solution.segments, solution.states
-    rig, cycle, cycles = segments.machine.constants, segments.cycle, segments.cycles
+    constants, cycle, cycles = segments.machine.constants, segments.cycle, segments.cycles
     impacts = [j for j, node in enumerate(segments.nodes) if node.kind is EventKind.IMPACT]
     # The whole periods before the first impact do not matter, and would cost digits; nor do its
     # whole cycles in the phases, under one harmonic.
@@ -194,8 +194,8 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
             events.append(OrbitEvent(node.kind, node.stop, phase))
             continue
         _, velocity, _, relative = (float(value) for value in before[j])
-        restitution = rig.restitution_1 if node.stop == 1 else rig.restitution_2
-        after = velocity + rig.share * (1.0 + restitution) * relative
+        restitution = constants.restitution_1 if node.stop == 1 else constants.restitution_2
+        after = velocity + constants.share * (1.0 + restitution) * relative
         row = (
             *(phase, float(states[j, 0]), velocity, after),
             *(velocity + relative, after - restitution * relative),

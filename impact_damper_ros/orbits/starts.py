@@ -24,10 +24,10 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from impact_damper_ros.motion.state import constants_of
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .arguments import OrbitError, check_forcing, check_stops
+from .flights import machine_of
 from .response import Array, forced_response, free_response
 from .segments import Segments, Solution, impact_nodes, solve
 
@@ -68,7 +68,7 @@ class ImpactEquations:
     def __init__(self, parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:
         check_forcing(parameters)
         check_stops(parameters, stops)
-        machine, lines = constants_of(parameters)
+        constants, lines = machine_of(parameters)
         self.parameters = parameters
         self.stops = stops
         self.cycles = cycles
@@ -79,30 +79,30 @@ class ImpactEquations:
         self.period = cycles * self.cycle
         # The paper's lambda of the flight after each impact; 0 if it returns to the same stop
         self.directions = tuple(a - b for a, b in zip(stops, stops[1:] + stops[:1], strict=True))
-        if machine.grip > 0.0 and 0 in self.directions:
+        if constants.grip > 0.0 and 0 in self.directions:
             raise OrbitError(
                 f'stop sequence {",".join(map(str, stops))} with friction '
                 f'{parameters.friction:g}: a flight that returns to the same stop reverses, and '
                 'friction with it; use find_orbits'
             )
-        mass_ratio = machine.mass_ratio
+        mass_ratio = constants.mass_ratio
         first = np.array(stops) == 1
-        restitution = np.where(first, machine.restitution_1, machine.restitution_2)
+        restitution = np.where(first, constants.restitution_1, constants.restitution_2)
         # M's velocities at an impact from those of m just after and just before it
         self._before_from_after = (1.0 + mass_ratio) / (1.0 + restitution)
         self._before_from_before = (restitution - mass_ratio) / (1.0 + restitution)
         self._after_from_after = (1.0 - mass_ratio * restitution) / (1.0 + restitution)
         self._after_from_before = (1.0 + mass_ratio) * restitution / (1.0 + restitution)
         direction = np.array(self.directions)
-        self.air: Array = np.where(first, -machine.air, machine.air)
-        self.accelerations: Array = machine.slope - direction * machine.grip + self.air
-        self.pushes: Array = mass_ratio * (direction * machine.grip - self.air)
+        self.air: Array = np.where(first, -constants.air, constants.air)
+        self.accelerations: Array = constants.slope - direction * constants.grip + self.air
+        self.pushes: Array = mass_ratio * (direction * constants.grip - self.air)
         self._next = np.roll(np.arange(self.impacts), -1)
         self._last = np.roll(np.arange(self.impacts), 1)
-        offsets = np.where(first, machine.half_gap, -machine.half_gap)
+        offsets = np.where(first, constants.half_gap, -constants.half_gap)
         self._travel: Array = offsets[self._next] - offsets
-        self._oscillator = machine.free
-        self._stiffness = machine.free.omega_squared
+        self._oscillator = constants.free
+        self._stiffness = constants.free.omega_squared
         self._force = lines[0].force
         self.rate = math.sqrt(self._stiffness)
         swing = abs(self._force) / self._stiffness

@@ -152,7 +152,8 @@ def _axis(names: str, given: npt.ArrayLike, rig: RigParameters) -> Axis:
                 one.spec.checked(value)
             except ParameterError as error:
                 raise GridError(f'{names}: {error}') from None
-    values = sorted(value if isinstance(value, bool) else float(value) for value in values)
+    # No negative zero
+    values = sorted(value if isinstance(value, bool) else float(value) + 0.0 for value in values)
     repeated = next((a for a, b in pairwise(values) if a == b), None)
     if repeated is not None:
         raise GridError(f'{names}: the value {repeated!r} is given twice')

@@ -125,7 +125,7 @@ def test_rigs_under_gap_control(tmp_path):
     assert run('--set', 'gap_control=off', *words, '-o', table, params=params) == 2
 
 
-def test_rigs_that_wait_for_an_external_controller(tmp_path):
+def test_rigs_that_wait_for_an_external_controller(tmp_path, capsys):
     """They once ended the command, and no row was written."""
     output = tmp_path / 'external.csv'
     control = '--set', 'gap_control=external', '--cycles', '100', '--watch', '30'
@@ -134,6 +134,9 @@ def test_rigs_that_wait_for_an_external_controller(tmp_path):
     assert table.ok.all()
     assert set(table.motion) <= {'periodic', 'undecided'}
     assert table.lyapunov_exponent.isna().all()
+    other = '--measure', 'lyapunov_exponent', '-o', tmp_path / 'b.csv'
+    assert run(*AT_102, *control, '--vary', 'gap=24:37:2', *other) == 0
+    assert 'exponents and multipliers are not measured' in capsys.readouterr().err
 
 
 def test_killed_sweep_loses_nothing_and_goes_on(tmp_path):
