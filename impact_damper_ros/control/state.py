@@ -7,12 +7,11 @@ Kernels change the states, which are dataclasses of numbers. A snapshot holds th
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, fields
 from math import nan, pi
 from typing import Any, NamedTuple, TypeVar
 
-from impact_damper_ros.motion.compiled import kernel, unpack
+from impact_damper_ros.motion.compiled import copied, kernel, unpack
 from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS, RigParameters
 
 S = TypeVar('S')
@@ -507,9 +506,9 @@ class Control(NamedTuple):
 
     def copied(self) -> Control:
         """Return another control in the same state."""
-        parts = {name: copy(part) for name, part in self.states().items()}
+        parts = {name: copied(part) for name, part in self.states().items()}
         return self._replace(
-            commands=[copy(row) for row in self.commands], memory=self.memory.copy(), **parts
+            commands=[copied(row) for row in self.commands], memory=self.memory.copy(), **parts
         )
 
     def as_dict(self) -> dict[str, Any]:

@@ -91,14 +91,20 @@ def rows_of(cls: Any, shape: int | tuple[int, ...], **columns: Any) -> Any:
 
 
 @cache
-def _reader(cls: Any) -> Callable[[Any], Any]:
+def reader_of(cls: Any) -> Callable[[Any], Any]:
     """Return what reads the numbers of an object of a class."""
     if is_dataclass(cls):
         return attrgetter(*(field.name for field in fields(cls)))
     if not hasattr(cls, '_fields'):
         return lambda number: number
-    readers = [_reader(kind) for kind in get_type_hints(cls).values()]
+    readers = [reader_of(kind) for kind in get_type_hints(cls).values()]
     return lambda values: tuple(read(v) for read, v in zip(readers, values, strict=True))
+
+
+def copied(state: Any) -> Any:
+    """Return another object with the numbers of a state."""
+    cls: Any = type(state)
+    return cls(*reader_of(cls)(state))
 
 
 def packed(state: Any) -> Any:
@@ -108,7 +114,7 @@ def packed(state: Any) -> Any:
 
 def packed_rows(rows: Sequence[Any], cls: Any) -> Any:
     """Return copies of objects of a class as an array of records."""
-    return np.array(list(map(_reader(cls), rows)), dtype_of(cls))
+    return np.array(list(map(reader_of(cls), rows)), dtype_of(cls))
 
 
 @cache

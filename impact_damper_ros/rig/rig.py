@@ -30,7 +30,7 @@ from impact_damper_ros.control.controller import (
 from impact_damper_ros.control.own_law import Law, LawError, OwnLaw
 from impact_damper_ros.control.record import Action, ActRow, ControlRecord
 from impact_damper_ros.control.state import Control, Measurement
-from impact_damper_ros.motion.compiled import dtype_of, has_numba, packed_rows, unpack
+from impact_damper_ros.motion.compiled import copied, dtype_of, has_numba, packed_rows, unpack
 from impact_damper_ros.motion.event import (
     EVENT_TYPE,
     ROWS_AT_ONCE,
@@ -102,11 +102,10 @@ _FARTHEST = 1e9
 _SLOWEST = 1e-9
 
 Events = npt.NDArray[np.void]
-_run_fields = attrgetter(*Run.__dataclass_fields__)
-_wave_fields = attrgetter(*Wave.__dataclass_fields__)
 _row_fields = attrgetter(*EventRow.__dataclass_fields__)
 _act_fields = attrgetter(*ActRow.__dataclass_fields__)
 _NO_INSTANTS: npt.NDArray[np.float64] = np.empty(0)
+_NO_ROWS = np.empty(0, dtype_of(EventRow))
 
 
 def waves_after(before: RigParameters, waves: Sequence[Wave], after: RigParameters) -> list[Wave]:
@@ -267,7 +266,7 @@ class _Tables:
 
     def __init__(self, *, keep: bool, since: float, end: float) -> None:
         self.keep, self._since, self._end = keep, since, end
-        self._rows: Any = np.empty(0, dtype_of(EventRow))
+        self._rows: Any = _NO_ROWS
         self._written = 0
         self._acts: list[tuple[Any, ...]] = []
 
@@ -276,6 +275,10 @@ class _Tables:
         """The events so far."""
         events: Events = self._rows[: self._written].view(EVENT_TYPE)
         return events
+
+    def listed(self) -> list[Event]:
+        """Return the events so far as a list."""
+        return events_of_table(self._rows[: self._written]) if self._written else []
 
     @property
     def records(self) -> list[ControlRecord]:
@@ -511,8 +514,8 @@ class Rig:
         """Return a mark for `go_back`; far cheaper than a snapshot."""
         state = self.__dict__.copy()
         # All the rest of it is immutable, or made anew by `advance`.
-        state['_run'] = Run(*_run_fields(self._run))
-        state['_waves'] = [Wave(*_wave_fields(wave)) for wave in self._waves]
+        state['_run'] = copied(self._run)
+        state['_waves'] = list(map(copied, self._waves))
         if self._gap_control.active or not self._control.idles or self._law is not None:
             state['_control'] = self._control.copied()
         return state
@@ -562,7 +565,7 @@ class Rig:
         most = most_of(most_in_period, 'most_in_period')
         tables = _Tables(keep=True, since=self.time, end=time)
         status, *_ = self._go_on(time, tables, most_in_period=most, interrupted=interrupted)
-        events = events_of_table(tables.events)
+        events = tables.listed()
         if status == RUNAWAY:
             raise RunawayError(self._reason(Outcome.RUNAWAY), events)
         return events
@@ -1054,7 +1057,7 @@ class Rig:
         """Return the motion of the rig, without its control, as a record."""
         return Snapshot(
             self._parameters,
-            Run(*_run_fields(self._run)),
+            copied(self._run),
             tuple(wave.angle for wave in self._waves),
             tuple(self._unreported),
             self._sweep,
@@ -1115,7 +1118,7 @@ class Rig:
         rig._law, rig._parameters, rig._sweep = own_law_of(law), state.parameters, state.sweep
         rig.compiled = rig._may_compile() if compiled is None else compiled
         rig._tune()
-        rig._run, rig._waves = Run(*_run_fields(state.run)), [Wave(a) for a in state.angles]
+        rig._run, rig._waves = copied(state.run), [Wave(a) for a in state.angles]
         rig._records, rig._unreported = [], list(state.unreported)
         kept = state.run
         begin_flight(rig._moving())
