@@ -139,7 +139,8 @@ class _History:
     def __init__(self, start: Command) -> None:
         self._start = start
         self._parts: list[Part] = []
-        self.begin = math.nan  # rig time from which on the run counts, s
+        #: Rig times at which the stretches of the recorded run begin, s
+        self.begins: tuple[float, ...] = ()
         self.compiled = False
 
     def recorded(self, parts: Iterable[Part]) -> Iterator[Part]:
@@ -154,7 +155,8 @@ class _History:
     def run(self, held: Mapping[str, Any]) -> list[RecordedStretch]:
         """Return the stretches of a run with some parameters held, or raise RunawayError."""
         other = WhatIf(self._start, {'gap_control': 'off', **held}, compiled=self.compiled)
-        stretches = Stretches(other.rig.snapshot(), start=self.begin)
+        start, *cuts = self.begins
+        stretches = Stretches(other.rig.snapshot(), start=start, cuts=cuts)
         return list(stretches.of(map(other.follow, self._parts)))
 
 
@@ -238,7 +240,7 @@ def score_run(recorded: RecordedRun, *, progress: Callable[[float], object] = fl
         raise RecordingError('score', reader.path, 'it holds no motion of the rig')
     findings = replay.findings
     parts = [stretch for stretch, _, _ in stretches]
-    history.begin = parts[0].start
+    history.begins = tuple(stretch.start for stretch in parts)
     rig = parts[0].parameters
     alone = history.run(
         {

@@ -12,7 +12,7 @@ the whole stretch see all of them, part by part.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -355,6 +355,8 @@ class Stretches:
         Time from one sample to the next, s; 0 if none can be missing.
     start : float, optional
         Rig time from which on the run counts, s; its first sample or event by default.
+    cuts : collection of float, optional
+        Rig times of commands with which a stretch begins though nothing has changed, s.
 
     Attributes
     ----------
@@ -363,7 +365,11 @@ class Stretches:
     """
 
     def __init__(
-        self, state: Mapping[str, Any], period: float = 0.0, start: float | None = None
+        self,
+        state: Mapping[str, Any],
+        period: float = 0.0,
+        start: float | None = None,
+        cuts: Collection[float] = (),
     ) -> None:
         self._rig = LoggedRig.of_snapshot(state)
         self._period = period
@@ -371,6 +377,7 @@ class Stretches:
         self._builder: StretchBuilder | None = None
         self._begins, self._causes = Beginning.START, ['start of the bag']
         self._cut = start
+        self._cuts = cuts
         self._before: Mapping[str, Any] = {}
         self.start = self.end = math.nan
 
@@ -397,7 +404,8 @@ class Stretches:
 
     def _change(self, command: Command) -> Iterator[RecordedStretch]:
         rig, begins = LoggedRig.of_snapshot(command.state), _begins(command)
-        if not (self._rig.changed_names(rig) or begins is Beginning.RESET):
+        cut = begins is Beginning.RESET or command.time in self._cuts
+        if not (cut or self._rig.changed_names(rig)):
             # Parameters of a control that is off may have changed.
             self._rig = replace(self._rig, state=rig.state)
             return

@@ -121,6 +121,8 @@ def load_recording(path: Path) -> Recording:
     if not len(motion.samples):
         raise ValueError(f'{path.name} holds no joint states of a rig')
     motion.add_measured(_measured(run, offsets))
+    if run.run_count > 1:
+        remarks.append(f'the node was restarted: run 1 of {run.run_count} is shown')
     if not run.reader.complete:
         remarks.append('the recording was cut short')
     times = np.array([change['time'] for change in changes])

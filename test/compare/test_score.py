@@ -108,6 +108,20 @@ def test_the_work_of_a_controllers_force(tmp_path):
     assert 'by the active force [' in score_table([score]).text()
 
 
+def test_stretches_that_a_fixed_gap_does_not_have(tmp_path):
+    """Where the gap was changed, the reference has no change; its parts are those of the run."""
+    rig = RecordedRig(BENCH, offset=0).start().run(600).run(400, ('change', {'gap': 0.05}))
+    score = score_bag(rig.run(400, ('change', LOUDER)).save(tmp_path / 'bag'))
+    lengths = [score.stretches[i].end - score.stretches[i].start for i in range(3)]
+    assert lengths == pytest.approx([3.005, 2.0, 1.995])
+    for name in ('run', 'fixed_gap', 'alone'):
+        parts = [getattr(stretch, name) for stretch in score.stretches]
+        assert [part.duration for part in parts] == pytest.approx(lengths)
+        whole = getattr(score.overall, name)
+        assert sum(part.force_work for part in parts) == pytest.approx(whole.force_work)
+        assert sum(part.impacts for part in parts) == whole.impacts
+
+
 def test_a_motion_that_does_not_settle(tmp_path):
     """A free vibration that dies out has no final amplitude, and nothing to compare with."""
     free = OFF_RESONANCE.replace(force_amplitudes=(0.0,), gap=1e3)

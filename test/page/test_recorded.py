@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 import numpy as np
 import pytest
+from bag import samples
 from bag.recorded_rig import RecordedRig
 from theory import searches
 
@@ -48,6 +49,15 @@ def test_the_angle_is_that_of_each_instant(tmp_path):
     rig.run(200, ('change', {'angle': 0.2})).run(100, ('reset', None))
     angles = load_recording(rig.save(tmp_path / 'bag')).motion.samples[:, 7]
     assert angles.tolist() == [0.0] * 201 + [0.2] * 300
+
+
+def test_of_a_recording_over_a_restart_the_first_run_is_shown(tmp_path):
+    first = RecordedRig(offset=0).start().run(60)
+    second = RecordedRig(offset=10**10).start().run(90)
+    bag = samples.record(tmp_path / 'bag', [*first.messages, *second.messages])
+    recording = load_recording(bag)
+    assert recording.remark == 'the node was restarted: run 1 of 2 is shown'
+    assert len(recording.motion.samples) == 61
 
 
 def test_recording_is_read_as_it_was(recorded):
