@@ -7,8 +7,6 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = 'impact_damper_ros'
-# colcon links this file into a directory of its own.
-README = Path(__file__).resolve().with_name('README.md')
 SHARE = f'share/{NAME}'
 EXAMPLES = (
     'examples',

@@ -74,12 +74,12 @@ def answered(request: Request) -> Done:
     try:
         return request.result(ANSWER_TIMEOUT_S)
     except TimeoutError:
-        if request.cancel():
-            raise NotNowError(
-                f'the rig has not answered within {ANSWER_TIMEOUT_S:g} s: the request is withdrawn'
-            ) from None
-        # It is being carried out.
-        return request.result()
+        withdrawn = request.cancel()
+        if not withdrawn and request.done():
+            return request.result()
+        rest = 'the request is withdrawn' if withdrawn else 'it is still being carried out'
+        text = f'the rig has not answered within {ANSWER_TIMEOUT_S:g} s: {rest}'
+        raise NotNowError(text) from None
 
 
 class Running(Enum):
@@ -270,7 +270,8 @@ class Engine:
         with contextlib.suppress(IndexError):
             while True:
                 request, _ = self._requests.popleft()
-                request.set_exception(NotNowError('the rig is shutting down'))
+                if request.set_running_or_notify_cancel():
+                    request.set_exception(NotNowError('the rig is shutting down'))
 
     # Asked for by other threads, carried out by the engine's
 

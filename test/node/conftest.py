@@ -8,6 +8,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.replay.findings import ReplayVerdict
+from impact_damper_ros.replay.replay import Replay
+from impact_damper_ros.replay.run import RecordedRun
 from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, until
 
 _numbers = itertools.count(1)
@@ -40,6 +44,19 @@ def launch(tmp_path):
 def namespace():
     """Return a namespace that no other test uses."""
     return f'/rig{next(_numbers)}'
+
+
+@pytest.fixture(autouse=True)
+def every_bag_is_replayed(tmp_path):
+    """Hold each whole recording of a test, bit for bit, against the rig that is run again."""
+    yield
+    for description in sorted(tmp_path.rglob('metadata.yaml')):
+        try:
+            findings = Replay(RecordedRun(description.parent)).run()
+        except RecordingError as error:
+            assert 'give the law, too' in str(error)
+            continue
+        assert findings.verdict is ReplayVerdict.IDENTICAL, (description.parent, findings)
 
 
 class SharedRig:

@@ -63,7 +63,8 @@ def test_rejected_values_are_explained_and_change_nothing(rig, name, given, word
             assert word in reason
     assert rig.parameters.get(*names) == before
     rig.await_states(3)
-    assert len(rig.snapshots) == count
+    # A machine that is late publishes one, too.
+    assert all('"reason": "slip"' in message.data for message in rig.snapshots[count:])
 
 
 def test_a_parameter_cannot_be_undeclared(rig):
@@ -83,6 +84,7 @@ def test_a_request_is_answered_when_it_is_in_effect(monkeypatch):
         assert not result.successful
         assert 'has not answered within 0.1 s: the request is withdrawn' in result.reason
         assert node.get_parameter('gap').value == 37.0
+        assert node.engine.parameters.rig.gap == 37.0
         monkeypatch.setattr(engine, 'ANSWER_TIMEOUT_S', 10.0)
         node.start()
         for gap in (3.0, 4.0, 5.0):
