@@ -54,7 +54,8 @@ def every_bag_is_replayed(tmp_path):
         try:
             findings = Replay(RecordedRun(description.parent)).run()
         except RecordingError as error:
-            assert 'give the law, too' in str(error)
+            if 'give the law, too' not in str(error):
+                raise
             continue
         assert findings.verdict is ReplayVerdict.IDENTICAL, (description.parent, findings)
 
