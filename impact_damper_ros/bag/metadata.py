@@ -20,8 +20,8 @@ from .topics import LONGEST_YAML, Channel, dump_yaml, load_yaml
 
 FILE_NAME = 'metadata.yaml'
 VERSION = 9
-#: Characters of the quality of service of all topics: 500 with 5 publishers each have half.
-_MOST_QOS = 2 * 1024 * 1024
+#: Characters of the quality of service of all topics: 500 with 5 publishers each have 750,000.
+_MOST_QOS = 1024 * 1024
 
 #: Starting time of a bag without messages, as rosbag2 has it: the largest int64.
 _NEVER = 2**63 - 1

@@ -312,7 +312,7 @@ def interrupt(number, _):
 
 def test_very_many_topics(tmp_path, bag):
     """Each with a long quality of service, of which 64 MiB are a file of 200 kB."""
-    qos = b'- history: keep_last\n' * 600
+    qos = b'- history: keep_last\n  depth: 10\n  reliability: reliable\n' * 250
 
     def change(found):
         channels = [
@@ -332,7 +332,7 @@ def test_very_many_topics(tmp_path, bag):
     path = altered(bag, tmp_path / 'bag', change, listing=False)
     path.write_bytes(path.read_bytes()[:-40])
     for command in ('replay_run', 'recover_run'):
-        assert bounded_commands.run(command, path, seconds=30) == ''
+        assert bounded_commands.run(command, path, seconds=60) == ''
     saved = path.with_name(f'{path.stem}_recovered')
     assert len(RunReader(saved).topics) > 4800
 
