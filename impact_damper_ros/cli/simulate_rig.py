@@ -13,6 +13,8 @@ from contextlib import ExitStack
 from itertools import count
 from typing import Any
 
+import numpy as np
+
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.bag.robot_description import robot_description
@@ -215,6 +217,8 @@ class _Summary(Observer):
         # Largest |Y| at the looks
         self._reach = 0.0
         self._since_look: list[Event] = []
+        # X and b at the looks
+        self._places: list[tuple[float, float]] = []
 
     def ticks(self) -> Iterator[float]:
         return (self._from + k * self._look for k in count())
@@ -229,6 +233,7 @@ class _Summary(Observer):
         if instant >= self._from:
             sample = self._rig.sample()
             self._swing.look(sample, self._since_look)
+            self._places.append((sample.x, sample.base))
             self._reach = max(self._reach, abs(sample.z - sample.x))
             self._since_look = []
 
@@ -248,6 +253,8 @@ class _Summary(Observer):
                 lines[-1] += (
                     f', {largest / amplitude:.7f} of the {amplitude:.6g} m without impacts'
                 )
+        if whole and parameters.base_motion.moves:
+            lines.append(self._transmissibility())
         if rig.control.active:
             (spent_1, spent_2), (stop_1, stop_2) = rig.energies, rig.stops
             lines.append(
@@ -272,6 +279,16 @@ class _Summary(Observer):
                 f'no impact   m has not hit a stop for {silent:.4g} cycles{self._remedy()}'
             )
         return '\n'.join(lines)
+
+    def _transmissibility(self) -> str:
+        """Return what M takes up of the motion of its base, in whole cycles at the end."""
+        whole = _LOOKS_PER_CYCLE * max(1, int(self._cycles))
+        x, base = np.array(self._places[-whole:]).T
+        moved = float(np.std(base))
+        if not moved:
+            return 'transmissibility: the base has not moved'
+        absolute, relative = float(np.std(x)) / moved, float(np.std(x - base)) / moved
+        return f'transmissibility: rms X/rms b {absolute:.6g}; rms (X - b)/rms b {relative:.6g}'
 
     def _remedy(self) -> str:
         """Return how m would hit a fixed stop that it does not rest on."""

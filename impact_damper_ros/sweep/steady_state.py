@@ -27,6 +27,7 @@ from impact_damper_ros.orbits.settled_motion import (
     relative_states,
     settle,
 )
+from impact_damper_ros.orbits.transmissibility import transmissibility
 from impact_damper_ros.parameters.parameter_spec import (
     ParameterError,
     number_between,
@@ -158,6 +159,7 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     rows = np.concatenate([first, result.events, last])
     flights = Flights.between(rig.parameters, rows, drive, active=begun.run.force)
     integrals, largest = flights.measured()
+    moved = transmissibility(flights)
     end = found.end + cycles * cycle
     # The events before and after complete a chatter that is cut at either end
     after = _run(rig, end, cycle, np.array([1.0]), most - result.event_count)
@@ -186,6 +188,8 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
         'x_max_ratio': None if math.isinf(amplitude) else largest / amplitude,
         'x_rms': math.sqrt(integrals.squares / integrals.covered),
         'x_mean': integrals.total / integrals.covered,
+        'transmissibility': _known(moved.absolute),
+        'relative_transmissibility': _known(moved.relative),
         'impacts_per_cycle': len(impacts) / cycles,
         'lyapunov_exponent': _known(found.exponent.value),
         'lyapunov_uncertainty': _known(found.exponent.uncertainty),
