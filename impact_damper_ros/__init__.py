@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         Section as Section,
         find_period as find_period,
     )
+    from .orbits.ring_down import RingDown as RingDown, ring_down as ring_down
     from .orbits.search import (
         OrbitSearch as OrbitSearch,
         StartReport as StartReport,
@@ -51,6 +52,10 @@ if TYPE_CHECKING:
     from .orbits.solution_curve import value_of as value_of, with_value as with_value
     from .orbits.solved_orbits import orbit_near as orbit_near
     from .orbits.starts import ImpactEquations as ImpactEquations
+    from .orbits.transmissibility import (
+        Transmissibility as Transmissibility,
+        transmissibility as transmissibility,
+    )
     from .parameters.parameter_spec import (
         ParameterError as ParameterError,
         ParameterSpec as ParameterSpec,
@@ -86,11 +91,13 @@ _MODULES = {
     'orbits.flight_arrays': 'Flights run_flights',
     'orbits.orbit': 'OrbitEvent PeriodicOrbit Rhythm',
     'orbits.recurrence': 'MotionKind Period Section find_period',
+    'orbits.ring_down': 'RingDown ring_down',
     'orbits.search': 'OrbitSearch StartReport find_orbits',
     'orbits.settled_motion': 'SettledMotion settle',
     'orbits.solution_curve': 'value_of with_value',
     'orbits.solved_orbits': 'orbit_near',
     'orbits.starts': 'ImpactEquations',
+    'orbits.transmissibility': 'Transmissibility transmissibility',
     'parameters.parameter_spec': 'ParameterError ParameterSpec',
     'parameters.parameters_file': 'ParametersFileError load_parameters',
     'parameters.rig_parameters': 'GapControlParameters InitialConditions RigParameters',
