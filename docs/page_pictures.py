@@ -29,7 +29,7 @@ from page.page_process import PageProcess
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
 LONG = 120.0
 SIZES = {'phone': (360, 780), 'tablet': (768, 1024), 'desk': (1280, 800), 'wall': (2560, 1440)}
-RUNNING = """document.querySelector('#status').dataset.state === 'running'
+RUNNING = """['running', 'lagging'].includes(document.querySelector('#status').dataset.state)
     && impactDamper.history.impacts.length > 3 && document.querySelector('#knob-gap')"""
 #: All of the curve
 CURVE = 'impactDamper.theory.curve?.done'
