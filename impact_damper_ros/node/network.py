@@ -8,7 +8,7 @@ from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.qos import QoSCompatibility, ReliabilityPolicy, qos_check_compatible
 
 
 class Network:
@@ -76,6 +76,8 @@ class Network:
                         f'{_name(info)} publishes {topic} as {info.topic_type}, which is not '
                         f'received: publish {kind}'
                     )
+                elif info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+                    yield f'{_name(info)} publishes {topic} best effort: commands may get lost'
 
 
 def _name(info: Any) -> str:

@@ -329,10 +329,7 @@ class SimNode(Node):
 
         def loosen(key: str, _event: Any) -> None:
             """Go on with a subscription that a best-effort publisher matches, too."""
-            before = subscriptions[key]
-            if before.qos_profile.reliability == ReliabilityPolicy.RELIABLE:
-                text = f'{before.topic_name} is published best effort: commands may get lost'
-                self.get_logger().warning(text)
+            if subscriptions[key].qos_profile.reliability == ReliabilityPolicy.RELIABLE:
                 subscribe(key, ReliabilityPolicy.BEST_EFFORT)
 
         for key in _COMMANDS:
