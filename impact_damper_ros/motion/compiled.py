@@ -130,11 +130,13 @@ def unpack(record: Any, state: Any) -> None:
 
 
 _STAMP = 'kernels.py'
+#: What is behind the files of compiled code.
+_CHECKSUM = 'sha256'
 
 
 def _digest() -> str:
     """Return a digest of what kernels do, comments and places apart, and of the compiler."""
-    parts: list[Any] = [sys.version, version('numba'), version('llvmlite')]
+    parts: list[Any] = [sys.version, version('numba'), version('llvmlite'), _CHECKSUM]
     for name, value in sorted(_namespace().items()):
         if not callable(value):
             parts.append((name, value))
@@ -280,7 +282,29 @@ def _dispatcher(name: str) -> Any:
         code = code.replace(co_filename=str(keep), co_firstlineno=1)
     twin = types.FunctionType(code, compiled_namespace(), name, function.__defaults__)
     twin.__module__, twin.__qualname__ = function.__module__, f'{name}_entry'
-    return numba.njit(twin, nogil=True, error_model='numpy', cache=keep is not None, _nrt=False)
+    loop = numba.njit(twin, nogil=True, error_model='numpy', cache=keep is not None, _nrt=False)
+    if keep is not None:
+        _check_what_is_kept(loop)
+    return loop
+
+
+def _check_what_is_kept(loop: Any) -> None:
+    """Let numba keep compiled code with a checksum: LLVM ends the process where it is damaged."""
+    file = loop._cache._cache_file
+    dump, load = file._dump, file._load_data
+
+    def with_checksum(content: Any) -> bytes:
+        # What is behind a pickle is not read.
+        data: bytes = dump(content)
+        return data + hashlib.new(_CHECKSUM, data).digest()
+
+    def checked(name: str) -> Any:
+        data = Path(file._data_path(name)).read_bytes()
+        if hashlib.new(_CHECKSUM, data[:-32]).digest() != data[-32:]:
+            raise ValueError('its checksum differs')
+        return load(name)
+
+    file._dump, file._load_data = with_checksum, checked
 
 
 def _notice(log: logging.Logger) -> Any:

@@ -106,6 +106,8 @@ def test_compiling_and_damage_are_reported_and_loading_is_not(caplog, monkeypatc
         ('.nbi', lambda data: data[: len(data) // 2], damaged),
         ('.nbi', lambda data: data.replace(b'chatter', b'chat\xcaer'), damaged),
         ('.nbc', lambda data: bytes(len(data)), damaged),
+        # LLVM would end the process.
+        ('.nbc', lambda data: data[:3000] + b'\x07' + data[3001:], damaged),
         ('', None, []),
     ):
         for kept in stamp.parents[1].parent.rglob(f'*{suffix}') if suffix else ():
