@@ -18,7 +18,7 @@ from math import nan
 from impact_damper_ros.motion.compiled import kernel
 
 from .law import place_stops, reach_limit, symmetric_place
-from .state import AmplitudeLaw, Control, Measurement, Observer, Search
+from .state import AmplitudeLaw, Control, Estimates, Measurement, Search
 
 #: A stop is not moved by less than this part of its place: each start costs energy.
 _SMALLEST_MOVE = 0.005
@@ -48,19 +48,19 @@ def amplitude_law_crosses(control: Control, seen: Measurement) -> None:
 def correct_places(control: Control, seen: Measurement) -> None:
     """Correct the distances of both stops from the middle."""
     law: AmplitudeLaw = control.amplitude_law
-    observer: Observer = control.observer
+    estimates: Estimates = control.estimates
     search: Search = control.search
     if law.place_1 != law.place_1:
         law.place_1 = seen.stop_1
         law.place_2 = -seen.stop_2
-    growth = observer.amplitude / law.amplitude if law.amplitude > 0.0 else 1.0
-    law.amplitude = observer.amplitude
+    growth = estimates.amplitude / law.amplitude if law.amplitude > 0.0 else 1.0
+    law.amplitude = estimates.amplitude
     limit_1 = reach_limit(search.missed_1, search.reach_1)
     limit_2 = reach_limit(search.missed_2, search.reach_2)
-    early_1 = seen.time - observer.hit_time_1
-    early_2 = seen.time - observer.hit_time_2
-    law.place_1 = corrected(control, law.place_1, growth, early_1, observer.hit_speed_1, limit_1)
-    law.place_2 = corrected(control, law.place_2, growth, early_2, observer.hit_speed_2, limit_2)
+    early_1 = seen.time - estimates.hit_time_1
+    early_2 = seen.time - estimates.hit_time_2
+    law.place_1 = corrected(control, law.place_1, growth, early_1, estimates.hit_speed_1, limit_1)
+    law.place_2 = corrected(control, law.place_2, growth, early_2, estimates.hit_speed_2, limit_2)
 
 
 @kernel
@@ -69,7 +69,7 @@ def corrected(
 ) -> float:
     """Return the new place of a stop: `early` is NaN if m has not hit it; `speed` is that of m."""
     p = control.settings
-    half_cycle = control.observer.half_cycle
+    half_cycle = control.estimates.half_cycle
     if early == early:
         if early > 0.5 * half_cycle:
             # It belongs to the passage before this one.

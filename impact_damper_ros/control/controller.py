@@ -19,7 +19,7 @@ from .sensors import (
     DROPOUT,
     FROZEN,
     SENSOR_FAULTS,
-    clear_observer,
+    clear_estimates,
     fault_shift,
     forget_hits,
     is_too_soon,
@@ -40,8 +40,8 @@ from .state import (
     Control,
     Controller,
     ControlSettings,
+    Estimates,
     Measurement,
-    Observer,
     Refusal,
     settings_fields,
 )
@@ -49,7 +49,7 @@ from .timed_law import clear_timed_law, timed_law_crosses, timed_law_sees
 
 
 def settings_of(
-    p: GapControlParameters, rig: RigParameters, *, own: bool = False
+    p: GapControlParameters, parameters: RigParameters, *, own: bool = False
 ) -> ControlSettings:
     """Return the settings of a control of a rig; a law of the user's `own` is in place."""
     law = OWN_LAW if own and p.active else LAW_NUMBERS[p.gap_control]
@@ -63,16 +63,18 @@ def settings_of(
         pace=0.1 if p.actuator_fault == 'slow' else 1.0,
         blocked_1=p.actuator_fault in ('stuck', 'stop_2_only'),
         blocked_2=p.actuator_fault in ('stuck', 'stop_1_only'),
-        **settings_fields(p, rig),
+        **settings_fields(p, parameters),
     )
 
 
-def control_of(p: GapControlParameters, rig: RigParameters, law: OwnLaw | None = None) -> Control:
+def control_of(
+    p: GapControlParameters, parameters: RigParameters, law: OwnLaw | None = None
+) -> Control:
     """Return the control of a rig at the start, with the stops at the gap."""
     control = Control(
         controller=Controller(),
         commands=[Command() for _ in range(ROWS_AT_FIRST)],
-        settings=settings_of(p, rig, own=law is not None),
+        settings=settings_of(p, parameters, own=law is not None),
         refusal=Refusal(),
         memory=[0.0] * MEMORY,
         law=law,
@@ -190,14 +192,14 @@ def relearn_laws(control: Control) -> None:
 def forget_all(control: Control) -> None:
     """Reset all but the actuators."""
     relearn_laws(control)
-    clear_observer(control.observer)
+    clear_estimates(control.estimates)
     clear_controller(control.controller)
 
 
 @kernel(inline=True)
 def measured(
     settings: ControlSettings,
-    observer: Observer,
+    estimates: Estimates,
     index: int,
     time: float,
     x: float,
@@ -220,8 +222,8 @@ def measured(
         x_rate += noise_x_rate
         y_rate += noise_y_rate
     if settings.sensor_fault != 0:
-        if settings.sensor_fault == FROZEN and observer.time == observer.time:
-            x, x_rate, y, y_rate = observer.x, observer.x_rate, observer.y, observer.y_rate
+        if settings.sensor_fault == FROZEN and estimates.time == estimates.time:
+            x, x_rate, y, y_rate = estimates.x, estimates.x_rate, estimates.y, estimates.y_rate
         shift = fault_shift(settings.sensor_fault, settings.seed, index)
         x += settings.fault_size * shift
         y += settings.fault_size * shift
@@ -244,7 +246,7 @@ def next_sample(control: Control) -> float:
 @kernel(inline=True)
 def _take_in(control: Control, seen: Measurement) -> None:
     p = control.settings
-    observe_sample(control.observer, seen, p.rebound, p.noise_velocity)
+    observe_sample(control.estimates, seen, p.rebound, p.noise_velocity)
     search_sample(control.search, seen)
 
 
@@ -268,26 +270,26 @@ def end_sample(control: Control) -> None:
 @kernel
 def holds_off(control: Control, time: float) -> bool:
     """Return whether a trigger does not count: too soon after the last one, or not seen."""
-    return is_blind(control) or is_too_soon(control.observer, time)
+    return is_blind(control) or is_too_soon(control.estimates, time)
 
 
 @kernel
 def take_crossing(control: Control, seen: Measurement, rising: bool) -> None:
     """Take a trigger of the crossing detector, with its sample, and act on it."""
     controller: Controller = control.controller
-    observer: Observer = control.observer
+    estimates: Estimates = control.estimates
     controller.trigger_index += 1
     _take_in(control, seen)
-    whole = note_crossing(observer, seen.time, control.settings.smoothing)
-    search_missed(control.search, observer)
-    if whole and observer.amplitude > control.settings.threshold:
+    whole = note_crossing(estimates, seen.time, control.settings.smoothing)
+    search_missed(control.search, estimates)
+    if whole and estimates.amplitude > control.settings.threshold:
         controller.roused = True
         controller.returning = False
         law_crosses(control, seen, rising)
     elif whole and controller.roused:
         rest_stops(control, seen.time)
     search_anew(control.search, rising)
-    forget_hits(observer)
+    forget_hits(estimates)
 
 
 @kernel

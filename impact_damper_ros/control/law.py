@@ -8,7 +8,7 @@ from math import inf, nan
 from impact_damper_ros.motion.compiled import kernel
 
 from .actuator import order_stops
-from .state import Control, Measurement, Observer, Search, optimal_gap
+from .state import Control, Estimates, Measurement, Search, optimal_gap
 
 #: Half cycles without an impact on a stop before it is moved in.
 _HALF_CYCLES_MISSED = 2
@@ -32,10 +32,10 @@ def search_sample(search: Search, seen: Measurement) -> None:
 
 
 @kernel
-def search_missed(search: Search, observer: Observer) -> None:
+def search_missed(search: Search, estimates: Estimates) -> None:
     """Take the end of a half cycle."""
-    hit_1 = observer.hit_time_1 == observer.hit_time_1
-    hit_2 = observer.hit_time_2 == observer.hit_time_2
+    hit_1 = estimates.hit_time_1 == estimates.hit_time_1
+    hit_2 = estimates.hit_time_2 == estimates.hit_time_2
     search.missed_1 = 0 if hit_1 else search.missed_1 + 1
     search.missed_2 = 0 if hit_2 else search.missed_2 + 1
 
@@ -60,7 +60,7 @@ def reach_limit(missed: int, reach: float) -> float:
 def best_gap(control: Control) -> float:
     """Return the optimal gap for the amplitude as it is estimated, m."""
     p = control.settings
-    return optimal_gap(control.observer.amplitude, p.mass_ratio, p.restitution, p.gap_max)
+    return optimal_gap(control.estimates.amplitude, p.mass_ratio, p.restitution, p.gap_max)
 
 
 @kernel

@@ -23,7 +23,7 @@ from impact_damper_ros.motion.compiled import kernel
 from impact_damper_ros.parameters.quoting import named, shown
 
 from .law import place_stops
-from .state import MEMORY, Actuators, Control, ControlSettings, Measurement, Observer, Refusal
+from .state import MEMORY, Actuators, Control, ControlSettings, Estimates, Measurement, Refusal
 
 _ROUND_OFF = 4e-16
 
@@ -223,7 +223,7 @@ def too_close(control: Control, stop_1: float, stop_2: float) -> bool:
 def own_law_acts(control: Control, seen: Measurement, crossing: int) -> None:
     """Let the law act on a sample, at a passage of X through zero or of the grid."""
     p = control.settings
-    observer: Observer = control.observer
+    estimates: Estimates = control.estimates
     refusal: Refusal = control.refusal
     given = LawInput(
         seen.time,
@@ -234,12 +234,12 @@ def own_law_acts(control: Control, seen: Measurement, crossing: int) -> None:
         seen.stop_1,
         seen.stop_2,
         crossing,
-        observer.amplitude,
-        observer.half_cycle,
-        observer.hit_time_1,
-        observer.hit_time_2,
-        observer.hit_speed_1,
-        observer.hit_speed_2,
+        estimates.amplitude,
+        estimates.half_cycle,
+        estimates.hit_time_1,
+        estimates.hit_time_2,
+        estimates.hit_speed_1,
+        estimates.hit_speed_2,
         p.mass_ratio,
         p.restitution,
         p.gap_min,

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Sensors of the gap control: samples with noise and faults, and the observer.
+Sensors of the gap control: samples with noise and faults, and estimates from them.
 
 Samples are taken at the rate of the control, and one more at each passage of X through zero, where
 the crossing detector triggers the same converters. The noise is a function of its seed and the
 index of the sample, so that a run can be cut, continued and replayed.
 
-The observer estimates amplitude, rhythm and impacts. It has no model of the structure. Of the
-damper it knows how m rebounds, to distinguish an impact from noise.
+Amplitude, rhythm and impacts are estimated without a model of the structure. How m rebounds is
+known, to distinguish an impact from noise.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from impact_damper_ros.motion.compiled import kernel
 from impact_damper_ros.parameters.forcing import mixed
 from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS
 
-from .state import Measurement, Observer
+from .state import Estimates, Measurement
 
 # The constants of SplitMix64 (`rig.forcing.mixed`) as signed numbers of 64 bits
 _STEP_64 = 0x9E3779B97F4A7C15 - 2**64
@@ -145,30 +145,32 @@ class Passage(NamedTuple):
 
 
 @kernel
-def clear_observer(observer: Observer) -> None:
+def clear_estimates(estimates: Estimates) -> None:
     """Put the state back to that at the start."""
-    observer.amplitude = 0.0
-    observer.half_cycle = 0.0
-    observer.crossed = nan
-    observer.peak = 0.0
-    observer.time = nan
-    observer.x = nan
-    observer.x_rate = nan
-    observer.y = nan
-    observer.y_rate = nan
-    observer.stop_1 = nan
-    observer.stop_2 = nan
-    observer.hit_time_1 = nan
-    observer.hit_speed_1 = nan
-    observer.hit_time_2 = nan
-    observer.hit_speed_2 = nan
+    estimates.amplitude = 0.0
+    estimates.half_cycle = 0.0
+    estimates.crossed = nan
+    estimates.peak = 0.0
+    estimates.time = nan
+    estimates.x = nan
+    estimates.x_rate = nan
+    estimates.y = nan
+    estimates.y_rate = nan
+    estimates.stop_1 = nan
+    estimates.stop_2 = nan
+    estimates.hit_time_1 = nan
+    estimates.hit_speed_1 = nan
+    estimates.hit_time_2 = nan
+    estimates.hit_speed_2 = nan
 
 
 @kernel
-def look_for_impact(observer: Observer, after: Measurement, rebound: float, noise: float) -> None:
+def look_for_impact(
+    estimates: Estimates, after: Measurement, rebound: float, noise: float
+) -> None:
     """Detect an impact between the last sample and one: m reverses in M, and Z' jumps."""
-    approach = observer.y_rate
-    rate_before = observer.x_rate + observer.y_rate
+    approach = estimates.y_rate
+    rate_before = estimates.x_rate + estimates.y_rate
     rate_after = after.x_rate + after.y_rate
     jump = rate_before - rate_after
     if approach * after.y_rate > 0.0 or approach * jump <= 0.0:
@@ -178,65 +180,65 @@ def look_for_impact(observer: Observer, after: Measurement, rebound: float, nois
     if abs(jump) < max(_JUMP_OF_AN_IMPACT * rebound * abs(approach), clear):
         return
     # Where the straight flights before and after meet
-    period = after.time - observer.time
-    since = ((after.x + after.y) - rate_after * period - (observer.x + observer.y)) / jump
-    instant = observer.time + min(period, max(0.0, since))
+    period = after.time - estimates.time
+    since = ((after.x + after.y) - rate_after * period - (estimates.x + estimates.y)) / jump
+    instant = estimates.time + min(period, max(0.0, since))
     if approach > 0.0:
-        observer.hit_time_1 = instant
-        observer.hit_speed_1 = abs(approach)
+        estimates.hit_time_1 = instant
+        estimates.hit_speed_1 = abs(approach)
     else:
-        observer.hit_time_2 = instant
-        observer.hit_speed_2 = abs(approach)
+        estimates.hit_time_2 = instant
+        estimates.hit_speed_2 = abs(approach)
 
 
 @kernel(inline=True)
-def observe_sample(observer: Observer, seen: Measurement, rebound: float, noise: float) -> None:
+def observe_sample(estimates: Estimates, seen: Measurement, rebound: float, noise: float) -> None:
     """Take a sample."""
-    if observer.time == observer.time:
-        look_for_impact(observer, seen, rebound, noise)
-    observer.peak = max(observer.peak, abs(seen.x))
-    observer.time = seen.time
-    observer.x = seen.x
-    observer.x_rate = seen.x_rate
-    observer.y = seen.y
-    observer.y_rate = seen.y_rate
-    observer.stop_1 = seen.stop_1
-    observer.stop_2 = seen.stop_2
+    if estimates.time == estimates.time:
+        look_for_impact(estimates, seen, rebound, noise)
+    estimates.peak = max(estimates.peak, abs(seen.x))
+    estimates.time = seen.time
+    estimates.x = seen.x
+    estimates.x_rate = seen.x_rate
+    estimates.y = seen.y
+    estimates.y_rate = seen.y_rate
+    estimates.stop_1 = seen.stop_1
+    estimates.stop_2 = seen.stop_2
 
 
 @kernel(inline=True)
-def is_too_soon(observer: Observer, time: float) -> bool:
+def is_too_soon(estimates: Estimates, time: float) -> bool:
     """Return whether a trigger comes too soon after the last one to count."""
-    return time - observer.crossed <= _HOLD_OFF * observer.half_cycle
+    return time - estimates.crossed <= _HOLD_OFF * estimates.half_cycle
 
 
 @kernel
-def note_crossing(observer: Observer, time: float, smoothing: float) -> bool:
+def note_crossing(estimates: Estimates, time: float, smoothing: float) -> bool:
     """Take the trigger of the crossing detector; return whether a half cycle ends."""
-    before = observer.crossed
-    peak = observer.peak
-    observer.crossed = time
-    observer.peak = 0.0
+    before = estimates.crossed
+    peak = estimates.peak
+    estimates.crossed = time
+    estimates.peak = 0.0
     if before != before:
         return False
     span = time - before
-    weight = smoothing if observer.half_cycle > 0.0 else 1.0
-    observer.amplitude += weight * (peak - observer.amplitude)
-    observer.half_cycle += weight * (span - observer.half_cycle)
+    weight = smoothing if estimates.half_cycle > 0.0 else 1.0
+    estimates.amplitude += weight * (peak - estimates.amplitude)
+    estimates.half_cycle += weight * (span - estimates.half_cycle)
     return True
 
 
 @kernel
-def forget_hits(observer: Observer) -> None:
+def forget_hits(estimates: Estimates) -> None:
     """Begin another half cycle without impacts."""
-    observer.hit_time_1 = nan
-    observer.hit_speed_1 = nan
-    observer.hit_time_2 = nan
-    observer.hit_speed_2 = nan
+    estimates.hit_time_1 = nan
+    estimates.hit_speed_1 = nan
+    estimates.hit_time_2 = nan
+    estimates.hit_speed_2 = nan
 
 
 @kernel
-def next_passage(observer: Observer) -> Passage:
+def next_passage(estimates: Estimates) -> Passage:
     """
     Return the passage expected from the last sample.
 
@@ -244,23 +246,23 @@ def next_passage(observer: Observer) -> Passage:
     the last passage as one to come.
     """
     unknown = Passage(nan, 0.0, 0.0, 0.0)
-    if observer.half_cycle <= 0.0 or observer.time != observer.time:
+    if estimates.half_cycle <= 0.0 or estimates.time != estimates.time:
         return unknown
-    x = observer.x
-    x_rate = observer.x_rate
-    frequency = pi / observer.half_cycle
+    x = estimates.x
+    x_rate = estimates.x_rate
+    frequency = pi / estimates.half_cycle
     phase = atan2(frequency * x, x_rate)
     if phase < 0.0:
         phase += pi
     elif phase >= pi:
         phase -= pi
     ahead = (pi - phase) / frequency
-    if observer.time + ahead < observer.crossed + 0.5 * observer.half_cycle:
+    if estimates.time + ahead < estimates.crossed + 0.5 * estimates.half_cycle:
         return unknown
     rate = sqrt(x_rate * x_rate + frequency * x * (frequency * x))
     # X falls through zero if it is positive now.
     if x > 0.0 or (x == 0.0 and x_rate > 0.0):
         rate = -rate
-    z_rate = x_rate + observer.y_rate
-    place = x + observer.y + z_rate * ahead
-    return Passage(observer.time + ahead, rate, place, z_rate - rate)
+    z_rate = x_rate + estimates.y_rate
+    place = x + estimates.y + z_rate * ahead
+    return Passage(estimates.time + ahead, rate, place, z_rate - rate)

@@ -64,7 +64,7 @@ class Measurement(NamedTuple):
 
 
 @dataclass(slots=True)
-class Observer:
+class Estimates:
     """
     Estimates from the samples so far.
 
@@ -150,10 +150,10 @@ class Damper(NamedTuple):
         return optimal_gap(amplitude, self.mass_ratio, self.restitution, largest)
 
 
-def damper_of(rig: RigParameters) -> Damper:
+def damper_of(parameters: RigParameters) -> Damper:
     """Return the damper of a rig."""
-    mean = 0.5 * (rig.restitution_1 + rig.restitution_2)
-    return Damper(rig.damper_mass / rig.primary_mass, mean)
+    mean = 0.5 * (parameters.restitution_1 + parameters.restitution_2)
+    return Damper(parameters.damper_mass / parameters.primary_mass, mean)
 
 
 @dataclass(slots=True)
@@ -361,9 +361,9 @@ class ControlSettings(NamedTuple):
     push: float
 
 
-def settings_fields(p: Any, rig: Any) -> dict[str, Any]:
+def settings_fields(p: Any, parameters: Any) -> dict[str, Any]:
     """Return the other fields of `ControlSettings`, of one control and rig, or many as arrays."""
-    damper = damper_of(rig)
+    damper = damper_of(parameters)
     return {
         'gain': p.gap_control_gain,
         'park': p.gap_control_park,
@@ -381,8 +381,8 @@ def settings_fields(p: Any, rig: Any) -> dict[str, Any]:
         'fault_size': p.sensor_fault_size,
         'delay': p.actuator_delay,
         'moving_mass': p.actuator_mass,
-        'half_gap': 0.5 * rig.gap,
-        'one_sided': rig.one_sided,
+        'half_gap': 0.5 * parameters.gap,
+        'one_sided': parameters.one_sided,
         'mass_ratio': damper.mass_ratio,
         'restitution': damper.restitution,
         'rebound': damper.rebound,
@@ -423,7 +423,7 @@ ROWS_AT_FIRST = 8
 
 #: Parts of the state with an entry of their own in a snapshot, in that order.
 PARTS: dict[str, type[Any]] = {
-    'observer': Observer,
+    'estimates': Estimates,
     'search': Search,
     'amplitude_law': AmplitudeLaw,
     'timed_law': TimedLaw,
@@ -443,7 +443,7 @@ class Control(NamedTuple):
     ----------
     controller : Controller
         State of the controller itself.
-    observer : Observer
+    estimates : Estimates
         Estimates from the samples.
     search : Search
         Where m is to be found.
@@ -466,7 +466,7 @@ class Control(NamedTuple):
     """
 
     controller: Controller
-    observer: Observer
+    estimates: Estimates
     search: Search
     actuators: Actuators
     commands: Any

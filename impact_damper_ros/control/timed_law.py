@@ -22,7 +22,7 @@ from impact_damper_ros.motion.compiled import kernel
 from .actuator import order_stops
 from .law import best_gap, place_stops, symmetric_place
 from .sensors import Passage, next_passage
-from .state import Control, ControlSettings, Measurement, Observer, TimedLaw
+from .state import Control, ControlSettings, Estimates, Measurement, TimedLaw
 
 #: Least approach speed with independent stops, over |X'|.
 _LEAST_APPROACH = 0.5
@@ -84,22 +84,22 @@ def timed_law_sees(control: Control, seen: Measurement, next_sample: float) -> N
     p = control.settings
     if law.parked == 0.0:
         return
-    if reopens(law, seen, control.observer.half_cycle):
+    if reopens(law, seen, control.estimates.half_cycle):
         stop = law.closed
         law.closed = 0
         park_stops(control, seen, stop == 1, stop == 2)
     if law.closed != 0 or law.aimed or (p.delay == 0.0 and p.speed == inf):
         return
-    observer: Observer = control.observer
-    if observer.x * observer.x_rate > 0.0:
+    estimates: Estimates = control.estimates
+    if estimates.x * estimates.x_rate > 0.0:
         # X moves away from zero: the passage is at least half a half cycle ahead.
         way = max(seen.stop_1, -seen.stop_2)
         if p.independent:
             way += _WANDER * 0.5 * best_gap(control)
         longest = way / p.speed + p.delay
-        if _NOT_YET * observer.half_cycle - longest >= next_sample - seen.time:
+        if _NOT_YET * estimates.half_cycle - longest >= next_sample - seen.time:
             return
-    ahead = next_passage(observer)
+    ahead = next_passage(estimates)
     if ahead.time == ahead.time and close_stop(control, ahead, seen, next_sample):
         law.aimed = True
 
@@ -121,7 +121,7 @@ def timed_law_crosses(control: Control, seen: Measurement) -> None:
 def park_stops(control: Control, seen: Measurement, first: bool, second: bool) -> None:
     """Send stops to where they are parked, unless m is or will be beyond that place."""
     parked = control.timed_law.parked
-    clearance = _CLEAR_OF_DAMPER * control.observer.half_cycle
+    clearance = _CLEAR_OF_DAMPER * control.estimates.half_cycle
     place_1 = nan
     place_2 = nan
     if first and seen.y + clearance * max(0.0, seen.y_rate) < parked:
@@ -135,7 +135,7 @@ def park_stops(control: Control, seen: Measurement, first: bool, second: bool) -
 def close_stop(control: Control, at: Passage, seen: Measurement, before: float) -> bool:
     """Order a stop to meet m at a passage; return whether one is ordered before an instant."""
     law: TimedLaw = control.timed_law
-    observer: Observer = control.observer
+    estimates: Estimates = control.estimates
     p = control.settings
     optimal = best_gap(control)
     stop = stop_to_close(p, at, law.parked, optimal)
@@ -156,10 +156,10 @@ def close_stop(control: Control, at: Passage, seen: Measurement, before: float) 
         # The stop starts late, and m and the stop approach each other.
         if p.speed < inf:
             late *= p.speed / (p.speed + abs(at.y_rate))
-        if late > _LATEST * observer.half_cycle:
+        if late > _LATEST * estimates.half_cycle:
             return False
         issue = seen.time
-    beyond = min(room, _OVERREACH * observer.half_cycle * abs(at.y_rate))
+    beyond = min(room, _OVERREACH * estimates.half_cycle * abs(at.y_rate))
     target = side * at.y - beyond
     if not p.independent:
         target = max(target, 0.5 * p.gap_min)

@@ -34,7 +34,7 @@ from impact_damper_ros.control.controller import (
 )
 from impact_damper_ros.control.own_law import law_failed
 from impact_damper_ros.control.record import Action, ActRow
-from impact_damper_ros.control.state import Control, ControlSettings, Measurement, Observer
+from impact_damper_ros.control.state import Control, ControlSettings, Estimates, Measurement
 from impact_damper_ros.motion.compiled import compiled, dtype_of, kernel
 from impact_damper_ros.motion.event import (
     ROWS_AT_ONCE,
@@ -74,7 +74,7 @@ _COMMAND, _ARRIVED, _TOUCHED, _CROSSING, _STARTED, _ = map(int, Action)
 def measure(
     moving: Moving,
     settings: ControlSettings,
-    observer: Observer,
+    estimates: Estimates,
     index: int,
 ) -> Measurement:
     """Return the sample of an index that the sensors take at the present time."""
@@ -82,7 +82,7 @@ def measure(
     view: View = view_at(moving, run.now)
     return measured(
         settings,
-        observer,
+        estimates,
         index,
         run.now,
         view.x,
@@ -115,13 +115,13 @@ def write_act(control: Control, acts: Sequence[ActRow], action: int, time: float
     if controller.room == 0:
         return
     actuators = control.actuators
-    x_rate = control.observer.x_rate
+    x_rate = control.estimates.x_rate
     row = acts[controller.recorded]
     row.time = time
     row.action = action
     row.target_1 = actuators.target_1
     row.target_2 = actuators.target_2
-    row.amplitude = control.observer.amplitude
+    row.amplitude = control.estimates.amplitude
     row.velocity_1 = actuators.velocity_1
     row.velocity_2 = actuators.velocity_2
     row.x_rate = x_rate if x_rate == x_rate else 0.0
@@ -175,7 +175,7 @@ def perform_passage(
         return
     rising = log[run.written - 1].primary_velocity_after > 0.0
     number = trigger_number(control)
-    seen = measure(moving, control.settings, control.observer, number)
+    seen = measure(moving, control.settings, control.estimates, number)
     take_crossing(control, seen, rising)
     write_act(control, acts, _CROSSING, run.now)
 
@@ -222,7 +222,7 @@ def perform_samples(moving: Moving, control: Control, end: float) -> None:
     while True:
         if run.watch and not is_blind(control):
             index = control.controller.sample_index
-            seen = measure(moving, control.settings, control.observer, index)
+            seen = measure(moving, control.settings, control.estimates, index)
             take_sample(control, seen)
         if control.controller.returning:
             place_1, place_2 = stops_now(moving)
@@ -405,7 +405,7 @@ def run_each_under_control(waves: Sequence[Waves], controls: Any, acts: Any, res
         # Here, as no compiled function can return it
         control = Control(
             controls.controller[k],
-            controls.observer[k],
+            controls.estimates[k],
             controls.search[k],
             controls.actuators[k],
             controls.commands[k],

@@ -94,14 +94,14 @@ class Order(NamedTuple):
 
     def record(self, control: Control, time: float) -> ControlRecord:
         """Return the order as the topic `gap_control` has it."""
-        actuators, observer = control.actuators, control.observer
-        x_rate = observer.x_rate if abs(observer.x_rate) < inf else 0.0
+        actuators, estimates = control.actuators, control.estimates
+        x_rate = estimates.x_rate if abs(estimates.x_rate) < inf else 0.0
         return ControlRecord(
             time,
             Action.ORDER,
             self.stop_1,
             self.stop_2,
-            observer.amplitude,
+            estimates.amplitude,
             self.speed_1,
             self.speed_2,
             x_rate,

@@ -486,7 +486,7 @@ class Rig:
     @property
     def amplitude(self) -> float:
         """The controller's estimate of the amplitude of X, m."""
-        return self._control.observer.amplitude
+        return self._control.estimates.amplitude
 
     @property
     def force(self) -> float:
@@ -957,7 +957,7 @@ class Rig:
         The index of the sample chooses the noise.
         """
         view = self._view()
-        sensors = self._control.settings, self._control.observer
+        sensors = self._control.settings, self._control.estimates
         seen = measured(*sensors, index, self.time, *view[:4], view.stop_1, view.stop_2)
         return seen, (view.stop_rate_1, view.stop_rate_2)
 

@@ -16,7 +16,7 @@ from impact_damper_ros.control.sensors import (
     observe_sample,
     sensor_noise,
 )
-from impact_damper_ros.control.state import Measurement, Observer
+from impact_damper_ros.control.state import Estimates, Measurement
 from impact_damper_ros.motion.compiled import has_numba
 
 #: Time, X, X', Y, Y', and the stops
@@ -29,7 +29,7 @@ def noise(seed, index):
 
 def test_without_noise_the_sample_itself():
     there = control_of(GapControlParameters(), RigParameters())
-    seen = measured(there.settings, there.observer, 3, *MOTION)
+    seen = measured(there.settings, there.estimates, 3, *MOTION)
     assert seen == (2.5, 1.0, -2.0, 0.75, 2.5, 2.0, -3.0)
     assert (seen.z, seen.z_rate) == (1.75, 0.5)
 
@@ -64,7 +64,7 @@ def test_noise_has_the_standard_deviations_asked_for():
         gap_control_noise_position=0.1, gap_control_noise_velocity=2.0, gap_control_seed=9
     )
     there = control_of(control, RigParameters())
-    sensors = there.settings, there.observer
+    sensors = there.settings, there.estimates
     seen = np.array([measured(*sensors, k, *MOTION) for k in range(5000)])
     assert np.std(seen[:, (1, 3)], axis=0) == pytest.approx([0.1, 0.1], rel=0.04)
     assert np.std(seen[:, (2, 4)], axis=0) == pytest.approx([2.0, 2.0], rel=0.04)
@@ -82,7 +82,7 @@ def sine(time, amplitude=3.0, frequency=0.7):
 
 
 def watched_sine(cycles=20, smoothing=0.3):
-    observer = Observer()
+    estimates = Estimates()
     half = math.pi / 0.7
     time, k = 0.0, 0
     for crossing in range(1, 2 * cycles):
@@ -90,34 +90,34 @@ def watched_sine(cycles=20, smoothing=0.3):
             k += 1
             time = 0.02 * k
             if time < crossing * half:
-                observe_sample(observer, sine(time), 1.5 / 1.1, 0.0)
+                observe_sample(estimates, sine(time), 1.5 / 1.1, 0.0)
         k -= 1
-        note_crossing(observer, crossing * half, smoothing)
-    return observer
+        note_crossing(estimates, crossing * half, smoothing)
+    return estimates
 
 
 def test_amplitude_and_rhythm_of_a_sine():
-    observer = watched_sine()
-    assert observer.half_cycle == pytest.approx(math.pi / 0.7, rel=1e-12)
-    assert observer.amplitude == pytest.approx(3.0 * (1.0 - 0.7**38), rel=1e-4)
+    estimates = watched_sine()
+    assert estimates.half_cycle == pytest.approx(math.pi / 0.7, rel=1e-12)
+    assert estimates.amplitude == pytest.approx(3.0 * (1.0 - 0.7**38), rel=1e-4)
 
 
 def test_the_amplitude_is_smoothed_as_the_law_says():
-    observer = Observer()
-    assert not note_crossing(observer, 0.0, 0.25)
-    assert observer.amplitude == 0.0
+    estimates = Estimates()
+    assert not note_crossing(estimates, 0.0, 0.25)
+    assert estimates.amplitude == 0.0
     for k, peak in enumerate((4.0, 2.0, 2.0), start=1):
-        observe_sample(observer, sine(k - 0.5)._replace(x=-peak), 1.5, 0.0)
-        assert note_crossing(observer, float(k), 0.25)
-    assert observer.amplitude == pytest.approx(0.25 * 2 + 0.75 * (0.25 * 2 + 0.75 * 4))
+        observe_sample(estimates, sine(k - 0.5)._replace(x=-peak), 1.5, 0.0)
+        assert note_crossing(estimates, float(k), 0.25)
+    assert estimates.amplitude == pytest.approx(0.25 * 2 + 0.75 * (0.25 * 2 + 0.75 * 4))
 
 
 @pytest.mark.parametrize('ahead', [0.1, 0.5, 1.0, 1.5])
 def test_the_next_passage_is_foreseen(ahead):
-    observer = watched_sine()
+    estimates = watched_sine()
     crossing = 40 * math.pi / 0.7
-    observe_sample(observer, sine(crossing - ahead), 1.5 / 1.1, 0.0)
-    seen = next_passage(observer)
+    observe_sample(estimates, sine(crossing - ahead), 1.5 / 1.1, 0.0)
+    seen = next_passage(estimates)
     assert seen.time == pytest.approx(crossing, rel=1e-9)
     assert seen.x_rate == pytest.approx(3.0 * 0.7, rel=1e-9)
     assert seen.y == pytest.approx(1.0 + 0.4 * crossing, rel=1e-9)
@@ -125,11 +125,11 @@ def test_the_next_passage_is_foreseen(ahead):
 
 
 def test_no_passage_is_foreseen_just_after_one():
-    observer = watched_sine()
+    estimates = watched_sine()
     crossing = 39 * math.pi / 0.7
     for x in (1e-3, -1e-3):
-        observe_sample(observer, sine(crossing + 0.01)._replace(x=x), 1.5 / 1.1, 0.0)
-        seen = next_passage(observer)
+        observe_sample(estimates, sine(crossing + 0.01)._replace(x=x), 1.5 / 1.1, 0.0)
+        seen = next_passage(estimates)
         assert math.isnan(seen.time) or seen.time > crossing + 2.0
 
 
@@ -138,7 +138,7 @@ def test_impacts_are_found_between_the_samples(rate):
     """As the simulator has them, in a run without control."""
     rig = Rig(TRIAL)
     rig.advance(200.0)
-    observer = Observer()
+    estimates = Estimates()
     rebound = damper_of(TRIAL).rebound
     found, events = [], []
     for k in range(int(200 * rate), int(300 * rate)):
@@ -146,17 +146,17 @@ def test_impacts_are_found_between_the_samples(rate):
         s = rig.sample()
         y_rate = s.damper_velocity - s.primary_velocity
         observe_sample(
-            observer,
+            estimates,
             Measurement(s.time, s.x, s.primary_velocity, s.z - s.x, y_rate, 10.0, -10.0),
             rebound,
             0.0,
         )
         hits = (
-            (observer.hit_time_1, 1, observer.hit_speed_1),
-            (observer.hit_time_2, 2, observer.hit_speed_2),
+            (estimates.hit_time_1, 1, estimates.hit_speed_1),
+            (estimates.hit_time_2, 2, estimates.hit_speed_2),
         )
         found += [hit for hit in hits if not math.isnan(hit[0])]
-        forget_hits(observer)
+        forget_hits(estimates)
     impacts = [
         (e.time, e.stop, abs(e.damper_velocity_before - e.primary_velocity_before))
         for e in events
