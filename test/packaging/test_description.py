@@ -215,3 +215,9 @@ def test_rviz_shows_the_robot_from_its_base(view, preset):
     # The launch file remaps this name into the namespace.
     assert model['Description Topic']['Value'] == '/robot_description'
     assert model['Description Topic']['Durability Policy'] == 'Transient Local'
+
+
+def test_a_change_that_is_not_seen_renders_no_description_anew(bench):
+    before = robot_description(bench)
+    assert robot_description(bench.replace(restitution_1=0.3, friction=0.2)) is before
+    assert robot_description(bench.replace(gap=2.0 * bench.gap)) != before
