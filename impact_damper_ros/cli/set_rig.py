@@ -71,7 +71,7 @@ class RigParameterClient:
 
         self._node = node
         # When the rig was found; others of its name may be found after it.
-        self._found = math.inf
+        self._found_at = math.inf
         self.name = name or self._only_rig()
         try:
             self._client = AsyncParameterClient(node, self.name)
@@ -81,13 +81,13 @@ class RigParameterClient:
             ) from error
         if not self._client.wait_for_services(PATIENCE_S):
             raise CommandError(f'{self.name} does not answer: does it run?', EXIT_FAILED)
-        self._found = min(self._found, time.monotonic())
+        self._found_at = min(self._found_at, time.monotonic())
         self._check_alone()
 
     def _check_alone(self) -> None:
         """Raise CommandError if another node has the name of the rig."""
         space, _, name = self.name.rpartition('/')
-        end = self._found + DISCOVERY_S
+        end = self._found_at + DISCOVERY_S
         while (
             count := self._node.get_node_names_and_namespaces().count((name, space or '/'))
         ) < 2 and time.monotonic() < end:
@@ -107,7 +107,7 @@ class RigParameterClient:
             services = dict(self._node.get_service_names_and_types())
             rigs = rig_nodes(services)
             if rigs:
-                self._found = min(self._found, time.monotonic())
+                self._found_at = min(self._found_at, time.monotonic())
             time.sleep(0.05)
         if not rigs:
             raise CommandError(

@@ -177,7 +177,7 @@ class SimNode(Node):
         # declaring from overrides would make `37` an integer parameter.
         overrides = {name: p.value for name, p in self._parameter_overrides.items()}
         given, idle, applied = values_given(arguments, self.get_fully_qualified_name())
-        self._given = given_text(given, applied)
+        self._sources = given_text(given, applied)
         known = {*ALL_SPECS, *STRUCTURE_SPECS}
         # Of values of different types, rclpy takes whole numbers before others.
         overrides |= {name: value for name, value in given.items() if name in known}
@@ -249,7 +249,7 @@ class SimNode(Node):
         """Start the rig, and log a summary."""
         self.engine.start()
         name = self.get_fully_qualified_name()
-        text = start_message(self.engine.parameters, name, self._recorder.path, self._given)
+        text = start_message(self.engine.parameters, name, self._recorder.path, self._sources)
         self.get_logger().info(text)
 
     def finish(self) -> str:
