@@ -262,13 +262,19 @@ def own_law_of(law: Law | None) -> OwnLaw | None:
 
 
 class _Tables:
-    """The events, and the acts of the control, of a run from `since` to `end`, s, if `keep`."""
+    """
+    The events, and the acts of the control, of a run from `since` to `end`, s, if `keep`.
 
-    def __init__(self, *, keep: bool, since: float, end: float) -> None:
+    Of plain kernels the events are a list at once, if `listed`.
+    """
+
+    def __init__(self, *, keep: bool, since: float, end: float, listed: bool = False) -> None:
         self.keep, self._since, self._end = keep, since, end
         self._rows: Any = _NO_ROWS
         self._written = 0
-        self._acts: list[tuple[Any, ...]] = []
+        self._list: list[Event] | None = [] if listed else None
+        #: The acts so far, as rows
+        self.acts: list[tuple[Any, ...]] = []
 
     @property
     def events(self) -> Events:
@@ -278,22 +284,23 @@ class _Tables:
 
     def listed(self) -> list[Event]:
         """Return the events so far as a list."""
+        if self._list is not None:
+            return self._list
         return events_of_table(self._rows[: self._written]) if self._written else []
-
-    @property
-    def records(self) -> list[ControlRecord]:
-        """The acts so far."""
-        return list(map(ControlRecord.of, self._acts))
 
     def add(self, *events: Event) -> None:
         """Add events."""
-        if self.keep and events:
+        if self._list is not None:
+            self._list += events
+        elif self.keep and events:
             self.room(events[-1].time, len(events))[: len(events)] = table_of_events(events)
             self._written += len(events)
 
     def take(self, rows: Sequence[EventRow], count: int) -> None:
         """Add the first rows of another table."""
-        if self.keep and count:
+        if self._list is not None:
+            self._list += events_of(rows, count)
+        elif self.keep and count:
             self.room(rows[count - 1].time, count)[:count] = list(map(_row_fields, rows[:count]))
             self._written += count
 
@@ -303,7 +310,7 @@ class _Tables:
 
     def take_acts(self, acts: list[tuple[Any, ...]]) -> None:
         """Add acts; the last one of the previous table may be repeated as the first one."""
-        self._acts += acts[self._acts[-1:] == acts[:1] :]
+        self.acts += acts[self.acts[-1:] == acts[:1] :]
 
     def room(self, now: float, least: int = ROWS_AT_ONCE) -> Any:
         """Return the free rows, some at least."""
@@ -402,7 +409,8 @@ class Rig:
         fields = starting_fields(initial, self._constants.half_gap, parameters.one_sided)
         self._run = Run(time=time, now=time, counted_from=time, **fields)
         self._waves = [Wave() for _ in range(self._constants.harmonics)]
-        self._records: list[ControlRecord] = []
+        # Acts of the last call; those of a run as rows of the loop
+        self._records: Sequence[tuple[Any, ...]] = []
         # An impact at the very start, of m that moves into the stop it is on
         self._unreported: list[Event] = []
         self._unreported = self._begin()
@@ -502,7 +510,10 @@ class Rig:
     @property
     def records(self) -> list[ControlRecord]:
         """What the control did in the last call of `advance`, `run`, `change` or `order`."""
-        return self._records
+        return [
+            record if isinstance(record, ControlRecord) else ControlRecord.of(record)
+            for record in self._records
+        ]
 
     @property
     def acts(self) -> bool:
@@ -563,7 +574,7 @@ class Rig:
         """
         time = later_time(time, self.time)
         most = most_of(most_in_period, 'most_in_period')
-        tables = _Tables(keep=True, since=self.time, end=time)
+        tables = _Tables(keep=True, since=self.time, end=time, listed=not self.compiled)
         status, *_ = self._go_on(time, tables, most_in_period=most, interrupted=interrupted)
         events = tables.listed()
         if status == RUNAWAY:
@@ -605,7 +616,7 @@ class Rig:
         except BaseException:
             self.go_back(before)
             raise
-        self._records = tables.records
+        self._records = tables.acts
         return ended
 
     def _go_through(
