@@ -312,7 +312,7 @@ def _notice(log: logging.Logger) -> Any:
     from numba.core.event import Listener, install_listener
 
     class Notice(Listener):  # type: ignore[misc]
-        text = 'compiling the simulator, once for each version (some 7 s, 12 s under gap control)'
+        text = 'compiling the simulator, once for each version (some 7 s)'
 
         def on_start(self, _event: Any) -> None:
             if self.text:
