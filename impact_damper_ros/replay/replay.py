@@ -38,6 +38,7 @@ from .matching import Matcher, differing_states, expected_states, note_states
 from .rows import (
     NO_EVENTS,
     NO_SAMPLES,
+    Advance,
     Events,
     Ints,
     Messages,
@@ -96,16 +97,6 @@ class Part(NamedTuple):
     def empty(cls) -> Self:
         """Return a part without anything."""
         return cls(NO_SAMPLES, NO_EVENTS)
-
-
-class Advance(NamedTuple):
-    """What a rig did up to the last of some joint states, and which of these differ."""
-
-    samples: Samples
-    events: Events
-    records: list[ControlRecord]
-    expected: Messages  # joint states
-    differs: NDArray[np.bool_]  # which of the recorded ones differ
 
 
 def state_differences(

@@ -9,7 +9,7 @@ events: both have the two types of rows that the rig itself writes. Messages are
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,16 @@ Numbers = NDArray[np.float64]
 
 NO_SAMPLES: Samples = np.empty(0, SAMPLE_TYPE)
 NO_EVENTS: Events = np.empty(0, EVENT_TYPE)
+
+
+class Advance(NamedTuple):
+    """What a rig did up to the last of some joint states, and which of these differ."""
+
+    samples: Samples
+    events: Events
+    records: list[ControlRecord]
+    expected: Messages  # joint states
+    differs: NDArray[np.bool_]  # which of the recorded ones differ
 
 
 def samples_as_rows(samples: Sequence[Sample]) -> Samples:

@@ -13,20 +13,23 @@ events, as at a grazing impact or at the end of a chatter, the flight is not dec
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag.messages import message_row
 from impact_damper_ros.bag.snapshots import motion_of
+from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.rig.rig import Rig
 
+from .findings import Findings
 from .matching import QUANTITIES, Matcher, differing_states, expected_states
 from .rows import (
     NO_EVENTS,
     NO_SAMPLES,
+    Advance,
     Events,
     Messages,
     Numbers,
@@ -36,8 +39,19 @@ from .rows import (
     published_states,
 )
 
-if TYPE_CHECKING:
-    from .replay import Advance, Replay
+
+class Replayed(Protocol):
+    """The replay of a run, as far as its second rig needs it."""
+
+    rig: Rig
+    findings: Findings
+
+    def advanced(self, rig: Rig, instants: Numbers) -> tuple[Samples, Events, list[ControlRecord]]:
+        """Let a rig run on, with samples at instants."""
+
+    def moved(self, rig: Rig, time: float) -> Events:
+        """Let a rig run on to an instant, or to the next event."""
+
 
 #: Relative change of the second rig, and how many times as far off the recording may be.
 _NUDGE, _TIMES = 1e-12, 10.0
@@ -90,7 +104,7 @@ def near(recorded: Any, replayed: Any, size: float = 0.0) -> bool:
 class Shadowing:
     """Holds the rows of a replay's run against it, from impact to impact."""
 
-    def __init__(self, replay: Replay, matcher: Matcher) -> None:
+    def __init__(self, replay: Replayed, matcher: Matcher) -> None:
         self._replay, self._matcher = replay, matcher
         self._near = _nudged(replay.rig)
         self._waiting = np.empty(0, message_row(6))
@@ -106,8 +120,6 @@ class Shadowing:
 
     def follow(self, states: Messages, instants: Numbers) -> Advance:
         """Let the rig run on to joint states, from impact to impact."""
-        from .replay import Advance
-
         replay, offset_ns = self._replay, self._replay.findings.offset_ns
         self._grow(states['numbers'][:, :4], states['numbers'][:, 7:11])
         waiting = self._waiting

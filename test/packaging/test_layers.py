@@ -87,11 +87,7 @@ def test_imports_point_downwards(own):
                 assert other == own or LEVEL[other] < LEVEL[own], f'{path} imports {name}'
 
 
-#: Folders in which modules may still import each other.
-CIRCULAR = {'node', 'page', 'replay'}
-
-
-@pytest.mark.parametrize('own', sorted(set(LEVEL) - CIRCULAR))
+@pytest.mark.parametrize('own', sorted(LEVEL))
 def test_modules_of_a_folder_do_not_import_each_other_in_a_circle(own):
     names = {
         path: f'impact_damper_ros.{own}.{path.stem}' for path in imported() if path.parts[0] == own
