@@ -1,4 +1,4 @@
-"""The rig to the last bit: cut up, interrupted, restored, taken back, previewed, compiled."""
+"""The rig to the last bit: cut up, interrupted, restored, taken back, compiled."""
 
 import math
 import random
