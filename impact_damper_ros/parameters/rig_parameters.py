@@ -464,14 +464,14 @@ class GapControlParameters(ParameterTable):
         1e-3,
         1e3,
         '',
-        'Gap of the amplitude law with symmetric stops, over the optimal gap of that amplitude.',
+        'Gap of the amplitude law with symmetric stops, over the best gap of that amplitude.',
     )
     gap_control_park: float = number(
         1.5,
         1e-3,
         1e3,
         '',
-        'Gap at which the timed law parks the stops, over the optimal gap of that amplitude.',
+        'Gap at which the timed law parks the stops, over the best gap of that amplitude.',
     )
     gap_control_lead: float = number(
         0.05,
