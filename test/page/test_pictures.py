@@ -90,7 +90,9 @@ def test_a_recording_looks_as_it_did(browser, played, size, dark, tmp_path):
         page.expect('#knob-angle').to_have_value('6.8755')
         page.wait('impactDamper.theory.curve?.done', 4.0 * LONG)
         page.run('document.activeElement.blur()')
-        # Scales are gone to smoothly, and values that were turned fade.
+        # Scales of what was seen on the way are kept for a while.
+        page.run('impactDamper.drawing.rescale(NaN); impactDamper.drawing.redraw()')
+        # They are gone to smoothly, and values that were turned fade.
         page.run('new Promise(done => setTimeout(done, 2500))')
         name = f'recording_{size}_{"dark" if dark else "light"}'
         compare(page.tab.screenshot(full_page=size == 'phone'), name, tmp_path)
