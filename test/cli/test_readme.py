@@ -1,9 +1,12 @@
 """What README.md and docs/ state of the commands is what they print, and every command runs."""
 
 import json
+import os
 import re
 import runpy
 import shlex
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -303,6 +306,21 @@ def test_make_targets_and_scripts_are_there():
     scripts = set(re.findall(r'python (benchmarks/\w+\.py)', pages))
     assert len(scripts) > 4
     assert all((ROOT / script).is_file() for script in scripts)
+
+
+def test_check_of_first_events_runs():
+    """The README gives its command, for many more flights."""
+    pytest.importorskip('numba')
+    module = re.search(r'python -m (\S+) --count 300000', README.read_text(encoding='utf-8'))[1]
+    done = subprocess.run(
+        [sys.executable, '-m', module, '--count', '20'],
+        env={**os.environ, 'PYTHONPATH': f'{ROOT}{os.pathsep}{ROOT / "test"}'},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=True,
+    )
+    assert 'missed 0, false 0' in done.stdout
 
 
 PYTHON = [

@@ -100,8 +100,9 @@ def compiled_find_all():
     """Return `find_all` with compiled kernels."""
     import numba
 
-    names = {name: compiled_namespace()[name] for name in ('begin_flight', 'find_event', 'Moving')}
-    twin = FunctionType(find_all.__code__, names)
+    kernels = compiled_namespace()
+    names = {name: kernels[name] for name in ('begin_flight', 'find_event')}
+    twin = FunctionType(find_all.__code__, {**names, 'Moving': Moving})
     return numba.njit(twin, error_model='numpy', _nrt=False)
 
 
