@@ -128,7 +128,11 @@ def resolved(
         plain['stiffness'] = _agreed('stiffness', ' N/m', meant, values, own('stiffness'))
     stiffness = number('stiffness', plain['stiffness']) if 'stiffness' in plain else stiffness
     scale = 2.0 * math.sqrt(stiffness * mass)
-    ratios = {n: scale * f(float(known[n])) for n, f in _ZETA.items() if n in known}  # type: ignore[arg-type]
+    ratios = {
+        n: scale * zeta_of(float(known[n]))  # type: ignore[arg-type]
+        for n, zeta_of in _ZETA.items()
+        if n in known
+    }
     if ratios:
         plain['damping'] = _agreed('damping', ' N s/m', ratios, values, own('damping'))
     if 'mass_ratio' in known:
