@@ -344,7 +344,7 @@ def _edges_on(branch: Branch, value: float) -> list[Edge]:
             continue
         edges = []
         for k in ends:
-            reason = branch.change_at(branch.orbits[k])
+            reason = branch.change_at(branch.orbits[k]) or 'stability is lost'
             if not reason.endswith(END):
                 edges.append(Edge(0, branch.values[k], reason))
         return sorted(edges, key=lambda edge: edge.value)

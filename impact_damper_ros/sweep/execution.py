@@ -346,6 +346,8 @@ def sweep(
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
     place = None if path is None else part_path(path)
     if path is not None and path.exists():
+        if not path.is_file():
+            raise MetadataError(f'{path} is not an ordinary file: give another output')
         try:
             table = _existing(grid, path)
         except MetadataError as error:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import stat
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -89,6 +90,10 @@ class PartFile:
             raise
 
     def _lock(self, file: int) -> None:
+        if not stat.S_ISREG(os.fstat(file).st_mode):
+            raise MetadataError(
+                f'{self._path} is not an ordinary file: move it away, or give another --output'
+            )
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

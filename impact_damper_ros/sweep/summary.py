@@ -58,7 +58,7 @@ def _cautions(optimum: Optimum, names: Sequence[str]) -> list[str]:
     texts = []
     for axis, edges in groupby(optimum.edges, key=attrgetter('axis')):
         ends = ' and '.join(
-            f'{"up" if edge.value > optimum.values[axis] else "down"} to {edge.value:.6g} '
+            f'{"up" if edge.value >= optimum.values[axis] else "down"} to {edge.value:.6g} '
             f'({edge.reason})'
             for edge in edges
         )

@@ -1,6 +1,7 @@
 """The finished rigs of a sweep, in lines: cut off, damaged, locked, of another sweep."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -9,10 +10,11 @@ import pytest
 from small_disk import mounted
 
 from impact_damper_ros import RigParameters
-from impact_damper_ros.sweep import Grid, MetadataError
+from impact_damper_ros.sweep import Grid, MetadataError, sweep
 from impact_damper_ros.sweep.part_file import PartFile
 
-INPUTS = Grid(RigParameters(gravity=0.0), gap=np.linspace(1.0, 40.0, 14)).inputs()
+GRID = Grid(RigParameters(gravity=0.0), gap=np.linspace(1.0, 40.0, 14))
+INPUTS = GRID.inputs()
 ROW = {'ok': True, 'x_max': 0.1, 'lyapunov_exponent': -float('inf'), 'section_x': [1e-300, -0.0]}
 
 
@@ -57,6 +59,17 @@ def test_a_foreign_file_is_left_alone(tmp_path, content):
     with pytest.raises(MetadataError, match='does not hold the rigs of a sweep, or is damaged'):
         PartFile(path, INPUTS)
     assert path.read_text() == content
+
+
+def test_what_is_no_ordinary_file_is_left_alone(tmp_path):
+    """A pipe would be waited for without end."""
+    os.mkfifo(tmp_path / 'a.parquet.part')
+    with pytest.raises(MetadataError, match='is not an ordinary file: move it away'):
+        sweep(GRID, tmp_path / 'a.parquet')
+    os.mkfifo(tmp_path / 'b.parquet')
+    for overwrite in (False, True):
+        with pytest.raises(MetadataError, match='is not an ordinary file: give another output'):
+            sweep(GRID, tmp_path / 'b.parquet', overwrite=overwrite)
 
 
 def test_rigs_of_another_sweep_are_refused(tmp_path):
