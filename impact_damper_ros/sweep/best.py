@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from impact_damper_ros.orbits.arguments import OrbitError
-from impact_damper_ros.orbits.branch import END, Branch
+from impact_damper_ros.orbits.branch import CLOSES, END, Branch
 from impact_damper_ros.orbits.continuation import follow
 
 from .branches import MOST_IMPACTS, orbit_of_row, path_along
@@ -337,8 +337,12 @@ class _Search:
 
 def _edges_on(branch: Branch, value: float) -> list[Edge]:
     """Return the ends of the stable part of a branch, but for those of the range."""
-    for status, part in branch.parts():
-        ends = (part.start, part.stop - 1)
+    parts = list(branch.parts())
+    for status, part in parts:
+        ends = [part.start, part.stop - 1]
+        if branch.ended == CLOSES and not part.start and parts[-1][0] == 'stable':
+            # It begins within the part that it comes back to
+            ends[0] = parts[-1][1].start
         low, high = sorted(branch.values[k] for k in ends)
         if status != 'stable' or not low <= value <= high:
             continue
