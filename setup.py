@@ -11,6 +11,7 @@ SHARE = f'share/{NAME}'
 EXAMPLES = (
     'examples',
     'examples/paper',
+    'examples/published',
     'examples/gap_control',
     'examples/gallery',
     'examples/controllers',

@@ -25,7 +25,9 @@ SETTLED = {
 
 
 def test_all_are_there_with_words():
-    assert set(SETTLED) | {'conveyor', 'chaos', 'control_changing_load'} == set(PRESETS)
+    assert set(SETTLED) | {'ring_down', 'conveyor', 'chaos', 'control_changing_load'} == set(
+        PRESETS
+    )
     for preset in PRESETS.values():
         assert preset.title
         assert preset.description.endswith('.')
@@ -106,6 +108,21 @@ def test_bouncing_ball_bounces_high_and_low_in_turn_under_more_force():
     assert len(speeds) == 10
     assert speeds[0] == pytest.approx(speeds[2], rel=1e-3)
     assert abs(speeds[0] - speeds[1]) > 0.3
+
+
+def test_ring_down_ends_long_before_that_of_the_dashpot_alone():
+    preset = PRESETS['ring_down']
+    rig = Rig(preset.rig, preset.initial)
+    assert preset.rig.force_amplitudes == (0.0,)
+    impacts = [event for event in rig.advance(4.0) if event.kind is EventKind.IMPACT]
+    assert len(impacts) > 40
+    sample = rig.sample()
+    left = math.hypot(sample.x, sample.primary_velocity / preset.rig.omega)
+    assert left == pytest.approx(0.001, rel=0.1)
+    alone = 0.04 * math.exp(-preset.rig.zeta * preset.rig.omega * 4.0)
+    assert alone == pytest.approx(0.011, rel=0.05)
+    rig.advance(5.0)
+    assert EventKind.IMPACT not in {event.kind for event in rig.advance(30.0)}
 
 
 def test_conveyor_carries_the_mass_to_stop_1_again_and_again():
