@@ -10,7 +10,7 @@ the documentation are made from that.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import field, fields, replace
+from dataclasses import field, fields
 from itertools import islice
 from math import inf, isfinite, nan
 from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias
@@ -348,6 +348,10 @@ class ParameterTable:
         """Replace every value by its checked one."""
         for name, spec in specs_of(type(self)).items():
             object.__setattr__(self, name, spec.checked(getattr(self, name)))
+        self._check()
+
+    def _check(self) -> None:
+        """Check what holds between the values."""
 
     def replace(self, **changes: Any) -> Self:
         """
@@ -361,7 +365,13 @@ class ParameterTable:
         for name in changes:
             if name not in specs_of(type(self)):
                 raise ParameterError(name, f'{name} is not a parameter of {self._owner}')
-        return replace(self, **changes)  # type: ignore[type-var]
+        table = object.__new__(type(self))
+        for name, spec in specs_of(type(self)).items():
+            # What is kept has been checked.
+            value = spec.checked(changes[name]) if name in changes else getattr(self, name)
+            object.__setattr__(table, name, value)
+        table._check()
+        return table
 
     def as_dict(self) -> dict[str, Any]:
         """Return name and value of every parameter."""

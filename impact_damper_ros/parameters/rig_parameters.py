@@ -147,10 +147,12 @@ class RigParameters(ParameterTable):
     )
 
     def __post_init__(self) -> None:
-        """Check every value, then what holds between them."""
+        """Take the quantity from the unit of base amplitudes, and check all values."""
         if quantity := base_quantity_of(self.base_amplitudes):
             object.__setattr__(self, 'base_quantity', quantity)
         ParameterTable.__post_init__(self)
+
+    def _check(self) -> None:
         for what in ('force', 'base'):
             count = len(getattr(self, f'{what}_amplitudes'))
             for name in (f'{what}_frequencies', f'{what}_phases'):
@@ -228,6 +230,8 @@ class RigParameters(ParameterTable):
             return float(specs_of(RigParameters)[name].checked(value))  # type: ignore[arg-type]
 
         plain = resolved(changes, number, self.primary_mass, self.stiffness)
+        if quantity := base_quantity_of(plain.get('base_amplitudes')):
+            plain['base_quantity'] = quantity
         return ParameterTable.replace(self, **plain)
 
     def _check_base(self) -> None:
@@ -548,9 +552,7 @@ class GapControlParameters(ParameterTable):
         'one of them moves its stop.',
     )
 
-    def __post_init__(self) -> None:
-        """Check every value, then what holds between them."""
-        ParameterTable.__post_init__(self)
+    def _check(self) -> None:
         if self.actuator_fault == 'slow' and not self.actuator_speed:
             raise ParameterError(
                 'actuator_fault',
