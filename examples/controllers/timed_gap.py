@@ -58,7 +58,7 @@ class TimedGap(Controller):
             pairs = zip(before, sample, strict=True)
             passage = Measurement(*(a + share * (b - a) for a, b in pairs))._replace(x=0.0)
             if not holds_off(law, passage.time):
-                take_crossing(law, passage, sample.x > 0.0, None, None, None, None, None)
+                take_crossing(law, passage, sample.x > 0.0)
         take_sample(law, sample)
         places = {}
         due = time + self.value('delay') + 0.5 * period

@@ -85,7 +85,9 @@ def _range(name: str) -> Callable[[str], tuple[float, float]]:
     def read(text: str) -> tuple[float, float]:
         ends = [one(part) for part in text.split(':')]
         if len(ends) > 2 or ends[0] > ends[-1]:
-            raise argparse.ArgumentTypeError(f'{shown(text)}: give a number, or a range LOW:HIGH')
+            raise argparse.ArgumentTypeError(
+                f'{shown(text)}: give a number, or a range LOW:HIGH with the low end first'
+            )
         return ends[0], ends[-1]
 
     return read

@@ -190,27 +190,39 @@ class RingDown:
 
     def curve(self, bins: int = 24) -> dict[str, Array]:
         """
-        Return the loss over amplitude: median and quantiles of all cycles in bins of amplitude.
+        Return the loss over amplitude: median and quantiles of cycles of about one amplitude.
 
         Returns
         -------
         dict of ndarray
             `amplitude` (m), `acceleration` (g), `cycles`, and of Psi `median`, `low` (0.1) and
-            `high` (0.9). Bins, evenly spaced in the logarithm of the amplitude, that hold fewer
-            than ten cycles are left out.
+            `high` (0.9).
+
+        Notes
+        -----
+        All cycles in the order of their amplitudes are divided into parts: each spans the same
+        factor of the amplitude, or as much more as it needs to have ten cycles.
         """
-        size = np.log(self.amplitudes)
-        edges = np.linspace(size.min(), size.max(), bins + 1)
-        where = np.clip(np.searchsorted(edges, size, side='right') - 1, 0, bins - 1)
+        order = np.argsort(self.amplitudes)
+        size, loss = self.amplitudes[order], self.loss[order]
+        factor = (size[-1] / size[0]) ** (1.0 / bins)
+        parts, begin = [], 0
+        while begin < len(size):
+            end = int(np.searchsorted(size, size[begin] * factor, side='right'))
+            end = max(end, begin + _LEAST_IN_BIN)
+            if len(size) - end < _LEAST_IN_BIN:
+                end = len(size)
+            parts.append(slice(begin, end))
+            begin = end
+        to_g = self.parameters.omega**2 / STANDARD_GRAVITY
         rows = [
             (
-                float(np.median(self.amplitudes[mine])),
-                float(np.median(self.accelerations[mine])),
-                float(mine.sum()),
-                *np.quantile(self.loss[mine], (0.5, 0.1, 0.9)).tolist(),
+                middle := float(np.median(size[part])),
+                middle * to_g,
+                float(len(size[part])),
+                *np.quantile(loss[part], (0.5, 0.1, 0.9)).tolist(),
             )
-            for k in range(bins)
-            if (mine := where == k).sum() >= _LEAST_IN_BIN
+            for part in parts
         ]
         names = ('amplitude', 'acceleration', 'cycles', 'median', 'low', 'high')
         return dict(zip(names, np.array(rows).reshape(-1, len(names)).T, strict=True))

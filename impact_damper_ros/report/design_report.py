@@ -83,9 +83,10 @@ def design_table(found: Sequence[Design]) -> Table:
 
 
 def _span_words(span: Span, unit: str, factor: float) -> str:
-    ends = [text for text in (span.low_reason, span.high_reason) if text]
-    lost = f' ({"; ".join(dict.fromkeys(ends))} beyond)' if ends else ''
-    return f'{factor * span.low:.4g} to {factor * span.high:.4g} {unit}{lost}'
+    low, high = f'{factor * span.low:.4g}', f'{factor * span.high:.4g}'
+    low = f'{low} ({span.low_reason})' if span.low_reason else f'{low} or less'
+    high = f'{high} {unit} ({span.high_reason})' if span.high_reason else f'{high} {unit} or more'
+    return f'from {low} to {high}'
 
 
 def _peak(frequencies: Array, sizes: Array) -> str:
@@ -96,34 +97,56 @@ def _peak(frequencies: Array, sizes: Array) -> str:
 def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
     """Return what there is to say of the chosen design."""
     gap, worst = unsure.best
-    here = np.array([design.rig.first_harmonic[1]])
-    other = quantity(float(mass_damper_response(design.rig, here)[0]), 'm', 3)
+    rig = design.rig
+    here = np.array([rig.first_harmonic[1]])
+    other = float(mass_damper_response(rig, here)[0])
     best = quantity(design.orbit.x_max, 'm', 3)
+    half = f'{1e3 * design.gap:.4g} mm'
     lines = [
-        f'Chosen: {_percent(design.mass_ratio)} of the mass, {_mass(design)}, with a gap of '
-        f'{1e3 * design.gap:.4g} mm in all.',
-        f'  It leaves {quantity(design.x_max, "m", 3)} of {quantity(design.bare, "m", 3)}, '
-        f'{_percent(design.x_max / design.bare)}; a tuned mass damper of that mass {other}.',
+        f'Chosen: {_percent(design.mass_ratio)} of the mass, {_mass(design)}, for R = '
+        f'{rig.restitution_1:g}.',
+        f'  Best at this level and frequency: a gap of {half} in all, which leaves '
+        f'{quantity(design.x_max, "m", 3)} of {quantity(design.bare, "m", 3)}, '
+        f'{_percent(design.x_max / design.bare)}.',
     ]
     if design.starts_by_itself is not None:
         lines.append(
-            f'  A gap of {1e3 * design.rig.gap:.4g} mm would leave {best}, but M at rest never '
-            'swings across it: m has to be started by a push.'
+            f'  A gap of {1e3 * rig.gap:.4g} mm would leave {best}, but M at rest never swings '
+            'across it: m has to be started by a push.'
         )
+    cases = f'the level from {unsure.levels[0]:g} to {unsure.levels[-1]:g} times this one'
+    if len(unsure.restitutions) > 1:
+        cases = f'R from {unsure.restitutions[0]:g} to {unsure.restitutions[-1]:g} and {cases}'
+    here_worst = float(np.interp(design.gap, unsure.gaps, unsure.worst))
     lines += [
-        f'  The best motion lasts for gaps of {_span_words(design.gap_range, "mm", 1e3)},',
-        f'  levels of {_span_words(design.level_range, "times this one", 1.0)},',
-        f'  frequencies of {_span_words(design.frequency_range, "Hz", 1.0 / math.tau)}.',
-        f'  With R from {unsure.restitutions[0]:g} to {unsure.restitutions[-1]:g} and the level '
-        f'from {unsure.levels[0]:g} to {unsure.levels[-1]:g} times this one, a gap of',
-        f'  {1e3 * gap:.4g} mm has the best worst case, from rest: it leaves {_percent(worst)}.',
-        f'Largest |X| between {compared.frequencies[0] / math.tau:.3g} and '
+        f'  Sure: with {cases}, a gap of {1e3 * gap:.4g} mm has the',
+        f'  best worst case from rest, {_percent(worst)}; with {half} it is '
+        f'{_percent(here_worst)}. --rig-out has {half}.',
+        'Once m hits both stops in each cycle, with the best gap, that motion lasts for',
+        f'  gaps {_span_words(design.gap_range, "mm", 1e3)},',
+        f'  levels {_span_words(design.level_range, "times this one", 1.0)},',
+        f'  frequencies {_span_words(design.frequency_range, "Hz", 1.0 / math.tau)}.',
+        'Beside a tuned mass damper of the same mass:',
+        f'  here {quantity(design.x_max, "m", 3)} with the impact damper, '
+        f'{quantity(other, "m", 3)} with the mass damper;',
+        f'  the largest between {compared.frequencies[0] / math.tau:.3g} and '
         f'{compared.frequencies[-1] / math.tau:.3g} Hz, from rest:',
-        f'  without a damper {_peak(compared.frequencies, compared.bare)},',
-        f'  with the impact damper {_peak(compared.frequencies, compared.damper)},',
-        f'  with the tuned mass damper {_peak(compared.frequencies, compared.mass_damper)}.',
+        f'  {_peak(compared.frequencies, compared.damper)} with the impact damper, '
+        f'{_peak(compared.frequencies, compared.mass_damper)} with the mass damper,',
+        f'  {_peak(compared.frequencies, compared.bare)} without. {_verdict(compared)}',
     ]
     return '\n'.join(lines)
+
+
+def _verdict(compared: Comparison) -> str:
+    """Return in a sentence whether the impact damper is better than the mass damper."""
+    here = len(compared.frequencies) // 2
+    better = compared.damper[here] < compared.mass_damper[here]
+    if compared.damper.max() < compared.mass_damper.max():
+        return 'The impact damper is better over all of them.'
+    if better:
+        return 'The impact damper is better at this frequency and level, not over all of them.'
+    return 'The mass damper is better.'
 
 
 def test_plan(design: Design) -> str:
@@ -134,10 +157,11 @@ Test plan, with the structure on its shaker:
   1. Without the damper, released by hand: the decay gives frequency and damping of M.
   2. With the damper, from rest, the shaker switched on at once at {hertz:.4g} Hz, 20 s at
      1 kHz. The start tells R, friction and gap apart; a steady motion alone does not.
-  3. The same at half and at twice the level: friction shows at the low one.
+  3. The same at half and at twice the level. At half of it m may stay unhit; impacts
+     there show friction, which carries m along.
   4. Swept slowly from {0.8 * hertz:.4g} to {1.2 * hertz:.4g} Hz and back at constant level:
      where up and down differ, two motions are possible.
-  5. The same with gaps of {0.8e3 * gap:.3g} and {1.2e3 * gap:.3g} mm."""
+  5. The same with gaps of {0.8e3 * gap:.3g} and {1.1e3 * gap:.3g} mm."""
 
 
 def _span_json(span: Span) -> dict[str, Any]:
@@ -289,7 +313,14 @@ def design_figure(
         Line2D([], [], label='tuned mass damper of the same mass', **tuned),
         Line2D([], [], label='impact damper, from rest', **impact),
         Line2D([], [], label='... once it is started', **{**impact, 'ls': ':'}),
-        Line2D([], [], label='worst case of R and level', color=COLORS['special'], lw=1.4),
+        Line2D(
+            [],
+            [],
+            label='worst case of R and level; its best gap',
+            color=COLORS['special'],
+            lw=1.4,
+        ),
+        Line2D([], [], label='the chosen gap, and this level', color='k', lw=0.8),
     ]
     legend_below(figure, handles, 3)
     figure.suptitle(textwrap.fill(title, 100), fontsize=7.5, color='0.3')

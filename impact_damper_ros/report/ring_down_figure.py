@@ -48,8 +48,7 @@ def ring_down_json(found: RingDown) -> dict[str, Any]:
 
 def _loss_words(loss: float) -> str:
     ratio = -math.log1p(-loss) / (2.0 * math.tau) if loss < 1.0 else math.inf
-    factor = f'loss factor {loss / math.tau:.4f}'
-    return f'Ψ {loss:.3f} = {factor} = damping ratio {100.0 * ratio:.2f} %'
+    return f'Ψ {loss:.3f} of the energy in a cycle = damping ratio {100.0 * ratio:.2f} %'
 
 
 def ring_down_text(found: RingDown) -> str:
@@ -67,11 +66,8 @@ def ring_down_text(found: RingDown) -> str:
             f'largest loss, median: {_loss_words(float(curve["median"][best]))} at an amplitude '
             f'of {place} ({curve["acceleration"][best]:.3g} g)'
         )
-    lines.append(
-        f'two impacts per cycle at X = 0 would take Ψ {found.bound:.3f}'
-        if found.bound < 1.0
-        else 'two impacts per cycle at X = 0 would take all of the energy'
-    )
+    if found.bound < 1.0:
+        lines.append(f'two impacts per cycle at X = 0 would take Ψ {found.bound:.3f}')
     return '\n'.join(lines)
 
 
@@ -104,7 +100,8 @@ def ring_down_figure(found: RingDown, title: str = '') -> Figure:
         text = 'two impacts per cycle at X = 0'
         loss.axhline(found.bound, color=COLORS['special'], lw=1.0, ls=':', label=text)
     loss.set_xscale('log')
-    loss.set_ylim(0.0, max(1.1 * float(found.loss.max()), 1.2 * found.dashpot_loss))
+    lowest = min(0.0, 1.1 * float(curve['low'].min()))
+    loss.set_ylim(lowest, max(1.1 * float(found.loss.max()), 1.2 * found.dashpot_loss))
     loss.legend(frameon=False)
     finish_panel(loss, 'b', '', 'Loss of a cycle, Ψ = 1 − E₊/E')
     unit_axis(loss.xaxis, 'Amplitude of M', 'm', found.amplitude)

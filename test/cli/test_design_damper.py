@@ -50,7 +50,7 @@ def test_a_light_damper_has_to_be_started(capsys):
         (['--base', '0.2kg'], "'kg' is no unit of it"),
         (['--base', '0'], 'the excitation is 0'),
         (['--base', '1mm', '--force', '1N'], 'not allowed with'),
-        (['--base', '1mm', '--mass-ratio', '10%:1%'], 'give a number, or a range LOW:HIGH'),
+        (['--base', '1mm', '--mass-ratio', '10%:1%'], 'LOW:HIGH with the low end first'),
         (['--base', '1mm', '--restitution', '1.2'], 'restitution_1 is 1.2: give a number'),
         (['--base', '1mm', '--levels', '2:3'], 'give a range of factors around 1'),
         (['--base', '1mm', '--damping-ratio', '0'], '--damping-ratio is 0'),
