@@ -21,7 +21,8 @@ def test_files_and_words(tmp_path, capsys):
     words = [str(word) for pair in outputs.items() for word in pair]
     assert main([*STRUCTURE, '--mass-ratio', '5%', '--restitution', '0.5:0.7', *words]) == 0
     text = capsys.readouterr().out
-    assert 'Chosen: 5 % of the mass, 250 g, with a gap of' in text
+    assert 'Chosen: 5 % of the mass, 250 g, for R = 0.6.' in text
+    assert 'with R from 0.5 to 0.7 and the level from 0.5 to 2' in text
     assert 'tuned mass damper' in text
     assert 'Test plan' in text
     found = json.loads(outputs['--json'].read_text())
