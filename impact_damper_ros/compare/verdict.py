@@ -170,8 +170,10 @@ def _judged_vibration(stretch: RecordedStretch, x_max: float, cycle: float) -> _
         f'M vibrates {how}: largest |X| {x_max:.7g} m, predicted {expected:.7g} m; the free '
         f'vibration left is {left:.2g} of it'
     )
-    drift = float(section[-1, 2] - section[0, 2])
-    size = float(np.abs(section[:, 2]).max()) + expected
+    # Without friction m stays where it is in space, while X still swings in
+    place = section[:, 2] if joined else section[:, 0] + section[:, 2]
+    drift = float(place[-1] - place[0])
+    size = float(np.abs(place).max()) + expected
     moves = hits or abs(drift) > _KEPT * size
     if hits:
         after = (hits[0].time - stretch.end) / cycle

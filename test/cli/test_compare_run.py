@@ -396,3 +396,13 @@ def test_a_loose_mass_that_creeps_between_samples(tmp_path):
     bag = RecordedRig(rig.replace(friction=2.0), rate=1.0 / math.tau).start().run(60)
     _, result = run(bag.save(tmp_path / 'held'), tmp_path)
     assert verdicts(result) == ['agrees']
+
+
+def test_a_mass_at_rest_in_space_does_not_drift(tmp_path, capsys):
+    """Without friction m stays at Z = 0 while X swings in: its place in M is another matter."""
+    words = ['--set', 'friction=0', '--set', 'gap=200 mm', '--duration', '6', '--quiet']
+    assert simulate_rig(['bench_rig', *words, '--bag', str(tmp_path / 'bag')]) == 0
+    main([str(tmp_path / 'bag')])
+    text = capsys.readouterr().out
+    assert 'M vibrates without m' in text
+    assert 'does not keep its place' not in text
