@@ -69,7 +69,7 @@ class Site:
 
     def build(self):
         """Return the exit code of Sphinx, and what it printed."""
-        options = ['-q', '-W', '--keep-going', '-D', 'plot_gallery=0', '-b', 'html']
+        options = ['-q', '--no-color', '-W', '--keep-going', '-D', 'plot_gallery=0', '-b', 'html']
         done = subprocess.run(
             [sys.executable, '-m', 'sphinx', *options, self.sources, self.pages],
             env={**os.environ, 'PYTHONPATH': str(ROOT)},
