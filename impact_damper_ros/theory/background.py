@@ -58,10 +58,23 @@ def end_with_parent() -> None:
         threading.Thread(target=wait, daemon=True).start()
 
 
+def _lower_priority(niceness: int) -> None:
+    """Give this thread, and what it starts, the ordinary scheduling and at least a niceness."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    present = os.getpriority(os.PRIO_PROCESS, 0)
+    os.setpriority(os.PRIO_PROCESS, 0, max(niceness, present))
+
+
 def _carry_out(
-    out: Connection, patience: float, function: Callable[..., Iterator[Any]], arguments: Any
+    out: Connection,
+    niceness: int,
+    patience: float,
+    function: Callable[..., Iterator[Any]],
+    arguments: Any,
 ) -> None:
     """Send what a function yields, in the process that is for it."""
+    # A server that another part of the program has started has the priority of that
+    _lower_priority(niceness)
     # Ctrl-C in the terminal is for the program that asks
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
@@ -104,17 +117,19 @@ class BackgroundCall:
         self.end = ''
         self._patience = patience
         self._incoming, out = _CONTEXT.Pipe(duplex=False)
+        self._niceness = os.getpriority(os.PRIO_PROCESS, 0) + _NICENESS
         self._process = _CONTEXT.Process(
-            target=_carry_out, args=(out, patience, function, arguments), daemon=True
+            target=_carry_out,
+            args=(out, self._niceness, patience, function, arguments),
+            daemon=True,
         )
         self._closed = False
         # The first one waits until the server has loaded its modules
         threading.Thread(target=self._start, args=(out,), daemon=True).start()
 
     def _start(self, out: Connection) -> None:
-        # Of this thread, and so of the processes
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        os.nice(_NICENESS)
+        # Of this thread, and so of a server that it starts
+        _lower_priority(self._niceness)
         try:
             with _starting, _bare_start():
                 if not self._closed:

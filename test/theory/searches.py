@@ -26,6 +26,11 @@ def waiting(*_):
     time.sleep(1000.0)
 
 
+def niceness(*_):
+    """Yield the niceness of the process."""
+    yield os.getpriority(os.PRIO_PROCESS, 0)
+
+
 def dying(*_):
     """End before anything is sent."""
     os.kill(os.getpid(), signal.SIGKILL)
