@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import groupby
 from operator import itemgetter
@@ -20,7 +19,7 @@ from impact_damper_ros.parameters.parameters_file import (
     presets,
     yaml_value,
 )
-from impact_damper_ros.parameters.quoting import named, shown
+from impact_damper_ros.parameters.quoting import named, shown, similar_names
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
@@ -154,8 +153,8 @@ def values_of(
         if not text.strip():
             raise ValueError(f'{option}{named(setting)}: give NAME=VALUE')
         if name not in names:
-            close = difflib.get_close_matches(name[:80], names, 1)
-            remedy = f'did you mean {close[0]}?' if close else f'{listing} lists all parameters'
+            close = similar_names(name, names)
+            remedy = f'did you mean {close}?' if close else f'{listing} lists all parameters'
             raise ValueError(
                 f'{option}{named(setting)}: there is no parameter {named(name)} to set: {remedy}'
             )

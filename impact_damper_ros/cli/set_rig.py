@@ -7,14 +7,20 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any
 
 from impact_damper_ros.bag.rig_topics import rig_nodes
 from impact_damper_ros.parameters.quoting import named, printable
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, PARAMETER_SPECS, RigParameters
+from impact_damper_ros.parameters.rig_parameters import (
+    ALL_SPECS,
+    PARAMETER_SPECS,
+    RigParameters,
+    base_quantity_of,
+    unit_of,
+)
 from impact_damper_ros.report.formatting import setting
 from impact_damper_ros.report.table import Column, Table
 
@@ -141,6 +147,9 @@ class RigParameterClient:
         """Set parameters, all or none; raise CommandError if the rig rejects them."""
         from rclpy.parameter import Parameter
 
+        # Of 0.5 mm the node gets the number alone
+        if quantity := base_quantity_of(values.get('base_amplitudes')):
+            values = {**values, 'base_quantity': quantity}
         request = [
             Parameter(name, value=ALL_SPECS[name].checked(value)) for name, value in values.items()
         ]
@@ -165,12 +174,12 @@ def ros_node(name: str) -> Iterator[Any]:
         rclpy.try_shutdown()
 
 
-def listed(values: Mapping[str, Any]) -> str:
-    """Return a table of parameters with values, units, ranges and usual ranges."""
+def listed(names: Iterable[str], values: Mapping[str, Any]) -> str:
+    """Return a table of some parameters of a rig with values, units, ranges and usual ranges."""
     columns = [Column(t, 'text') for t in ('parameter', 'value', 'unit', 'range', 'usual range')]
     rows = [
-        (spec.name, setting(value), spec.unit, spec.span, spec.usual_span)
-        for name, value in values.items()
+        (name, setting(values[name]), unit_of(name, values), spec.span, spec.usual_span)
+        for name in names
         for spec in (ALL_SPECS[name],)
     ]
     return Table(columns, [('', rows)]).text()
@@ -223,7 +232,7 @@ def _set(arguments: argparse.Namespace) -> int:
         if given:
             rig.set(given)
             present = rig.values()
-        print(listed({name: present[name] for name in given or present}))
+        print(listed(given or present, present))
         if given:
             hint('set_rig', RigParameters(**{n: present[n] for n in PARAMETER_SPECS}))
         if arguments.watch:

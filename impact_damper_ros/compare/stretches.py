@@ -27,7 +27,7 @@ from impact_damper_ros.orbits.flight_arrays import (
     Integrals,
     rows_of_samples,
 )
-from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
+from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
 from impact_damper_ros.replay import Part
 from impact_damper_ros.replay.command import Command
 from impact_damper_ros.replay.rows import NO_SAMPLES, Events, Samples, impacts_of, samples_as_rows
@@ -74,10 +74,11 @@ class LoggedRig:
         after = {**other.control, **other.parameters.as_dict()}
         parts = []
         for name in sorted(self.changed_names(other)):
-            spec = PARAMETER_SPECS.get(name)
-            unit = f' {spec.unit}' if spec is not None and spec.unit else ''
-            was, now = _shown(before.get(name)), _shown(after.get(name))
-            parts.append(f'{name} = {now}{unit} (was {was}{unit})')
+            now, was = (
+                f'{_shown(values.get(name))} {unit_of(name, values)}'.rstrip()
+                for values in (after, before)
+            )
+            parts.append(f'{name} = {now} (was {was})')
         return ', '.join(parts)
 
 

@@ -8,7 +8,6 @@ them, one force array at a time.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -23,7 +22,7 @@ from rcl_interfaces.msg import (
 from rclpy.parameter import Parameter
 
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
-from impact_damper_ros.parameters.quoting import named, shown
+from impact_damper_ros.parameters.quoting import named, shown, similar_names
 from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,
     GAP_CONTROL_SPECS,
@@ -214,7 +213,7 @@ def nearest_name(name: str, cutoff: float = 0.5) -> str:
     """Return the known parameter whose name is most similar, or an empty text."""
     if len(name) > _LONGEST_NAME:
         return ''
-    return ''.join(difflib.get_close_matches(name, ALL_SPECS, n=1, cutoff=cutoff))
+    return similar_names(name, ALL_SPECS, cutoff)
 
 
 def parameters_from_overrides(

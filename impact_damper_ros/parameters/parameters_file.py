@@ -7,7 +7,6 @@ A preset is a file of config/, which is installed as share/impact_damper_ros/con
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -28,7 +27,7 @@ from impact_damper_ros.parameters.rig_parameters import (
 )
 
 from .parameter_spec import ParameterError
-from .quoting import named, shown
+from .quoting import named, shown, similar_names
 from .structure import STRUCTURE_SPECS
 
 _NAME = 'impact_damper_ros'
@@ -299,8 +298,8 @@ def _values(path: Path, node: str) -> Block:
     allowed = [*ALL_SPECS, *STRUCTURE_SPECS, *_ROS_NAMES]
     for name in values:
         if str(name).split('.')[0] not in [*allowed, 'qos_overrides']:
-            close = difflib.get_close_matches(str(name)[:80], allowed, 1)
-            hint = f'did you mean {close[0]}?' if close else 'remove it'
+            close = similar_names(name, allowed)
+            hint = f'did you mean {close}?' if close else 'remove it'
             raise ParametersFileError(
                 f'line {values.lines[name]}: unknown parameter {named(name)}: {hint}'
             )

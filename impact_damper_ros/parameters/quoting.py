@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 import reprlib
+from collections.abc import Collection
 from typing import Any
 
 _LONGEST = 80
@@ -116,3 +118,18 @@ def counted(count: int, noun: str, form: str = '') -> str:
     """
     plural = '' if count == 1 else 'es' if noun.endswith(('ch', 's')) else 's'
     return f'{count:{form}} {noun}{plural}'
+
+
+def similar_names(name: object, names: Collection[str], cutoff: float = 0.6) -> str:
+    """
+    Return the known name that is most similar, or all numbered ones of that name; or nothing.
+
+    Examples
+    --------
+    >>> known = ['gap', 'restitution_1', 'restitution_2']
+    >>> similar_names('gab', known), similar_names('restitution', known), similar_names('x', known)
+    ('gap', 'restitution_1 and restitution_2', '')
+    """
+    text = str(name)[:_LONGEST]
+    numbered = [known for known in names if re.fullmatch(rf'{re.escape(text)}_\d+', known)]
+    return ' and '.join(numbered or difflib.get_close_matches(text, names, 1, cutoff))

@@ -9,6 +9,7 @@ names are the ROS parameter names.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -729,3 +730,10 @@ SETTING_SPECS: dict[str, ParameterSpec] = specs_of(NodeSettings)
 RIG_SPECS = {**PARAMETER_SPECS, **STRUCTURE_SPECS}
 #: All parameters that a parameters file may hold, in this order in documents and lists.
 ALL_SPECS = {**PARAMETER_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS, **SETTING_SPECS}
+
+
+def unit_of(name: str, values: Mapping[str, Any]) -> str:
+    """Return the unit of a parameter of a rig with these values, if it has one."""
+    if name == 'base_amplitudes':
+        return QUANTITIES[values['base_quantity']]
+    return ALL_SPECS[name].unit if name in ALL_SPECS else ''

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Sequence
 from impact_damper_ros.compare import Overall, RunComparison, StretchComparison
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.parameters.quoting import counted
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.rig_parameters import unit_of
 
 from .formatting import NONE, Unit, instant, number, setting, unit_for
 from .table import Column, Table
@@ -270,7 +270,7 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
         return {name: setting(value) for name, value in entries.items()}
 
     values = values_of(stretch)
-    units = {name: ALL_SPECS[name].unit if name in ALL_SPECS else '' for name in values}
+    units = {name: unit_of(name, values) for name in values}
     columns = [Column('parameter', 'text'), Column('value'), Column('unit', 'text')]
     if before is None:
         rows = [(name, value, units[name]) for name, value in values.items()]

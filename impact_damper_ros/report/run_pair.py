@@ -6,12 +6,13 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterator, Mapping
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.compare.result import Overall
 from impact_damper_ros.compare.whole_run import WholeRun
 from impact_damper_ros.parameters.quoting import counted
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, RigParameters
+from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
 from impact_damper_ros.replay.command import Command, Setting
 from impact_damper_ros.replay.replay import Part
 from impact_damper_ros.replay.what_if import WhatIf
@@ -135,12 +136,14 @@ class RunPair:
 
     def figure(self) -> Figure:
         """Return the figure of both; needs `drawn`."""
-        now = ', '.join(f'{name} = {_with_unit(v, name)}' for name, v in self._held.items())
+        held = {**self._recorded.stretches[0].values, **self._held}
+        now = ', '.join(f'{name} = {_with_unit(name, held)}' for name in self._held)
         was = []
         for name in self._held:
-            values = self._recorded_values(name)
-            listed = ', '.join(_with_unit(value, name) for value in values[:_MOST_IN_FIGURE])
-            more = len(values) - _MOST_IN_FIGURE
+            rigs = [{**self._initial, **one.values} for one in self._recorded.stretches]
+            texts = [text for text, _ in groupby(_with_unit(name, rig) for rig in rigs)]
+            listed = ', '.join(texts[:_MOST_IN_FIGURE])
+            more = len(texts) - _MOST_IN_FIGURE
             was.append(f'{name} = {listed}' + (f' and {more} more' if more > 0 else ''))
         recorded, other = (
             Side(f'{textwrap.fill(head, 66)}\n{_in_a_line(run)}', run.envelope, Motion(*run.end))
@@ -158,7 +161,7 @@ class RunPair:
         for stretch in self._recorded.stretches:
             values = stretch.values
             texts = [
-                f'{name} {_with_unit(value, name)}' + (' (held)' if name in self._held else '')
+                f'{name} {_with_unit(name, values)}' + (' (held)' if name in self._held else '')
                 for name, value in values.items()
                 if before and before[name] != value
             ]
@@ -184,5 +187,5 @@ def _in_a_line(run: WholeRun) -> str:
     )
 
 
-def _with_unit(value: Any, name: str) -> str:
-    return f'{setting(value)} {ALL_SPECS[name].unit}'.rstrip()
+def _with_unit(name: str, values: Mapping[str, Any]) -> str:
+    return f'{setting(values[name])} {unit_of(name, values)}'.rstrip()

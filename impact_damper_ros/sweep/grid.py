@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +15,7 @@ import numpy.typing as npt
 
 import impact_damper_ros
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
-from impact_damper_ros.parameters.quoting import named, shown
+from impact_damper_ros.parameters.quoting import named, shown, similar_names
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
@@ -67,8 +66,8 @@ def _parts(text: str) -> tuple[str, int | None]:
     match = _NAME.fullmatch(text)
     name = match[1] if match else text
     if name not in _SPECS:
-        close = difflib.get_close_matches(name, _SPECS, 1)
-        hint = f'did you mean {close[0]}?' if close else f'give one of {", ".join(_SPECS)}'
+        close = similar_names(name, _SPECS)
+        hint = f'did you mean {close}?' if close else f'give one of {", ".join(_SPECS)}'
         raise GridError(f'{shown(text)} is not a parameter of the rig: {hint}')
     if _SPECS[name].kind not in ('double', 'double_array', 'bool', 'integer'):
         raise GridError(f'{name} is a text and has no range: choose it with --set {name}=...')

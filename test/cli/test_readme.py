@@ -68,7 +68,7 @@ LESS = (
     ('=0.4:1.2:33', '=0.4:1.2:2 --no-search'),
     ('--cycles 300 --watch 100', '--cycles 60 --watch 21'),
 )
-RANGE = re.compile(r'(=-?[0-9.]+:-?[0-9.]+):\d+')
+RANGE = re.compile(r'(=-?[0-9.]+(?:Hz)?:-?[0-9.]+(?:Hz)?):\d+')
 
 
 def blocks(page, language):

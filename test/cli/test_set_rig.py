@@ -50,6 +50,18 @@ def test_parameters_are_set_together(capsys):
     assert [row[0] for row in rows.values()] == ['0.008', '[8, 1.5]', 'timed', '0.01']
 
 
+@pytest.mark.usefixtures('node')
+def test_the_unit_of_the_base_is_that_of_its_quantity(capsys):
+    # The last one leaves the base at rest again
+    for value, row in (
+        ('0.5 mm', ['[0.0005]', 'm']),
+        ('2 m/s^2', ['[2]', 'm/s^2']),
+        ('0 m', ['[0]', 'm']),
+    ):
+        assert set_rig.main([f'base_amplitudes={value}', 'base_frequencies=30']) == 0
+        assert rows_of(capsys.readouterr().out)['base_amplitudes'][:2] == row
+
+
 @pytest.mark.parametrize('name', ['bad name!', 'a//b', '/1'])
 def test_a_name_that_no_node_can_have(name, capsys):
     assert set_rig.main(['--node', name, 'gap=0.008']) == 2
