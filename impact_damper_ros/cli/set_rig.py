@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -27,8 +28,9 @@ from impact_damper_ros.report.table import Column, Table
 from .command_line import EXIT_FAILED, CommandError, command_parser, outcome
 from .rig_options import hint, values_of
 
-#: Time in which the rigs of the network become known, and in which one must answer, s.
-DISCOVERY_S, PATIENCE_S = 1.0, 15.0
+#: Time in which the rigs of the network become known, and in which one must answer, s;
+#: and longest time for which the diagnostics of one are awaited.
+DISCOVERY_S, PATIENCE_S, REPORT_S = 1.0, 15.0, 5.0
 
 _DESCRIPTION = """\
 Set parameters of a running rig, all at once, or list all with values, units and ranges; or print
@@ -92,12 +94,29 @@ class RigParameterClient:
 
     def _check_alone(self) -> None:
         """Raise CommandError if another node has the name of the rig."""
+        import rclpy
+        from diagnostic_msgs.msg import DiagnosticArray
+
         space, _, name = self.name.rpartition('/')
-        end = self._found_at + DISCOVERY_S
-        while (
-            count := self._node.get_node_names_and_namespaces().count((name, space or '/'))
-        ) < 2 and time.monotonic() < end:
-            time.sleep(0.05)
+        namesakes = re.compile(rf'(\d+) nodes are named {re.escape(self.name)}:')
+        counts: list[int] = []
+
+        def note(array: Any) -> None:
+            for status in array.status:
+                if status.name == f'{self.name.lstrip("/")}: network':
+                    found = namesakes.search(status.message)
+                    counts.append(int(found[1]) if found else 1)
+
+        # What the rig has found of its network may not have been found here yet.
+        reports = self._node.create_subscription(DiagnosticArray, '/diagnostics', note, 10)
+        end, last = self._found_at + DISCOVERY_S, self._found_at + REPORT_S
+        while True:
+            rclpy.spin_once(self._node, timeout_sec=0.05)
+            graph = self._node.get_node_names_and_namespaces().count((name, space or '/'))
+            count = max(graph, *counts, 0)
+            if count > 1 or time.monotonic() >= (end if counts else last):
+                break
+        self._node.destroy_subscription(reports)
         if count > 1:
             raise CommandError(
                 f'{count} nodes are named {self.name}, and a request reaches any one of them: '
