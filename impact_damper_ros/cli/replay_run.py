@@ -102,6 +102,9 @@ def _held_values(
     rig, initial, control = overridden(settings, given)
     changed, start = Setting(rig, control).as_dict(), initial.as_dict()
     names = [setting.partition('=')[0] for setting in settings]
+    # The unit of base amplitudes, as in 0.5 mm, may mean another quantity
+    if rig.base_quantity != logged.rig.base_quantity:
+        names.append('base_quantity')
     return (
         {name: changed[name] for name in names if name in changed},
         {name: start[name] for name in names if name in INITIAL_SPECS},

@@ -136,7 +136,7 @@ class RunPair:
 
     def figure(self) -> Figure:
         """Return the figure of both; needs `drawn`."""
-        held = {**self._recorded.stretches[0].values, **self._held}
+        held = {**self._other.stretches[0].values, **self._held}
         now = ', '.join(f'{name} = {_with_unit(name, held)}' for name in self._held)
         was = []
         for name in self._held:

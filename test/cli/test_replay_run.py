@@ -155,6 +155,14 @@ def test_what_if_with_the_recorded_values_changes_nothing(bag, tmp_path):
     assert result['what_if']['recorded'] == result['what_if']['what_if']
 
 
+def test_the_unit_of_the_base_is_its_quantity(bag, tmp_path):
+    words = ('--set', 'base_amplitudes=0.5 mm', '--set', 'base_frequencies=30')
+    code, result = run(bag, tmp_path, *words)
+    assert code == 0
+    assert result['what_if']['set']['base_amplitudes'] == [0.0005]
+    assert result['what_if']['set']['base_quantity'] == 'displacement'
+
+
 def test_bags_and_settings_that_cannot_be_used(bag, tmp_path, capsys):
     assert run(tmp_path / 'absent', tmp_path) == (2, None)
     assert 'no such file' in capsys.readouterr().err
