@@ -248,7 +248,7 @@ def _announce(grid: Grid) -> None:
         p.name: (float(min(axis.values)), float(max(axis.values)))
         for axis in grid.axes
         for p in axis.varied
-        if not p.entry and p.name in ('force_frequencies', 'gap')
+        if not p.entry and p.name in ('force_frequencies', 'base_frequencies', 'gap')
     }
     announce(
         *('sweep_rig', grid.setup.parameters, grid.setup.control),

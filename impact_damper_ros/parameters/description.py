@@ -55,7 +55,8 @@ def unit_hint(rig: RigParameters, varied: Varied | None = None) -> str:
     varied.
     """
     varied = varied or {}
-    hints = frequency_hint(rig, varied.get('force_frequencies')), gap_hint(rig, varied.get('gap'))
+    frequencies = varied.get(f'{next(iter(rig.harmonic_groups))}_frequencies')
+    hints = frequency_hint(rig, frequencies), gap_hint(rig, varied.get('gap'))
     return '; '.join(filter(None, hints))
 
 
@@ -174,7 +175,7 @@ def _bands(
     if rig.sweep_mode != 'off':
         yield 'sweep_low and sweep_high', rig.sweep_low, rig.sweep_high
     elif varied is not None:
-        yield 'force_frequencies', *varied
+        yield f'{next(iter(rig.harmonic_groups))}_frequencies', *varied
     elif own and rig.first_harmonic[0]:
         yield f'{next(iter(rig.harmonic_groups))}_frequencies', own, own
     if rig.multisine_level:

@@ -142,3 +142,20 @@ def test_printable_keeps_lines():
 
 def test_a_number_of_more_digits_than_python_writes():
     assert shown(10**5000) == 'int of too many digits'
+
+
+def test_a_range_of_frequencies_of_the_base_in_hertz():
+    rig = RigParameters.of_structure(
+        primary_mass=5.0,
+        natural_frequency=10.0,
+        damping_ratio=0.02,
+        mass_ratio=0.05,
+        gap=0.02,
+        force_amplitudes=0.0,
+        base_amplitudes='0.2 g',
+        base_frequencies='10 Hz',
+    )
+    hint = unit_hint(rig, {'base_frequencies': (7.0, 13.0)})
+    assert 'base_frequencies are 7 to 13 rad/s' in hint
+    assert 'if Hz were meant, give 43.9823 to 81.6814' in hint
+    assert not unit_hint(rig, {'base_frequencies': (44.0, 81.0)})
