@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import struct
 import subprocess
 import sys
 import textwrap
@@ -25,9 +26,9 @@ NOTE = Topic('/note', samples.STRING)
 
 
 def salvaged(path):
-    """Return the messages that the stream reader of `mcap` finds in an unfinished file."""
+    """Return the messages that the stream reader of `mcap` finds in a file that grows."""
     messages = []
-    with path.open('rb') as stream, contextlib.suppress(EndOfFile):
+    with path.open('rb') as stream, contextlib.suppress(EndOfFile, struct.error):
         messages.extend(r for r in StreamReader(stream).records if isinstance(r, Message))
     return messages
 
