@@ -84,10 +84,10 @@ def test_a_recording_looks_as_it_did(browser, played, size, dark, tmp_path):
         page.expect('#player').to_be_visible()
         # A jump pauses also where the recording has ended meanwhile.
         page.click('[aria-label="Back to the sample before"]')
-        page.expect('#status').to_have_text('paused')
         page.run("""(one => { one.value = 9.5; one.dispatchEvent(new Event('change')); })(
             document.querySelector('#scrub'))""")
         page.wait('Math.abs(impactDamper.history.end - 9.5) < 0.01')
+        page.expect('#status').to_have_text('paused')
         page.expect('#knob-angle').to_have_value('6.8755')
         page.wait('impactDamper.theory.curve?.done', 4.0 * LONG)
         page.run('document.activeElement.blur()')
