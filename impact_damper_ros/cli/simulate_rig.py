@@ -284,10 +284,11 @@ class _Summary(Observer):
         """Return what M takes up of the motion of its base, in whole cycles at the end."""
         whole = _LOOKS_PER_CYCLE * max(1, int(self._cycles))
         x, base = np.array(self._places[-whole:]).T
-        moved = float(np.std(base))
-        if not moved:
+        if not np.ptp(base):
             return 'transmissibility: the base has not moved'
-        absolute, relative = float(np.std(x)) / moved, float(np.std(x - base)) / moved
+        from impact_damper_ros.orbits.transmissibility import Transmissibility
+
+        absolute, relative = Transmissibility.of(x, base)
         return f'transmissibility: rms X/rms b {absolute:.6g}; rms (X - b)/rms b {relative:.6g}'
 
     def _remedy(self) -> str:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .flight_arrays import Flights
+from .response import Array
 
 #: Points in a cycle of the fastest line of the base, or of the rig.
 _POINTS = 128
@@ -29,6 +30,12 @@ class Transmissibility(NamedTuple):
 
     absolute: float
     relative: float
+
+    @classmethod
+    def of(cls, x: Array, base: Array) -> Transmissibility:
+        """Return that of X and b at evenly spaced instants of whole cycles; b moves."""
+        moved = np.std(base)
+        return cls(float(np.std(x) / moved), float(np.std(x - base) / moved))
 
 
 def transmissibility(flights: Flights) -> Transmissibility:
@@ -52,5 +59,4 @@ def transmissibility(flights: Flights) -> Transmissibility:
     lines = zip(*base, flights.drive.angles[rows], strict=True)
     for size, rate, phase, angle in lines:
         place += size * np.sin(angle + rate * (times - flights.drive.time) + phase)
-    moved = float(np.std(place))
-    return Transmissibility(float(np.std(x)) / moved, float(np.std(x - place)) / moved)
+    return Transmissibility.of(x, place)
