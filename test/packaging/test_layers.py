@@ -27,6 +27,7 @@ LEVEL = {
     'replay': 5,
     'compare': 6,
     'design': 7,
+    'fit': 7,
     'report': 8,
     'sweep': 9,
     'node': 10,
