@@ -57,7 +57,6 @@ globalThis.impactDamper = { received, history, theory, drawing, requests };
 // What is shown of the state
 
 function setStatus(now, text = '') {
-  if (state.status === 'paused' && now !== 'paused') requests.resumed();
   state.status = now;
   const pill = byId('status');
   const words = STATES[now] ?? now;

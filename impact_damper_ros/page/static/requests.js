@@ -15,8 +15,6 @@ export class Requests {
     this.onWhatIf = onWhatIf;
     this.onPreset = onPreset;
     this.stepping = false;
-    /** How many impacts were known when the next one was asked for, until the rig is seen moving. */
-    this.awaited = -1;
   }
 
   /** Send a request; return whether it was carried out, and show why if not. */
@@ -96,18 +94,19 @@ export class Requests {
   async step(name) {
     if (state.status !== 'paused' || this.stepping) return;
     this.stepping = true;
-    this.awaited = name === 'step_to_impact' ? history.impacts.end : -1;
-    await this.service(name);
+    const start = history.end;
+    const moves = await this.service(name);
     this.stepping = false;
+    if (moves && name === 'step_to_impact') this.reportNoImpact(start);
   }
 
-  /** The rig moves on: report an impact that was asked for and has not come after a while. */
-  resumed() {
-    const before = this.awaited;
-    this.awaited = -1;
-    if (before < 0) return;
-    setTimeout(() => {
-      if (state.status !== 'paused' && history.impacts.end === before) toast('No impact so far: the rig runs on to the next one. Pause holds it here.');
-    }, LATE);
+  /** Report an impact that was asked for at a time of the rig and does not come for a while. */
+  async reportNoImpact(start) {
+    const standsStill = () => state.status === 'paused' && history.end <= start;
+    // What the page shows may be older than the answer of the rig.
+    do await new Promise((resolve) => { setTimeout(resolve, LATE); }); while (standsStill());
+    const { impacts } = history;
+    const hit = impacts.after(start) < impacts.end;
+    if (state.status !== 'paused' && !hit) toast('No impact so far: the rig runs on to the next one. Pause holds it here.');
   }
 }
