@@ -96,10 +96,13 @@ setup(
         # sweep_rig: the table; and a cluster to run on
         'sweep': ['pandas>=2.1', 'pyarrow>=14.0.1'],
         'dask': ['distributed>=2024.1'],
+        # fit_rig: universal files and those of LabVIEW, as sdypy-io reads them
+        'uff': ['lvm_read>=1.21', 'pyuff>=2.4'],
         'test': [
             'colcon-common-extensions>=0.3',
             'distributed>=2024.1',
             'hypothesis>=6.100',
+            'lvm_read>=1.21',
             'mcap-ros2-support>=0.5',
             'mpmath>=1.3',
             'numba>=0.59',
@@ -107,6 +110,7 @@ setup(
             'playwright>=1.40',
             'pyarrow>=14.0.1',
             'pytest>=7.4',
+            'pyuff>=2.4',
             'rosbags>=0.10.11',
             'tornado>=6.1',
             'xarray>=2023.1',

@@ -1,10 +1,16 @@
 """Tables of measured data: what is read alike, and what is refused with column and line."""
 
 import math
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import impact_damper_ros
 from impact_damper_ros.parameters.measured_table import (
     ACCELERATION,
     DISPLACEMENT,
@@ -101,3 +107,144 @@ def test_a_large_file_is_read(written):
     table = read_table(written(f't [s],x [mm]\n{rows}'), {'time': TIME, 'x': DISPLACEMENT})
     assert sampling_rate(table) == pytest.approx(1000.0)
     assert table.columns['x'].values == pytest.approx(1e-3 * np.sin(times), abs=1e-9)
+
+
+def test_the_export_of_a_phone(tmp_path):
+    """phyphox: each axis has a column, and the .zip a folder with facts of the phone."""
+    axes = (f'"Linear Acceleration {axis} (m/s^2)"' for axis in 'xyz')
+    header = ','.join(['"Time (s)"', *axes, '"Absolute acceleration (m/s^2)"'])
+    text = f'{header}\n0.000000000E0,1.5E-1,2E-1,3E-1,4E-1\n1.0E-2,-1.5E-1,0,0,0.1\n'
+    path = tmp_path / 'run.zip'
+    with zipfile.ZipFile(path, 'w') as archive:
+        archive.writestr('Raw Data.csv', text)
+        archive.writestr('meta/time.csv', '"event","experiment time"\n"START",0\n')
+        archive.writestr('meta/device.csv', '"property","value"\n"version","1.1.16"\n')
+    with pytest.raises(TableError, match=r"Acceleration x \(m/s\^2\)' and .* may both be the a"):
+        read_table(path, {'time': TIME, 'a': ACCELERATION})
+    for name in ('linear acceleration x', 'Linear Acceleration x (m/s^2)'):
+        table = read_table(path, {'time': TIME, 'a': ACCELERATION}, named={'a': name})
+        assert table.columns['a'].values == pytest.approx([0.15, -0.15])
+    with pytest.raises(TableError, match="no column 'force' for the a among 'Time"):
+        read_table(path, {'a': ACCELERATION}, named={'a': 'force'})
+    (tmp_path / 'bad.zip').write_text(text)
+    with pytest.raises(TableError, match=r'no \.zip file'):
+        read_table(tmp_path / 'bad.zip', {'a': ACCELERATION})
+
+
+def test_units_in_a_row_below_the_names(written):
+    table = read_table(
+        written('time;x;F\ns;mm;N\n0;1,5;2\n0,1;-2,5;3\n'),
+        {'time': TIME, 'x': DISPLACEMENT},
+        {'force': FORCE},
+    )
+    assert table.columns['x'].values == pytest.approx([0.0015, -0.0025])
+    assert table.columns['force'].values == pytest.approx([2.0, 3.0])
+    assert table.lines.tolist() == [3, 4]
+
+
+def test_a_short_name_with_the_unit_of_something_else_is_another_column(written):
+    text = 't [s],f [Hz],x [mm]\n0,5,1\n1,6,2\n'
+    table = read_table(written(text), {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
+    assert sorted(table.columns) == ['time', 'x']
+    with pytest.raises(TableError, match=r"column 'force \[V\]' has the unit 'V'"):
+        read_table(written('t [s],force [V]\n0,1\n1,2\n'), {'time': TIME}, {'force': FORCE})
+
+
+def test_universal_files(tmp_path):
+    pyuff = pytest.importorskip('pyuff')
+    path = tmp_path / 'run.uff'
+    times = np.arange(200) / 100.0
+    file = pyuff.UFF(str(path))
+    for number, (kind, unit, data) in enumerate(
+        ((8, 'mm', np.sin(times)), (13, 'NONE', np.cos(times)))
+    ):
+        file.write_sets(
+            pyuff.prepare_58(
+                func_type=1,
+                rsp_node=number + 1,
+                rsp_dir=1,
+                ref_node=1,
+                ref_dir=1,
+                x=times,
+                data=data,
+                abscissa_spacing=1,
+                abscissa_min=0.0,
+                abscissa_inc=0.01,
+                ordinate_spec_data_type=kind,
+                ordinate_axis_units_lab=unit,
+                orddenom_spec_data_type=0,
+                binary=0,
+                id1='id1',
+                abscissa_spec_data_type=17,
+            ),
+            mode='add' if number else 'overwrite',
+        )
+    table = read_table(path, {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
+    assert table.columns['time'].values == pytest.approx(times)
+    assert table.columns['x'].values == pytest.approx(1e-3 * np.sin(times), abs=1e-9)
+    assert table.columns['force'].values == pytest.approx(np.cos(times), abs=1e-6)
+    path.write_text('no universal file\n')
+    with pytest.raises(TableError, match=r'no universal file|no function of time'):
+        read_table(path, {'time': TIME})
+
+
+LABVIEW = """\
+LabVIEW Measurement
+Writer_Version\t2
+Reader_Version\t2
+Separator\tTab
+Decimal_Separator\t{point}
+Multi_Headings\tNo
+X_Columns\t{columns}
+Time_Pref\tRelative
+***End_of_Header***
+\t
+Channels\t2\t
+Samples\t3\t3\t
+Y_Unit_Label\tmm\tN\t
+X_Dimension\tTime\tTime\t
+X0\t0{point}0E+0\t0{point}0E+0\t
+Delta_X\t0{point}1\t0{point}1\t
+***End_of_Header***\t\t
+X_Value\tDisplacement\tForce\tComment
+"""
+
+
+@pytest.mark.parametrize(('columns', 'point'), [('One', '.'), ('One', ','), ('No', '.')])
+def test_labview_files(tmp_path, columns, point):
+    pytest.importorskip('lvm_read')
+    rows = [(0.0, 1.5, 2.0), (0.1, -2.5, 3.0), (0.2, 0.5, 1.0)]
+    text = LABVIEW.format(point=point, columns=columns)
+    for time, *values in rows:
+        cells = ['' if columns == 'No' else f'{time}', *map(str, values)]
+        text += '\t'.join(cells).replace('.', point) + '\t\n'
+    path = tmp_path / 'run.lvm'
+    path.write_text(text)
+    table = read_table(path, {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
+    assert table.columns['time'].values == pytest.approx([0.0, 0.1, 0.2])
+    assert table.columns['x'].values == pytest.approx([0.0015, -0.0025, 0.0005])
+    assert table.columns['force'].values == pytest.approx([2.0, 3.0, 1.0])
+    assert list(tmp_path.iterdir()) == [path]
+    path.write_text('LabVIEW Measurement\n')
+    with pytest.raises(TableError, match='no LabVIEW file'):
+        read_table(path, {'time': TIME})
+
+
+@pytest.mark.parametrize(('name', 'library'), [('run.uff', 'pyuff'), ('run.lvm', 'lvm_read')])
+def test_a_library_that_is_not_installed(tmp_path, name, library):
+    (tmp_path / name).write_text('text\n')
+    blocked = f'import sys; sys.modules[{library!r}] = None\n'
+    program = (
+        'from pathlib import Path\n'
+        'from impact_damper_ros.parameters.measured_table import TIME, read_table\n'
+        f'read_table(Path({name!r}), {{"time": TIME}})'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', blocked + program],
+        cwd=tmp_path,
+        env={**os.environ, 'PYTHONPATH': str(Path(impact_damper_ros.__file__).parents[1])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert f'install it with: pip install {library}' in done.stderr
