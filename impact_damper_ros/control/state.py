@@ -505,10 +505,22 @@ class Control(NamedTuple):
         return {name: getattr(self, name) for name in ('controller', *PARTS, 'refusal')}
 
     def copied(self) -> Control:
-        """Return another control in the same state."""
-        parts = {name: copied(part) for name, part in self.states().items()}
-        return self._replace(
-            commands=[copied(row) for row in self.commands], memory=self.memory.copy(), **parts
+        """Return the same control in a state of its own; rows without a command are shared."""
+        rows, first = list(self.commands), self.actuators.first
+        for k in range(first, first + self.actuators.waiting):
+            rows[k % len(rows)] = copied(rows[k % len(rows)])
+        return Control(
+            copied(self.controller),
+            copied(self.estimates),
+            copied(self.search),
+            copied(self.actuators),
+            rows,
+            self.settings,
+            copied(self.amplitude_law),
+            copied(self.timed_law),
+            copied(self.refusal),
+            self.memory.copy(),
+            self.law,
         )
 
     def as_dict(self) -> dict[str, Any]:

@@ -101,10 +101,21 @@ def reader_of(cls: Any) -> Callable[[Any], Any]:
     return lambda values: tuple(read(v) for read, v in zip(readers, values, strict=True))
 
 
+@cache
+def _copier_of(cls: Any) -> Callable[[Any], Any]:
+    """Return what copies a state field by field, which takes a third of the time of a call."""
+    lines = ['def copier(state):', 'copy = new(cls)']
+    lines += [f'copy.{field.name} = state.{field.name}' for field in fields(cls)]
+    names: dict[str, Any] = {'new': object.__new__, 'cls': cls}
+    exec('\n    '.join([*lines, 'return copy']), names)
+    copier: Callable[[Any], Any] = names['copier']
+    return copier
+
+
 def copied(state: Any) -> Any:
     """Return another object with the numbers of a state."""
     cls: Any = type(state)
-    return cls(*reader_of(cls)(state))
+    return _copier_of(cls)(state)
 
 
 def packed(state: Any) -> Any:

@@ -207,6 +207,8 @@ def quiet_until(run: Run) -> float:
     if quiet == inf:
         reached = run.time + run.searched
         quiet = reached - TIME_MARGIN * abs(reached)
+    if not run.watch:
+        return quiet
     crossing = run.crossing
     if crossing == inf:
         reached = run.time + run.watched

@@ -15,11 +15,12 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from impact_damper_ros.control.actuator import MOST_ORDERS, settle_stops
+from impact_damper_ros.control.actuator import MOST_ORDERS, next_command, settle_stops
 from impact_damper_ros.control.controller import (
     begin_sampling,
     control_of,
     forget_all,
+    has_law,
     measured,
     next_sample,
     packed_control,
@@ -84,7 +85,7 @@ from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, REMEDY, RunawayError
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot
 from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, SteppedSine, frequency_at
 
-from .loop import NO_ACTS, run_compiled, run_through, write_act
+from .loop import NO_ACTS, quiet_until, run_compiled, run_through, write_act
 from .order import Order
 
 #: Steps of a search between two calls of `interrupted`; few flights take more. Compiled code takes
@@ -574,12 +575,24 @@ class Rig:
         """
         time = later_time(time, self.time)
         most = most_of(most_in_period, 'most_in_period')
+        if self._is_quiet(time):
+            self._run.now, self._records = time, []
+            count_modes(self._run, [0.0] * len(Mode))
+            return []
         tables = _Tables(keep=True, since=self.time, end=time, listed=not self.compiled)
         status, *_ = self._go_on(time, tables, most_in_period=most, interrupted=interrupted)
         events = tables.listed()
         if status == RUNAWAY:
             raise RunawayError(self._reason(Outcome.RUNAWAY), events)
         return events
+
+    def _is_quiet(self, time: float) -> bool:
+        """Return whether nothing happens up to a time, as far as the flight has been searched."""
+        run, control = self._run, self._control
+        if self._unreported or time >= self._step_due:
+            return False
+        run.watch = has_law(control)
+        return time < min(quiet_until(run), next_sample(control), next_command(control))
 
     def _reason(self, outcome: Outcome, happened: int = 0, since: float = 0.0) -> str:
         """Return why a run ended with an outcome."""
