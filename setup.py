@@ -119,6 +119,7 @@ setup(
         'docs': [
             'furo>=2024.8',
             'myst-parser>=4.0',
+            'nbformat>=5.9',
             'sphinx>=8.0',
             'sphinx-copybutton>=0.5',
             'sphinx-design>=0.6',

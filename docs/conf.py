@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+import nbformat
 import yaml
+from docutils import nodes
 from sphinx.util import logging
 
 # rosdoc2 executes this file from one of its own, which names it.
@@ -76,6 +78,8 @@ sphinx_gallery_conf = {
 html_theme = 'furo'
 html_title = f'Impact damper {release}'
 html_show_sourcelink = False
+html_static_path = ['static']
+html_css_files = ['tables.css']
 # Blocks of code have up to 98 columns.
 _code = {'code-font-size': '0.75rem'}
 html_theme_options = {'light_css_variables': _code, 'dark_css_variables': _code}
@@ -158,6 +162,78 @@ def _index(_app: Any, name: str, source: list[str]) -> None:
         source[0] = re.sub(r'^(# .*)$', entry, source[0], count=1, flags=re.MULTILINE)
 
 
+#: Headings of the first column of tables whose rows a search finds by name.
+_ROWS = 'parameter', 'topic', 'service', 'act', 'field', 'key', 'entry', 'column'
+
+
+def _anchor_rows(app: Any, document: nodes.document) -> None:
+    """Give each row of a table that begins with a name an anchor."""
+    objects = app.env.get_domain('std')
+    for table in document.findall(nodes.table):
+        head, body = table.next_node(nodes.thead), table.next_node(nodes.tbody)
+        if head is None or body is None:
+            continue
+        kind = head.next_node(nodes.entry).astext()
+        for row in body.findall(nodes.row):
+            for name in row.next_node(nodes.entry).findall(nodes.literal):
+                anchor = re.sub(r'\W+', '-', name.astext()).strip('-')
+                if not anchor or anchor in document.ids:
+                    continue
+                # The name is a link to itself, to be copied.
+                if not isinstance(name.parent, nodes.reference):
+                    link = nodes.reference('', '', refuri=f'#{anchor}', internal=True)
+                    name.replace_self(link)
+                    link += name
+                document.ids[anchor] = name
+                name['ids'].append(anchor)
+                if kind in _ROWS and (kind, name.astext()) not in objects.objects:
+                    objects.note_object(kind, name.astext(), anchor)
+
+
+def _prose(text: str) -> list[nbformat.NotebookNode]:
+    """Return a cell of text; links to other pages have no target in a notebook."""
+    text = re.sub(r'(?<!!)\[([^\]]+)\]\([^)#]+\.md[^)]*\)', r'\1', text).strip()
+    return [nbformat.v4.new_markdown_cell(text)] if text else []
+
+
+def _code(kind: str, block: str) -> list[nbformat.NotebookNode]:
+    """Return the cell of a block of a tutorial; what the block before it prints is left out."""
+    file = re.match(r'# (\S+\.(?:py|yaml))\n', block)
+    if file:
+        block = f'%%writefile {file[1]}\n{block}'
+    elif kind == 'bash':
+        # A node and a page run on beside the notebook.
+        live = re.search(r'^(ros2 (run|launch)|sim_node|rig_page)\b', block, re.MULTILINE)
+        block = f'%%bash{" --bg" if live else ""}\n{block}'
+    elif kind != 'python':
+        return [] if kind == 'text' else _prose(f'```\n{block}```')
+    return [nbformat.v4.new_code_cell(block.rstrip())]
+
+
+def notebook(text: str) -> nbformat.NotebookNode:
+    """Return a tutorial as a notebook."""
+    cells, end = [], 0
+    for match in re.finditer(r'^```(\w+)\n(.*?)^```$', text, re.DOTALL | re.MULTILINE):
+        cells += _prose(text[end : match.start()]) + _code(match[1], match[2])
+        end = match.end()
+    cells += _prose(text[end:])
+    for count, cell in enumerate(cells):
+        cell['id'] = f'block-{count}'  # the same in each build
+    kernel = {'name': 'python3', 'display_name': 'Python 3', 'language': 'python'}
+    return nbformat.v4.new_notebook(cells=cells, metadata={'kernelspec': kernel})
+
+
+def _offer_notebook(app: Any, name: str, source: list[str]) -> None:
+    """Write a tutorial as a notebook, and link it below the title of its page."""
+    if not name.startswith('tutorials/'):
+        return
+    path = Path(app.outdir) / 'tutorials' / f'{Path(name).name}.ipynb'
+    path.parent.mkdir(parents=True, exist_ok=True)
+    nbformat.write(notebook(source[0]), path)
+    link = f'<a href="{path.name}" download>Download this page as a notebook</a>'
+    source[0] = re.sub(r'^(# .*)$', rf'\1\n\n{link}', source[0], count=1, flags=re.M)
+
+
 class _Page(HTMLParser):
     """What a page of the site refers to, and the anchors that it has."""
 
@@ -199,8 +275,12 @@ def setup(app: Any) -> None:
     """Connect what is done to docstrings, sources and the built site."""
     app.connect('autodoc-process-docstring', _keep_bars)
     app.connect('autodoc-skip-member', _is_bare_field)
+    app.connect('source-read', _offer_notebook)
     app.connect('source-read', _insert_help)
     app.connect('source-read', _insert_members)
     app.connect('source-read', _insert_glossary)
     app.connect('source-read', _index)
+    for kind in _ROWS:
+        app.add_object_type(kind, kind)
+    app.connect('doctree-read', _anchor_rows)
     app.connect('build-finished', _check_targets)

@@ -1,6 +1,7 @@
 """The site as a reader meets it: it builds without a warning, and its search finds the page."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -112,6 +113,40 @@ def test_search_finds_the_page(site):
                 missed[words] = first
         browser.close()
     assert not missed
+
+
+@pytest.mark.parametrize(
+    ('name', 'anchor'),
+    [
+        ('gap_max', 'reference/control.html#gap_max'),
+        ('restitution_2', 'reference/parameters.html#restitution_2'),
+        ('robot_description', 'reference/node.html#robot_description'),
+        ('lyapunov_exponent', 'reference/sweeps.html#lyapunov_exponent'),
+    ],
+)
+def test_a_row_of_a_table_has_an_address(site, name, anchor):
+    page, _, row = anchor.partition('#')
+    assert f'id="{row}"' in (site.pages / page).read_text(encoding='utf-8')
+    index = (site.pages / 'searchindex.js').read_text(encoding='utf-8')
+    assert f'"{name}"' in index.partition('"objects":')[2].partition('"objnames":')[0]
+
+
+def test_tutorials_are_notebooks_too(site):
+    nbformat = pytest.importorskip('nbformat')
+    pages = sorted((site.sources / 'tutorials').glob('*.md'))
+    assert pages
+    for page in pages:
+        notebook = nbformat.read(site.pages / f'tutorials/{page.stem}.ipynb', as_version=4)
+        nbformat.validate(notebook)
+        blocks = re.findall(
+            r'^```python\n(.*?)^```$', page.read_text(encoding='utf-8'), re.DOTALL | re.MULTILINE
+        )
+        code = [cell.source for cell in notebook.cells if cell.cell_type == 'code']
+        assert [block.rstrip() for block in blocks] == [
+            re.sub(r'^%%writefile .*\n', '', source)
+            for source in code
+            if not source.startswith(('%%bash', '%%writefile')) or '.py\n' in source
+        ]
 
 
 def test_every_public_name_has_an_entry(site):
