@@ -42,6 +42,8 @@ _OF_TABLES = {
     # Of a logic signal
     'V': {'V': 1.0, 'mV': 1e-3},
 }
+#: Units of the columns that `simulate_rig` and `replay_run` write without any.
+_OF_RIGS = {'time': 's', 'x': 'm', 'force': 'N', 'base': 'm'}
 _HEADER = re.compile(r'\s*(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>.*?)\s*[\])])?\s*$')
 
 
@@ -211,6 +213,9 @@ def _text_sheet(path: Path, text: str) -> _Sheet:
         units = body.pop(0)[1]
         pairs = zip(header, [*units, *[''] * len(header)], strict=False)
         header = [f'{name} [{unit.strip("[]()")}]' if unit else name for name, unit in pairs]
+
+    if 'primary_velocity' in header:
+        header = [f'{t} [{_OF_RIGS[t]}]' if t in _OF_RIGS else t for t in header]
 
     def numbers(place: int) -> Array:
         cells = ((line, row[place] if place < len(row) else '') for line, row in body)
