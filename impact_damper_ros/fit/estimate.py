@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An estimate of a parameter, with how far it is known."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+#: A normal estimate is within so many standard deviations in 95 % of all cases.
+WITHIN = 1.959964
+
+
+class Estimate(NamedTuple):
+    """
+    An estimate of a parameter.
+
+    Attributes
+    ----------
+    value : float
+        The estimate, SI units.
+    standard_deviation : float
+        Its standard deviation.
+    interval : tuple of float
+        Interval that holds the true value in 95 % of all cases.
+    start : float or None
+        What was given as a start value; None if there was none.
+    unit : str
+        SI unit; empty for a ratio.
+    """
+
+    value: float
+    standard_deviation: float
+    interval: tuple[float, float]
+    start: float | None = None
+    unit: str = ''
+
+    @classmethod
+    def normal(
+        cls, value: float, deviation: float, unit: str = '', start: float | None = None
+    ) -> Estimate:
+        """Return an estimate whose error is normal."""
+        half = WITHIN * deviation
+        return cls(value, deviation, (value - half, value + half), start, unit)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        return {
+            'value': self.value,
+            'standard_deviation': self.standard_deviation,
+            'interval': list(self.interval),
+            'start': self.start,
+            'unit': self.unit,
+        }
