@@ -9,23 +9,28 @@ import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from typing import Any
 
 import numpy as np
 
+from impact_damper_ros.design.bench_test import Knowledge, bench_test, planned_runs
 from impact_damper_ros.design.damper_design import (
     Design,
     Uncertain,
     best_design,
     over_frequency,
     over_level,
+    shaken_by,
     uncertain,
 )
+from impact_damper_ros.design.fitted import load_fitted
 from impact_damper_ros.design.mass_damper import bare_response, mass_damper_response
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
+from impact_damper_ros.parameters.parameters_file import load_parameters, presets
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RIG_SPECS, RigParameters
-from impact_damper_ros.report import design_report as report
+from impact_damper_ros.report import bench_report, design_report as report
 from impact_damper_ros.report.design_report import Comparison
 
 from .command_line import (
@@ -40,18 +45,29 @@ from .command_line import (
     text_stream,
     write_json,
 )
-from .rig_options import rig_line
+from .rig_options import hint, rig_line
 
 EXIT_NONE = 3
 #: Mass ratios that are tried if none are given.
 MASS_RATIOS = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1)
-_FREQUENCIES, _LEVELS = 61, 33
+_FREQUENCIES, _COMPARED_LEVELS = 61, 33
+_LEVELS = (0.5, 2.0)
+#: That of a structure whose damper is still to be found.
+_ANY_MASS_RATIO = 0.05
+
+#: Restitution if none is given.
+_RESTITUTION = 0.6
+#: What --check varies: restitution by so much, friction and level.
+_DOUBT, _FRICTION_CHECKED = 0.1, (0.0, 0.1)
+_LEVELS_CHECKED = (0.5, 0.8, 1.0, 1.25, 2.0)
 
 _DESCRIPTION = """\
 From a structure to its impact damper: how heavy, which gap, and how sure. For each mass the gap
 with which the structure moves least at the given excitation, whether a rig from rest gets there,
 and how far gap, level and frequency may go; then the gap whose worst case is best where
 restitution and level are uncertain, and the same mass as a tuned mass damper.
+With --fitted the structure and its uncertainty are those of a fit.
+With --check no damper is designed: it says what a bench test of a rig would show.
 """
 _EPILOG = """\
 The amplitude is that of the absolute displacement X of the structure. Ranges are LOW:HIGH.
@@ -61,6 +77,8 @@ Examples:
   design_damper --mass 5kg --frequency 10Hz --damping-ratio 2% --base 0.2g --figure design.png
   design_damper --mass 5kg --frequency 10Hz --damping-ratio 2% --force 6N --restitution 0.3:0.8 \\
       --mass-ratio 2%:10% --rig-out damper.yaml
+  design_damper --check damper.yaml --restitution 0.5:0.7 --friction 0:0.1 --figure check.png
+  design_damper --fitted fitted.yaml --rig-out damper.yaml
 """
 
 
@@ -107,25 +125,38 @@ def _levels(text: str) -> tuple[float, float]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser('design_damper', _DESCRIPTION, _EPILOG)
+    rigs = parser.add_mutually_exclusive_group()
+    add_path_option(
+        rigs,
+        '--check',
+        'say what a bench test of this rig would show, and which runs to record: a parameters '
+        f'file, as --rig-out writes it, or a preset: {", ".join(presets())}',
+        'RIG',
+    )
+    add_path_option(
+        rigs,
+        '--fitted',
+        'the structure, its excitation and its damper as fit_rig has fitted them, a parameters '
+        'file or JSON; their 95 %% intervals are what is uncertain. Other options override it',
+        'FITTED',
+    )
     structure = parser.add_argument_group('the structure')
     structure.add_argument(
-        '--mass', type=_value('primary_mass'), required=True, metavar='KG', help='its modal mass'
+        '--mass', type=_value('primary_mass'), metavar='KG', help='its modal mass'
     )
     structure.add_argument(
         '--frequency',
         type=_value('natural_frequency'),
-        required=True,
         metavar='HZ',
         help='its natural frequency',
     )
     structure.add_argument(
         '--damping-ratio',
         type=_value('damping_ratio'),
-        required=True,
         metavar='ZETA',
         help='its damping ratio, such as 2%%',
     )
-    shaken = parser.add_mutually_exclusive_group(required=True)
+    shaken = structure.add_mutually_exclusive_group()
     shaken.add_argument(
         '--base',
         metavar='SIZE',
@@ -134,7 +165,7 @@ def _parser() -> argparse.ArgumentParser:
     shaken.add_argument(
         '--force', type=_value('force_amplitudes'), metavar='N', help='amplitude of a force on it'
     )
-    parser.add_argument(
+    structure.add_argument(
         '--at',
         type=_value('natural_frequency'),
         metavar='HZ',
@@ -145,23 +176,29 @@ def _parser() -> argparse.ArgumentParser:
         '--mass-ratio',
         type=_range('mass_ratio'),
         metavar='MU',
-        help='its mass over that of the structure, or a range such as 1%%:10%% [1%%:10%%]',
+        help='its mass over that of the structure, or a range such as 1%%:10%% [1%%:10%%, or '
+        'that of the fitted damper]',
     )
     damper.add_argument(
         '--restitution',
         type=_range('restitution_1'),
-        default=(0.6, 0.6),
         metavar='R',
-        help='coefficient of restitution of its stops, or the range in which it may be [0.6]',
+        help='coefficient of restitution of its stops, or the range in which it may be '
+        f'[{_RESTITUTION}; with --check that of the rig ± {_DOUBT}]',
     )
-    for name, text in (('friction', 'its coefficient of friction'), ('angle', 'its inclination')):
-        damper.add_argument(
-            f'--{name}', type=_value(name), default=0.0, metavar='X', help=f'{text} [0]'
-        )
+    damper.add_argument(
+        '--friction',
+        type=_range('friction'),
+        metavar='GAMMA',
+        help='its coefficient of friction, or the range in which it may be [0; with --check '
+        f'from {_FRICTION_CHECKED[0]:g} to {_FRICTION_CHECKED[1]:g}]',
+    )
+    damper.add_argument(
+        '--angle', type=_value('angle'), metavar='ANGLE', help='its inclination [0]'
+    )
     damper.add_argument(
         '--levels',
         type=_levels,
-        default=(0.5, 2.0),
         metavar='LOW:HIGH',
         help='factors within which the level of the excitation may be [0.5:2]',
     )
@@ -176,44 +213,82 @@ def _parser() -> argparse.ArgumentParser:
     add_json_option(parser)
     add_path_option(parser, '--figure', 'draw the choice; .png, .svg or .pdf')
     add_path_option(parser, '--rig-out', 'write the chosen rig as a parameters file')
+    parser.add_argument(
+        '--worst-case',
+        action='store_true',
+        help='let --rig-out have the gap whose worst case is best, not the best gap at this level',
+    )
     return parser
 
 
-def _rig(arguments: argparse.Namespace) -> RigParameters:
-    """Return the structure with a damper of some mass."""
-    frequency = 2.0 * math.pi * (arguments.at or arguments.frequency)
-    low, high = arguments.restitution
-    shaken = (
-        {'force_amplitudes': arguments.force, 'force_frequencies': frequency}
-        if arguments.base is None
-        else {
-            'force_amplitudes': 0.0,
-            'base_amplitudes': arguments.base,
-            'base_frequencies': frequency,
-        }
-    )
-    rig = RigParameters.of_structure(
-        primary_mass=arguments.mass,
-        natural_frequency=arguments.frequency,
-        damping_ratio=arguments.damping_ratio,
-        mass_ratio=0.05,
-        restitution_1=0.5 * (low + high),
-        restitution_2=0.5 * (low + high),
-        friction=arguments.friction,
-        angle=arguments.angle,
-        **shaken,
-    )
-    if rig.first_harmonic[0] == 0.0:
-        raise ValueError('the excitation is 0: give --base or --force an amplitude')
+#: The structure by option, and what of a fit each takes the place of.
+_STRUCTURE = {
+    'mass': ('primary_mass', 'primary_mass'),
+    'frequency': ('natural_frequency', 'stiffness'),
+    'damping_ratio': ('damping_ratio', 'damping'),
+}
+_SHAKERS = ('force_', 'base_', 'multisine_', 'sweep_')
+_Ranges = dict[str, tuple[float, float]]
+
+
+def _rig(arguments: argparse.Namespace) -> tuple[RigParameters, _Ranges]:
+    """Return the structure with a damper of some mass, and what is uncertain of it."""
+    fitted = None if arguments.fitted is None else load_fitted(arguments.fitted)
+    values, ranges = (dict(fitted.values), dict(fitted.ranges)) if fitted else ({}, {})
+    for option, (name, replaced) in _STRUCTURE.items():
+        given = getattr(arguments, option)
+        if given is not None:
+            values.pop(replaced, None)
+            ranges.pop(replaced, None)
+            values[name] = given
+    known = {name: name in values or replaced in values for name, replaced in _STRUCTURE.values()}
+    if not all(known.values()):
+        missing = [o for o, (name, _) in _STRUCTURE.items() if not known[name]]
+        words = ', '.join(f'--{option.replace("_", "-")}' for option in missing)
+        raise ValueError(f'the structure is not known: give {words}, or a fitted rig by --fitted')
+    if arguments.restitution is not None or 'restitution_1' not in values:
+        low, high = arguments.restitution or (_RESTITUTION, _RESTITUTION)
+        for name in ('restitution_1', 'restitution_2'):
+            values[name], ranges[name] = 0.5 * (low + high), (low, high)
+    if arguments.friction is not None:
+        values['friction'] = 0.5 * sum(arguments.friction)
+        ranges['friction'] = arguments.friction
+    if arguments.angle is not None:
+        values['angle'] = arguments.angle
+    if 'damper_mass' not in values:
+        values['mass_ratio'] = _ANY_MASS_RATIO
+    rig = _shaken(arguments, values)
+    if not rig.periodic_force or shaken_by(rig) == 'multisine':
+        raise ValueError(
+            'the excitation is 0, or not one lasting sine: give --base or --force an amplitude'
+        )
     if rig.damping == 0.0:
         raise ValueError('--damping-ratio is 0: give what the structure has, such as 0.5%')
-    return rig
+    return rig, {name: ends for name, ends in ranges.items() if ends[0] < ends[1]}
 
 
-def _mass_ratios(given: tuple[float, float] | None) -> Sequence[float]:
-    if given is None:
-        return MASS_RATIOS
-    low, high = given
+def _shaken(arguments: argparse.Namespace, values: dict[str, Any]) -> RigParameters:
+    """Return a rig with the excitation that is given, or that of the fit."""
+    plain = RigParameters.of_structure(
+        **{name: value for name, value in values.items() if not name.startswith(_SHAKERS)}
+    )
+    rate = math.tau * arguments.at if arguments.at else plain.omega
+    if arguments.base is not None:
+        # With its unit, which says whether it is an acceleration
+        base = {'base_amplitudes': arguments.base, 'base_frequencies': rate}
+        return plain.replace(force_amplitudes=0.0, force_frequencies=rate, **base)
+    if arguments.force is not None:
+        return plain.replace(force_amplitudes=arguments.force, force_frequencies=rate)
+    if not any(name.startswith(_SHAKERS) for name in values):
+        raise ValueError('the excitation is not known: give --base or --force')
+    rig = RigParameters.of_structure(**values)
+    return rig.with_first_frequency(rate) if arguments.at else rig
+
+
+def _mass_ratios(arguments: argparse.Namespace, rig: RigParameters) -> Sequence[float]:
+    if arguments.mass_ratio is None:
+        return MASS_RATIOS if rig.mass_ratio == _ANY_MASS_RATIO else (rig.mass_ratio,)
+    low, high = arguments.mass_ratio
     if low == high:
         return (low,)
     return [float(f'{ratio:.3g}') for ratio in np.geomspace(low, high, len(MASS_RATIOS))]
@@ -230,8 +305,35 @@ def _found(rig: RigParameters, ratios: Sequence[float]) -> list[Design]:
     return [design for design in found if design is not None]
 
 
-def _restitutions(low: float, high: float) -> list[float]:
-    return [low] if low == high else [low, 0.5 * (low + high), high]
+def _check(arguments: argparse.Namespace) -> int:
+    """Say what a bench test of a rig would show."""
+    refused = [*_STRUCTURE, 'base', 'force', 'at', 'mass_ratio', 'angle', 'csv', 'rig_out']
+    for option in refused:
+        if getattr(arguments, option) is not None:
+            raise ValueError(
+                f'--{option.replace("_", "-")} does not go with --check, which takes the rig as '
+                'its file describes it: leave it out'
+            )
+    rig, _, _ = load_parameters(arguments.check)
+    hint('design_damper', rig)
+    own = 0.5 * (rig.restitution_1 + rig.restitution_2)
+    ranges = {
+        'restitution': arguments.restitution or (max(own - _DOUBT, 0.0), min(own + _DOUBT, 1.0)),
+        'friction': arguments.friction or _FRICTION_CHECKED,
+    }
+    levels = sorted({*(arguments.levels or ()), *_LEVELS_CHECKED})
+    with long_work('design_damper', 'still running the rig; Ctrl-C ends it'):
+        found = bench_test(rig, ranges, levels)
+    title = rig_line(rig)
+    write_json(arguments.json, bench_report.bench_json(found))
+    if arguments.figure is not None:
+        from impact_damper_ros.report.drawing import save_figure
+
+        save_figure(bench_report.bench_figure(found, title), arguments.figure)
+    texts = [title, '', bench_report.bench_text(found), '']
+    texts.append(bench_report.test_plan(rig, found.plan))
+    print('\n'.join(texts), file=text_stream(arguments.json))
+    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -239,35 +341,40 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
 
     def work() -> int:
-        check_outputs(arguments)
+        check_outputs(arguments, arguments.check, arguments.fitted)
         if arguments.figure is not None:
             need_matplotlib()
-        rig = _rig(arguments)
-        with long_work('design_damper', 'still looking for the best gaps; Ctrl-C ends it'):
-            found = _found(rig, _mass_ratios(arguments.mass_ratio))
-            if not found:
-                raise CommandError(
-                    'no stable motion of two impacts per cycle was found: give another range of '
-                    '--mass-ratio, a lower --restitution or less --friction',
-                    EXIT_NONE,
-                )
-            good = [d for d in found if d.x_max <= arguments.reduction * d.bare]
-            chosen = good[0] if good else min(found, key=lambda d: d.x_max)
-            low, high = arguments.levels
-            levels = sorted({low, 1.0, high})
-            unsure = uncertain(chosen, _restitutions(*arguments.restitution), levels)
-            compared = _compared(chosen, low, high)
-        _write(arguments, found, chosen, unsure, compared)
-        return 0
+        return _check(arguments) if arguments.check is not None else _design(arguments)
 
     return outcome('design_damper', work)
+
+
+def _design(arguments: argparse.Namespace) -> int:
+    """Find the damper of a structure."""
+    rig, ranges = _rig(arguments)
+    with long_work('design_damper', 'still looking for the best gaps; Ctrl-C ends it'):
+        found = _found(rig, _mass_ratios(arguments, rig))
+        if not found:
+            raise CommandError(
+                'no stable motion of two impacts per cycle was found: give another range of '
+                '--mass-ratio, a lower --restitution or less --friction',
+                EXIT_NONE,
+            )
+        good = [d for d in found if d.x_max <= arguments.reduction * d.bare]
+        chosen = good[0] if good else min(found, key=lambda d: d.x_max)
+        low, high = arguments.levels or _LEVELS
+        unsure = uncertain(chosen, ranges, sorted({low, 1.0, high}))
+        compared = _compared(chosen, low, high)
+        plan = planned_runs(chosen.built)
+    _write(arguments, found, chosen, unsure, compared, plan)
+    return 0
 
 
 def _compared(chosen: Design, low: float, high: float) -> Comparison:
     """Return the chosen damper beside nothing and a tuned mass damper."""
     rate = chosen.rig.first_harmonic[1]
     rates = rate * np.linspace(0.75, 1.25, _FREQUENCIES)
-    levels = np.geomspace(min(low, 0.25), max(high, 4.0), _LEVELS)
+    levels = np.geomspace(min(low, 0.25), max(high, 4.0), _COMPARED_LEVELS)
     return Comparison(
         rates,
         bare_response(chosen.rig, rates),
@@ -284,21 +391,28 @@ def _write(
     chosen: Design,
     unsure: Uncertain,
     compared: Comparison,
+    plan: Sequence[Knowledge],
 ) -> None:
     """Write and print all that was asked for."""
     title = rig_line(chosen.built)
-    write_json(arguments.json, report.design_json(found, chosen, unsure, compared))
+    write_json(arguments.json, report.design_json(found, chosen, unsure, compared, plan))
     if arguments.csv is not None:
         write_text(arguments.csv, report.design_csv(found))
     if arguments.rig_out is not None:
-        write_text(arguments.rig_out, report.rig_yaml(chosen.built, title))
+        gap = unsure.best[0] if arguments.worst_case else chosen.gap
+        built = chosen.rig.replace(gap=gap)
+        write_text(arguments.rig_out, report.rig_yaml(built, rig_line(built)))
     if arguments.figure is not None:
         from impact_damper_ros.report.drawing import save_figure
 
         figure = report.design_figure(found, chosen, unsure, compared, title)
         save_figure(figure, arguments.figure)
     texts = [title, '', report.design_table(found).text(), '']
-    texts += [report.design_text(chosen, unsure, compared), '', report.test_plan(chosen)]
+    texts += [
+        report.design_text(chosen, unsure, compared),
+        '',
+        bench_report.test_plan(chosen.built, plan),
+    ]
     print('\n'.join(texts), file=text_stream(arguments.json))
 
 

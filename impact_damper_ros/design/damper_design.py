@@ -11,14 +11,14 @@ rigs of many gaps.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.orbits.arguments import OrbitError
-from impact_damper_ros.orbits.branch import Branch
+from impact_damper_ros.orbits.branch import Branch, Span
 from impact_damper_ros.orbits.continuation import follow
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.search import carried_over, find_orbits
@@ -35,30 +35,11 @@ _TIME_CONSTANTS, _LEAST_CYCLES, _MEASURED_CYCLES, _SAMPLES = 8.0, 150, 30, 128
 _SAME = 5e-3
 #: Gaps that are tried from rest, and the widest of them, over that which M alone swings across.
 _GAPS_FROM_REST, _MARGIN = 48, 0.95
-_POINTS, _STEP = 40, 0.15
-
-
-@dataclass(frozen=True)
-class Span:
-    """
-    How far a parameter may go before the motion is lost.
-
-    Attributes
-    ----------
-    low, high : float
-        The least and the largest value, SI.
-    low_reason, high_reason : str
-        What happens there; empty at the end of the range that was looked at.
-    """
-
-    low: float
-    high: float
-    low_reason: str = ''
-    high_reason: str = ''
-
-    def over(self, scale: float) -> Span:
-        """Return the same range over a scale."""
-        return Span(self.low / scale, self.high / scale, self.low_reason, self.high_reason)
+_POINTS, _STEP = 60, 0.15
+#: How far frequency and level are followed, as factors.
+_FREQUENCIES, _LEVELS = (0.5, 1.5), (0.25, 4.0)
+#: Gaps that are tried for the worst case, over the best one; then some around the best of them.
+_LEAST_GAP, _WIDEST_GAP = 0.3, 1.5
 
 
 @dataclass(frozen=True)
@@ -190,37 +171,10 @@ def _followed(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Branc
     return follow(orbit, name, low, high, largest_step=_STEP, most_points=_POINTS)
 
 
-def _span(branch: Branch, orbit: PeriodicOrbit, value: float) -> Span:
-    """Return how far a branch is stable and viable around a motion on it."""
-    values = np.array(branch.values)
-    good = np.array([_performed(o) or o.neutral for o in branch.orbits])
-    sizes = np.array([o.x_max for o in branch.orbits])
-    # The branch may pass the same value again with another motion
-    here = int((np.abs(values / value - 1.0) + np.abs(sizes / orbit.x_max - 1.0)).argmin())
-    begin = end = here
-    while begin > 0 and good[begin - 1]:
-        begin -= 1
-    while end < len(values) - 1 and good[end + 1]:
-        end += 1
-    low, high = sorted((begin, end), key=lambda k: values[k])
-
-    def reason(k: int) -> str:
-        beyond = k - 1 if k == begin else k + 1
-        for n in (k, beyond):
-            if 0 <= n < len(values) and (text := branch.change_at(branch.orbits[n])):
-                return '' if text.endswith(('the end of the range', ' points')) else text
-        if 0 <= beyond < len(values):
-            lost = branch.orbits[beyond]
-            return lost.reason if not lost.viable else 'unstable'
-        return ''
-
-    return Span(float(values[low]), float(values[high]), reason(low), reason(high))
-
-
 def _span_of(orbit: PeriodicOrbit, name: str, here: float, low: float, high: float) -> Span:
     """Return how far a motion is stable and viable over a parameter, from factors of its value."""
     try:
-        return _span(_followed(orbit, name, *sorted((low * here, high * here))), orbit, here)
+        return _followed(orbit, name, *sorted((low * here, high * here))).span(here, orbit)
     except (OrbitError, ArithmeticError):
         return Span(here, here)
 
@@ -267,13 +221,13 @@ def best_design(rig: RigParameters) -> Design | None:
     orbit, there = best.orbit, best.orbit.parameters
     reached = abs(from_rest(there) / orbit.x_max - 1.0) < _SAME
     alone = None if reached else best_from_rest(there)
-    gaps = _span(branch, orbit, best.value)
+    gaps = branch.span(best.value, orbit)
     shaker = f'{shaken_by(there)}_'
     here = there.first_harmonic[1]
-    frequencies = _span_of(orbit, f'{shaker}frequencies', here, 0.85, 1.2)
+    frequencies = _span_of(orbit, f'{shaker}frequencies', here, *_FREQUENCIES)
     if there.friction or there.air_force or math.sin(there.angle) * there.gravity:
         level = getattr(there, f'{shaker}amplitudes')[0]
-        levels = _span_of(orbit, f'{shaker}amplitudes', level, 0.25, 4.0).over(level)
+        levels = _span_of(orbit, f'{shaker}amplitudes', level, *_LEVELS).over(level)
     else:
         # Motions of another level are those of another gap, to scale.
         levels = Span(gaps.high, gaps.low, gaps.high_reason, gaps.low_reason).over(best.value)
@@ -292,27 +246,29 @@ def designs(rig: RigParameters, mass_ratios: Sequence[float]) -> Iterator[Design
 @dataclass(frozen=True)
 class Uncertain:
     """
-    The gap whose worst case is best, over uncertain restitution and levels.
+    The gap whose worst case is best, over what is uncertain of the rig and over levels.
 
     Attributes
     ----------
     gaps : ndarray, shape (n,)
         Gaps that were tried, m.
-    ratios : ndarray, shape (n, r, l)
-        Largest |X| over that without the damper, from rest, for each restitution and level.
-    restitutions, levels : tuple of float
-        The restitutions of both stops, and the levels as factors.
+    ratios : ndarray, shape (n, cases)
+        Largest |X| over that without the damper, from rest, for each case.
+    ranges : dict
+        Lowest and highest value of each uncertain parameter, SI.
+    levels : tuple of float
+        The levels as factors.
     """
 
     gaps: Array
     ratios: Array
-    restitutions: tuple[float, ...]
+    ranges: dict[str, tuple[float, float]]
     levels: tuple[float, ...]
 
     @property
     def worst(self) -> Array:
         """The worst case of each gap, over the amplitude without the damper."""
-        worst: Array = self.ratios.max(axis=(1, 2))
+        worst: Array = self.ratios.max(axis=1)
         return worst
 
     @property
@@ -322,23 +278,56 @@ class Uncertain:
         return float(self.gaps[k]), float(self.worst[k])
 
 
+def _at(rig: RigParameters, ranges: Mapping[str, tuple[float, float]], end: int) -> RigParameters:
+    """Return a rig with uncertain parameters at one end of their ranges."""
+    return rig.replace(**{name: ends[end] for name, ends in ranges.items()})
+
+
+def cases(
+    rig: RigParameters, ranges: Mapping[str, tuple[float, float]], levels: Sequence[float]
+) -> list[RigParameters]:
+    """
+    Return the rigs that a rig may be.
+
+    Both restitutions are low, as given, or high together; each with friction low and high, and
+    with each level. Other parameters are low and high one at a time.
+    """
+    bounces = {n: ends for n, ends in ranges.items() if n.startswith('restitution')}
+    rubbing = {n: ends for n, ends in ranges.items() if n == 'friction'}
+    found = [rig]
+    if bounces:
+        found += [_at(rig, bounces, end) for end in (0, 1)]
+    if rubbing:
+        found = [_at(one, rubbing, end) for one in found for end in (0, 1)]
+    found = [at_level(one, level) for one in found for level in levels]
+    others = {n: e for n, e in ranges.items() if n not in bounces and n not in rubbing}
+    return found + [_at(rig, {n: e}, end) for n, e in others.items() for end in (0, 1)]
+
+
 def uncertain(
     design: Design,
-    restitutions: Sequence[float],
+    ranges: Mapping[str, tuple[float, float]],
     levels: Sequence[float],
-    count: int = 25,
+    count: int = 20,
 ) -> Uncertain:
-    """Return how a range of gaps does from rest, for each restitution and each level."""
-    gaps = np.geomspace(0.3, 1.5, count) * design.gap
-    ratios = np.empty((count, len(restitutions), len(levels)))
-    for i, gap in enumerate(gaps):
-        for j, restitution in enumerate(restitutions):
-            for k, level in enumerate(levels):
-                rig = at_level(design.rig, level).replace(
-                    gap=float(gap), restitution_1=restitution, restitution_2=restitution
-                )
-                ratios[i, j, k] = from_rest(rig) / rig.response_amplitude
-    return Uncertain(gaps, ratios, tuple(restitutions), tuple(levels))
+    """Return how a range of gaps does from rest, in every case of `cases`."""
+    possible = cases(design.rig, ranges, levels)
+
+    def ratios(gaps: Array) -> Array:
+        runs = [
+            [from_rest(one.replace(gap=float(gap))) / one.response_amplitude for one in possible]
+            for gap in gaps
+        ]
+        return np.array(runs)
+
+    gaps = np.geomspace(_LEAST_GAP, _WIDEST_GAP, count) * design.gap
+    found = ratios(gaps)
+    best = int(np.argmin(found.max(axis=1)))
+    low, high = gaps[max(best - 1, 0)], gaps[min(best + 1, count - 1)]
+    finer = np.linspace(low, high, count // 2 + 2)[1:-1]
+    gaps, found = np.append(gaps, finer), np.append(found, ratios(finer), axis=0)
+    order = np.argsort(gaps)
+    return Uncertain(gaps[order], found[order], dict(ranges), tuple(levels))
 
 
 def over_frequency(rig: RigParameters, frequencies: Array) -> Array:

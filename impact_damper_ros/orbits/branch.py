@@ -27,6 +27,28 @@ class SpecialKind(Enum):
     GRAZING = 'grazing'
 
 
+class Span(NamedTuple):
+    """
+    How far a parameter may go before a motion is lost.
+
+    Attributes
+    ----------
+    low, high : float
+        The least and the largest value, SI.
+    low_reason, high_reason : str
+        What happens there; empty where the branch was not followed further.
+    """
+
+    low: float
+    high: float
+    low_reason: str = ''
+    high_reason: str = ''
+
+    def over(self, scale: float) -> Span:
+        """Return the same range over a scale."""
+        return Span(self.low / scale, self.high / scale, self.low_reason, self.high_reason)
+
+
 class BranchPoint(NamedTuple):
     """
     A point of a branch.
@@ -223,6 +245,44 @@ class Branch:
         if orbit == self.orbits[0]:
             return self.began
         return self.ended if orbit == self.orbits[-1] else ''
+
+    def span(self, value: float, orbit: PeriodicOrbit) -> Span:
+        """
+        Return how far a motion of the branch is kept: stable and viable.
+
+        Parameters
+        ----------
+        value : float
+            The parameter at the motion.
+        orbit : PeriodicOrbit
+            The motion: the branch may pass the same value with another one.
+        """
+        count = len(self.points)
+        scale = max(map(abs, self.values))
+        distances = [
+            abs(v - value) / scale + abs(o.x_max / orbit.x_max - 1.0) for v, o in self.points
+        ]
+        here = distances.index(min(distances))
+
+        def end(step: int) -> tuple[float, str]:
+            last, beyond = here, here + step
+            for _ in range(count):
+                # A branch that closes goes on at its other end
+                beyond = beyond % count if self.ended == CLOSES else beyond
+                if not 0 <= beyond < count or not _performed(self.orbits[beyond]):
+                    break
+                last, beyond = beyond, beyond + step
+            near = [k for k in (last, beyond) if 0 <= k < count]
+            texts = [self.change_at(self.orbits[k]) for k in near]
+            reason = next((t for t in texts if t and t != CLOSES), '')
+            if reason.endswith((END, POINTS)):
+                reason = ''
+            elif not reason and len(near) > 1:
+                reason = self.orbits[beyond].reason or 'stability is lost'
+            return self.values[last], reason
+
+        (low, low_reason), (high, high_reason) = sorted((end(-1), end(1)))
+        return Span(low, high, low_reason, high_reason)
 
     def reversed(self) -> Branch:
         """Return the branch from its last point to its first."""

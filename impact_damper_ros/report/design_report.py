@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.design.damper_design import Design, Span, Uncertain, shaken_by
+from impact_damper_ros.design.bench_test import Knowledge
+from impact_damper_ros.design.damper_design import Design, Uncertain, shaken_by
 from impact_damper_ros.design.mass_damper import mass_damper_response
+from impact_damper_ros.orbits.branch import Span
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
 
+from .bench_report import percent, plan_json
 from .csv_tables import row
 from .drawing import COLORS, blank_figure, finish_panel, legend_below, print_style, unit_axis
 from .formatting import quantity, setting
@@ -48,10 +51,6 @@ class Comparison(NamedTuple):
     level_ratios: Array
 
 
-def _percent(value: float, digits: int = 3) -> str:
-    return f'{100.0 * value:.{digits}g} %'
-
-
 def _mass(design: Design) -> str:
     mass = design.rig.damper_mass
     return f'{mass:.4g} kg' if mass >= 1.0 else f'{1e3 * mass:.4g} g'
@@ -65,15 +64,15 @@ def design_table(found: Sequence[Design]) -> Table:
     )
     rows = [
         (
-            _percent(d.mass_ratio),
+            percent(d.mass_ratio),
             _mass(d),
             f'{1e3 * d.rig.gap:.3g} mm',
             f'{1e3 * d.orbit.x_max:.3g} mm',
-            _percent(d.orbit.x_max / d.bare),
+            percent(d.orbit.x_max / d.bare),
             'yes' if d.reached_from_rest else 'no',
             f'{1e3 * d.gap:.3g} mm',
             f'{1e3 * d.x_max:.3g} mm',
-            _percent(d.x_max / d.bare),
+            percent(d.x_max / d.bare),
             f'{d.impact_speed:.3g} m/s',
             f'{d.impulse:.3g} N s',
         )
@@ -103,25 +102,27 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
     best = quantity(design.orbit.x_max, 'm', 3)
     half = f'{1e3 * design.gap:.4g} mm'
     lines = [
-        f'Chosen: {_percent(design.mass_ratio)} of the mass, {_mass(design)}, for R = '
+        f'Chosen: {percent(design.mass_ratio)} of the mass, {_mass(design)}, for R = '
         f'{rig.restitution_1:g}.',
         f'  Best at this level and frequency: a gap of {half} in all, which leaves '
         f'{quantity(design.x_max, "m", 3)} of {quantity(design.bare, "m", 3)}, '
-        f'{_percent(design.x_max / design.bare)}.',
+        f'{percent(design.x_max / design.bare)}.',
     ]
     if design.starts_by_itself is not None:
+        other_gap = f'  A gap of {1e3 * rig.gap:.4g} mm would leave {best}, but '
         lines.append(
-            f'  A gap of {1e3 * rig.gap:.4g} mm would leave {best}, but M at rest never swings '
-            'across it: m has to be started by a push.'
+            f'{other_gap}M at rest never swings across it: m has to be started by a push.'
+            if rig.gap > 2.0 * design.bare
+            else f'{other_gap}from rest the rig comes to another motion: m needs a push.'
         )
-    cases = f'the level from {unsure.levels[0]:g} to {unsure.levels[-1]:g} times this one'
-    if len(unsure.restitutions) > 1:
-        cases = f'R from {unsure.restitutions[0]:g} to {unsure.restitutions[-1]:g} and {cases}'
+    cases = ' and '.join(_uncertain_words(unsure))
     here_worst = float(np.interp(design.gap, unsure.gaps, unsure.worst))
+    sure = (
+        f'Sure: with {cases}, a gap of {1e3 * gap:.4g} mm has the best worst case from rest, '
+        f'{percent(worst)}; with {half} it is {percent(here_worst)}.'
+    )
     lines += [
-        f'  Sure: with {cases}, a gap of {1e3 * gap:.4g} mm has the',
-        f'  best worst case from rest, {_percent(worst)}; with {half} it is '
-        f'{_percent(here_worst)}. --rig-out has {half}.',
+        textwrap.fill(sure, 98, initial_indent='  ', subsequent_indent='  '),
         'Once m hits both stops in each cycle, with the best gap, that motion lasts for',
         f'  gaps {_span_words(design.gap_range, "mm", 1e3)},',
         f'  levels {_span_words(design.level_range, "times this one", 1.0)},',
@@ -138,6 +139,21 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
     return '\n'.join(lines)
 
 
+def _uncertain_words(unsure: Uncertain) -> list[str]:
+    """Return what is uncertain, and how much."""
+    bounces = [ends for name, ends in unsure.ranges.items() if name.startswith('restitution')]
+    found = []
+    if bounces:
+        low, high = min(low for low, _ in bounces), max(high for _, high in bounces)
+        found.append(f'R from {low:.4g} to {high:.4g}')
+    for name, (low, high) in unsure.ranges.items():
+        if not name.startswith('restitution'):
+            unit = PARAMETER_SPECS[name].unit
+            found.append(f'{name} from {low:.4g} to {high:.4g}{unit and f" {unit}"}')
+    low, high = unsure.levels[0], unsure.levels[-1]
+    return [*found, f'the level from {low:g} to {high:g} times this one']
+
+
 def _verdict(compared: Comparison) -> str:
     """Return in a sentence whether the impact damper is better than the mass damper."""
     here = len(compared.frequencies) // 2
@@ -147,21 +163,6 @@ def _verdict(compared: Comparison) -> str:
     if better:
         return 'The impact damper is better at this frequency and level, not over all of them.'
     return 'The mass damper is better.'
-
-
-def test_plan(design: Design) -> str:
-    """Return the runs to record on a bench, so that the rig can be fitted to them."""
-    gap, hertz = design.gap, design.rig.first_harmonic[1] / math.tau
-    return f"""\
-Test plan, with the structure on its shaker:
-  1. Without the damper, released by hand: the decay gives frequency and damping of M.
-  2. With the damper, from rest, the shaker switched on at once at {hertz:.4g} Hz, 20 s at
-     1 kHz. The start tells R, friction and gap apart; a steady motion alone does not.
-  3. The same at half and at twice the level. At half of it m may stay unhit; impacts
-     there show friction, which carries m along.
-  4. Swept slowly from {0.8 * hertz:.4g} to {1.2 * hertz:.4g} Hz and back at constant level:
-     where up and down differ, two motions are possible.
-  5. The same with gaps of {0.8e3 * gap:.3g} and {1.1e3 * gap:.3g} mm."""
 
 
 def _span_json(span: Span) -> dict[str, Any]:
@@ -174,7 +175,11 @@ def _span_json(span: Span) -> dict[str, Any]:
 
 
 def design_json(
-    found: Sequence[Design], chosen: Design, unsure: Uncertain, compared: Comparison
+    found: Sequence[Design],
+    chosen: Design,
+    unsure: Uncertain,
+    compared: Comparison,
+    plan: Sequence[Knowledge],
 ) -> dict[str, Any]:
     """Return all that was found, SI units."""
     gap, worst = unsure.best
@@ -211,9 +216,10 @@ def design_json(
         'uncertain': {
             'gap': gap,
             'worst_reduction': worst,
-            'restitutions': list(unsure.restitutions),
+            'ranges': {name: list(ends) for name, ends in unsure.ranges.items()},
             'levels': list(unsure.levels),
         },
+        'plan': plan_json(plan),
         'comparison': {name: column.tolist() for name, column in compared._asdict().items()},
     }
 
@@ -278,7 +284,7 @@ def design_figure(
     mass.set_yscale('log')
     finish_panel(mass, 'a', 'Mass of the damper [% of M]', '')
     unit_axis(mass.yaxis, 'Largest |X|', 'm', chosen.bare)
-    ends = unsure.ratios.min(axis=(1, 2)), unsure.ratios.max(axis=(1, 2))
+    ends = unsure.ratios.min(axis=1), unsure.worst
     gap.fill_between(unsure.gaps, *ends, color=COLORS['damper'], alpha=0.25, lw=0)
     gap.plot(unsure.gaps, unsure.worst, color=COLORS['special'], lw=1.4)
     gap.axvline(chosen.gap, color='k', lw=0.8)

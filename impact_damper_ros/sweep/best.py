@@ -6,14 +6,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from impact_damper_ros.orbits.arguments import OrbitError
-from impact_damper_ros.orbits.branch import CLOSES, END, Branch
 from impact_damper_ros.orbits.continuation import follow
 
 from .branches import MOST_IMPACTS, orbit_of_row, path_along
@@ -331,25 +330,7 @@ class _Search:
                     branch = follow(orbit, path, axis.values[0], axis.values[-1], start=here)
                 except (OrbitError, ArithmeticError):
                     continue
-                found += [replace(edge, axis=i) for edge in _edges_on(branch, here)]
+                span = branch.span(here, orbit)
+                edges = (span.low, span.low_reason), (span.high, span.high_reason)
+                found += [Edge(i, value, reason) for value, reason in edges if reason]
         return tuple(found)
-
-
-def _edges_on(branch: Branch, value: float) -> list[Edge]:
-    """Return the ends of the stable part of a branch, but for those of the range."""
-    parts = list(branch.parts())
-    for status, part in parts:
-        ends = [part.start, part.stop - 1]
-        if branch.ended == CLOSES and not part.start and parts[-1][0] == 'stable':
-            # It begins within the part that it comes back to
-            ends[0] = parts[-1][1].start
-        low, high = sorted(branch.values[k] for k in ends)
-        if status != 'stable' or not low <= value <= high:
-            continue
-        edges = []
-        for k in ends:
-            reason = branch.change_at(branch.orbits[k]) or 'stability is lost'
-            if not reason.endswith(END):
-                edges.append(Edge(0, branch.values[k], reason))
-        return sorted(edges, key=lambda edge: edge.value)
-    return []

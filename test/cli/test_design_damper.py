@@ -31,7 +31,7 @@ def test_files_and_words(tmp_path, capsys):
     assert design['reached_from_rest']
     assert design['starts_by_itself'] is None
     assert 0.0 < design['reduction'] < 0.25
-    assert found['uncertain']['restitutions'] == [0.5, 0.6, 0.7]
+    assert found['uncertain']['ranges'] == {f'restitution_{n}': [0.5, 0.7] for n in (1, 2)}
     (row,) = csv.DictReader(outputs['--csv'].read_text().splitlines())
     assert float(row['gap']) == design['gap']
     rig, _, _ = load_parameters(outputs['--rig-out'])
@@ -56,7 +56,9 @@ def test_a_light_damper_has_to_be_started(capsys):
         (['--base', '1mm', '--levels', '2:3'], 'give a range of factors around 1'),
         (['--base', '1mm', '--damping-ratio', '0'], '--damping-ratio is 0'),
         (['--base', '1mm', '--mass', 'nan'], 'primary_mass'),
-        ([], 'one of the arguments --base --force is required'),
+        (['--base', '1mm', '--check', 'bench_rig'], '--mass does not go with --check'),
+        (['--base', '1mm', '--fitted', 'bench_rig'], 'has no 95 % interval of restitution_1'),
+        ([], 'the excitation is not known: give --base or --force'),
     ],
 )
 def test_refusals(words, problem, capsys):
@@ -66,3 +68,93 @@ def test_refusals(words, problem, capsys):
         code = end.code
     assert code == 2
     assert problem in capsys.readouterr().err
+
+
+def test_a_structure_has_to_be_known(capsys):
+    assert main(['--mass', '5kg', '--base', '0.2g']) == 2
+    assert 'give --frequency, --damping-ratio, or a fitted rig by --fitted' in (
+        capsys.readouterr().err
+    )
+
+
+def test_what_a_bench_test_shows(tmp_path, capsys):
+    rig, figure = tmp_path / 'damper.yaml', tmp_path / 'check.png'
+    assert main([*STRUCTURE, '--mass-ratio', '5%', '--rig-out', str(rig)]) == 0
+    design = capsys.readouterr().out
+    assert 'The settled motion alone does not tell R, friction and gap apart' in ' '.join(
+        design.split()
+    )
+    words = ['--restitution', '0.5:0.7', '--friction', '0:0.2', '--figure', str(figure)]
+    assert main(['--check', str(rig), *words, '--json', str(tmp_path / 'check.json')]) == 0
+    text = ' '.join(capsys.readouterr().out.split())
+    found = json.loads((tmp_path / 'check.json').read_text())
+    start = found['from_rest']
+    assert f'The first impact comes after {start["first_impact"]:.3g} s' in text
+    assert 'm then makes 2 impacts in each cycle (stops 1, 2), 20 a second' in text
+    assert start['stops'] == [1, 2]
+    assert 'Up and down differ at' in text
+    assert 'With level 0.5 and 0.8 the damper does nothing from rest' in text
+    assert list(found['variations']) == ['restitution', 'friction', 'level']
+    assert found['variations']['friction']['values'] == pytest.approx([0, 0.05, 0.1, 0.15, 0.2])
+    assert found['variations']['level']['reduction'][0] == pytest.approx(1.0, abs=1e-3)
+    alone, *runs = found['plan']
+    assert alone['settled_only']
+    assert alone['standard_deviations']['restitution'] is None
+    assert all(run['standard_deviations']['relative_gap'] < 0.01 for run in runs)
+    assert figure.read_bytes()[:4] == b'\x89PNG'
+
+
+FITTED = """\
+# fitted to start.csv
+/**:
+  ros__parameters:
+    primary_mass: 5.0  # kg
+    stiffness: 19740.0  # N/m; 95 %: 19700 to 19780
+    damping: 12.6  # N s/m, 95 %: 12.0 to 13.2
+    damper_mass: 0.3  # kg
+    restitution_1: 0.612  # 95 %: 0.58 to 0.644
+    restitution_2: 0.605  # 95 %: 0.57 to 0.64
+    friction: 0.004  # 95 %: -0.002 to 0.01
+    gap: 0.02  # m; 95 %: 0.0199 to 0.0201
+    force_amplitudes: [7.0]  # N
+    force_frequencies: [62.83]  # rad/s
+"""
+
+
+def test_intervals_of_a_fit_are_the_uncertainty(tmp_path, capsys):
+    fitted, result = tmp_path / 'fitted.yaml', tmp_path / 'design.json'
+    fitted.write_text(FITTED)
+    assert main(['--fitted', str(fitted), '--json', str(result)]) == 0
+    found = json.loads(result.read_text())
+    assert found['uncertain']['ranges'] == {
+        'restitution_1': [0.58, 0.644],
+        'restitution_2': [0.57, 0.64],
+        'friction': [0.0, 0.01],
+        'stiffness': [19700.0, 19780.0],
+        'damping': [12.0, 13.2],
+    }
+    (design,) = found['designs']
+    assert design['damper_mass'] == 0.3
+    assert found['chosen']['parameters']['force_amplitudes'] == [7.0]
+    text = ' '.join(capsys.readouterr().out.split())
+    assert 'R from 0.57 to 0.644 and friction from 0 to 0.01 and stiffness from' in text
+    # The same fit as JSON, where masses and excitation are left to options
+    names = ('stiffness', 'damping', 'restitution_1', 'restitution_2', 'friction')
+    values = dict(zip(names, (19740.0, 12.6, 0.612, 0.605, 0.004), strict=True))
+    ranges = {**found['uncertain']['ranges'], 'friction': [-0.002, 0.01]}
+    fit = {'parameters': {n: {'value': v, 'interval': ranges[n]} for n, v in values.items()}}
+    other = tmp_path / 'fit.json'
+    other.write_text(json.dumps(fit))
+    words = ['--fitted', str(other), '--mass', '5', '--mass-ratio', '0.06', '--force', '7']
+    assert main([*words, '--json', str(tmp_path / 'again.json')]) == 0
+    again = json.loads((tmp_path / 'again.json').read_text())
+    assert again['uncertain']['ranges'] == found['uncertain']['ranges']
+    assert again['designs'][0]['gap'] == pytest.approx(design['gap'], rel=1e-3)
+
+
+@pytest.mark.parametrize('text', ['{}', '{"parameters": {"friction": 3}}', '[', 'null'])
+def test_a_file_that_is_no_fit(text, tmp_path, capsys):
+    path = tmp_path / 'fit.json'
+    path.write_text(text)
+    assert main(['--fitted', str(path), '--mass', '5', '--force', '7']) == 2
+    assert f'{path}: is not the result of a fit' in capsys.readouterr().err
