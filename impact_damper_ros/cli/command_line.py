@@ -276,7 +276,10 @@ def need_matplotlib() -> None:
 
 
 #: Options that name a file to write.
-_OUTPUTS = ('output', 'json', 'csv', 'markdown', 'impacts', 'events', 'states', 'rig_out')
+_OUTPUTS = (
+    *('output', 'json', 'csv', 'markdown', 'impacts', 'events', 'states'),
+    *('rig_out', 'transmissibility'),
+)
 
 
 def check_outputs(arguments: argparse.Namespace, *inputs: Path | None) -> None:

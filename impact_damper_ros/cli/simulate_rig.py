@@ -18,12 +18,13 @@ import numpy as np
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.bag.robot_description import robot_description
+from impact_damper_ros.compare.random_response import ResponseSamples
 from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.control.record import Action
 from impact_damper_ros.motion.event import Event, EventKind, Sample
 from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.motion.swing import Swing
-from impact_damper_ros.outputs import is_stream
+from impact_damper_ros.outputs import is_stream, write_text
 from impact_damper_ros.parameters.parameter_spec import ParameterSpec
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
@@ -40,6 +41,11 @@ from impact_damper_ros.report.csv_tables import (
     row,
 )
 from impact_damper_ros.report.formatting import mode_words, setting
+from impact_damper_ros.report.random_response_figure import (
+    response_figure,
+    response_table,
+    response_text,
+)
 from impact_damper_ros.report.table import Table
 from impact_damper_ros.rig.observed_run import Observer, TimedChange, run
 from impact_damper_ros.rig.rig import Rig
@@ -59,6 +65,7 @@ from .command_line import (
     number,
     outcome,
     progress_bar,
+    say,
 )
 from .rig_options import (
     GivenRig,
@@ -68,9 +75,11 @@ from .rig_options import (
     announce,
     given_law,
     given_rig,
+    rig_line,
     setting_value,
     timed_changes,
 )
+from .shaker_options import add_random_options, with_random_lines
 
 #: The force on M is that of the harmonics and of a controller.
 STATE_COLUMNS = (*Sample._fields, 'force', 'primary_acceleration')
@@ -148,6 +157,17 @@ def _parser() -> argparse.ArgumentParser:
         help='rate of --states and of the joint states in --bag [200]',
     )
     add_set_option(parser)
+    add_random_options(parser)
+    add_path_option(
+        parser,
+        '--transmissibility',
+        'with a base of many lines: write its level, that of M, and the transmissibility at each '
+        'of them, with and without damper, as CSV (- : stdout)',
+    )
+    add_path_option(parser, '--figure', 'draw the same over frequency; .png, .svg or .pdf')
+    add_path_option(
+        parser, '--rig-out', 'write the rig, with its lines, as a parameters file (- : stdout)'
+    )
     add_law_option(parser)
     parser.add_argument(
         '--change',
@@ -204,8 +224,10 @@ def _cycle(parameters: RigParameters) -> float:
 class _Summary(Observer):
     """What is printed of a run: events, commands, last impacts, largest |X| at the end."""
 
-    def __init__(self, rig: Rig, duration: float) -> None:
+    def __init__(self, rig: Rig, duration: float, response: ResponseSamples | None = None) -> None:
         self._rig = rig
+        #: Of a base of many lines their common period counts.
+        self.response = response
         self._look = _cycle(rig.parameters) / _LOOKS_PER_CYCLE
         self._cycles = min(_WATCHED_CYCLES, duration / _cycle(rig.parameters))
         self._from = max(0.0, duration - _WATCHED_CYCLES * _cycle(rig.parameters))
@@ -253,7 +275,9 @@ class _Summary(Observer):
                 lines[-1] += (
                     f', {largest / amplitude:.7f} of the {amplitude:.6g} m without impacts'
                 )
-        if whole and parameters.base_motion.moves:
+        if whole and self.response is not None:
+            lines.append(response_text(self.response.response()))
+        elif whole and parameters.base_motion.moves:
             lines.append(self._transmissibility())
         if rig.control.active:
             (spent_1, spent_2), (stop_1, stop_2) = rig.energies, rig.stops
@@ -393,7 +417,8 @@ def _simulate(
     """Simulate, write the files and print the summary, also of a run that ended early."""
     duration = arguments.duration
     rig = Rig(given.parameters, given.initial, control=given.control, law=law)
-    summary = _Summary(rig, duration)
+    response = _response(arguments, rig)
+    summary = _Summary(rig, duration, response)
 
     def report(*, whole: bool) -> None:
         if not arguments.quiet:
@@ -406,6 +431,7 @@ def _simulate(
                 progress_bar('simulated', duration, 's', quiet=arguments.quiet)
             )
             observers = [summary, *outputs, _Progress(rig, bar)]
+            observers += filter(None, [response])
             run(rig, duration, observers, changes, arguments.most_events)
     except RunawayError as error:
         report(whole=False)
@@ -413,6 +439,27 @@ def _simulate(
     except LawError as error:
         raise CommandError(f'{error}; {_kept(arguments)}') from error
     report(whole=True)
+    if response is not None:
+        found = response.response()
+        if arguments.transmissibility is not None:
+            write_text(arguments.transmissibility, response_table(found))
+        if arguments.figure is not None:
+            from impact_damper_ros.report.drawing import save_figure
+
+            save_figure(response_figure(found, rig_line(rig.parameters)), arguments.figure)
+
+
+def _response(arguments: argparse.Namespace, rig: Rig) -> ResponseSamples | None:
+    """Return what samples the response to a base of many lines; None for any other rig."""
+    wanted = arguments.transmissibility is not None or arguments.figure is not None
+    if sum(map(bool, rig.parameters.base_motion.amplitudes)) < 2 and not wanted:
+        return None
+    try:
+        return ResponseSamples(rig, arguments.duration)
+    except ValueError:
+        if wanted:
+            raise
+        return None
 
 
 def _kept(arguments: argparse.Namespace) -> str:
@@ -437,6 +484,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.urdf:
             print(robot_description(given.parameters, given.control.widest_gap))
             return 0
+        given, random = with_random_lines(arguments, given)
         law, control = given_law(arguments.law, given.control)
         given = given._replace(control=control)
         check_outputs(arguments, arguments.params)
@@ -446,6 +494,17 @@ def main(argv: Sequence[str] | None = None) -> int:
                 *('simulate_rig', given.parameters, given.control),
                 law='' if law is None else law.name,
             )
+            for lines in random:
+                say('simulate_rig', lines.described())
+            if arguments.base_psd is not None and any(given.parameters.force_amplitudes):
+                say(
+                    'simulate_rig',
+                    'note: the force acts beside the base: --set force_amplitudes=0 leaves it out',
+                )
+        if arguments.rig_out is not None:
+            from impact_damper_ros.report.design_report import rig_yaml
+
+            write_text(arguments.rig_out, rig_yaml(given[0], rig_line(given[0]), *given[1:]))
         try:
             _simulate(arguments, given, law, changes)
         except RecordingError as error:

@@ -471,11 +471,16 @@ def read_table(
     Raises
     ------
     TableError
-        If a needed column is missing, has no unit or holds something else than numbers.
-    OSError
-        If the file cannot be read.
+        If the file cannot be read, or a needed column is missing, has no unit or holds something
+        else than numbers.
     """
-    sheet = _sheet(path)
+    try:
+        sheet = _sheet(path)
+    except OSError as error:
+        raise TableError(
+            f'{as_line(str(path))}: cannot be read ({error.strerror or error}): give the path of '
+            'a table'
+        ) from error
     columns = {}
     for key, quantity in {**needed, **(optional or {})}.items():
         column = (named or {}).get(key, '')

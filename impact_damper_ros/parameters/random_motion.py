@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,8 +21,17 @@ from numpy.typing import ArrayLike, NDArray
 from .forcing import random_phases
 from .measured_table import FREQUENCY, LEVEL, TableError, read_table
 from .parameter_spec import MAX_HARMONICS
+from .units import STANDARD_GRAVITY
 
 Array = NDArray[np.float64]
+
+#: Number of lines, where none is given.
+LINES = 200
+#: What may be random, and the units of its density, the first in SI.
+_LEVELS = {
+    'acceleration': LEVEL._replace(units=('(m/s^2)^2/Hz',)),
+    'force': LEVEL._replace(units=('N^2/Hz',)),
+}
 
 
 class RandomLines(NamedTuple):
@@ -35,8 +44,8 @@ class RandomLines(NamedTuple):
         Of a force, N, or of an acceleration, m/s^2.
     frequencies, phases : tuple of float
         In rad/s and rad.
-    rms : float
-        Root mean square of the signal, which is that of the table.
+    integral : float
+        Root of the integral of the table, which is the root mean square of the lines.
     period : float
         Time after which the signal repeats, s.
     quantity : {'force', 'acceleration'}
@@ -46,9 +55,36 @@ class RandomLines(NamedTuple):
     amplitudes: tuple[float, ...]
     frequencies: tuple[float, ...]
     phases: tuple[float, ...]
-    rms: float
+    integral: float
     period: float
     quantity: str
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the lines, N or m/s^2."""
+        return math.sqrt(sum(a * a for a in self.amplitudes) / 2.0)
+
+    def values(self) -> dict[str, Any]:
+        """Return the parameters of a rig that has the lines as its force, or as its base."""
+        group = 'force' if self.quantity == 'force' else 'base'
+        lines: dict[str, Any] = {
+            f'{group}_amplitudes': self.amplitudes,
+            f'{group}_frequencies': self.frequencies,
+            f'{group}_phases': self.phases,
+        }
+        return lines if group == 'force' else {**lines, 'base_quantity': self.quantity}
+
+    def described(self) -> str:
+        """Return band, level and period in words."""
+        low, high = (rate / math.tau for rate in (self.frequencies[0], self.frequencies[-1]))
+        unit, factor = ('g', STANDARD_GRAVITY) if self.quantity != 'force' else ('N', 1.0)
+        count = len(self.frequencies)
+        return (
+            f'random {self.quantity} of {count} line{"s" * (count > 1)} from {low:.4g} Hz to '
+            f'{high:.4g} Hz: {self.rms / factor:.4g} {unit} rms, '
+            f'{self.integral / factor:.4g} {unit} by the integral of the table; repeats after '
+            f'{self.period:.6g} s'
+        )
 
 
 class Density:
@@ -93,7 +129,9 @@ class Density:
         return amplitudes, rates, random_phases(int(kept.sum()), seed), width
 
 
-def random_lines(path: Path, count: int = 200, seed: int = 1) -> RandomLines:
+def random_lines(
+    path: Path, count: int = LINES, seed: int = 1, quantity: str | None = None
+) -> RandomLines:
     """
     Return the lines of a random signal from the table of its density.
 
@@ -106,6 +144,8 @@ def random_lines(path: Path, count: int = 200, seed: int = 1) -> RandomLines:
         Number of bins into which the band is divided.
     seed : int, optional
         Seed of the phases.
+    quantity : {'force', 'acceleration'}, optional
+        What the table has to be the density of; either, if not given.
 
     Returns
     -------
@@ -119,7 +159,8 @@ def random_lines(path: Path, count: int = 200, seed: int = 1) -> RandomLines:
     """
     if not 1 <= count <= MAX_HARMONICS - 1:
         raise TableError(f'{count} lines: give a number from 1 to {MAX_HARMONICS - 1}')
-    table = read_table(path, {'frequency': FREQUENCY, 'level': LEVEL})
+    wanted = LEVEL if quantity is None else _LEVELS[quantity]
+    table = read_table(path, {'frequency': FREQUENCY, 'level': wanted})
     table.check_rising('frequency')
     table.check_finite('level')
     for key in ('frequency', 'level'):
@@ -131,14 +172,12 @@ def random_lines(path: Path, count: int = 200, seed: int = 1) -> RandomLines:
     level = table.columns['level']
     density = Density(table.columns['frequency'].values, level.values)
     amplitudes, rates, phases, width = density.lines(count, seed)
-    rms = math.sqrt(
-        density.integral(float(density.frequencies[0]), float(density.frequencies[-1]))
-    )
+    integral = density.integral(float(density.frequencies[0]), float(density.frequencies[-1]))
     return RandomLines(
         tuple(amplitudes.tolist()),
         tuple((math.tau * rates).tolist()),
         tuple(phases),
-        rms,
+        math.sqrt(integral),
         1.0 / width,
         'force' if level.unit == 'N^2/Hz' else 'acceleration',
     )

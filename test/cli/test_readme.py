@@ -64,6 +64,7 @@ LESS = (
     ('--duration 42000', '--duration 420'),
     ('sweep_dwell=2000', 'sweep_dwell=20'),
     ('--duration 3600', '--duration 20'),
+    ('--duration 400', '--duration 16 --psd-lines 20'),
     ('multisine_lines=128', 'multisine_lines=16'),
     ('=0.4:1.2:33', '=0.4:1.2:2 --no-search'),
     ('--cycles 300 --watch 100', '--cycles 60 --watch 21'),

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What shakes a rig by a file: options of commands, and what they mean."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from impact_damper_ros.parameters.random_motion import LINES, RandomLines, random_lines
+
+from .command_line import add_path_option, number, up_to
+from .rig_options import GivenRig
+
+_TABLE = 'CSV with a header, as f [Hz], level'
+
+
+def add_random_options(parser: argparse.ArgumentParser) -> None:
+    """Let a command shake its rig by random lines."""
+    add_path_option(
+        parser,
+        '--base-psd',
+        'move the base at random, by lines whose acceleration has this power spectral density, '
+        f'in place of base_amplitudes: {_TABLE} [g^2/Hz] or [(m/s^2)^2/Hz]; the level is a '
+        'straight line between points on logarithmic axes',
+    )
+    add_path_option(
+        parser,
+        '--force-psd',
+        f'let a random force act on M in place of force_amplitudes: {_TABLE} [N^2/Hz]',
+    )
+    parser.add_argument(
+        '--psd-lines',
+        type=up_to(1023),
+        default=LINES,
+        metavar='N',
+        help='number of lines of either; the signal repeats after N divided by the width of the '
+        f'band in Hz [{LINES}]',
+    )
+    parser.add_argument(
+        '--seed',
+        type=number(0, 2**31 - 1, whole=True),
+        default=1,
+        metavar='N',
+        help='seed of their phases [1]',
+    )
+
+
+def with_random_lines(
+    arguments: argparse.Namespace, given: GivenRig
+) -> tuple[GivenRig, list[RandomLines]]:
+    """Return a rig with the lines of the tables of the options, and these."""
+    found: list[RandomLines] = []
+    values: dict[str, Any] = {}
+    tables = (arguments.base_psd, 'acceleration'), (arguments.force_psd, 'force')
+    for path, quantity in tables:
+        if path is not None:
+            # With the same phases base and force would not be independent.
+            seed = int(arguments.seed) + len(found) * 2**31
+            found.append(random_lines(path, int(arguments.psd_lines), seed, quantity))
+            values |= found[-1].values()
+    return given.changed(values) if found else given, found
