@@ -88,7 +88,11 @@ def test_seeds_of_base_and_force(table, tmp_path, capsys):
         (TABLE, '--force-psd', "has the unit 'g^2/Hz': write it behind the name, as level [N^2/"),
         ('f [Hz],x [g^2/Hz]\n3,1\n4,1\n', '--base-psd', 'no column for the level'),
         ('', '--base-psd', 'empty; give a header'),
-        (None, '--base-psd', 'cannot be read (No such file or directory): give the path of a table'),
+        (
+            None,
+            '--base-psd',
+            'cannot be read (No such file or directory): give the path of a table',
+        ),
     ],
 )
 def test_bad_tables(tmp_path, capsys, text, option, problem):
