@@ -149,7 +149,7 @@ def _uncertain_words(unsure: Uncertain) -> list[str]:
         found.append(f'R from {low:.4g} to {high:.4g}')
     for name, (low, high) in unsure.ranges.items():
         if not name.startswith('restitution'):
-            unit = PARAMETER_SPECS[name].unit
+            unit = ALL_SPECS[name].unit
             found.append(f'{name} from {low:.4g} to {high:.4g}{unit and f" {unit}"}')
     low, high = unsure.levels[0], unsure.levels[-1]
     return [*found, f'the level from {low:g} to {high:g} times this one']
