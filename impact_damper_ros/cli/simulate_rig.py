@@ -51,7 +51,7 @@ from impact_damper_ros.rig.observed_run import Observer, TimedChange, run
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import LATEST
-from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, frequency_at
+from impact_damper_ros.rig.stepped_sine import rig_at
 
 from .command_line import (
     ALLOW_MORE,
@@ -353,18 +353,19 @@ class _EventTable(Observer):
 
     def __init__(self, rig: Rig, table: CsvTable) -> None:
         self._rig, self._table = rig, table
-        self._sweep: list[Any] = []
-        # Of the present stepped sine
-        self._steps = 0
+        # Before the events to come
+        self._sweep = rig.sweep
+
+    def changed(self, time_ns: int, values: Mapping[str, Any], events: Sequence[Event]) -> None:
+        self._sweep = self._rig.sweep
+        super().changed(time_ns, values, events)
 
     def happened(self, events: Sequence[Event]) -> None:
         parameters = self._rig.parameters
-        sweep = [getattr(parameters, name) for name in SWEEP_FIELDS]
-        if sweep != self._sweep:
-            self._sweep, self._steps = sweep, 0
         for event in events:
-            self._steps += event.kind is EventKind.FREQUENCY_STEP
-            frequency = frequency_at(parameters, self._steps)
+            if event.kind is EventKind.FREQUENCY_STEP:
+                self._sweep = self._sweep.following(parameters)
+            frequency = rig_at(parameters, self._sweep.step).first_harmonic[1]
             self._table.write(row((event.kind.name.lower(), event.time, *event[2:-1], frequency)))
 
 

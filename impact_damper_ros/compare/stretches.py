@@ -33,7 +33,7 @@ from impact_damper_ros.replay.command import Command
 from impact_damper_ros.replay.rows import NO_SAMPLES, Events, Samples, impacts_of, samples_as_rows
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.snapshot import Snapshot
-from impact_damper_ros.rig.stepped_sine import frequency_at, frequency_steps
+from impact_damper_ros.rig.stepped_sine import rig_at
 
 from .result import Array, Beginning, LoggedStretch, Overall
 
@@ -188,7 +188,7 @@ class StretchBuilder:
         self._totals = Integrals(*[0.0] * len(Integrals._fields))
         self._largest = math.nan
         snapshot = Snapshot.from_dict(dict(rig.state))
-        self._step, self._active = snapshot.sweep.step, snapshot.run.force
+        self._sweep, self._active = snapshot.sweep, snapshot.run.force
         self._row = _state_row(rig.state)
         self._drive: Drive | None = _drive_of(snapshot, float(self._row['time'][0]))
 
@@ -221,9 +221,13 @@ class StretchBuilder:
         if len(rows) < 2:
             self._row = rows
             return
-        parameters = self._rig.parameters
-        more = range(self._step + 1, frequency_steps(parameters) + 1)
-        steps = np.array([frequency_at(parameters, step) for step in more])
+        parameters, steps = self._rig.parameters, None
+        if parameters.sweep_mode != 'off':
+            sweeps = [self._sweep]
+            for _ in range((rows['kind'][1:] == EventKind.FREQUENCY_STEP).sum()):
+                sweeps.append(sweeps[-1].following(parameters))
+            steps = np.array([rig_at(parameters, s.step).first_harmonic for s in sweeps])
+            self._sweep = sweeps[-1]
         flights = Flights.between(parameters, rows, self._drive, steps, self._active)
         self._active = float(flights.active[-1])
         if rows['time'][0] < self._start:
@@ -238,8 +242,7 @@ class StretchBuilder:
         self._row['kind'] = STATE
         self._row['mode'] = max(rows['mode'][-1], STICK * flights.together[-1])
         self._row['stop'] = flights.stop[-1]
-        if len(steps):
-            self._step += int((rows['kind'] == EventKind.FREQUENCY_STEP).sum())
+        if steps is not None:
             self._drive = flights.drive_after()
 
     def _look_for_gaps(self, time: Array) -> None:
@@ -261,10 +264,11 @@ class StretchBuilder:
             # The last flight goes on.
             rows = np.concatenate([self._row, self._row])
             rows['time'][1] = end
-            flights = Flights.between(self._rig.parameters, rows, self._drive, active=self._active)
+            present = rig_at(self._rig.parameters, self._sweep.step)
+            flights = Flights.between(present, rows, self._drive, active=self._active)
             self._follow(flights.state_at(0, end))
         end = self._end if end is None else end
-        rig = self._rig.parameters
+        rig = rig_at(self._rig.parameters, self._sweep.step)
         still = Flights.between(rig, self._row, self._drive, active=self._active)
         parts = self._parts or [still]
         return RecordedStretch(
@@ -309,8 +313,8 @@ class StretchBuilder:
 
 def _drive_of(snapshot: Snapshot, time: float) -> Drive:
     """Return the force of a snapshot at an instant of its flight, s."""
-    parameters, origin = snapshot.parameters, snapshot.run.time + snapshot.run.time_low
-    rates = (frequency_at(parameters, snapshot.sweep.step), *parameters.harmonics[1][1:])
+    present = rig_at(snapshot.parameters, snapshot.sweep.step)
+    origin, rates = snapshot.run.time + snapshot.run.time_low, present.harmonics[1]
     pairs = zip(snapshot.angles, rates, strict=True)
     return Drive(time, tuple(angle + rate * (time - origin) for angle, rate in pairs), rates)
 

@@ -141,12 +141,8 @@ def incline(angle: float) -> tuple[float, float]:
     return sin(angle), 0.0 if cosine < 1e-5 else cosine
 
 
-def constants_of(
-    parameters: RigParameters, frequency: float | None = None
-) -> tuple[RigConstants, list[Line]]:
-    """Return a rig's constants and harmonics, the first of them at a frequency if it is given."""
-    if frequency is not None and frequency != parameters.first_harmonic[1]:
-        parameters = parameters.with_first_frequency(frequency)
+def constants_of(parameters: RigParameters) -> tuple[RigConstants, list[Line]]:
+    """Return a rig's constants and harmonics."""
     base = parameters.base_rows
     amplitudes, frequencies, phases = parameters.harmonics
     free, joint, lines = _oscillators_of(

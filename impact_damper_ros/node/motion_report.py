@@ -17,7 +17,6 @@ from impact_damper_ros.motion.event import Event
 from impact_damper_ros.orbits.orbit import PeriodicOrbit, Rhythm
 from impact_damper_ros.orbits.recurrence import MotionKind, Period, Section, find_period
 from impact_damper_ros.parameters.quoting import counted
-from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.theory.prediction import ObservedMotion, Prediction
 from impact_damper_ros.theory.theory_process import TheoryProcess
 
@@ -109,7 +108,7 @@ def measure(trace: MotionTrace, state_rate: float) -> RecentMotion:
     x_max = ratio = None
     if state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE:
         x_max = largest
-        amplitude = _response_amplitude(parameters, frequency)
+        amplitude = trace.present.response_amplitude
         if 0.0 < amplitude < math.inf:
             ratio = x_max / amplitude
     return RecentMotion(
@@ -125,13 +124,6 @@ def measure(trace: MotionTrace, state_rate: float) -> RecentMotion:
         turned - instants[-1] if impacts else cycles,
         parameters.gap if 2.0 * largest < parameters.gap and not parameters.one_sided else 0.0,
     )
-
-
-def _response_amplitude(parameters: RigParameters, frequency: float) -> float:
-    """Return the amplitude A without impacts, also in a stepped sine, m."""
-    if parameters.sweep_mode != 'off':
-        parameters = parameters.with_first_frequency(frequency)
-    return parameters.response_amplitude
 
 
 #: A settled motion agrees within this: instants in cycles of the force, X relative to the largest

@@ -11,7 +11,7 @@ from typing import Any
 from impact_damper_ros.motion.event import Event, EventKind, Sample
 from impact_damper_ros.motion.swing import extremes
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.rig.stepped_sine import frequency_at
+from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at
 
 #: Impacts and turning points that are kept: some dozens of periods, or a few with many impacts.
 KEPT = 512
@@ -25,13 +25,14 @@ class MotionTrace:
     """
 
     def __init__(
-        self, parameters: RigParameters, began: float, turned: float, step: int = 0
+        self, parameters: RigParameters, began: float, turned: float, sweep: SteppedSine
     ) -> None:
         self.parameters = parameters
         self.began = began  # rig time, s
-        self.frequency = frequency_at(parameters, step)  # circular, of the first harmonic, rad/s
-        self.turned = turned  # its angle at the beginning, in cycles since its zero
-        self.step = step  # steps of the stepped sine done by then
+        self.present = rig_at(parameters, sweep.step)  # the rig of the present step
+        self.frequency = self.present.first_harmonic[1]  # circular, rad/s
+        self.turned = turned  # the angle of the first harmonic at the beginning, in cycles
+        self._sweep = sweep
         self._impacts: deque[Event] = deque(maxlen=KEPT)
         self._turns: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self._last: Sample | None = None
@@ -40,10 +41,10 @@ class MotionTrace:
     @classmethod
     def at(cls, parameters: RigParameters, snapshot: Mapping[str, Any]) -> MotionTrace:
         """Begin at a snapshot of the rig."""
-        step, origin = snapshot['sweep']['step'], snapshot['origin']
+        sweep, origin = SteppedSine.of_dict(snapshot['sweep']), snapshot['origin']
         since = snapshot['time'] - origin['time']
-        angle = origin['angles'][0] + frequency_at(parameters, step) * since
-        return cls(parameters, snapshot['time'], angle / tau, step)
+        angle = origin['angles'][0] + rig_at(parameters, sweep.step).first_harmonic[1] * since
+        return cls(parameters, snapshot['time'], angle / tau, sweep)
 
     def after(self, events: Sequence[Event]) -> MotionTrace:
         """Take all events since the last sample; return the trace from there on."""
@@ -53,7 +54,8 @@ class MotionTrace:
                 trace._impacts.append(event)
             elif event.kind is EventKind.FREQUENCY_STEP:
                 turned = trace.cycles(event.time)
-                trace = MotionTrace(trace.parameters, event.time, turned, trace.step + 1)
+                sweep = trace._sweep.following(trace.parameters)
+                trace = MotionTrace(trace.parameters, event.time, turned, sweep)
                 first = i + 1
         # Between two ticks there may be several moves of the rig, each with many events.
         before = [] if trace is not self else trace._passed

@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,8 +154,10 @@ class Flights:
         Whether M and m move as one after each row.
     stop : ndarray of int, shape (n + 1,)
         The stop hit last, 0 for none.
-    frequency, angle : ndarray, shape (n + 1,)
-        Of the force's first harmonic, rad/s and rad.
+    first : ndarray, shape (n + 1, 3)
+        Amplitude (N), frequency (rad/s) and phase (rad) of the force's first harmonic.
+    angle : ndarray, shape (n + 1,)
+        Angle turned by the first harmonic, rad.
     active : ndarray, shape (n + 1,)
         Active force on M, N.
     """
@@ -165,7 +167,7 @@ class Flights:
     drive: Drive | None
     together: Mask
     stop: NDArray[np.int64]
-    frequency: Array
+    first: Array
     angle: Array
     active: Array
 
@@ -182,25 +184,24 @@ class Flights:
         Return the flights between rows.
 
         The first of them has the mode and the stop hit last; `drive` is the force there, and
-        `active` the active one, N. `steps` are the frequencies after each step of a swept force.
+        `active` the active one, N. `steps` are the first harmonics, as rows of `first`, before
+        and after each of the frequency steps among the rows.
         """
         stops = np.where(rows['kind'] == EventKind.IMPACT, rows['stop'], 0)
         stops[0] = rows['stop'][0]
         stop = _last_known(stops > 0, stops)
-        frequency = angle = np.full(len(rows), np.nan)
+        first, angle = np.tile(rig.first_harmonic, (len(rows), 1)), np.full(len(rows), np.nan)
         if drive is not None:
-            frequency = np.full(len(rows), drive.frequencies[0])
-            if steps is not None and len(steps):
-                done = np.cumsum(rows['kind'] == EventKind.FREQUENCY_STEP)
-                frequency = np.append(drive.frequencies[0], steps)[done]
-                turned = np.cumsum(frequency[:-1] * np.diff(rows['time']))
+            if steps is not None:
+                first = steps[np.cumsum(rows['kind'] == EventKind.FREQUENCY_STEP)]
+                turned = np.cumsum(first[:-1, 1] * np.diff(rows['time']))
                 angle = drive.angles[0] + np.append(0.0, turned)
             else:
-                angle = drive.angles[0] + frequency * (rows['time'] - drive.time)
+                angle = drive.angles[0] + drive.frequencies[0] * (rows['time'] - drive.time)
         pushed = rows['kind'] == EventKind.FORCE_STEP
         latest = _last_known(pushed, np.arange(len(rows)))
         force = np.where(np.cumsum(pushed) > 0, rows['impulse'][latest], active)
-        return cls(rig, rows, drive, _together(rows), stop, frequency, angle, force)
+        return cls(rig, rows, drive, _together(rows), stop, first, angle, force)
 
     @classmethod
     def joined(cls, parts: Sequence[Flights]) -> Flights:
@@ -208,7 +209,7 @@ class Flights:
         first = parts[0]
         if len(parts) == 1:
             return first
-        names = ('rows', 'together', 'stop', 'frequency', 'angle', 'active')
+        names = ('rows', 'together', 'stop', 'first', 'angle', 'active')
         columns = {
             name: np.concatenate(
                 [getattr(first, name), *(getattr(part, name)[1:] for part in parts[1:])]
@@ -258,8 +259,7 @@ class Flights:
         time = float(self.rows['time'][-1])
         pairs = zip(self.drive.angles, self.drive.frequencies, strict=True)
         angles = [angle + rate * (time - self.drive.time) for angle, rate in pairs]
-        first = float(self.frequency[-1])
-        rates = (first, *self.drive.frequencies[1:])
+        rates = (float(self.first[-1, 1]), *self.drive.frequencies[1:])
         return Drive(time, (float(self.angle[-1]), *angles[1:]), rates)
 
     @property
@@ -291,14 +291,17 @@ class Flights:
         velocity = slope * v_0 - stiffness * impulse * x_0
         force = np.zeros_like(tau)
         amplitudes, _, phases = rig.harmonics
-        for j, (amplitude, phase) in enumerate(zip(amplitudes, phases, strict=True)):
-            if amplitude == 0.0:
+        for j, lasting in enumerate(zip(amplitudes, phases, strict=True)):
+            if lasting[0] == 0.0:
                 continue
+            amplitude: Any
+            phase: Any
             if j:
+                amplitude, phase = lasting
                 driven = np.full(len(index), self.drive.frequencies[j])
                 angle = self.drive.angles[j] + driven * (begin['time'] - self.drive.time)
             else:
-                driven, angle = self.frequency[index], self.angle[index]
+                (amplitude, driven, phase), angle = self.first[index].T, self.angle[index]
             turned = np.exp(1j * (np.remainder(angle, math.tau) + phase))
             place, speed = forced_response(decay, damped, driven, tau)
             x = x + amplitude * share * (turned * place).imag
@@ -349,8 +352,8 @@ class Flights:
             if 0.0 < at - float(inside.starts[place]) < inside.spans[place]:
                 rows[row] = inside.state_at(place, at)
         angle = inside.angle.copy()
-        angle[0] += inside.frequency[0] * (rows['time'][0] - inside.starts[0])
-        columns = (inside.together, inside.stop, inside.frequency, angle, inside.active)
+        angle[0] += inside.first[0, 1] * (rows['time'][0] - inside.starts[0])
+        columns = (inside.together, inside.stop, inside.first, angle, inside.active)
         return Flights(self.rig, rows, self.drive, *columns)
 
     def _pieces(self, most: float) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:

@@ -20,7 +20,7 @@ from impact_damper_ros.replay.rows import (
     recorded_samples,
 )
 from impact_damper_ros.rig.snapshot import Snapshot
-from impact_damper_ros.rig.stepped_sine import frequency_at, frequency_steps
+from impact_damper_ros.rig.stepped_sine import rig_at, stepped_sine
 
 Rows = NDArray[np.float64]
 
@@ -49,17 +49,16 @@ class ForcePhase:
         rig = snapshot.parameters
         begun = snapshot.run.time + snapshot.run.time_low
         turned = snapshot.angles[0] / math.tau if snapshot.angles else 0.0
-        own = rig.first_harmonic[2] / math.tau
-        times, frequencies = [begun], [rig.first_harmonic[1] / math.tau]
-        start, step = snapshot.sweep
-        if rig.sweep_mode != 'off':
-            steps = np.arange(step, frequency_steps(rig) + 1)
-            times = [begun, *(start + rig.sweep_dwell * steps[1:])]
-            frequencies = [frequency_at(rig, int(k)) / math.tau for k in steps]
-        self._times, self._frequencies = np.array(times), np.array(frequencies)
+        first = [rig_at(rig, snapshot.sweep.step).first_harmonic]
+        times = [begun]
+        for step in stepped_sine(rig, snapshot.sweep):
+            times.append(step.time)
+            first.append(step.parameters.first_harmonic)
+        forces, rates, phases = np.array(first).T
+        self._times, self._frequencies = np.array(times), rates / math.tau
         lengths = np.diff(self._times) * self._frequencies[:-1]
-        self._cycles = turned + own + np.concatenate([[0.0], np.cumsum(lengths)])
-        self._known = rig.first_harmonic[0] != 0.0 and bool(self._frequencies.any())
+        self._cycles = turned + phases / math.tau + np.concatenate([[0.0], np.cumsum(lengths)])
+        self._known = forces[0] != 0.0 and bool(rates.any())
 
     def at(self, time: Rows) -> Rows:
         """Return the phases at instants, in cycles from 0 to 1; NaN without a force."""

@@ -322,9 +322,22 @@ class RigParameters(ParameterTable):
         amplitudes, frequencies, phases = next(iter(self.harmonic_groups.values()))
         return amplitudes[0], frequencies[0], phases[0]
 
+    @property
+    def swept(self) -> str:
+        """Where the first harmonic comes from, `force` or `base`: it is what a sweep changes."""
+        return next(iter(self.harmonic_groups))
+
+    @property
+    def first_line(self) -> tuple[float, float, float]:
+        """Amplitude (N, or m of a base), frequency and phase of the first line of `swept`."""
+        if self.swept == 'force':
+            return self.first_harmonic
+        amplitudes, frequencies, phases = self.base_motion
+        return amplitudes[0], frequencies[0], phases[0]
+
     def with_first_frequency(self, frequency: float) -> RigParameters:
         """Return the rig with another circular frequency of the first harmonic, rad/s."""
-        name = f'{next(iter(self.harmonic_groups))}_frequencies'
+        name = f'{self.swept}_frequencies'
         return self.replace(**{name: (frequency, *getattr(self, name)[1:])})
 
     @property

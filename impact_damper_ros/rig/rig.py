@@ -83,7 +83,7 @@ from impact_damper_ros.parameters.rig_parameters import (
 )
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, REMEDY, RunawayError
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot
-from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, SteppedSine, frequency_at
+from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at, sweep_of
 
 from .loop import NO_ACTS, quiet_until, run_compiled, run_through, write_act
 from .order import Order
@@ -405,7 +405,7 @@ class Rig:
     def _start(self, initial: InitialConditions, time: float) -> None:
         parameters = self._parameters
         initial.check_within(parameters)
-        self._sweep = SteppedSine.begun(parameters, time)
+        self._sweep = SteppedSine.at(parameters, time, 0, time, 0.0)
         self._tune()
         fields = starting_fields(initial, self._constants.half_gap, parameters.one_sided)
         self._run = Run(time=time, now=time, counted_from=time, **fields)
@@ -420,10 +420,9 @@ class Rig:
             begin_sampling(self._control, time)
 
     def _tune(self) -> None:
-        """Take the constants at the present frequency."""
-        frequency = frequency_at(self._parameters, self._sweep.step)
-        self._constants, self._lines = constants_of(self._parameters, frequency)
-        self._step_due = self._sweep.due(self._parameters)
+        """Take the constants of the rig as it is at the present step of its schedule."""
+        self._present = rig_at(self._parameters, self._sweep.step)
+        self._constants, self._lines = constants_of(self._present)
         self._packed: Any = None
         self._scratch = (
             [EventRow() for _ in range(_PLAIN_ROWS)],
@@ -476,6 +475,11 @@ class Rig:
     def force_frequency(self) -> float:
         """Present circular frequency of the first harmonic, rad/s; a sweep changes it."""
         return self._lines[0].frequency
+
+    @property
+    def sweep(self) -> SteppedSine:
+        """How far the stepped sine has come."""
+        return self._sweep
 
     def _view(self) -> View:
         return view_at(self._moving(), self._run.now)
@@ -647,7 +651,7 @@ class Rig:
         stretch = _COMPILED_STRETCH if self.compiled else _STRETCH
         happened = sampled = 0
         while True:
-            due, end, until = self._step_due, time, when
+            due, end, until = self._sweep.due, time, when
             if due <= time:
                 # A sample at the instant of a step shows what comes after it.
                 end, until = due, when[: bisect_left(when, due)]
@@ -672,8 +676,9 @@ class Rig:
                 return status, happened, sampled
             if happened >= most:
                 return SPENT, happened, sampled
-            tables.add(self._step_frequency())
-            happened += 1
+            events = self._take_step()
+            tables.add(*events)
+            happened += len(events)
 
     def _go_plain(
         self,
@@ -702,17 +707,22 @@ class Rig:
         tables.take_acts(list(map(_act_fields, acts[: controller.recorded])))
         return status, sampled
 
-    def _step_frequency(self) -> Event:
-        """Go on to the next frequency of the stepped sine, at an exact instant."""
-        run, side = self._run, self._run.crossing_side
-        move_to(self._moving(), self._step_due)
-        run.now = self._step_due
+    def _take_step(self) -> list[Event]:
+        """Make the step of the schedule that is due, at its exact instant."""
+        run, side, due = self._run, self._run.crossing_side, self._sweep.due
+        move_to(self._moving(), due)
+        run.now = due
         if side:
             set_side(self._moving(), side)
-        self._sweep = SteppedSine(self._sweep.start, self._sweep.step + 1)
+        self._sweep = self._sweep.following(self._parameters)
         self._tune()
-        begin_flight(self._moving())
-        return self._force_event(EventKind.FREQUENCY_STEP)
+        before, caused = run.mode, []
+        if self._present.swept == 'base' and self._present.damping:
+            # The velocity of the base jumps, and the force of the dashpot with it.
+            caused = self._begin()
+        else:
+            begin_flight(self._moving())
+        return [self._force_event(EventKind.FREQUENCY_STEP), *self._released(before), *caused]
 
     def _force_event(self, kind: EventKind, force: float = 0.0) -> Event:
         """Return a change of the force at the origin of the flight, where nothing jumps."""
@@ -851,9 +861,9 @@ class Rig:
         The angle turned by each harmonic is continuous, so that a change of frequency does not
         jump the force; an added harmonic starts at its phase. Another motion of the base begins at
         an upward zero of its own, unless its lines go on continuously with their angles; see
-        `wait_for_change`. A change of a parameter of the
-        stepped sine starts it anew, any other change leaves it alone. The position of M in the
-        laboratory is continuous where its static deflection changes.
+        `wait_for_change`. A change of a parameter of the stepped sine starts it anew, any other
+        change leaves its step alone. The position of M in the laboratory is continuous where its
+        static deflection changes.
 
         Another `gap` or `one_sided` sends both stops to half the gap from the middle, at once, as
         `move_stops` does, and ends their movements. An active law moves the stops from there.
@@ -894,10 +904,14 @@ class Rig:
             set_side(self._moving(), side)
         self._parameters = parameters
         run.counted_from, run.in_period = run.now, 0
-        if any(getattr(parameters, name) != getattr(before, name) for name in SWEEP_FIELDS):
-            self._sweep = SteppedSine.begun(parameters, run.now)
+        start, step = run.now, 0
+        if sweep_of(parameters) == sweep_of(before):
+            start, step, _ = self._sweep
+        present = rig_at(parameters, step)
+        self._waves = waves_after(self._present, self._waves, present)
+        angle = self._waves[0].angle
+        self._sweep = SteppedSine.at(parameters, start, step, run.now, angle)
         self._tune()
-        self._waves = waves_after(before, self._waves, parameters)
         # An impact of the last reset is reported later, with X from the new equilibrium.
         self._unreported = [event._replace(x=event.x + shift) for event in self._unreported]
         if (parameters.gap, parameters.one_sided) != (before.gap, before.one_sided):
@@ -912,9 +926,10 @@ class Rig:
         0 where the motion of the base is not changed, or is continuous anyway. Elsewhere the time
         until the base next passes zero upwards: the new motion begins at such a passage, too.
         """
-        rows = self._parameters.base_rows
-        angles = [wave.angle for wave in self._waves_now()[rows]]
-        return wait_for_change(self._parameters.base_motion, angles, parameters.base_motion)
+        again = sweep_of(parameters) == sweep_of(self._parameters)
+        after = rig_at(parameters, self._sweep.step if again else 0)
+        angles = [wave.angle for wave in self._waves_now()[self._present.base_rows]]
+        return wait_for_change(self._present.base_motion, angles, after.base_motion)
 
     def _waves_now(self) -> list[Wave]:
         """Return the harmonics with the angles that they have turned at the present time."""
@@ -1033,11 +1048,14 @@ class Rig:
         run.force = force
         before = run.mode
         caused = self._begin()
-        events = [self._force_event(EventKind.FORCE_STEP, force)]
-        if before >= STICK > run.mode:
-            release = self._force_event(EventKind.RELEASE)
-            events.append(release._replace(stop=stop_under(before)))
-        return events + caused
+        step = self._force_event(EventKind.FORCE_STEP, force)
+        return [step, *self._released(before), *caused]
+
+    def _released(self, before: int) -> list[Event]:
+        """Return the release of m at the origin of the flight, if it was held in a mode."""
+        if not before >= STICK > self._run.mode:
+            return []
+        return [self._force_event(EventKind.RELEASE)._replace(stop=stop_under(before))]
 
     def reset(self, initial: InitialConditions | None = None) -> None:
         """

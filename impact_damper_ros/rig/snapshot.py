@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from math import inf
+from math import inf, tau
 from sys import float_info
 from typing import Any, NamedTuple
 
@@ -14,9 +14,9 @@ from impact_damper_ros.parameters.parameter_spec import number_between, whole_nu
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .stepped_sine import SteppedSine, frequency_steps
+from .stepped_sine import SteppedSine, rig_at, step_count
 
-FORMAT = 7
+FORMAT = 8
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.
 #: 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter however
 #: high its bounces were, 4 polished the passages of X through zero by bisection and took the
@@ -87,14 +87,26 @@ def _check_state(state: Mapping[str, Any], time: float, harmonics: int) -> None:
 def _check_sweep(sweep: SteppedSine, parameters: RigParameters, time: float) -> None:
     """Check a stored sweep of a rig at a time, s: the steps due by then, and no more, are done."""
     check_number('sweep.start', sweep.start, -LATEST, LATEST)
-    whole_number('sweep.step', sweep.step, 0, frequency_steps(parameters))
+    steps = step_count(parameters)
+    whole_number('sweep.step', sweep.step, 0, steps)
+    if sweep.due < inf:
+        check_number('sweep.due', sweep.due, -LATEST, 2.0 * LATEST)
+    if (sweep.due == inf) != (sweep.step == steps):
+        raise ValueError(f'sweep.due is {sweep.due!r} s at step {sweep.step} of {steps}')
+    if parameters.sweep_mode == 'off':
+        return
     done = sweep.start + sweep.step * parameters.sweep_dwell
-    due = sweep.due(parameters)
-    if parameters.sweep_mode != 'off' and not done - SAME_TIME <= time <= due + SAME_TIME:
+    due = sweep.due
+    if not done - SAME_TIME <= time <= due + SAME_TIME:
         raise ValueError(
             f'sweep.step is {sweep.step}, from {done!r} s to {due!r} s: it must be the one at '
             f'time, {time!r} s'
         )
+    # A step waits for an upward zero, and for one more if it would be at once.
+    latest = max(done + parameters.sweep_dwell, time)
+    latest += 2.0 * tau / rig_at(parameters, sweep.step).first_line[1]
+    if due < inf and due > latest + SAME_TIME:
+        raise ValueError(f'sweep.due is {due!r} s: it must be at most {latest!r} s')
 
 
 class Snapshot(NamedTuple):
@@ -112,7 +124,7 @@ class Snapshot(NamedTuple):
     unreported : tuple of Event
         Events at the start that have not been reported yet.
     sweep : SteppedSine
-        State of the stepped sine.
+        How far its stepped sine has come.
     """
 
     parameters: RigParameters
@@ -138,7 +150,7 @@ class Snapshot(NamedTuple):
                 'angles': list(self.angles),
             },
             'unreported': [list(event) for event in self.unreported],
-            'sweep': self.sweep._asdict(),
+            'sweep': self.sweep.as_dict(),
             'parameters': {
                 name: list(value) if isinstance(value, tuple) else value
                 for name, value in self.parameters.as_dict().items()
@@ -166,7 +178,7 @@ class Snapshot(NamedTuple):
             time, held = stored['time'], stored['origin']
             check_number('time', time, -LATEST, LATEST)
             _check_state(held, time, len(parameters.harmonics[0]))
-            sweep = SteppedSine(**stored['sweep'])
+            sweep = SteppedSine.of_dict(stored['sweep'])
             _check_sweep(sweep, parameters, time)
             values: dict[str, Any] = {
                 name: inf if held[name] is None else STORED_TYPES[name](held[name])

@@ -1,24 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Stepped sine: the first harmonic goes through a range of frequencies with a continuous phase.
+Stepped sine: a schedule of timed changes of the first harmonic.
 
-The instants of the steps are counted from the start, so that a long sweep does not drift.
+A step changes the frequency of the first line of the force, or of the base where no force acts;
+a base of constant velocity or acceleration changes its displacement with it. The angle of the
+line goes on, so that the force, and the place of the base, are continuous. The instants of the
+steps are counted from the start, so that a long sweep does not drift; where the size of the line
+changes, a step waits for the next upward zero of the line.
 """
 
 from __future__ import annotations
 
-from math import ceil, inf
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from math import ceil, floor, inf, nan, pi, tau
+from operator import attrgetter
+from typing import Any, NamedTuple
 
-from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
 
-#: A change of one of these starts the sweep anew.
-SWEEP_FIELDS = ('sweep_mode', 'sweep_low', 'sweep_high', 'sweep_step', 'sweep_dwell')
 # A range this little longer than a whole number of steps ends with the last of them.
 _WHOLE = 1e-9
+#: A phase this near to a zero is at it, in cycles.
+_AT_ZERO = 1e-9
+_sweep_fields = attrgetter(*(name for name in PARAMETER_SPECS if name.startswith('sweep_')))
 
 
-def frequency_steps(parameters: RigParameters) -> int:
+def step_count(parameters: RigParameters) -> int:
     """Return the number of steps of a whole sweep; 0 if there is none."""
     if parameters.sweep_mode == 'off':
         return 0
@@ -27,16 +35,14 @@ def frequency_steps(parameters: RigParameters) -> int:
     return 2 * once if parameters.sweep_mode == 'up_down' else once
 
 
-def frequency_at(parameters: RigParameters, step: int) -> float:
+def _frequency(parameters: RigParameters, step: int) -> float:
     """
     Return the frequency of the first harmonic after a number of steps of the sweep, rad/s.
 
     Up and down go through the same frequencies: from the low end on in whole steps, and the high
     end, to which the last step may be a shorter one.
     """
-    steps = frequency_steps(parameters)
-    if not steps:
-        return parameters.first_harmonic[1]
+    steps = step_count(parameters)
     once = steps // 2 if parameters.sweep_mode == 'up_down' else steps
     place = min(max(step, 0), steps)
     if parameters.sweep_mode == 'down':
@@ -48,9 +54,36 @@ def frequency_at(parameters: RigParameters, step: int) -> float:
     return parameters.sweep_low + place * parameters.sweep_step
 
 
+@lru_cache(maxsize=64)
+def rig_at(parameters: RigParameters, step: int) -> RigParameters:
+    """Return a rig as it is after a number of steps of its sweep; as it is without a sweep."""
+    if parameters.sweep_mode == 'off':
+        return parameters
+    return parameters.with_first_frequency(_frequency(parameters, step))
+
+
+def _waits_for_zero(parameters: RigParameters) -> bool:
+    """Return whether the size of the line changes from step to step."""
+    return parameters.swept == 'base' and parameters.base_quantity != 'displacement'
+
+
+def _zero_from(parameters: RigParameters, asked: float, now: float, angle: float) -> float:
+    """
+    Return the first instant, s, later than now, from an asked one on, of an upward zero.
+
+    Of the swept line, which has that angle now; with NaN it passes zero upwards now.
+    """
+    amplitude, frequency, phase = parameters.first_line
+    period = tau / frequency
+    way = ((0.0 if amplitude > 0.0 else pi) - angle - phase) / tau % 1.0
+    zero = now if not way < 1.0 - _AT_ZERO else now + way * period
+    due = zero + max(0, ceil((asked - zero) / period - _AT_ZERO)) * period
+    return due if due > now else due + period
+
+
 class SteppedSine(NamedTuple):
     """
-    How far a sweep has come.
+    How far a sweep has come: the state of the schedule.
 
     Attributes
     ----------
@@ -58,18 +91,73 @@ class SteppedSine(NamedTuple):
         When it was started, s.
     step : int
         Steps done.
+    due : float
+        Instant of the next step, s; infinity after the last one.
     """
 
     start: float
     step: int = 0
+    due: float = inf
 
     @classmethod
-    def begun(cls, parameters: RigParameters, time: float) -> SteppedSine:
-        """Return a sweep that starts at a time; one that is off has begun at none."""
-        return cls(0.0 if parameters.sweep_mode == 'off' else time)
+    def at(
+        cls, parameters: RigParameters, start: float, step: int, now: float, angle: float
+    ) -> SteppedSine:
+        """
+        Return a sweep that has done some steps, s.
 
-    def due(self, parameters: RigParameters) -> float:
-        """Return the instant of the next step, s; infinity after the last one."""
-        if self.step >= frequency_steps(parameters):
-            return inf
-        return self.start + (self.step + 1) * parameters.sweep_dwell
+        `angle` is that of the swept line now, rad. A sweep that is off has begun at no time.
+        """
+        if parameters.sweep_mode == 'off':
+            return cls(0.0)
+        here = cls(start, step)
+        if step >= step_count(parameters):
+            return here
+        due = start + (step + 1) * parameters.sweep_dwell
+        if _waits_for_zero(parameters):
+            due = _zero_from(rig_at(parameters, step), due, now, angle)
+        return here._replace(due=due)
+
+    def as_dict(self) -> dict[str, float | None]:
+        """Return it for JSON, which has no infinity."""
+        return {**self._asdict(), 'due': None if self.due == inf else self.due}
+
+    @classmethod
+    def of_dict(cls, stored: Mapping[str, Any]) -> SteppedSine:
+        """Read what `as_dict` returned."""
+        due = stored['due']
+        return cls(stored['start'], stored['step'], inf if due is None else due)
+
+    def following(self, parameters: RigParameters) -> SteppedSine:
+        """Return the sweep after its next step."""
+        steps, dwell = step_count(parameters), parameters.sweep_dwell
+        if not _waits_for_zero(parameters):
+            after = self._replace(step=self.step + 1)
+            due = inf if after.step >= steps else self.start + (after.step + 1) * dwell
+            return after._replace(due=due)
+        # Steps that are shorter than a cycle are taken together.
+        step = max(self.step + 1, floor((self.due - self.start) / dwell + _AT_ZERO))
+        after = self._replace(step=min(step, steps))
+        if after.step == steps:
+            return after._replace(due=inf)
+        asked = self.start + (after.step + 1) * dwell
+        return after._replace(due=_zero_from(rig_at(parameters, after.step), asked, self.due, nan))
+
+
+class TimedStep(NamedTuple):
+    """A step of a schedule: from an instant on, s, the rig is another one."""
+
+    time: float
+    parameters: RigParameters
+
+
+def stepped_sine(parameters: RigParameters, sweep: SteppedSine) -> Iterator[TimedStep]:
+    """Yield the steps of a sweep that are still to come."""
+    while sweep.due < inf:
+        due, sweep = sweep.due, sweep.following(parameters)
+        yield TimedStep(due, rig_at(parameters, sweep.step))
+
+
+def sweep_of(parameters: RigParameters) -> tuple[object, ...]:
+    """Return what a sweep is made of: a change of any of it starts the sweep anew."""
+    return _sweep_fields(parameters)

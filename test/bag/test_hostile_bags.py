@@ -89,6 +89,7 @@ def put(path, value):
         (put('state.parameters.gap', 'x' * 10**5), 'gap is '),
         (put('state.parameters.gap', -1.0), 'gap is -1.0'),
         (put('state.sweep.step', -(2**62)), 'sweep.step is -4611686018427387904: give a whole'),
+        (put('state.sweep.due', 5.0), 'sweep.due is 5.0 s at step 0 of 0'),
         (put('state.origin.velocity', 1e300), 'origin.velocity is 1e+300: give a number'),
         (put('state.format', [2]), 'is of format [2]; this version reads format'),
         (put('stamp_offset_ns', '5'), "stamp_offset_ns is '5'"),
@@ -98,7 +99,7 @@ def put(path, value):
         (put('topics', {'joint_states': 5}), 'topics is '),
         (put('done', [['change', {'gap': 0.01}]] * 20_000), 'done has 20000 entries: at most'),
     ],
-    ids=range(18),
+    ids=range(19),
 )
 def test_snapshots(tmp_path, messages, change, words):
     path = with_snapshots(tmp_path / 'bag', messages, change)

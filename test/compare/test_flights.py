@@ -25,6 +25,9 @@ BROAD = BENCH.replace(
 SWEPT = BENCH.replace(
     sweep_mode='up_down', sweep_low=28.0, sweep_high=34.0, sweep_step=1.0, sweep_dwell=0.77
 )
+SHAKEN = SWEPT.replace(
+    force_amplitudes=0.0, base_amplitudes=0.6, base_frequencies=31.4, base_phases=0.4
+)
 CHATTER = VERTICAL.replace(damping=0.5, force_amplitudes=(1.2,), restitution_1=0.6)
 CASES = {
     'off resonance': (OFF_RESONANCE, DISPLACED),
@@ -35,6 +38,7 @@ CASES = {
     'chatter': (CHATTER, AT_REST),
     'multisine': (BROAD, AT_REST),
     'stepped sine': (SWEPT, AT_REST),
+    'stepped sine of the base': (SHAKEN, AT_REST),
 }
 
 

@@ -215,10 +215,16 @@ def test_phase_of_the_force():
     assert np.isnan(still.at(time)).all()
 
 
-def test_phase_of_a_stepped_sine_is_that_of_the_rig():
+@pytest.mark.parametrize('shaken', [{}, {'force_amplitudes': 0.0, 'base_amplitudes': 2.0}])
+def test_phase_of_a_stepped_sine_is_that_of_the_rig(shaken):
     """Against the angle that the simulator keeps."""
     swept = LIVELY.replace(
-        sweep_mode='up_down', sweep_low=20.0, sweep_high=22.0, sweep_step=0.7, sweep_dwell=0.9
+        sweep_mode='up_down',
+        sweep_low=20.0,
+        sweep_high=22.0,
+        sweep_step=0.7,
+        sweep_dwell=0.9,
+        **shaken,
     )
     rig = Rig(swept)
     phase = force_phase(rig)

@@ -1,4 +1,4 @@
-"""The force: lines and phases of a multisine, instants and phase of a stepped sine."""
+"""The force: lines and phases of a multisine."""
 
 import math
 import os
@@ -8,19 +8,16 @@ import sys
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from motion.random_rigs import random_rig, rows, without_mode
+from motion.random_rigs import random_rig
 
 from impact_damper_ros import (
-    EventKind,
     InitialConditions,
     OrbitError,
-    Outcome,
     Rig,
     RigParameters,
     find_orbits,
 )
 from impact_damper_ros.parameters.forcing import mixed, multisine
-from impact_damper_ros.rig.stepped_sine import frequency_at, frequency_steps
 from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
 
 PHASES_OF_SEED_1 = [
@@ -169,150 +166,6 @@ def test_harmonics_and_lines_keep_their_angles_apart():
     turned(angles(rig), [13.0])
     rig.change(rig.parameters.replace(multisine_level=0.2))
     turned(angles(rig), [13.0, *[0.0] * 6])
-
-
-STEP = EventKind.FREQUENCY_STEP
-SWEPT = RigParameters(
-    gravity=0.0,
-    gap=1e6,
-    damping=0.1,
-    sweep_mode='up',
-    sweep_low=0.8,
-    sweep_high=1.3,
-    sweep_step=0.2,
-    sweep_dwell=0.1,
-)
-UP = [0.8, 1.0, 0.8 + 2 * 0.2, 1.3]
-
-
-def steps(events):
-    return [e for e in events if e.kind == STEP]
-
-
-@pytest.mark.parametrize(
-    ('mode', 'frequencies'),
-    [('up', UP), ('down', UP[::-1]), ('up_down', UP + UP[-2::-1]), ('off', [1.0])],
-)
-def test_the_frequencies_of_a_sweep(mode, frequencies):
-    """The last step up is shorter, and down goes through the same ones."""
-    rig = SWEPT.replace(sweep_mode=mode)
-    assert frequency_steps(rig) == len(frequencies) - 1
-    assert [frequency_at(rig, k) for k in range(len(frequencies))] == frequencies
-    # The last one holds.
-    assert frequency_at(rig, len(frequencies) + 5) == frequencies[-1]
-
-
-def test_a_whole_number_of_steps_ends_with_the_last():
-    rig = SWEPT.replace(sweep_low=0.5, sweep_high=1.5, sweep_step=0.01)
-    assert frequency_steps(rig) == 100
-    assert frequency_at(rig, 100) == 1.5
-    assert frequency_steps(rig.replace(sweep_step=7.0)) == 1
-
-
-@pytest.mark.parametrize('start', [0.0, 1e6 / 3])
-def test_steps_are_at_exact_instants(start):
-    """Start + n dwell, rounded once, however far along."""
-    rig = Rig(SWEPT.replace(sweep_step=0.005), time=start)
-    assert rig.force_frequency == 0.8
-    events = rig.advance(start + 200.0)
-    assert [e.time for e in events] == [start + k * 0.1 for k in range(1, 101)]
-    assert {e.kind for e in events} == {STEP}
-    assert rig.force_frequency == 1.3
-    assert rig.parameters.force_frequencies == (1.0,)
-    for e in events:
-        assert e.primary_velocity_before == e.primary_velocity_after
-        assert e.impulse == 0.0
-
-
-def test_a_sweep_is_a_series_of_changes():
-    """Of the first frequency alone, at the same instants: the phases are continuous."""
-    own = {'force_amplitudes': [1, 1], 'force_frequencies': [1, 3], 'force_phases': [0, 0]}
-    rig = SWEPT.replace(**own, multisine_level=0.1, multisine_lines=3, sweep_dwell=0.37)
-    swept = Rig(rig.replace(sweep_mode='up_down', sweep_step=0.01))
-    hand = Rig(rig.replace(sweep_mode='off', force_frequencies=[0.8, 3]))
-    for k in range(1, 101):
-        (event,) = swept.advance(k * 0.37)
-        assert event.kind == STEP
-        hand.advance(k * 0.37)
-        frequency = frequency_at(swept.parameters, k)
-        assert swept.force_frequency == frequency
-        hand.change(hand.parameters.replace(force_frequencies=[frequency, 3]))
-        a, b = swept.sample(), hand.sample()
-        assert (a.x, a.primary_velocity) == pytest.approx((b.x, b.primary_velocity), abs=1e-13)
-    turned(swept.snapshot()['origin']['angles'], hand.snapshot()['origin']['angles'])
-    assert swept.advance(60.0) == []
-    assert swept.force_frequency == 0.8
-
-
-def test_changes_on_the_way():
-    """Those of the sweep start it anew; others leave it where it is, and so does time."""
-    rig = Rig(SWEPT)
-    rig.advance(0.25)
-    assert rig.force_frequency == 0.8 + 2 * 0.2
-    rig.change(rig.parameters.replace(gap=1e5, force_amplitudes=[2.0]))
-    assert rig.force_frequency == 0.8 + 2 * 0.2
-    assert [e.time for e in rig.advance(0.28)] == []
-    rig.change(rig.parameters.replace(sweep_dwell=0.05))
-    assert rig.force_frequency == 0.8
-    assert [e.time for e in rig.advance(0.4)] == [0.28 + 0.05, 0.28 + 2 * 0.05]
-    rig.change(rig.parameters.replace(sweep_mode='off'))
-    assert rig.force_frequency == 1.0
-    assert rig.advance(9.0) == []
-    rig.change(rig.parameters.replace(sweep_mode='down', sweep_dwell=0.5))
-    assert rig.force_frequency == 1.3
-    assert [e.time for e in rig.advance(10.0)] == [9.5, 10.0]
-    rig.reset()
-    assert rig.force_frequency == 1.3
-    assert [e.time for e in rig.advance(10.6)] == [10.5]
-
-
-def test_the_budget_of_events_holds_across_steps():
-    """Steps count; the rig stops short of one it may not have any more, and goes on from there."""
-    rig = SWEPT.replace(sweep_step=0.005)
-    run = Rig(rig)
-    stretch = run.run(20.0, [0.0, 0.7, 0.71, 9.0], most_events=7)
-    assert stretch.outcome == Outcome.TOO_MANY_EVENTS
-    assert stretch.reason.startswith('7 events from 0.0 s to 0.8 s')
-    assert stretch.event_count == len(stretch.events) == 7
-    assert stretch.samples['time'].tolist() == [0.0, 0.7, 0.71]
-    assert run.time == 0.8
-    rest = run.run(20.0)
-    assert rest.event_count == 100 - 7
-    alone = Rig(rig)
-    assert rows(alone.advance(20.0)) == without_mode(stretch.events) + without_mode(rest.events)
-    assert run.snapshot() == alone.snapshot()
-    silent = Rig(rig)
-    assert silent.run(20.0, record=False).event_count == 100
-    assert silent.snapshot() == alone.snapshot()
-
-
-def test_a_signal_leaves_a_long_run_where_it_was(monkeypatch):
-    """Not with the frequency of one instant and the motion of another."""
-    run = Rig(SWEPT)
-    run.run(0.05)
-    before = run.snapshot(), run.force_frequency
-
-    def ring(*_):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr('impact_damper_ros.rig.rig.constants_of', ring)
-        with pytest.raises(KeyboardInterrupt):
-            run.run(0.15)
-    assert (run.snapshot(), run.force_frequency) == before
-    alone = Rig(SWEPT)
-    alone.advance(0.2)
-    run.run(0.2)
-    assert run.snapshot() == alone.snapshot()
-
-
-def test_m_at_rest_stays_at_rest():
-    """A step of the frequency is no change of the force at its instant: nothing is released."""
-    pressed = SWEPT.replace(
-        gap=2.0, gravity=1.0, angle=math.pi / 2, force_amplitudes=[0.01], sweep_dwell=0.01
-    )
-    rig = Rig(pressed, InitialConditions(initial_damper_offset=1.0))
-    assert {e.kind for e in rig.advance(0.5)} == {STEP}
 
 
 CONSTANTS = """

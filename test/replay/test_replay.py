@@ -571,6 +571,25 @@ def test_the_recorded_what_if_is_what_simulate_rig_records(tmp_path):
     assert one == other
 
 
+@pytest.mark.parametrize('level', [0.0, 6.0])
+def test_a_stepped_sine_is_replayed_bit_for_bit(tmp_path, level):
+    """Of the force, and of a base whose displacement changes at each step; with changes."""
+    sweep = ['sweep_mode=up_down', 'sweep_low=25', 'sweep_high=40', 'sweep_step=3']
+    if level:
+        sweep += ['force_amplitudes=0', f'base_amplitudes={level}', 'base_frequencies=30']
+    params = params_file(tmp_path / 'params.yaml', LIVELY)
+    words = [str(params), '--duration', '4', '--quiet', '--bag', str(tmp_path / 'bag')]
+    for setting in (*sweep, 'sweep_dwell=0.15'):
+        words += ['--set', setting]
+    for change in ('0.55:gap=0.012', '1.3:sweep_dwell=0.1', '2.9:sweep_mode=down'):
+        words += ['--change', change]
+    assert simulate_rig([*words, '--max-bag-duration', '1.7']) == 0
+    findings = replayed(tmp_path / 'bag')
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
+    assert (findings.changes, findings.samples) == (3, 801)
+    assert findings.impacts > 20
+
+
 def test_a_what_if_is_recorded_beside_what_is_read(tmp_path, capsys):
     bag = RecordedRig().start().run(20).save(tmp_path / 'bag')
     for name, words in ((bag, 'what is read'), (bag / 'more', 'what is read')):
