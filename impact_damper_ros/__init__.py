@@ -50,12 +50,12 @@ if TYPE_CHECKING:
     )
     from .orbits.settled_motion import SettledMotion as SettledMotion, settle as settle
     from .orbits.solution_curve import value_of as value_of, with_value as with_value
-    from .orbits.solved_orbits import orbit_near as orbit_near
-    from .orbits.starts import ImpactEquations as ImpactEquations
-    from .orbits.transmissibility import (
-        Transmissibility as Transmissibility,
+    from .orbits.solved_orbits import (
+        orbit_near as orbit_near,
         transmissibility as transmissibility,
     )
+    from .orbits.starts import ImpactEquations as ImpactEquations
+    from .orbits.transmissibility import Transmissibility as Transmissibility
     from .parameters.parameter_spec import (
         ParameterError as ParameterError,
         ParameterSpec as ParameterSpec,
@@ -95,9 +95,9 @@ _MODULES = {
     'orbits.search': 'OrbitSearch StartReport find_orbits',
     'orbits.settled_motion': 'SettledMotion settle',
     'orbits.solution_curve': 'value_of with_value',
-    'orbits.solved_orbits': 'orbit_near',
+    'orbits.solved_orbits': 'orbit_near transmissibility',
     'orbits.starts': 'ImpactEquations',
-    'orbits.transmissibility': 'Transmissibility transmissibility',
+    'orbits.transmissibility': 'Transmissibility',
     'parameters.parameter_spec': 'ParameterError ParameterSpec',
     'parameters.parameters_file': 'ParametersFileError load_parameters',
     'parameters.rig_parameters': 'GapControlParameters InitialConditions RigParameters',

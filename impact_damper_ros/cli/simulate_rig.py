@@ -13,17 +13,16 @@ from contextlib import ExitStack
 from itertools import count
 from typing import Any
 
-import numpy as np
-
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.compare.random_response import ResponseSamples
 from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.control.record import Action
-from impact_damper_ros.motion.event import Event, EventKind, Sample
+from impact_damper_ros.motion.event import Event, EventKind, Sample, table_of_events
 from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.motion.swing import Swing
+from impact_damper_ros.orbits.flight_arrays import FlightStart
 from impact_damper_ros.outputs import is_stream, write_text
 from impact_damper_ros.parameters.parameter_spec import ParameterSpec
 from impact_damper_ros.parameters.rig_parameters import (
@@ -47,6 +46,7 @@ from impact_damper_ros.report.random_response_figure import (
     response_text,
 )
 from impact_damper_ros.report.table import Table
+from impact_damper_ros.report.transmissibility_text import transmissibility_text
 from impact_damper_ros.rig.observed_run import Observer, TimedChange, run
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
@@ -88,6 +88,8 @@ EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:-1], 'force_freque
 # The end of a run that its summary describes, and how closely it looks for the largest |X|
 _WATCHED_CYCLES = 20
 _LOOKS_PER_CYCLE = 256
+# Cycles this little fewer than a whole number are whole.
+_WHOLE = 1e-6
 # Stamps are whole nanoseconds.
 _SHORTEST, _SLOWEST, _FASTEST = 1e-9, 1e-12, 1e9
 
@@ -239,8 +241,9 @@ class _Summary(Observer):
         # Largest |Y| at the looks
         self._reach = 0.0
         self._since_look: list[Event] = []
-        # X and b at the looks
-        self._places: list[tuple[float, float]] = []
+        # Of a moving base: where its motion is measured from, and all events since
+        self._begin: FlightStart | None = None
+        self._passed: list[Event] = []
 
     def ticks(self) -> Iterator[float]:
         return (self._from + k * self._look for k in count())
@@ -250,12 +253,19 @@ class _Summary(Observer):
         self._commands += sum(act.action is Action.COMMAND for act in self._rig.records)
         self._impacts |= {e.stop: e for e in events if e.kind is EventKind.IMPACT}
         self._since_look += [event for event in events if event.time >= self._from]
+        if self._begin is not None:
+            self._passed += events
+
+    def changed(self, time_ns: int, values: Mapping[str, Any], events: Sequence[Event]) -> None:
+        super().changed(time_ns, values, events)
+        self._begin = None
 
     def reached(self, instant: float) -> None:
         if instant >= self._from:
             sample = self._rig.sample()
             self._swing.look(sample, self._since_look)
-            self._places.append((sample.x, sample.base))
+            if self._begin is None and self._rig.parameters.base_motion.moves:
+                self._begin, self._passed = FlightStart.of(self._rig), []
             self._reach = max(self._reach, abs(sample.z - sample.x))
             self._since_look = []
 
@@ -277,8 +287,12 @@ class _Summary(Observer):
                 )
         if whole and self.response is not None:
             lines.append(response_text(self.response.response()))
-        elif whole and parameters.base_motion.moves:
-            lines.append(self._transmissibility())
+        elif whole and self._begin is not None and parameters.sweep_mode == 'off':
+            flights = self._begin.flights(rig, table_of_events(self._passed))
+            cycle = _cycle(parameters)
+            since = max(1, int((rig.time - flights.starts[0]) / cycle + _WHOLE)) * cycle
+            found = flights.cut(rig.time - since, rig.time).measured()[0]
+            lines.append(transmissibility_text(found.transmissibility, parameters))
         if rig.control.active:
             (spent_1, spent_2), (stop_1, stop_2) = rig.energies, rig.stops
             lines.append(
@@ -304,21 +318,10 @@ class _Summary(Observer):
             )
         return '\n'.join(lines)
 
-    def _transmissibility(self) -> str:
-        """Return what M takes up of the motion of its base, in whole cycles at the end."""
-        whole = _LOOKS_PER_CYCLE * max(1, int(self._cycles))
-        x, base = np.array(self._places[-whole:]).T
-        if not np.ptp(base):
-            return 'transmissibility: the base has not moved'
-        from impact_damper_ros.orbits.transmissibility import Transmissibility
-
-        absolute, relative = Transmissibility.of(x, base)
-        return f'transmissibility: rms X/rms b {absolute:.6g}; rms (X - b)/rms b {relative:.6g}'
-
     def _remedy(self) -> str:
         """Return how m would hit a fixed stop that it does not rest on."""
         rig = self._rig
-        if rig.control.active or rig.mode in (Mode.REST_1, Mode.REST_2):
+        if rig.control.active or not self._reach or rig.mode in (Mode.REST_1, Mode.REST_2):
             return ''
         return (
             f': |Y| is up to {self._reach:.4g} m, half the gap {rig.parameters.gap / 2.0:.4g} m; '

@@ -8,7 +8,7 @@ import math
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from impact_damper_ros.orbits.arguments import (
     check_forcing,
@@ -23,6 +23,8 @@ from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind
 from impact_damper_ros.orbits.search import SAME, OrbitSearch, find_orbits
 from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
 from impact_damper_ros.orbits.solution_curve import value_of
+from impact_damper_ros.orbits.solved_orbits import transmissibility
+from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.quoting import counted
@@ -340,7 +342,7 @@ def _solve(arguments: argparse.Namespace) -> int:
             orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
     if arguments.viable:
         orbits = [orbit for orbit in orbits if orbit.viable]
-    write_json(arguments.json, [orbit.as_dict() for orbit in orbits])
+    write_json(arguments.json, [_plain(orbit) for orbit in orbits])
     followed: list[tuple[str, Branch]] = []
     if arguments.follow is not None and orbits:
         words = 'still following the branch; Ctrl-C ends it'
@@ -359,6 +361,16 @@ def _solve(arguments: argparse.Namespace) -> int:
     if searches and not any(orbit.viable for orbit in orbits):
         _check_found(searches, arguments)
     return 0
+
+
+def _plain(orbit: PeriodicOrbit) -> dict[str, Any]:
+    """Return a motion for JSON, of a moving base with its transmissibility."""
+    plain = orbit.as_dict()
+    if orbit.viable and orbit.parameters.base_motion.moves:
+        alone = Transmissibility.without_damper(orbit.parameters)
+        plain['transmissibility'] = transmissibility(orbit)._asdict()
+        plain['transmissibility_without_damper'] = alone._asdict()
+    return plain
 
 
 def _check(arguments: argparse.Namespace, parameters: RigParameters) -> None:

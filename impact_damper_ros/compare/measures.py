@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.replay.rows import Samples
 
 from .result import (
@@ -62,6 +63,7 @@ def measured_motion(
         mean_impulse=float(hits['impulse'].mean()) if len(hits) else 0.0,
         largest_impulse=float(hits['impulse'].max(initial=0.0)),
         last_period=period,
+        transmissibility=found.transmissibility if steady else Transmissibility(),
     )
 
 

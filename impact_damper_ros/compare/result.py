@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import MotionKind
+from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.rows import Events
 
@@ -69,6 +70,8 @@ class MeasuredMotion:
     largest_impulse: float
     #: The last whole period of a periodic or settling motion.
     last_period: ImpactStates | None = None
+    #: Of a rig whose base moves; NaN of one at rest.
+    transmissibility: Transmissibility = field(default_factory=Transmissibility)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,9 +93,9 @@ class Overall:
     #: Kinetic energy that M and m together lost in them, J; the remainder of `impact_energy`
     #: was given to m.
     impact_loss: float
-    #: Energy that the dashpot took from M, J.
+    #: Energy that the dashpot took, between M and the base, J.
     dashpot_energy: float
-    #: Work of the force on M, J.
+    #: Work of the force on M, and of a moving base, J.
     force_work: float
     #: The part of it that is the work of a controller's active force, J.
     active_work: float
@@ -131,7 +134,7 @@ class EnergyBalance:
     end: float
     #: Whole periods between them; cycles of the force if the motion is not periodic.
     periods: int
-    #: Work of the force on M, and of the compressed air on both masses.
+    #: Work of the force on M and of a moving base, and of the compressed air on both masses.
     force: float
     air: float
     #: Energy lost in each; the bounces that end a chatter count as impacts.
@@ -444,6 +447,8 @@ def as_plain(value: Any, without: Collection[str] = ()) -> Any:
         return {name: as_plain(getattr(value, name), without) for name in names}
     if isinstance(value, Enum):
         return value.value
+    if isinstance(value, Transmissibility):
+        value = value._asdict()
     if isinstance(value, Mapping):
         return {str(name): as_plain(entry) for name, entry in value.items()}
     if isinstance(value, tuple | list):

@@ -11,11 +11,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable
+from functools import lru_cache
 from typing import NamedTuple
 
 from impact_damper_ros.motion.event import Event
 from impact_damper_ros.orbits.orbit import PeriodicOrbit, Rhythm
 from impact_damper_ros.orbits.recurrence import MotionKind, Period, Section, find_period
+from impact_damper_ros.orbits.solved_orbits import transmissibility
+from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.theory.prediction import ObservedMotion, Prediction
 from impact_damper_ros.theory.theory_process import TheoryProcess
@@ -58,6 +61,8 @@ class RecentMotion(NamedTuple):
     without: float = 0.0  # cycles of the force since the last impact, or change
     #: The gap that is wider than M moves from end to end, m; else 0
     too_wide: float = 0.0
+    #: Of the last `KEPT_CYCLES` cycles, from samples; NaN for a base at rest.
+    transmissibility: Transmissibility = Transmissibility()
 
     @property
     def settled(self) -> bool:
@@ -106,8 +111,9 @@ def measure(trace: MotionTrace, state_rate: float) -> RecentMotion:
         largest = trace.largest(now - recent * cycle)
         per_cycle = count / recent if recent > 0.0 else 0.0
     x_max = ratio = None
+    taken = Transmissibility()
     if state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE:
-        x_max = largest
+        x_max, taken = largest, trace.transmissibility()
         amplitude = trace.present.response_amplitude
         if 0.0 < amplitude < math.inf:
             ratio = x_max / amplitude
@@ -123,6 +129,7 @@ def measure(trace: MotionTrace, state_rate: float) -> RecentMotion:
         ratio,
         turned - instants[-1] if impacts else cycles,
         parameters.gap if 2.0 * largest < parameters.gap and not parameters.one_sided else 0.0,
+        taken,
     )
 
 
@@ -249,6 +256,7 @@ def measured_report(measured: RecentMotion) -> MotionReport:
             **_rhythm_values(rhythm),
             'Largest X [m]': _number(measured.x_max),
             'Largest X / A': _number(measured.amplitude_ratio),
+            **_transmissibility_values(measured.transmissibility),
             'Change from period to period': _number(period.level if period else None, 3),
             'Factor of that change per period': _number(period.decay if period else None, 3),
         },
@@ -294,6 +302,7 @@ def predicted_report(theory: TheoryProcess, agreement: Agreement) -> MotionRepor
             **_rhythm_values(motion),
             'Largest X [m]': _number(motion.x_max if motion else None),
             'Largest X / A': _number(motion.amplitude_ratio if motion else None),
+            **_transmissibility_values(_predicted(motion) if motion else Transmissibility()),
             'Largest multiplier modulus': _number(abs(motion.multipliers[0]) if motion else None),
             'Stable': motion.stable if motion else '',
             'Viable': motion.viable if motion else '',
@@ -345,6 +354,17 @@ def _rhythm_values(rhythm: Rhythm | None) -> dict[str, object]:
         'Stop sequence': _numbers(rhythm.stops) if rhythm else '',
         'Phases [cycles of the force]': _numbers(rhythm.phases) if rhythm else '',
         'X at the impacts [m]': _numbers(rhythm.x) if rhythm else '',
+    }
+
+
+#: The same motion is reported each second.
+_predicted = lru_cache(maxsize=16)(transmissibility)
+
+
+def _transmissibility_values(taken: Transmissibility) -> dict[str, object]:
+    return {
+        'Transmissibility, rms X / rms b': _number(taken.absolute, 5),
+        'Relative transmissibility, rms (X - b) / rms b': _number(taken.relative, 5),
     }
 
 

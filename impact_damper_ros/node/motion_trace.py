@@ -5,16 +5,19 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from math import tau
+from math import nan, tau
 from typing import Any
 
 from impact_damper_ros.motion.event import Event, EventKind, Sample
 from impact_damper_ros.motion.swing import extremes
+from impact_damper_ros.orbits.transmissibility import Moments, Transmissibility
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at
 
 #: Impacts and turning points that are kept: some dozens of periods, or a few with many impacts.
 KEPT = 512
+#: Cycles of the force of which the motion of a moving base and X are kept.
+KEPT_CYCLES = 20
 
 
 class MotionTrace:
@@ -37,6 +40,10 @@ class MotionTrace:
         self._turns: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self._last: Sample | None = None
         self._passed: Sequence[Event] = ()
+        # Sums over the samples of each whole cycle, the first and the present one left out
+        self._shaken = parameters.base_motion.moves and self.frequency > 0.0
+        self._moments: deque[Moments] = deque(maxlen=KEPT_CYCLES)
+        self._sums, self._turn = [0.0] * 6, -1
 
     @classmethod
     def at(cls, parameters: RigParameters, snapshot: Mapping[str, Any]) -> MotionTrace:
@@ -68,12 +75,24 @@ class MotionTrace:
         if last is not None and sample.time <= last.time:
             return
         self._last = sample
+        if self._shaken:
+            self._sum_up(sample)
         if last is None:
             self._passed = ()
         elif self._passed or last.primary_velocity * sample.primary_velocity < 0.0:
             for x in extremes(last, self._passed, sample):
                 self._turns.append((sample.time, abs(x)))
             self._passed = ()
+
+    def _sum_up(self, sample: Sample) -> None:
+        """Add X and b of a sample to the sums of its cycle."""
+        turn, x, base = int(self.cycles(sample.time)), sample.x, sample.base
+        if turn != self._turn:
+            if self._turn > int(self.turned):
+                self._moments.append(Moments(*(*self._sums, nan, nan)))
+            self._sums, self._turn = [0.0] * 6, turn
+        terms = 1.0, x, x * x, base, base * base, x * base
+        self._sums = [total + term for total, term in zip(self._sums, terms, strict=True)]
 
     # For other threads
 
@@ -89,6 +108,11 @@ class MotionTrace:
     def impacts(self) -> list[Event]:
         """Return the last impacts."""
         return list(self._impacts)
+
+    def transmissibility(self) -> Transmissibility:
+        """Return that of the last whole cycles of the force; NaN for a base at rest."""
+        kept = list(self._moments)
+        return Transmissibility.of_moments(Moments(*map(sum, zip(*kept, strict=True))))
 
     def largest(self, since: float) -> float:
         """Return the largest |X| from an instant (s) on, m."""

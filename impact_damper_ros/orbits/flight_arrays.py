@@ -28,6 +28,7 @@ from impact_damper_ros.rig.runaway import RunawayError
 from .flights import Machine, machine_of
 from .multipliers import AWAY, FlightLaws
 from .response import Array, forced_response, free_response
+from .transmissibility import Moments, Transmissibility
 
 Mask = NDArray[np.bool_]
 
@@ -125,7 +126,7 @@ class Integrals(NamedTuple):
     covered: float  # time, s
     total: float  # of X, m s
     squares: float  # of X^2, m^2 s
-    force: float  # work of the force on M; NaN if its phase is not known, as the next two
+    force: float  # work of force and base; NaN if their phase is not known, as the next two
     active: float  # the part of it that is work of the active force
     dashpot: float
     friction: float
@@ -133,6 +134,19 @@ class Integrals(NamedTuple):
     both: float  # kinetic energy that M and m together lost in the events that end flights
     impact_energy: float  # that M lost in impacts; part of it is given to m
     impact_loss: float  # that both lost in them
+    # Of a moving base, as of `Moments`; 0 of one at rest
+    base: float = 0.0
+    base_squares: float = 0.0
+    base_product: float = 0.0
+    acceleration: float = 0.0
+    base_acceleration: float = 0.0
+
+    @property
+    def transmissibility(self) -> Transmissibility:
+        """How much M took up of the motion of its base, over whole periods."""
+        return Transmissibility.of_moments(
+            Moments(self.covered, self.total, self.squares, *self[-5:])
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,6 +292,36 @@ class Flights:
             force += line.force * np.sin(since + (line.phase + angle))
         return force
 
+    @cached_property
+    def _harmonics(self) -> tuple[tuple[float, ...], ...]:
+        return self.rig.harmonics
+
+    def _line(self, number: int, index: NDArray[np.intp]) -> tuple[NDArray[np.complex128], Array]:
+        """Return the phasor of a harmonic where flights begin, N, and its frequency, rad/s."""
+        assert self.drive is not None
+        amplitude: Any
+        phase: Any
+        if number:
+            amplitudes, _, phases = self._harmonics
+            amplitude, phase = amplitudes[number], phases[number]
+            driven = np.full(len(index), self.drive.frequencies[number])
+            begin = self.rows['time'][index] - self.drive.time
+            angle = self.drive.angles[number] + driven * begin
+        else:
+            (amplitude, driven, phase), angle = self.first[index].T, self.angle[index]
+        return amplitude * np.exp(1j * (np.remainder(angle, math.tau) + phase)), driven
+
+    def base(self, index: NDArray[np.intp], tau: Array) -> tuple[Array, Array, Array]:
+        """Return b, b' and b'' in flights, times (s) after their beginnings."""
+        base = np.zeros((3, len(index)))
+        for number in range(*self.rig.base_rows.indices(len(self._harmonics[0]))):
+            force, driven = self._line(number, index)
+            # The force is K b + C b'
+            line = force / (self.rig.stiffness + 1j * self.rig.damping * driven)
+            line *= np.exp(1j * driven * tau)
+            base += [line.imag, driven * line.real, -driven * driven * line.imag]
+        return base[0], base[1], base[2]
+
     def motion(self, index: NDArray[np.intp], tau: Array) -> tuple[Array, Array, Array, Array]:
         """Return X, X', X'' and the force (N) in flights, times (s) after their beginnings."""
         assert self.drive is not None
@@ -290,23 +334,14 @@ class Flights:
         x = begin['x'] + x_0 * less + v_0 * impulse
         velocity = slope * v_0 - stiffness * impulse * x_0
         force = np.zeros_like(tau)
-        amplitudes, _, phases = rig.harmonics
-        for j, lasting in enumerate(zip(amplitudes, phases, strict=True)):
-            if lasting[0] == 0.0:
+        for j, amplitude in enumerate(self._harmonics[0]):
+            if amplitude == 0.0:
                 continue
-            amplitude: Any
-            phase: Any
-            if j:
-                amplitude, phase = lasting
-                driven = np.full(len(index), self.drive.frequencies[j])
-                angle = self.drive.angles[j] + driven * (begin['time'] - self.drive.time)
-            else:
-                (amplitude, driven, phase), angle = self.first[index].T, self.angle[index]
-            turned = np.exp(1j * (np.remainder(angle, math.tau) + phase))
+            turned, driven = self._line(j, index)
             place, speed = forced_response(decay, damped, driven, tau)
-            x = x + amplitude * share * (turned * place).imag
-            velocity = velocity + amplitude * share * (turned * speed).imag
-            force += np.imag(amplitude * turned * np.exp(1j * driven * tau))
+            x = x + share * (turned * place).imag
+            velocity = velocity + share * (turned * speed).imag
+            force += np.imag(turned * np.exp(1j * driven * tau))
         rate = push + share * force
         acceleration = rate - 2.0 * decay * velocity - stiffness * x
         return x, velocity, acceleration, force + self.active[index]
@@ -394,13 +429,14 @@ class Flights:
         largest = float(np.abs(rows['x']).max(initial=0.0)) if len(rows) else math.nan
         covered = total = squares = 0.0
         force = active = dashpot = math.nan
+        shaken, based = rig.base_motion.moves, np.zeros(5)
         if self.drive is not None:
             force = active = dashpot = 0.0
         for index, begin, step in self._pieces(most) if self.drive is not None else ():
             covered += float(step.sum())
             points = begin[:, None] + step[:, None] * _PLACES
             flat = np.repeat(index, len(_PLACES))
-            x, velocity, _, push = self.motion(flat, points.ravel())
+            x, velocity, acceleration, push = self.motion(flat, points.ravel())
             weights = (step[:, None] * _WEIGHTS).ravel()
             # Sums and not products of vectors, whose bits depend on the number of threads
             total += float(np.sum(weights * x))
@@ -408,8 +444,19 @@ class Flights:
             force += float(np.sum(weights * push * velocity))
             if self.active.any():
                 active += float(np.sum(weights * self.active[flat] * velocity))
-            dashpot += rig.damping * float(np.sum(weights * velocity * velocity))
+            slip = velocity
+            if shaken:
+                base, speed, rate = self.base(flat, points.ravel())
+                slip = velocity - speed
+                # What the base does beside the force that stands for it: it drags the dashpot
+                extra = slip * slip - velocity * velocity
+                force += rig.damping * float(np.sum(weights * extra))
+                terms = base, base * base, x * base, acceleration * acceleration, rate * rate
+                based += [np.sum(weights * term) for term in terms]
+            dashpot += rig.damping * float(np.sum(weights * slip * slip))
             largest = max(largest, self._turning(flat, points.ravel(), x, largest))
+        if shaken and self.drive is not None and len(self):
+            force += float(np.diff(self._stretched())[0])
         rise = np.diff(rows['y'])
         grip = self.machine.constants.grip * rig.damper_mass
         friction = grip * float(np.abs(rise[~self.together[:-1]]).sum())
@@ -430,6 +477,7 @@ class Flights:
             float(both.sum()),
             float(primary[impact].sum()),
             float(both[impact].sum()),
+            *based.tolist(),
         )
         return found, largest
 
@@ -450,12 +498,22 @@ class Flights:
             tau = np.clip(tau - step, 0.0, self.spans[index])
         return largest
 
+    def _stretched(self) -> Array:
+        """Return the energy of the spring at both ends, beyond that without the base, J."""
+        if self.drive is None or not self.rig.base_motion.moves:
+            return np.zeros(2)
+        index, tau = np.array([0, len(self) - 1]), np.array([0.0, self.spans[-1]])
+        base, x = self.base(index, tau)[0], self.rows['x'][[0, -1]]
+        energy: Array = self.rig.stiffness * base * (0.5 * base - x)
+        return energy
+
     def stored(self) -> float:
         """Return by how much kinetic and potential energy have changed, J."""
         rig, ends = self.rig, self.rows[[0, -1]]
         speed, damper = ends['primary_velocity_after'], ends['damper_velocity_after']
         slope = rig.gravity * math.sin(rig.angle)
         energy = 0.5 * (rig.primary_mass * speed**2 + rig.stiffness * ends['x'] ** 2)
+        energy += self._stretched()
         energy += rig.damper_mass * (0.5 * damper**2 - slope * (ends['x'] + ends['y']))
         return float(energy[1] - energy[0])
 
@@ -489,6 +547,26 @@ def _lost(rows: Events, mass_name: str, mass: float) -> Array:
     return lost
 
 
+class FlightStart(NamedTuple):
+    """A state of a rig from which its flights are wanted, as long as its parameters stay."""
+
+    row: Events
+    drive: Drive
+    active: float  # force of a controller, N
+
+    @classmethod
+    def of(cls, rig: Rig) -> FlightStart:
+        """Return the present state of a rig."""
+        state = rig.state()
+        drive = Drive(state.run.time, tuple(state.angles), rig.parameters.harmonics[1])
+        return cls(row_of_rig(rig), drive, state.run.force)
+
+    def flights(self, rig: Rig, events: Events) -> Flights:
+        """Return the flights to the present state of the rig, given all events on the way."""
+        rows = np.concatenate([self.row, events, row_of_rig(rig)])
+        return Flights.between(rig.parameters, rows, self.drive, active=self.active)
+
+
 def run_flights(rig: Rig, end: float) -> Flights:
     """
     Run a rig to a time, and return its flights on the way.
@@ -510,10 +588,8 @@ def run_flights(rig: Rig, end: float) -> Flights:
     RunawayError
         If the rig has too many events; it stands where it gave up.
     """
-    first, state = row_of_rig(rig), rig.state()
-    drive = Drive(state.run.time, tuple(state.angles), rig.parameters.harmonics[1])
+    begin = FlightStart.of(rig)
     run = rig.run(end)
     if run.outcome is not Outcome.COMPLETE:
         raise RunawayError(run.reason)
-    rows = np.concatenate([first, run.events, row_of_rig(rig)])
-    return Flights.between(rig.parameters, rows, drive, active=state.run.force)
+    return begin.flights(rig, run.events)

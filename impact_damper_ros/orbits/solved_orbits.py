@@ -20,11 +20,13 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Events, Outcome, Rig
 
 from .arguments import check_forcing, single_harmonic
+from .flight_arrays import run_flights
 from .flights import flight_at_impact, largest_displacement, machine_of, rig_on
 from .multipliers import velocities_of
 from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
 from .response import Array
 from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
+from .transmissibility import Transmissibility
 from .viability import why_not_viable
 
 #: Most events of a period.
@@ -128,6 +130,26 @@ def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, push: float = 
         damper_velocity,
     )
     return rig_on(there.struck(velocity, damper_velocity - velocity), parameters)
+
+
+def transmissibility(orbit: PeriodicOrbit) -> Transmissibility:
+    """
+    Return how much of the motion of its base M takes up in a periodic motion.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        The motion.
+
+    Returns
+    -------
+    Transmissibility
+        Over one period; NaN for a base at rest, and for a motion that the rig cannot perform.
+    """
+    if not orbit.viable or not orbit.parameters.base_motion.moves:
+        return Transmissibility()
+    rig = after_impact(orbit, orbit.parameters)
+    return run_flights(rig, orbit.period).measured()[0].transmissibility
 
 
 def _guess_performed(orbit: PeriodicOrbit, parameters: RigParameters) -> Guess | None:

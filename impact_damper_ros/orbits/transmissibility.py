@@ -3,60 +3,109 @@
 
 from __future__ import annotations
 
+import cmath
 import math
-from typing import NamedTuple
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .flight_arrays import Flights
-from .response import Array
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-#: Points in a cycle of the fastest line of the base, or of the rig.
-_POINTS = 128
-_MOST_POINTS = 2_000_000
+
+class Moments(NamedTuple):
+    """
+    Weighted sums over a motion and that of its base; those of consecutive parts add up.
+
+    Attributes
+    ----------
+    weight : float
+        Sum of the weights: a time, or a number of samples.
+    x, x_squares, base, base_squares, product : float
+        Sums of X, X^2, b, b^2 and X b.
+    acceleration, base_acceleration : float
+        Sums of X''^2 and b''^2; NaN if not known.
+    """
+
+    weight: float = 0.0
+    x: float = 0.0
+    x_squares: float = 0.0
+    base: float = 0.0
+    base_squares: float = 0.0
+    product: float = 0.0
+    acceleration: float = 0.0
+    base_acceleration: float = 0.0
 
 
 class Transmissibility(NamedTuple):
     """
-    Motion of M over that of its base; NaN for a base at rest.
+    Steady motion of M over that of its base; NaN for a base at rest.
 
     Attributes
     ----------
     absolute : float
-        rms X over rms b, each about its mean.
+        rms X over rms b, each about its mean; X counts from a fixed place.
     relative : float
         rms (X - b) over rms b: what the spring, and a strain gauge on it, see.
+    acceleration : float
+        rms X'' over rms b'', what accelerometers on both see. The blows of the impacts themselves,
+        in which X'' is infinite, are left out.
     """
 
-    absolute: float
-    relative: float
+    absolute: float = math.nan
+    relative: float = math.nan
+    acceleration: float = math.nan
 
     @classmethod
-    def of(cls, x: Array, base: Array) -> Transmissibility:
-        """Return that of X and b at evenly spaced instants of whole cycles; b moves."""
-        moved = np.std(base)
-        return cls(float(np.std(x) / moved), float(np.std(x - base) / moved))
+    def of_moments(cls, found: Moments) -> Transmissibility:
+        """Return that of a motion over whole periods."""
+        weight, x, x_squares, base, base_squares, product, own, shaken = found
+        moved = weight * base_squares - base * base
+        if not moved > 0.0:
+            return cls()
+        taken, both = weight * x_squares - x * x, weight * product - x * base
+        apart = taken - 2.0 * both + moved
+        ratios = (taken / moved, apart / moved, own / shaken if shaken else math.nan)
+        return cls(*(math.sqrt(max(ratio, 0.0)) for ratio in ratios))
+
+    @classmethod
+    def without_damper(cls, rig: RigParameters) -> Transmissibility:
+        """
+        Return that of M alone, settled, in closed form.
+
+        Of one line, with r = W/omega: the absolute one is sqrt((1 + (2 zeta r)^2)/D) and the
+        relative one r^2/sqrt(D), where D = (1 - r^2)^2 + (2 zeta r)^2. A force that acts beside
+        the base is part of the motion. Infinite for an undamped rig at resonance.
+        """
+        base = rig.base_motion
+        if not base.moves or rig.sweep_mode != 'off':
+            return cls()
+        pulls, shakes = _phasors(*rig.harmonics), _phasors(*base)
+        # What does not vibrate is no motion about the mean
+        rates = np.array(sorted(rate for rate in {*pulls, *shakes} if rate))
+        pull, shake = (np.array([lines[rate] for rate in rates]) for lines in (pulls, shakes))
+        dynamic = rig.stiffness - rig.primary_mass * rates**2 + 1j * rig.damping * rates
+        if (pull[dynamic == 0.0] != 0.0).any():
+            return cls(*[math.inf] * 3)
+        moves = pull / np.where(dynamic == 0.0, 1.0, dynamic)
+        moved = _size(shake)
+        if not moved:
+            return cls()
+        own, shaken = _size(moves * rates**2), _size(shake * rates**2)
+        return cls(_size(moves) / moved, _size(moves - shake) / moved, own / shaken)
 
 
-def transmissibility(flights: Flights) -> Transmissibility:
-    """
-    Return the transmissibility over flights, which should last for whole periods.
+def _phasors(
+    sizes: Sequence[float], rates: Sequence[float], phases: Sequence[float]
+) -> dict[float, complex]:
+    """Return lines by their frequency: those of one frequency add up."""
+    lines: dict[float, complex] = defaultdict(complex)
+    for size, rate, phase in zip(sizes, rates, phases, strict=True):
+        lines[rate] += cmath.rect(size, phase)
+    return lines
 
-    X and b are closed formulas, of which the means are taken at evenly spaced instants.
-    """
-    rig = flights.rig
-    base, rows = rig.base_motion, rig.base_rows
-    if not base.moves or flights.drive is None or not len(flights):
-        return Transmissibility(math.nan, math.nan)
-    begin, end = float(flights.rows['time'][0]), float(flights.rows['time'][-1])
-    fastest = max(rig.omega, *base.frequencies)
-    count = math.ceil((end - begin) * fastest / math.tau * _POINTS)
-    count = min(max(count, _POINTS), _MOST_POINTS)
-    times = begin + (np.arange(count) + 0.5) * ((end - begin) / count)
-    index = np.searchsorted(flights.starts, times, side='right') - 1
-    x = flights.motion(index, times - flights.starts[index])[0]
-    place = np.zeros(count)
-    lines = zip(*base, flights.drive.angles[rows], strict=True)
-    for size, rate, phase, angle in lines:
-        place += size * np.sin(angle + rate * (times - flights.drive.time) + phase)
-    return Transmissibility.of(x, place)
+
+def _size(lines: NDArray[Any]) -> float:
+    return float(np.linalg.norm(lines))

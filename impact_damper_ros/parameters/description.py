@@ -126,13 +126,9 @@ def _force(rig: RigParameters) -> Iterator[str]:
         for amplitude, frequency in zip(rig.force_amplitudes, rig.force_frequencies, strict=True)
         if amplitude
     ]
-    if rig.sweep_mode != 'off' and rig.first_harmonic[0]:
+    if rig.sweep_mode != 'off' and drives:
         amplitude, _ = drives.pop(0)
-        low, high = rig.sweep_low, rig.sweep_high
-        yield (
-            f'force {abs(amplitude):.4g} N, stepped {rig.sweep_mode.replace("_", " and ")} from '
-            f'{_hertz(low)} to {_hertz(high)} = {_share(rig, low, high)}'
-        )
+        yield f'force {abs(amplitude):.4g} N, {_stepped(rig)}'
     for amplitude, frequency in drives[:1]:
         at = f'at {_hertz(frequency)} ({frequency:.4g} rad/s) = {_share(rig, frequency)}'
         yield f'force {abs(amplitude):.4g} N {at if frequency else "with frequency 0"}'
@@ -150,6 +146,14 @@ def _force(rig: RigParameters) -> Iterator[str]:
         yield 'no force'
 
 
+def _stepped(rig: RigParameters) -> str:
+    low, high = rig.sweep_low, rig.sweep_high
+    return (
+        f'stepped {rig.sweep_mode.replace("_", " and ")} from {_hertz(low)} to {_hertz(high)} = '
+        f'{_share(rig, low, high)}'
+    )
+
+
 def _base(rig: RigParameters) -> Iterator[str]:
     """Yield descriptions of the motion of the base."""
     lines = [
@@ -161,8 +165,10 @@ def _base(rig: RigParameters) -> Iterator[str]:
             'velocity': f'{amplitude:.4g} m/s',
             'acceleration': f'{amplitude:.4g} m/s^2 = {amplitude / STANDARD_GRAVITY:.4g} g',
         }[rig.base_quantity]
-        at = f'{_hertz(frequency)} ({frequency:.4g} rad/s) = {_share(rig, frequency)}'
-        yield f'base moved by {size} at {at}'
+        at = f'at {_hertz(frequency)} ({frequency:.4g} rad/s) = {_share(rig, frequency)}'
+        if rig.sweep_mode != 'off' and not any(rig.force_amplitudes):
+            at = _stepped(rig)
+        yield f'base moved by {size} {at}'
     if len(lines) > 1:
         yield f'and {len(lines) - 1} line{"s" if len(lines) > 2 else ""} more of the base'
 

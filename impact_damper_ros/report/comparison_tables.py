@@ -5,15 +5,18 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
 from impact_damper_ros.compare import Overall, RunComparison, StretchComparison
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.orbits.solved_orbits import transmissibility
+from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.quoting import counted
-from impact_damper_ros.parameters.rig_parameters import unit_of
+from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
 
 from .formatting import NONE, Unit, instant, number, setting, unit_for
 from .table import Column, Table
+from .transmissibility_text import TRANSMISSIBILITY_NAMES
 
 #: Changes that are named where a stretch begins; impacts of a period that are listed.
 _MOST_CHANGES, _MOST_IMPACTS = 4, 8
@@ -92,6 +95,22 @@ def overview_table(
     return Table(columns, [('', rows)], 'All stretches', note, links)
 
 
+def _work_of(rigs: Iterable[RigParameters]) -> str:
+    """Return what does work on rigs, as the name of that work."""
+    groups = {name for rig in rigs for name in _moving(rig)}
+    if groups == {'base'}:
+        return 'work of the base'
+    return 'work of force and base' if 'base' in groups else 'work of the force'
+
+
+def _moving(rig: RigParameters) -> Iterator[str]:
+    """Yield force and base, if they act on a rig."""
+    if any(rig.force_amplitudes) or rig.multisine_level:
+        yield 'force'
+    if rig.base_motion.moves:
+        yield 'base'
+
+
 def overall_table(
     stretches: Sequence[StretchComparison], overall: Overall | None, note: str
 ) -> Table | None:
@@ -117,7 +136,7 @@ def overall_table(
         'impacts': lambda e: str(e.impacts),
         'on stop 1': lambda e: str(e.impacts_on_stop_1),
         'on stop 2': lambda e: str(e.impacts_on_stop_2),
-        f'work of the force [{energy.name}]': joules('force_work'),
+        f'{_work_of(s.parameters for s in stretches)} [{energy.name}]': joules('force_work'),
         f'taken from M by impacts [{energy.name}]': joules('impact_energy'),
         f'lost in impacts [{energy.name}]': joules('impact_loss'),
         f'taken by the dashpot [{energy.name}]': joules('dashpot_energy'),
@@ -154,12 +173,19 @@ def comparison_table(stretch: StretchComparison) -> Table | None:
         _pair('impacts per cycle', '', measured.impacts_per_cycle, per_cycle),
         _pair('mean impulse', 'N s', measured.mean_impulse, impulse),
     ]
+    rig = stretch.parameters
     note = ''
+    if rig.base_motion.moves and rig.sweep_mode == 'off':
+        taken = Transmissibility() if orbit is None else transmissibility(orbit)
+        rows = zip(TRANSMISSIBILITY_NAMES, measured.transmissibility, taken, strict=True)
+        whole += [_pair(name, '', *pair) for name, *pair in rows]
+        alone = map(number, Transmissibility.without_damper(rig))
+        note = f'Without the damper the transmissibilities are {", ".join(alone)}. '
     if stretch.decay is not None:
         decay = stretch.decay
         whole.append(_pair('decay per period', '', decay.measured, decay.predicted))
         if decay.periods:
-            note = f'The decay is that of {counted(decay.periods, "period")}. '
+            note += f'The decay is that of {counted(decay.periods, "period")}. '
         note += f'At the end the motion is {number(decay.distance, 2)} of its size from the '
         note += f'predicted one; the digits resolve {number(decay.floor, 1)}.'
     names = 'measured', 'predicted', 'difference'
@@ -213,7 +239,7 @@ def energy_table(stretch: StretchComparison) -> Table | None:
         return None
     periods = max(1, energy.periods)
     span = 'period' if stretch.cycles else 'cycle'
-    given = [('work of the force', energy.force), ('compressed air', energy.air)]
+    given = [(_work_of([stretch.parameters]), energy.force), ('compressed air', energy.air)]
     taken = [
         ('dashpot', energy.dashpot),
         ('friction', energy.friction),

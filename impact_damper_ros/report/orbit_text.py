@@ -9,9 +9,11 @@ from collections.abc import Sequence
 
 from impact_damper_ros.orbits.branch import Branch
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.parameters.quoting import counted
 
 from .csv_tables import row
+from .transmissibility_text import TRANSMISSIBILITIES, transmissibility_text
 
 
 def _multipliers(multipliers: Sequence[complex]) -> str:
@@ -61,6 +63,8 @@ def orbit_text(number: int, orbit: PeriodicOrbit) -> str:
     if 0.0 < amplitude < math.inf:
         swing += f', {orbit.amplitude_ratio:.7f} of the {amplitude:.7g} m without impacts'
     lines.append(swing)
+    if orbit.viable and orbit.parameters.base_motion.moves:
+        lines.append(f'  {transmissibility_text(transmissibility(orbit), orbit.parameters)}')
     lines.append(f'  multipliers  {_multipliers(orbit.multipliers)}')
     steps = len(orbit.residual_history) - 1
     lines.append(f'  residual     {orbit.residual:.1e} (relative) after {steps} Newton steps')
@@ -96,15 +100,17 @@ def branch_text(branch: Branch) -> str:
 
 def branch_table(followed: Sequence[tuple[str, Branch]]) -> str:
     """Return the motions of titled branches as CSV; the lists within a column by spaces."""
+    shaken = any(p.orbit.parameters.base_motion.moves for _, b in followed for p in b.points[:1])
     columns = (
-        *('branch', 'x_max', 'x_max_ratio', 'largest_multiplier', 'stable', 'viable', 'special'),
-        *('stops', 'phases', 'x'),
+        *('branch', 'x_max', 'x_max_ratio', *(TRANSMISSIBILITIES if shaken else ())),
+        *('largest_multiplier', 'stable', 'viable', 'special', 'stops', 'phases', 'x'),
     )
     lines = [row((followed[0][1].name, *columns))]
     for title, branch in followed:
         special = {point.value: point.kind.value for point in branch.special}
         for value, orbit in branch.points:
-            numbers = (orbit.x_max, orbit.amplitude_ratio, abs(orbit.multipliers[0]))
+            moved = transmissibility(orbit) if shaken else ()
+            numbers = (orbit.x_max, orbit.amplitude_ratio, *moved, abs(orbit.multipliers[0]))
             kind = (int(orbit.stable), int(orbit.viable), special.get(value, ''))
             lists = (orbit.stops, orbit.phases, orbit.x)
             joined = (' '.join(f'{v:.17g}' for v in column) for column in lists)

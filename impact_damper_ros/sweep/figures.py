@@ -60,6 +60,7 @@ _SYMBOLS = {
     'stiffness': 'Stiffness K',
 }
 _MEASURES = {
+    'acceleration_transmissibility': 'Transmissibility, rms X″ / rms b″',
     'chatter_share': 'Share of time in chatter',
     'impacts': 'Impacts in a period, N',
     'impacts_per_cycle': 'Impacts per cycle',

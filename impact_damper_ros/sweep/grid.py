@@ -33,7 +33,7 @@ _BOOLS = {'true': True, 'false': False}
 _MOST_VALUES = 1_000_000
 _MOST_RIGS = 2_000_000
 #: Raised whenever the same inputs give other rows.
-_FORMAT = 5
+_FORMAT = 6
 
 #: How rigs start: from the initial conditions, or along rising or falling values of the first axis
 #: from the last state of the one before.

@@ -12,13 +12,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.state import CHATTER_1, Mode
-from impact_damper_ros.orbits.flight_arrays import (
-    STATE,
-    Drive,
-    Flights,
-    row_of_rig,
-    rows_of_samples,
-)
+from impact_damper_ros.orbits.flight_arrays import FlightStart
 from impact_damper_ros.orbits.flights import flight_at, machine_of, rig_on
 from impact_damper_ros.orbits.recurrence import nearest_return
 from impact_damper_ros.orbits.settled_motion import (
@@ -27,13 +21,13 @@ from impact_damper_ros.orbits.settled_motion import (
     relative_states,
     settle,
 )
-from impact_damper_ros.orbits.transmissibility import transmissibility
 from impact_damper_ros.parameters.parameter_spec import (
     ParameterError,
     number_between,
     whole_number,
 )
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
+from impact_damper_ros.report.transmissibility_text import TRANSMISSIBILITIES
 from impact_damper_ros.rig.rig import Events, Outcome, Rig, RunResult
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import LATEST
@@ -151,15 +145,9 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     period = 0 if found.period is None else found.period.cycles
     cycle, cycles = found.cycle, period or settling.watch
     most = settling.events - found.event_count
-    begun = rig.state()
-    first = row_of_rig(rig)
+    begin = FlightStart.of(rig)
     result = _run(rig, found.end, cycle, np.arange(1.0, cycles + 1.0), most)
-    last = rows_of_samples(result.samples[-1:], STATE)
-    drive = Drive(begun.run.time, tuple(begun.angles), rig.parameters.harmonics[1])
-    rows = np.concatenate([first, result.events, last])
-    flights = Flights.between(rig.parameters, rows, drive, active=begun.run.force)
-    integrals, largest = flights.measured()
-    moved = transmissibility(flights)
+    integrals, largest = begin.flights(rig, result.events).measured()
     end = found.end + cycles * cycle
     # The events before and after complete a chatter that is cut at either end
     after = _run(rig, end, cycle, np.array([1.0]), most - result.event_count)
@@ -188,8 +176,10 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
         'x_max_ratio': None if math.isinf(amplitude) else largest / amplitude,
         'x_rms': math.sqrt(integrals.squares / integrals.covered),
         'x_mean': integrals.total / integrals.covered,
-        'transmissibility': _known(moved.absolute),
-        'relative_transmissibility': _known(moved.relative),
+        **{
+            name: _known(value)
+            for name, value in zip(TRANSMISSIBILITIES, integrals.transmissibility, strict=True)
+        },
         'impacts_per_cycle': len(impacts) / cycles,
         'lyapunov_exponent': _known(found.exponent.value),
         'lyapunov_uncertainty': _known(found.exponent.uncertainty),

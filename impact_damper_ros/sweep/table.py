@@ -78,6 +78,8 @@ x_mean | double | m | Mean of X.
 transmissibility | double | - | rms X over rms b of a moving base, each about its mean; null for a
     base at rest.
 relative_transmissibility | double | - | rms (X - b) over rms b.
+acceleration_transmissibility | double | - | rms X'' over rms b'', without the blows of the
+    impacts themselves.
 impacts_per_cycle | double | - | Impacts per cycle of the force.
 lyapunov_exponent | double | 1/s | Largest Lyapunov exponent: of a motion that repeats ln|largest
     multiplier| over its period; else the mean growth of a deviation over the time measured; null
@@ -118,7 +120,7 @@ _LISTS = {name for name, column in _BY_NAME.items() if column.kind not in _DTYPE
 _PLACE = ('point', 'direction')
 _MEASURES = """
     period impacts x_max x_max_ratio x_rms x_mean transmissibility relative_transmissibility
-    impacts_per_cycle
+    acceleration_transmissibility impacts_per_cycle
     lyapunov_exponent lyapunov_uncertainty largest_multiplier stick_share rest_share chatter_share
 """
 #: Columns that can be drawn and minimised or maximised.

@@ -28,6 +28,13 @@ SWEPT = BENCH.replace(
 SHAKEN = SWEPT.replace(
     force_amplitudes=0.0, base_amplitudes=0.6, base_frequencies=31.4, base_phases=0.4
 )
+BASE = BENCH.replace(
+    force_amplitudes=0.0,
+    base_amplitudes=(0.002, 0.0005),
+    base_frequencies=(31.0, 70.0),
+    base_phases=(0.3, 1.0),
+    base_quantity='displacement',
+)
 CHATTER = VERTICAL.replace(damping=0.5, force_amplitudes=(1.2,), restitution_1=0.6)
 CASES = {
     'off resonance': (OFF_RESONANCE, DISPLACED),
@@ -39,6 +46,8 @@ CASES = {
     'multisine': (BROAD, AT_REST),
     'stepped sine': (SWEPT, AT_REST),
     'stepped sine of the base': (SHAKEN, AT_REST),
+    'base': (BASE, AT_REST),
+    'base and force': (BASE.replace(force_amplitudes=0.5, force_frequencies=25.0), AT_REST),
 }
 
 
@@ -63,6 +72,9 @@ def test_the_closed_form_is_the_motion_of_the_rig(name):
     assert y == pytest.approx(expected['z'] - expected['x'], abs=1e-10 * size)
     damper = expected['damper_velocity']
     assert velocity + relative == pytest.approx(damper, abs=1e-11 * np.abs(damper).max())
+    base, base_velocity, _ = flights.base(index, tau)
+    assert base == pytest.approx(expected['base'], abs=1e-11 * size)
+    assert base_velocity == pytest.approx(expected['base_velocity'], abs=1e-11 * speed)
     # All energy put in and taken out, to round-off
     found, largest = flights.measured()
     assert found.covered == pytest.approx(expected['time'].max(), rel=0.02)
@@ -117,6 +129,22 @@ def test_the_closed_form_without_impacts():
     assert overall.dashpot_energy == pytest.approx(power * span, rel=1e-9)
     assert overall.force_work == pytest.approx(power * span, rel=1e-9)
     assert (overall.impacts, overall.impact_energy) == (0, 0.0)
+
+
+def test_the_closed_form_on_a_moving_base():
+    """The dashpot takes C (W |X - b|)^2/2 in each second, and the base gives that."""
+    base = {'base_amplitudes': 0.01, 'base_frequencies': 1.3, 'base_quantity': 'displacement'}
+    rig = OFF_RESONANCE.replace(force_amplitudes=0.0, damping=0.2, gap=1e6, **base)
+    flights = replayed(rig, 200, AT_REST).flights
+    cycle = math.tau / 1.3
+    found = flights.cut(900.0, 900.0 + 10.0 * cycle).measured()[0]
+    pull = complex(rig.stiffness, 0.2 * 1.3)
+    ratio = pull / (pull - rig.primary_mass * 1.3**2)
+    power = 0.5 * 0.2 * (1.3 * 0.01 * abs(ratio - 1.0)) ** 2
+    assert found.dashpot == pytest.approx(power * 10.0 * cycle, rel=1e-9)
+    assert found.force == pytest.approx(power * 10.0 * cycle, rel=1e-9)
+    expected = abs(ratio), abs(ratio - 1.0), abs(ratio)
+    assert found.transmissibility == pytest.approx(expected, rel=1e-9)
 
 
 def test_where_samples_are_missing():

@@ -14,6 +14,7 @@ from impact_damper_ros import (
     RigParameters,
     find_orbits,
     load_parameters,
+    transmissibility,
 )
 from impact_damper_ros.node.motion_report import (
     MotionMonitor,
@@ -32,6 +33,10 @@ INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_fre
 ORBIT = find_orbits(INCLINED, (1, 2)).orbits[0]
 CYCLE = math.tau / 1.02
 RATE = 10.0
+TRANSMISSIBILITIES = (
+    'Transmissibility, rms X / rms b',
+    'Relative transmissibility, rms (X - b) / rms b',
+)
 
 
 def traced(rig, cycles, trace=None, rate=RATE):
@@ -57,6 +62,39 @@ def test_a_settled_rig_is_measured_as_the_theory_has_it():
     assert rhythm.x == pytest.approx(ORBIT.x, rel=1e-5)
     assert measured.x_max == pytest.approx(ORBIT.x_max, rel=1e-5)
     assert measured.amplitude_ratio == pytest.approx(0.2113439, rel=1e-5)
+
+
+#: INCLINED with the same force from a moving base.
+ON_TABLE = INCLINED.replace(
+    force_amplitudes=0.0,
+    base_amplitudes=1.0 / math.hypot(1.0, 0.01 * 1.02),
+    base_frequencies=1.02,
+    base_quantity='displacement',
+)
+
+
+def test_transmissibility_of_the_last_cycles():
+    """Whole cycles of 61.6 samples, so that a part of a sample is left out of each."""
+    orbit = next(o for o in find_orbits(ON_TABLE, (1, 2)).orbits if o.viable and o.stable)
+    expected = transmissibility(orbit)
+    # Seven cycles after a change, which begin anew
+    rig = Rig(ON_TABLE.replace(gap=30.0))
+    traced(rig, 7.3)
+    rig.change(ON_TABLE)
+    measured = measure(traced(rig, 250), RATE)
+    assert measured.transmissibility[:2] == pytest.approx(expected[:2], rel=3e-3)
+    values = measured_report(measured).values
+    shown = [values[name] for name in TRANSMISSIBILITIES]
+    assert list(map(float, shown)) == pytest.approx(measured.transmissibility[:2], rel=1e-4)
+    theory = TheoryProcess()
+    agreement = compare(measured, Prediction((orbit,), complete=True))
+    values = predicted_report(theory, agreement).values
+    shown = [float(values[name]) for name in TRANSMISSIBILITIES]
+    assert shown == pytest.approx(expected[:2], rel=1e-4)
+    # Too few samples in a cycle, or a base at rest
+    assert math.isnan(measure(traced(Rig(ON_TABLE), 50, rate=0.5), 0.5).transmissibility.absolute)
+    values = measured_report(measure(traced(Rig(INCLINED), 50), RATE)).values
+    assert {values[name] for name in TRANSMISSIBILITIES} == {''}
 
 
 def test_phases_go_on_where_the_frequency_changes():

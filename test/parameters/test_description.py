@@ -42,6 +42,16 @@ def test_line_in_hertz_and_shares():
             'stepped up and down from 4.00 Hz to 6.00 Hz = 0.8 to 1.2 of it',
         ),
         (
+            {
+                'sweep_mode': 'down',
+                'sweep_low': 25.13,
+                'sweep_high': 37.7,
+                'force_amplitudes': 0.0,
+                'base_amplitudes': '0.1 g',
+            },
+            'base moved by 0.9807 m/s^2 = 0.1 g stepped down from 4.00 Hz to 6.00 Hz = 0.8 to',
+        ),
+        (
             {'multisine_level': 0.5, 'multisine_low': 18.85, 'multisine_high': 43.98},
             'multisine 0.5 N rms from 3.00 Hz to 7.00 Hz = 0.6 to 1.4 of it',
         ),

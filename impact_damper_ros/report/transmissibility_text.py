@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The transmissibility of a rig in words, beside that without its damper."""
+
+from __future__ import annotations
+
+from impact_damper_ros.orbits.transmissibility import Transmissibility
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+
+#: Columns of the fields of a `Transmissibility`, and what they are; X counts from a fixed place.
+TRANSMISSIBILITIES = (
+    *('transmissibility', 'relative_transmissibility', 'acceleration_transmissibility'),
+)
+TRANSMISSIBILITY_NAMES = ('rms X/rms b', 'rms (X - b)/rms b', "rms X''/rms b''")
+
+
+def transmissibility_text(found: Transmissibility, rig: RigParameters) -> str:
+    """Return in a line what M takes up of the motion of its base."""
+    alone = Transmissibility.without_damper(rig)
+    parts = [
+        f'{name} {value:.6g} ({without:.6g} without the damper)'
+        for name, value, without in zip(TRANSMISSIBILITY_NAMES, found, alone, strict=True)
+    ]
+    return f'transmissibility: {"; ".join(parts)}'
