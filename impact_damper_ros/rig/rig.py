@@ -593,7 +593,7 @@ class Rig:
     def _is_quiet(self, time: float) -> bool:
         """Return whether nothing happens up to a time, as far as the flight has been searched."""
         run, control = self._run, self._control
-        if self._unreported or time >= self._step_due:
+        if self._unreported or time >= self._sweep.due:
             return False
         run.watch = has_law(control)
         return time < min(quiet_until(run), next_sample(control), next_command(control))
