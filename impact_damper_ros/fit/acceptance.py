@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+When a fit is accepted, and in words why not.
+
+The rule was fixed before the fits of `benchmarks/fit_rig.py` were made.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .alternatives import Alternative
+from .estimate import Estimate
+from .first_course import LEAST_IMPACTS
+from .parameter_estimates import Correlations
+from .revision import EXACT, MOST_GAIN, Revised
+
+#: Largest root of chi squared, by the noise that fourth differences show.
+MOST_CHI = 1.1
+#: Least part of the flights that must be used, and least number of them.
+LEAST_USED, LEAST_FLIGHTS = 0.85, 10
+#: A further parameter beyond this many standard deviations is one that the model lacks.
+MOST_Z = 5.0
+#: Correlations beyond this are reported.
+CORRELATED = 0.9
+#: A standard deviation beyond this part of the value is poor.
+POOR = 0.1
+
+
+class Judgement(NamedTuple):
+    """Whether a fit is accepted, the reasons against it, and remarks that are none."""
+
+    accepted: bool
+    reasons: list[str]
+    remarks: list[str]
+
+
+def judged(
+    revised: Revised,
+    chi: float,
+    checks: list[Alternative],
+    parameters: dict[str, Estimate],
+    correlations: Correlations,
+) -> Judgement:
+    """Apply the rule of acceptance."""
+    reasons: list[str] = []
+    course = revised.course
+    flights, used = len(course) - 1, int(course.flies.sum())
+    if used < LEAST_FLIGHTS:
+        reasons.append(
+            f'{used} of {flights} flights between impacts obey the laws of the damper, and a fit '
+            f'needs {LEAST_FLIGHTS}: record more impacts ({LEAST_IMPACTS} are the least that is '
+            'tried)'
+        )
+    elif used < LEAST_USED * flights:
+        reasons.append(
+            f'only {used} of {flights} flights obey one set of parameters'
+            f'{_where(revised)}: impacts closer than the samples, or two rigs in one record; '
+            'record at a higher rate, or with impact times'
+        )
+    if not revised.unchanged:
+        reasons.append(
+            f'the exact simulation of the fitted rig does not end each flight as it was fitted '
+            f'after {revised.rounds} revisions'
+        )
+    if chi > MOST_CHI:
+        reasons.append(
+            f'the residuals are {chi:.3g} times as large as the noise of the record '
+            f'(at most {MOST_CHI:g} is accepted)'
+        )
+    top = float(revised.gains.max(initial=0.0))
+    if top > MOST_GAIN:
+        time = course.time[int(revised.gains.argmax())]
+        reasons.append(
+            f'the flight from {time:.6g} s contradicts the others: without its laws chi squared '
+            f'would fall by {top:.0f}'
+        )
+    if revised.solution.broken > EXACT:
+        reasons.append('no motion of the fitted rig obeys all laws of the damper')
+    reasons += [
+        f'{check.meaning}: {check.name} {check.value:.3g} ± {check.standard_deviation:.2g}'
+        f'{" " + check.unit if check.unit else ""}, {abs(check.z):.0f} standard deviations from 0'
+        for check in checks
+        if abs(check.z) > MOST_Z
+    ]
+    deviations = [estimate.standard_deviation for estimate in parameters.values()]
+    if not all(math.isfinite(deviation) and deviation > 0.0 for deviation in deviations):
+        reasons.append('the record does not determine every parameter')
+    return Judgement(not reasons, reasons, _remarks(parameters, correlations))
+
+
+def _where(revised: Revised) -> str:
+    """Return from when to when most flights are that are not used."""
+    course = revised.course
+    starts = course.time[:-1][~course.flies]
+    if len(starts) < 4:
+        return ''
+    low, high = np.quantile(starts, [0.1, 0.9])
+    return f', and most of the others are from {low:.4g} s to {high:.4g} s'
+
+
+def _remarks(parameters: dict[str, Estimate], correlations: Correlations) -> list[str]:
+    """Return which parameters the motion does not distinguish."""
+    remarks = []
+    names = list(parameters)
+    for i, one in enumerate(names):
+        for other in names[:i]:
+            correlation = correlations[other][one]
+            common = {one, other} == {'restitution_1', 'restitution_2'} and correlation > 0.999999
+            if common or not abs(correlation) > CORRELATED:
+                continue
+            poor = [
+                name
+                for name in (other, one)
+                if parameters[name].standard_deviation > POOR * abs(parameters[name].value)
+            ]
+            remark = f'{other} and {one} are hardly distinguished (correlation {correlation:.3f})'
+            if poor:
+                remark += (
+                    f', and {" and ".join(poor)} is known to {100 * POOR:g} % at best: record a '
+                    'start from rest, or two levels of the force'
+                )
+            remarks.append(remark)
+    return remarks

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The course of a motion: its impacts in order, the reversals between them, and which flights count.
+
+A flight leads from one impact to the next. One that does not obey the laws, since m sticks in it
+or an impact was missed, is left out with its data: at its end M and m begin anew, and the course
+is in several parts that share the parameters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .vibration import Array
+
+Flags = NDArray[np.bool_]
+Counts = NDArray[np.int64]
+
+
+@dataclass
+class Course:
+    """
+    Impacts of m, with what lies between them.
+
+    Attributes
+    ----------
+    shared : ndarray
+        The shared unknowns, see `Unknowns`.
+    time, x, velocity, damper_velocity : ndarray, shape (n,)
+        Instant of each impact, X, and X' and Z' just after it.
+    stop : ndarray of int, shape (n,)
+        +1 for stop 1, -1 for stop 2.
+    begins : ndarray of bool, shape (n,)
+        Whether the motion begins anew there: the flight before it does not count.
+    measured : ndarray of int, shape (n,)
+        Index of the measured impact time of each, -1 for none.
+    reversals : list of ndarray
+        Instants at which m reverses, of each of the n - 1 flights.
+    held : list of ndarray of bool
+        Reversals that keep their instant, since m hardly reverses in them.
+    lawless : ndarray of bool, shape (n - 1,)
+        Flights in which only M obeys its laws; none unless it is given.
+    """
+
+    shared: Array
+    time: Array
+    x: Array
+    velocity: Array
+    damper_velocity: Array
+    stop: Counts
+    begins: Flags
+    measured: Counts
+    reversals: list[Array] = field(default_factory=list)
+    held: list[Flags] = field(default_factory=list)
+    lawless: Flags = field(default_factory=lambda: np.zeros(0, bool))
+
+    def __post_init__(self) -> None:
+        flights = max(len(self.time) - 1, 0)
+        if not self.reversals:
+            self.reversals = [np.zeros(0)] * flights
+            self.held = [np.zeros(0, bool)] * flights
+        if len(self.lawless) != flights:
+            self.lawless = np.zeros(flights, bool)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def copy(self) -> Course:
+        """Return a copy that shares nothing."""
+        arrays = ('shared', 'time', 'x', 'velocity', 'damper_velocity', 'stop', 'begins')
+        return replace(
+            self,
+            **{name: getattr(self, name).copy() for name in (*arrays, 'measured', 'lawless')},
+            reversals=[times.copy() for times in self.reversals],
+            held=[flags.copy() for flags in self.held],
+        )
+
+    @property
+    def flies(self) -> Flags:
+        """Whether each flight counts, shape (n - 1,)."""
+        counts: Flags = ~self.begins[1:]
+        return counts
+
+    def kept(self, keep: Flags) -> Course:
+        """Return the course without some impacts; flights that grow together have no reversal."""
+        index = np.flatnonzero(keep)
+        whole = np.diff(index) == 1
+        empty, none = np.zeros(0), np.zeros(0, bool)
+        begins = self.begins[index].copy()
+        begins[0] = True
+        return Course(
+            self.shared,
+            self.time[index],
+            self.x[index],
+            self.velocity[index],
+            self.damper_velocity[index],
+            self.stop[index],
+            begins,
+            self.measured[index],
+            [self.reversals[k] if one else empty for k, one in zip(index, whole, strict=False)],
+            [self.held[k] if one else none for k, one in zip(index, whole, strict=False)],
+        )
+
+    def inserted(self, after: int, rows: Array, stops: Counts, reversals: list[Array]) -> Course:
+        """
+        Return the course with impacts in one flight.
+
+        `rows` are (time, x, velocity, damper_velocity) of each, `reversals` those of the flights
+        that take the place of the one.
+        """
+        count, at = len(rows), after + 1
+        return Course(
+            self.shared,
+            np.insert(self.time, at, rows[:, 0]),
+            np.insert(self.x, at, rows[:, 1]),
+            np.insert(self.velocity, at, rows[:, 2]),
+            np.insert(self.damper_velocity, at, rows[:, 3]),
+            np.insert(self.stop, at, stops),
+            np.insert(self.begins, at, np.zeros(count, bool)),
+            np.insert(self.measured, at, np.full(count, -1)),
+            [*self.reversals[:after], *reversals, *self.reversals[after + 1 :]],
+            [
+                *self.held[:after],
+                *(np.zeros(len(times), bool) for times in reversals),
+                *self.held[after + 1 :],
+            ],
+        )
+
+    @property
+    def structure(self) -> tuple[object, ...]:
+        """What a round of the revision may change; equal where nothing did."""
+        return (
+            tuple(self.stop.tolist()),
+            tuple(self.begins.tolist()),
+            tuple(map(len, self.reversals)),
+            tuple(tuple(flags.tolist()) for flags in self.held),
+        )

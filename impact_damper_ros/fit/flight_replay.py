@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A fitted flight computed again by the exact engine, from the state just after its impact."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from impact_damper_ros.motion.event import ROWS_AT_ONCE, Event, EventKind, EventRow, events_of
+from impact_damper_ros.motion.flight import NO_EVENT
+from impact_damper_ros.motion.next_event import ALL_STEPS, find_event
+from impact_damper_ros.motion.state import Moving
+from impact_damper_ros.motion.transition import resolve
+from impact_damper_ros.orbits.flights import flight_at_impact, machine_of
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+
+#: Events that a flight may have; a chatter has more, and is no flight that can be fitted.
+_ROOM = 48
+#: Of the impacts of a replay, those up to this one may be the end of the flight.
+_MOST_IMPACTS = 6
+_AT_REST = (EventKind.STICK, EventKind.REST)
+
+
+class Passage(NamedTuple):
+    """
+    How the engine gets to the impact that ends a flight.
+
+    Attributes
+    ----------
+    missed : int
+        Impacts before it; -1 if the engine does not get there.
+    events : list of Event
+        Events up to it, with times since the start of the flight.
+    sticks : bool
+        Whether m sticks or rests before it.
+    """
+
+    missed: int
+    events: list[Event]
+    sticks: bool
+
+    @property
+    def reversals(self) -> list[Event]:
+        """The reversals before it."""
+        return [event for event in self.events if event.kind is EventKind.REVERSAL]
+
+    @property
+    def impacts(self) -> list[Event]:
+        """The impacts, that which ends the flight among them."""
+        return [event for event in self.events if event.kind is EventKind.IMPACT]
+
+
+class FlightReplay:
+    """Flights of one rig, computed by the engine."""
+
+    def __init__(self, rig: RigParameters) -> None:
+        self._machine = machine_of(rig)
+
+    def events(
+        self, instant: float, stop: int, x: float, velocity: float, damper: float, span: float
+    ) -> list[Event]:
+        """Return the events in a span after an impact on a stop (+1 or -1)."""
+        number = 1 if stop > 0 else 2
+        flight = flight_at_impact(self._machine, instant, number, x, velocity, damper)
+        rows = [EventRow() for _ in range(_ROOM)]
+        moving: Moving = flight.moving._replace(log=rows)
+        run = moving.run
+        run.room, run.written = _ROOM, 0
+        while run.written + ROWS_AT_ONCE <= _ROOM:
+            run.steps = ALL_STEPS
+            find_event(moving, span)
+            if run.kind == NO_EVENT or run.tau + run.time > span:
+                break
+            resolve(moving)
+        return events_of(rows, run.written)
+
+
+def passage(events: list[Event], span: float, tolerance: float, stop: int) -> Passage:
+    """Return how events lead to an impact on a stop after a span, or that they do not."""
+    number = 1 if stop > 0 else 2
+    hits = [k for k, event in enumerate(events) if event.kind is EventKind.IMPACT]
+    for count, k in enumerate(hits[:_MOST_IMPACTS]):
+        event = events[k]
+        if abs(event.time - span) < tolerance and event.stop == number:
+            sticks = any(other.kind in _AT_REST for other in events[:k])
+            return Passage(count, events[: k + 1], sticks)
+    sticks = any(event.kind in _AT_REST for event in events if event.time < span)
+    return Passage(-1, [], sticks)
+
+
+def start_velocity(
+    replay: FlightReplay,
+    start: tuple[float, float, float],
+    span: float,
+    margin: float,
+    stop: int,
+    wanted: tuple[float, float, float],
+) -> tuple[float, int]:
+    """
+    Return the velocity of m, and the stop that it leaves, with which a flight ends as wanted.
+
+    Parameters
+    ----------
+    replay : FlightReplay
+        The rig.
+    start : tuple of float
+        Instant, X and X' at the start.
+    span, margin : float
+        Duration of the flight, and for how much longer it is computed, s.
+    stop : int
+        Where it ends.
+    wanted : tuple of float
+        Velocity of m at its end, the largest velocity of M, and the natural circular frequency.
+    """
+    damper_velocity, largest, rate = wanted
+    instant, x, velocity = start
+    reach = 4.0 * largest + abs(damper_velocity)
+    best = (np.inf, damper_velocity, stop)
+    low, high = -reach, reach
+    for level in range(4):
+        sides = (1, -1) if level == 0 else (best[2],)
+        for tried in np.linspace(low, high, 41).tolist():
+            for side in sides:
+                if (tried - velocity) * side >= 0.0:
+                    continue
+                events = replay.events(instant, side, x, velocity, tried, span + margin)
+                hit = next((k for k, e in enumerate(events) if e.kind is EventKind.IMPACT), None)
+                if hit is None or events[hit].stop != (1 if stop > 0 else 2):
+                    continue
+                apart = abs(events[hit].damper_velocity_before - damper_velocity)
+                score = (
+                    abs(events[hit].time - span) * rate
+                    + 0.3 * apart / (largest + abs(damper_velocity))
+                    + 10.0 * any(e.kind in _AT_REST for e in events[:hit])
+                )
+                if score < best[0]:
+                    best = score, tried, side
+        half = 1.5 * (high - low) / 40.0
+        low, high = best[1] - half, best[1] + half
+    return best[1], best[2]

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Least squares under conditions: Gauss-Newton steps from the sparse system of their multipliers.
+
+Each step minimises the linearised residuals where the linearised conditions hold, exactly. The
+same system gives the covariance of the estimates and, for each condition, the multiplier that
+says how much the sum of squares would fall without it [1]_.
+
+References
+----------
+.. [1] S. D. Silvey, "The Lagrangian multiplier test", Ann. Math. Statist. 30 (1959), 389-407.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from .shooting import Equations, Shooting
+from .vibration import Array
+
+#: Weight of the squares of the conditions where steps are judged.
+_WEIGHT = 100.0
+_TRIES = 12
+#: Steps go on until no condition is larger than this, in standard deviations of the data.
+_EXACT = 1e-3
+_LEAST_DAMPING, _FIRST_DAMPING = 1e-11, 1e-9
+#: What the conditions give way, so that those that repeat each other do no harm.
+_GIVE = 1e-13
+
+
+class Solution(NamedTuple):
+    """
+    Where Gauss-Newton ended.
+
+    Attributes
+    ----------
+    unknowns : ndarray
+        All unknowns.
+    equations : Equations
+        There.
+    settled : bool
+        Whether the last step changed nothing that matters.
+    """
+
+    unknowns: Array
+    equations: Equations
+    settled: bool
+
+    @property
+    def squares(self) -> float:
+        """Sum of squares of the residuals."""
+        return float(self.equations.residual @ self.equations.residual)
+
+    @property
+    def broken(self) -> float:
+        """Largest condition, in standard deviations of the data."""
+        return float(np.abs(self.equations.condition).max(initial=0.0))
+
+
+class System:
+    """The linear system of one step."""
+
+    def __init__(self, equations: Equations, damping: float) -> None:
+        residual_rates, condition_rates = equations.residual_rates, equations.condition_rates
+        both = residual_rates.power(2).sum(0) + 1e-6 * condition_rates.power(2).sum(0)
+        scale = np.sqrt(np.asarray(both).ravel())
+        scale[scale == 0.0] = 1.0
+        self.scale = scale
+        into = sparse.diags_array(1.0 / scale)
+        self._rates = (residual_rates @ into).tocsr()
+        self._laws = (condition_rates @ into).tocsr()
+        size, count = len(scale), len(equations.condition)
+        hessian = self._rates.T @ self._rates
+        diagonal = damping * (hessian.diagonal() + 1e-4)
+        whole = sparse.block_array(
+            [
+                [hessian + sparse.diags_array(diagonal), self._laws.T],
+                [self._laws, sparse.diags_array(np.full(count, -_GIVE))],
+            ],
+            format='csc',
+        )
+        self._size, self._count = size, count
+        self._factors = splu(whole)
+
+    def step(self, equations: Equations) -> tuple[Array, Array]:
+        """Return the step, and the multipliers of the conditions."""
+        right = np.concatenate([-(self._rates.T @ equations.residual), -equations.condition])
+        found = self._factors.solve(right)
+        return found[: self._size] / self.scale, found[self._size :]
+
+    def covariance(self, columns: NDArray[np.int64]) -> Array:
+        """Return the covariance of some unknowns."""
+        right = np.zeros((self._size + self._count, len(columns)))
+        right[columns, np.arange(len(columns))] = 1.0 / self.scale[columns]
+        found = self._factors.solve(right)[columns] / self.scale[columns, None]
+        covariance: Array = 0.5 * (found + found.T)
+        return covariance
+
+    def deviations(self, rates: sparse.csr_array) -> Array:
+        """Return standard deviations of quantities, whose derivatives are rows of a matrix."""
+        right = np.zeros((self._size + self._count, rates.shape[0]))
+        right[: self._size] = (rates @ sparse.diags_array(1.0 / self.scale)).toarray().T
+        found = self._factors.solve(right)
+        variances: Array = (right * found).sum(0)
+        deviations: Array = np.sqrt(np.maximum(variances, 0.0))
+        return deviations
+
+    def information(self, residual_rate: Array, condition_rate: Array) -> float:
+        """Return what the data say of a further unknown, the others being fitted again."""
+        right = np.concatenate([self._rates.T @ residual_rate, condition_rate])
+        return float(residual_rate @ residual_rate - right @ self._factors.solve(right))
+
+    def released(self, rows: NDArray[np.int64]) -> Array:
+        """Return the block of the inverse system that belongs to some conditions."""
+        right = np.zeros((self._size + self._count, len(rows)))
+        right[self._size + rows, np.arange(len(rows))] = 1.0
+        found: Array = self._factors.solve(right)[self._size + rows]
+        return found
+
+
+def _allowed(shooting: Shooting, u: Array) -> bool:
+    """Return whether instants rise, and stiffness, damping, alpha and gap are positive."""
+    shared, states = shooting.parts(u)
+    gap = shared[shooting.unknowns.column('gap')]
+    first, second = shooting.unknowns.alpha_columns()
+    positive = min(shared[0], shared[1], shared[first], shared[second], gap) > 0.0
+    return bool(positive and np.all(np.diff(states[:, 0]) > 0.0))
+
+
+def solve(
+    shooting: Shooting, u: Array, *, soft: float = 0.0, most: int = 30, least_gain: float = 0.02
+) -> Solution:
+    """
+    Minimise the residuals where the conditions hold; `soft` is a deviation of the laws.
+
+    Instants move by at most a sample in a step. A step that makes residuals and conditions larger
+    is damped.
+    """
+    longest = float(np.median(np.diff(shooting.record.time)))
+    instants = np.zeros(len(u), bool)
+    instants[shooting.count :: 5] = True
+    equations = shooting.equations(u, soft)
+    merit = _merit(equations.residual, equations.condition)
+    damping = _FIRST_DAMPING
+    settled = False
+    for _ in range(most):
+        taken = None
+        for _ in range(_TRIES):
+            step, _ = System(equations, damping).step(equations)
+            if not np.isfinite(step).all():
+                damping = max(10.0 * damping, 1e-7)
+                continue
+            step[instants] = np.clip(step[instants], -longest, longest)
+            tried = u + step
+            if _allowed(shooting, tried):
+                other = _merit(*shooting.residual(tried, soft))
+                if other <= merit * (1.0 + 1e-9):
+                    taken = tried, other
+                    break
+            damping = max(10.0 * damping, 1e-7)
+        if taken is None:
+            break
+        gain = merit - taken[1]
+        u, merit = taken
+        damping = max(damping / 30.0, _LEAST_DAMPING)
+        equations = shooting.equations(u, soft)
+        if gain < least_gain and np.abs(equations.condition).max(initial=0.0) < _EXACT:
+            settled = True
+            break
+    return Solution(u, equations, settled)
+
+
+def _merit(residual: Array, condition: Array) -> float:
+    return float(residual @ residual + _WEIGHT * (condition @ condition))
+
+
+def gains_of_release(shooting: Shooting, solution: Solution) -> Array:
+    """
+    Return by how much the sum of squares would fall if the laws of one flight did not hold.
+
+    One for each flight; to first order, as the test of Lagrange multipliers has it.
+    """
+    system = System(solution.equations, _LEAST_DAMPING)
+    _, multipliers = system.step(solution.equations)
+    flights = shooting.law_flights
+    rows = np.flatnonzero(flights >= 0)
+    gains = np.zeros(len(shooting.course) - 1)
+    if not len(rows):
+        return gains
+    inverse = -system.released(rows)
+    for k in np.unique(flights[rows]):
+        own = np.flatnonzero(flights[rows] == k)
+        block = 0.5 * (inverse[np.ix_(own, own)] + inverse[np.ix_(own, own)].T)
+        m = multipliers[rows[own]]
+        gains[k] = m @ np.linalg.pinv(block, rcond=1e-9, hermitian=True) @ m
+    return gains

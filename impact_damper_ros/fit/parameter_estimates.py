@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Estimates by the names of the ROS parameters, with their intervals and correlations."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .estimate import Estimate
+from .unknowns import Unknowns
+from .vibration import Array
+
+_UNITS = {
+    'stiffness': 'N/m',
+    'damping': 'N s/m',
+    'gap': 'm',
+    'force_delay': 's',
+    'impact_delay': 's',
+}
+#: Correlation of each two parameters, by their names.
+Correlations = dict[str, dict[str, float]]
+
+
+def estimates_of(
+    unknowns: Unknowns, shared: Array, covariance: Array
+) -> tuple[dict[str, Estimate], Correlations]:
+    """Return estimates by the names of the ROS parameters, and their correlations."""
+    first, second = unknowns.alpha_columns()
+    rows = []
+    for name in unknowns.names:
+        column = unknowns.column(name)
+        value = float(shared[column])
+        if name.startswith('alpha'):
+            restitution = unknowns.restitution(value)
+            rows.append(
+                (f'restitution_{name[-1]}', column, restitution, -(1 + restitution) / value)
+            )
+        elif name == 'grip':
+            rows.append(('friction', column, value / unknowns.normal, 1.0 / unknowns.normal))
+        else:
+            rows.append((name, column, value, 1.0))
+    if first == second:
+        at = next(k for k, row in enumerate(rows) if row[0] == 'restitution_1')
+        rows.insert(at + 1, ('restitution_2', *rows[at][1:]))
+    names = [row[0] for row in rows]
+    jacobian = np.zeros((len(rows), len(shared)))
+    for k, (_, column, _, rate) in enumerate(rows):
+        jacobian[k, column] = rate
+    matrix = jacobian @ covariance @ jacobian.T
+    deviations = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    with np.errstate(invalid='ignore', divide='ignore'):
+        correlations = matrix / np.outer(deviations, deviations)
+    started = {'stiffness': unknowns.rig.stiffness, 'damping': unknowns.rig.damping}
+    parameters = {
+        name: Estimate.normal(value, float(deviation), _UNITS.get(name, ''), started.get(name))
+        for (name, _, value, _), deviation in zip(rows, deviations, strict=True)
+    }
+    table = {
+        a: {b: float(correlations[i, j]) for j, b in enumerate(names)} for i, a in enumerate(names)
+    }
+    return parameters, table

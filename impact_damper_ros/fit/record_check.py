@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with a record before anything is fitted to it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+
+from .measured_motion import MeasuredMotion
+from .partition import noise_of
+from .vibration import ORDERS, Array, Vibration
+
+_LEAST_SAMPLES, _LEAST_PER_PERIOD = 50, 8.0
+#: A gap in time longer than this part of a natural period ends a record.
+_LONGEST_GAP = 0.5
+#: The motion over the response to the force alone: beyond this factor a unit is wrong.
+_FACTOR = 200.0
+_LEAST_SIGNAL = 3.0
+#: Recorded and described force may differ by this part of their size.
+_FORCE = 0.05
+
+
+def faults_of(measured: MeasuredMotion, rig: RigParameters) -> list[str]:
+    """Return why nothing can be fitted to a record; empty if something can."""
+    time, used = np.asarray(measured.time, float), np.asarray(measured.used, bool)
+    motion = np.asarray(measured.motion, float)[used]
+    source = measured.source or 'the record'
+    if rig.one_sided:
+        return ['one_sided is true: rigs with one stop are not fitted, their gap has no meaning']
+    if len(motion) < _LEAST_SAMPLES:
+        return [f'{source} has {len(motion)} samples that count: give {_LEAST_SAMPLES} at least']
+    if not np.isfinite(motion).all():
+        return [f'{source} has samples that are no finite numbers: mark them as not used']
+    steps = np.diff(time)
+    if not (steps > 0.0).all():
+        at = int(np.flatnonzero(~(steps > 0.0))[0])
+        return [f'time does not rise after {time[at]!r} s: sort the samples, and keep one of each']
+    period = 2.0 * math.pi / rig.omega
+    inside = np.diff(time[used])
+    if inside.max() > _LONGEST_GAP * period:
+        at = int(inside.argmax())
+        return [
+            f'{source} has a gap of {inside[at]:.4g} s from {time[used][at]:.6g} s, and natural '
+            f'periods last {period:.4g} s: impacts in it are unknown; fit the parts one by one'
+        ]
+    if period / float(np.median(inside)) < _LEAST_PER_PERIOD:
+        return [
+            f'{source} has {period / np.median(inside):.3g} samples in a natural period: sample '
+            f'at {_LEAST_PER_PERIOD / period:.4g} Hz at least'
+        ]
+    return _faults_of_signal(measured, rig, motion)
+
+
+def _faults_of_signal(measured: MeasuredMotion, rig: RigParameters, motion: Array) -> list[str]:
+    swing, noise = float(np.std(motion)), noise_of(motion)
+    if swing == 0.0:
+        return [f'{measured.quantity} is {motion[0]!r} at all times: connect the sensor']
+    if swing < _LEAST_SIGNAL * noise:
+        return [
+            f'{measured.quantity} is mostly noise: it varies by {swing:.3g}, and its noise is '
+            f'{noise:.3g}; shake harder, or filter'
+        ]
+    order = ORDERS[measured.quantity]
+    time = np.asarray(measured.time, float)
+    vibration = Vibration.of(
+        rig, rig.stiffness, max(rig.damping, 1e-3 * rig.stiffness / rig.omega)
+    )
+    expected = float(np.std(vibration.steady(time, order)))
+    if expected > 0.0 and not 1.0 / _FACTOR < swing / expected < _FACTOR:
+        return [
+            f'{measured.quantity} varies by {swing:.3g} (SI), {swing / expected:.3g} times the '
+            f'{expected:.3g} that the force gives the structure alone: check the units of the '
+            'record and the force and masses of the rig'
+        ]
+    return _faults_of_force(measured, rig)
+
+
+def _faults_of_force(measured: MeasuredMotion, rig: RigParameters) -> list[str]:
+    """Compare a recorded force with the described one."""
+    if measured.force is None:
+        return []
+    time, force = np.asarray(measured.time, float), np.asarray(measured.force, float)
+    described = np.zeros(len(time))
+    for amplitude, frequency, phase in zip(
+        rig.force_amplitudes, rig.force_frequencies, rig.force_phases, strict=True
+    ):
+        described += amplitude * np.sin(frequency * time + phase)
+    apart, size = float(np.std(force - described)), float(np.std(described))
+    if apart <= _FORCE * max(size, 1e-300) + noise_of(force):
+        return []
+    return [
+        f'the recorded force differs from that of the rig by {apart:.3g} N (rms), and that is '
+        f'{size:.3g} N: give force_amplitudes, force_frequencies and force_phases of the record'
+    ]

@@ -1,0 +1,625 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Multiple shooting in closed form: data and laws over all flights, with their derivatives.
+
+As in `orbits.segments` the nodes are events, here impacts and reversals, and the unknowns are
+their instants and the states (X, X', Y, Z') just after them; there is no closure but data, and the
+parameters are unknown, too. From node to node the motion is one closed formula, so that nothing is
+simulated and no error is carried over more than one flight: chaos does no harm.
+
+Conditions that always hold say how M moves and what is what at an impact. The laws of m,
+
+- velocity: m arrives at an impact with alpha J relative to M, where J is the jump of X',
+- place: m arrives at the stop,
+- reversal: m is as fast as M there,
+
+are imposed exactly, or at first softly, with a deviation.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from impact_damper_ros.orbits.response import free_response
+
+from .course import Course
+from .partition import Record
+from .unknowns import Unknowns
+from .vibration import Array, Vibration
+
+#: Unknowns of a node: instant, X, X' and Z' just after it, and Y.
+_T, _X, _V, _W, _Y = range(5)
+#: Conditions of a flight: X, X', Z', Y at its end, and the last law.
+_AT_X, _AT_V, _AT_W, _AT_Y, _LAST = range(5)
+#: Step of derivatives by K, C and the delay, in natural units.
+_STEP = 1e-6
+
+
+class Equations(NamedTuple):
+    """
+    Residuals and conditions at a guess, and their derivatives.
+
+    Attributes
+    ----------
+    residual : ndarray
+        Of the data and of impact times, over their deviations; then soft laws.
+    condition : ndarray
+        What must be zero, in standard deviations of the data.
+    residual_rates, condition_rates : sparse matrix
+        Derivatives by the unknowns.
+    """
+
+    residual: Array
+    condition: Array
+    residual_rates: sparse.csr_array
+    condition_rates: sparse.csr_array
+
+
+class Shooting:
+    """
+    The equations of one course.
+
+    Parameters
+    ----------
+    record : Record
+        The measured motion.
+    deviation : float
+        Standard deviation of its noise.
+    unknowns : Unknowns
+        What is shared.
+    course : Course
+        The motion; its numbers are the first guess.
+    impact_times : ndarray
+        Measured instants of impacts.
+    impact_deviation : float
+        Their standard deviation.
+    masked : float
+        Samples closer to an impact than this are not used, s.
+    """
+
+    def __init__(
+        self,
+        record: Record,
+        deviation: float,
+        unknowns: Unknowns,
+        course: Course,
+        impact_times: Array,
+        impact_deviation: float,
+        masked: float = 0.0,
+    ) -> None:
+        self.record, self.deviation, self.unknowns = record, deviation, unknowns
+        self.course, self.impact_times = course, impact_times
+        self.impact_deviation = impact_deviation
+        self.count = len(unknowns.names)
+        self.rate = float(np.sqrt(course.shared[0] / unknowns.rig.primary_mass))
+        # Displacement that the measured quantity has for the same noise
+        self.length = deviation / self.rate**record.order
+        self._lay_out()
+        weight = record.weight / deviation
+        if masked:
+            nearest = np.searchsorted(course.time, record.time)
+            before = course.time[np.maximum(nearest - 1, 0)]
+            after = course.time[np.minimum(nearest, len(course) - 1)]
+            near = np.minimum(np.abs(record.time - before), np.abs(record.time - after))
+            weight = weight * (near > masked)
+        self._weight = weight
+
+    def _lay_out(self) -> None:
+        """Find what each node is: impact or reversal, and how m moves after it."""
+        course = self.course
+        kind, impact_of, held_at, flight = [], [], [], []
+        for k in range(len(course)):
+            kind.append(int(course.stop[k]))
+            impact_of.append(k)
+            held_at.append(np.nan)
+            flight.append(k)
+            if k < len(course) - 1:
+                for time, held in zip(course.reversals[k], course.held[k], strict=True):
+                    kind.append(0)
+                    impact_of.append(-1)
+                    held_at.append(float(time) if held else np.nan)
+                    flight.append(k)
+        self.kind, self._impact_of = np.array(kind), np.array(impact_of)
+        self._held_at = np.array(held_at)
+        #: Flight after each node, by the number of its first impact
+        self._flight = np.array(flight)
+        self.nodes = n = len(kind)
+        self.impacts = np.flatnonzero(self.kind)
+        self.size = self.count + 5 * n
+        direction = np.empty(n)
+        last = np.empty(n)
+        for i in range(n):
+            direction[i] = -kind[i] if kind[i] else -direction[i - 1]
+            last[i] = kind[i] or last[i - 1]
+        self.direction, self._last = direction, last
+        #: Whether the flight that ends at each node counts; nodes that begin a part, end none
+        counts = np.zeros(n, bool)
+        counts[1:] = course.flies[self._flight[:-1]]
+        self.ends = np.flatnonzero(counts)
+        begins = np.zeros(n, bool)
+        begins[self.impacts] = course.begins
+        self.firsts = np.flatnonzero(begins)
+        counts_after = np.zeros(n, bool)
+        counts_after[:-1] = counts[1:]
+        self._counts_after = counts_after
+        #: Nodes without any flight, which stay where they are
+        self.lone = np.flatnonzero(~counts & ~counts_after)
+        lawless = np.append(course.lawless, False)[self._flight]
+        #: Whether the flight that ends at each node obeys no law of m
+        self._lawless_ends = np.append(False, lawless[:-1])[self.ends]
+        self._holds = self._find_holds(counts, counts_after, lawless)
+        self._hold_values = np.zeros(len(self._holds))
+
+    def _find_holds(
+        self,
+        counts: NDArray[np.bool_],
+        counts_after: NDArray[np.bool_],
+        lawless: NDArray[np.bool_],
+    ) -> NDArray[np.int64]:
+        """Return nodes and coordinates that nothing else determines."""
+        holds = [(node, what) for node in self.lone for what in (_T, _X, _V, _W)]
+        begins = ~counts & counts_after & lawless
+        holds += [(node, _W) for node in np.flatnonzero(begins)]
+        ends = counts & ~counts_after & np.append(False, lawless[:-1])
+        holds += [(node, _V) for node in np.flatnonzero(ends)]
+        return np.array(holds, np.int64).reshape(-1, 2)
+
+    @property
+    def alpha_column(self) -> NDArray[np.int64]:
+        """Where the alpha of the stop hit at each node stands."""
+        first, second = self.unknowns.alpha_columns()
+        return np.where(self.kind == -1, second, first)
+
+    # ------------------------------------------------------------------ from and to the course
+    def start(self) -> Array:
+        """Return the unknowns of the course; states at reversals are those of the flights."""
+        course, n = self.course, self.nodes
+        states = np.zeros((n, 5))
+        at = self.impacts
+        states[at, _T], states[at, _X] = course.time, course.x
+        states[at, _V], states[at, _W] = course.velocity, course.damper_velocity
+        gap = self.unknowns.value(course.shared, 'gap')
+        states[at, _Y] = 0.5 * gap * course.stop
+        states[self.kind == 0, _T] = np.concatenate([*course.reversals, np.zeros(0)])
+        vibration = self.vibration(course.shared)
+        grip = self.unknowns.value(course.shared, 'grip')
+        for i in np.flatnonzero(self.kind == 0):
+            before, node = states[i - 1 : i], np.array([i - 1])
+            ends = self._flown(vibration, grip, before, states[i : i + 1, _T], node)
+            states[i, _X:] = np.concatenate(ends)
+        self._hold_values = states[self._holds[:, 0], self._holds[:, 1]]
+        return np.concatenate([course.shared, states.ravel()])
+
+    def course_of(self, u: Array) -> Course:
+        """Return the course with the numbers of unknowns."""
+        shared, states = self.parts(u)
+        course = self.course.copy()
+        course.shared = shared.copy()
+        at = states[self.impacts]
+        course.time, course.x = at[:, _T].copy(), at[:, _X].copy()
+        course.velocity, course.damper_velocity = at[:, _V].copy(), at[:, _W].copy()
+        turns = np.flatnonzero(self.kind == 0)
+        for k in range(len(course) - 1):
+            course.reversals[k] = states[turns[self._flight[turns] == k], _T].copy()
+        return course
+
+    def parts(self, u: Array) -> tuple[Array, Array]:
+        """Return the shared unknowns and the states (n, 5)."""
+        return u[: self.count], u[self.count :].reshape(-1, 5)
+
+    def vibration(self, shared: Array) -> Vibration:
+        """Return the vibration of M of shared unknowns."""
+        unknowns = self.unknowns
+        delay = unknowns.value(shared, 'force_delay')
+        return Vibration.of(unknowns.rig, float(shared[0]), float(shared[1]), delay)
+
+    # ------------------------------------------------------------------ motion
+    def _pushes(self, grip: float, node: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the constant accelerations of M and of m after nodes."""
+        own = self.direction[node] * grip + self._last[node] * self.unknowns.air
+        ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
+        return ratio * own, self.unknowns.slope - own
+
+    def _flown(
+        self,
+        vibration: Vibration,
+        grip: float,
+        before: Array,
+        time: Array,
+        node: NDArray[np.int64],
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return X, X', Z' and Y at times in the flights after nodes, from the states there."""
+        span = time - before[:, _T]
+        push, pull = self._pushes(grip, node)
+        x, v = vibration.later(before[:, _T], before[:, _X], before[:, _V], push, span)
+        w = before[:, _W] + pull * span
+        moved = (before[:, _W] + 0.5 * pull * span) * span
+        return x, v, w, before[:, _Y] + before[:, _X] + moved - x
+
+    def _measured(
+        self,
+        vibration: Vibration,
+        grip: float,
+        states: Array,
+        node: NDArray[np.int64],
+        time: Array,
+    ) -> Array:
+        """Return the measured quantity at times in the flights after nodes."""
+        at = states[node]
+        push, _ = self._pushes(grip, node)
+        x, v = vibration.later(at[:, _T], at[:, _X], at[:, _V], push, time - at[:, _T])
+        if self.record.order == 0:
+            return x
+        if self.record.order == 1:
+            return v
+        return vibration.acceleration(time, x, v, push)
+
+    def motion(self, u: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the fitted signal at all samples, NaN where there is none, and which count."""
+        shared, states = self.parts(u)
+        node, inside = self._node_of_samples(states)
+        vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
+        signal = self._measured(vibration, grip, states, node, self.record.time)
+        signal = self._sensed(shared, signal)
+        return np.where(inside, signal, np.nan), inside & (self._weight > 0.0)
+
+    def _sensed(self, shared: Array, signal: Array) -> Array:
+        """Return what the sensor shows of a signal."""
+        value = self.unknowns.value
+        return value(shared, 'gain') * signal + value(shared, 'bias')
+
+    def _node_of_samples(self, states: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the node before each sample, and whether its flight counts."""
+        found = np.searchsorted(states[:, _T], self.record.time, side='right') - 1
+        node = np.clip(found, 0, self.nodes - 1)
+        return node, (found >= 0) & self._counts_after[node]
+
+    def before_nodes(self, u: Array) -> tuple[Array, Array, Array, Array]:
+        """Return X, X', Z' and Y just before all nodes but the first."""
+        shared, states = self.parts(u)
+        grip, node = self.unknowns.value(shared, 'grip'), np.arange(self.nodes - 1)
+        return self._flown(self.vibration(shared), grip, states[:-1], states[1:, _T], node)
+
+    def jumps(self, u: Array) -> Array:
+        """Return the jump of X' at each impact; 0 where a part begins."""
+        jump = np.zeros(len(self.course))
+        inner = self.impacts[~self.course.begins]
+        jump[~self.course.begins] = (
+            self.parts(u)[1][inner, _V] - self.before_nodes(u)[1][inner - 1]
+        )
+        return jump
+
+    def jump_rates(self, u: Array) -> sparse.csr_array:
+        """Return derivatives of the jumps; 0 where a part begins."""
+        end, columns, _ = self._end_rates(u)
+        hit = np.flatnonzero(self.kind[self.ends])
+        rates = -end[hit, 1]
+        rates[:, 5 + _V] += 1.0
+        inner = _sparse(rates, columns[hit], self.size)
+        place = sparse.csr_array(
+            (np.ones(len(hit)), (self._impact_of[self.ends[hit]], np.arange(len(hit)))),
+            shape=(len(self.course), len(hit)),
+        )
+        return sparse.csr_array(place @ inner)
+
+    # ------------------------------------------------------------------ equations
+    @property
+    def freedom(self) -> int:
+        """Number of unknowns less that of the conditions."""
+        conditions = 5 * len(self.ends) + len(self.firsts) + len(self._holds)
+        return self.size - conditions + len(self._void_rows)
+
+    @cached_property
+    def _varied(self) -> dict[int, float]:
+        """Shared unknowns by which derivatives are taken by differences, and the steps."""
+        mass = self.unknowns.rig.primary_mass
+        steps = {0: _STEP * mass * self.rate**2, 1: _STEP * mass * self.rate}
+        delay = self.unknowns.column('force_delay')
+        return steps | ({delay: _STEP / self.rate} if delay >= 0 else {})
+
+    def residual(self, u: Array, soft: float = 0.0) -> tuple[Array, Array]:
+        """Return residuals and conditions, as in `Equations`."""
+        data = self._data(u)
+        return self._split(soft, data, self._times(u), self._conditions(u))
+
+    def equations(self, u: Array, soft: float = 0.0) -> Equations:
+        """Return residuals and conditions with their derivatives."""
+        data, times, conditions = self._data(u), self._times(u), self._conditions(u)
+        residual, condition = self._split(soft, data, times, conditions)
+        blocks, columns = self._condition_rates(u)
+        laws = self._law_rows if soft else np.zeros(len(conditions), bool)
+        all_rates = _sparse(blocks, columns, self.size)
+        rates = [self._data_rates(u), self._time_rates()]
+        if soft:
+            rates.append(all_rates[laws] / soft)
+        return Equations(
+            residual,
+            condition,
+            sparse.csr_array(sparse.vstack(rates)),
+            sparse.csr_array(all_rates[~laws]),
+        )
+
+    def _split(
+        self, soft: float, data: Array, times: Array, conditions: Array
+    ) -> tuple[Array, Array]:
+        if not soft:
+            return np.concatenate([data, times]), conditions
+        laws = self._law_rows
+        return np.concatenate([data, times, conditions[laws] / soft]), conditions[~laws]
+
+    def _data(self, u: Array) -> Array:
+        shared, states = self.parts(u)
+        node, inside = self._node_of_samples(states)
+        vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
+        signal = self._measured(vibration, grip, states, node, self.record.time)
+        left = self._sensed(shared, signal) - self.record.motion
+        return np.where(inside, left, 0.0) * self._weight
+
+    def _data_rates(self, u: Array) -> sparse.csr_array:
+        """Return derivatives of the residuals of the samples."""
+        shared, states = self.parts(u)
+        record, value = self.record, self.unknowns.value
+        node, inside = self._node_of_samples(states)
+        vibration, grip = self.vibration(shared), value(shared, 'grip')
+        at, time = states[node], record.time
+        push, _ = self._pushes(grip, node)
+        span = time - at[:, _T]
+        start = vibration.acceleration(at[:, _T], at[:, _X], at[:, _V], push)
+        matrix, by_push = _rates_of(vibration, span, record.order)
+        x_rate, v_rate = matrix
+        signal = self._measured(vibration, grip, states, node, time)
+        weight = np.where(inside, self._weight, 0.0)
+        scale = weight * value(shared, 'gain')
+        rates = np.zeros((len(time), 3 + self.count))
+        rates[:, 0] = -(x_rate * at[:, _V] + v_rate * start) * scale
+        rates[:, 1], rates[:, 2] = x_rate * scale, v_rate * scale
+        ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
+        own = rates[:, 3:]
+        own[:, self.unknowns.column('grip')] = by_push * ratio * self.direction[node] * scale
+        for column, step in self._varied.items():
+            other = shared.copy()
+            other[column] += step
+            varied = self._measured(self.vibration(other), grip, states, node, time)
+            own[:, column] = (varied - signal) / step * scale
+        if (column := self.unknowns.column('gain')) >= 0:
+            own[:, column] = signal * weight
+        if (column := self.unknowns.column('bias')) >= 0:
+            own[:, column] = weight
+        columns = np.empty((len(time), 3 + self.count), np.int64)
+        columns[:, :3] = self.count + 5 * node[:, None] + np.array([_T, _X, _V])
+        columns[:, 3:] = np.arange(self.count)
+        return _sparse(rates, columns, self.size)
+
+    @cached_property
+    def _timed(self) -> NDArray[np.int64]:
+        """Impacts whose instants were measured and that belong to a flight."""
+        lone = np.isin(self.impacts, self.lone)
+        return np.flatnonzero((self.course.measured >= 0) & ~lone)
+
+    def _times(self, u: Array) -> Array:
+        shared, states = self.parts(u)
+        delay = self.unknowns.value(shared, 'impact_delay')
+        fitted = states[self.impacts[self._timed], _T] + delay
+        measured = self.impact_times[self.course.measured[self._timed]]
+        left: Array = (fitted - measured) / max(self.impact_deviation, 1e-12)
+        return left
+
+    def _time_rates(self) -> sparse.csr_array:
+        nodes = self.impacts[self._timed]
+        columns = [self.count + 5 * nodes + _T]
+        if (delay := self.unknowns.column('impact_delay')) >= 0:
+            columns.append(np.full(len(nodes), delay))
+        shape = (len(nodes), len(columns))
+        rates = np.full(shape, 1.0 / max(self.impact_deviation, 1e-12))
+        return _sparse(rates, np.array(columns, np.int64).T.reshape(shape), self.size)
+
+    @cached_property
+    def _law_rows(self) -> NDArray[np.bool_]:
+        """Which conditions are laws of m, not of M."""
+        impact = self.kind[self.ends] != 0
+        rows = np.zeros((len(self.ends), 5), bool)
+        rows[impact, _AT_V] = rows[impact, _AT_Y] = True
+        rows[~impact & ~self._held, _LAST] = True
+        rows.ravel()[self._void_rows] = False
+        others = np.zeros(len(self.firsts) + len(self._holds), bool)
+        return np.concatenate([rows.ravel(), others])
+
+    @cached_property
+    def _held(self) -> NDArray[np.bool_]:
+        held: NDArray[np.bool_] = np.isfinite(self._held_at[self.ends])
+        return held
+
+    @cached_property
+    def law_flights(self) -> NDArray[np.int64]:
+        """The flight to which each condition belongs if it is a law, else -1."""
+        flights = np.repeat(self._flight[self.ends - 1], 5)
+        others = np.full(len(self.firsts) + len(self._holds), -1)
+        return np.where(self._law_rows, np.concatenate([flights, others]), -1)
+
+    @cached_property
+    def _units(self) -> Array:
+        """Size of each condition of a flight, per standard deviation of the data."""
+        length, speed = self.length, self.length * self.rate
+        units = np.array([length, speed, speed, length, length])
+        table = np.broadcast_to(units, (len(self.ends), 5)).copy()
+        impact = self.kind[self.ends] != 0
+        table[~impact & ~self._held, _LAST] = speed
+        table[~impact & self._held, _LAST] = 1e-3 / self.rate
+        return table
+
+    def _conditions(self, u: Array) -> Array:
+        shared, states = self.parts(u)
+        ends = self.ends
+        grip, gap = self.unknowns.value(shared, 'grip'), self.unknowns.value(shared, 'gap')
+        after, impact = states[ends], self.kind[ends] != 0
+        before = states[ends - 1], after[:, _T], ends - 1
+        x, v, w, y = self._flown(self.vibration(shared), grip, *before)
+        jump = after[:, _V] - v
+        alpha = shared[self.alpha_column[ends]]
+        ratio = self.unknowns.rig.primary_mass / self.unknowns.rig.damper_mass
+        values = np.empty((len(ends), 5))
+        values[:, _AT_X] = x - after[:, _X]
+        values[:, _AT_V] = np.where(impact, w - v - alpha * jump, v - after[:, _V])
+        thrown = after[:, _W] - v - (alpha - ratio) * jump
+        values[:, _AT_W] = np.where(impact, thrown, w - after[:, _W])
+        values[:, _AT_Y] = y - after[:, _Y]
+        values[:, _LAST] = np.where(
+            impact,
+            after[:, _Y] - 0.5 * gap * self.kind[ends],
+            np.where(self._held, after[:, _T] - self._held_at[ends], w - v),
+        )
+        values /= self._units
+        firsts = states[self.firsts, _Y] - 0.5 * gap * self.kind[self.firsts]
+        held = states[self._holds[:, 0], self._holds[:, 1]] - self._hold_values
+        rows = values.ravel()
+        rows[self._void_rows] = 0.0
+        return np.concatenate([rows, firsts / self.length, held / self._hold_units])
+
+    @cached_property
+    def _void_rows(self) -> NDArray[np.int64]:
+        """Conditions of flights that obey no law; zero, they demand nothing."""
+        rows = np.zeros((len(self.ends), 5), bool)
+        void = self._lawless_ends & (self.kind[self.ends] != 0)
+        rows[void, _AT_V] = rows[void, _AT_Y] = True
+        return np.flatnonzero(rows.ravel())
+
+    @cached_property
+    def _hold_units(self) -> Array:
+        speed = self.length * self.rate
+        units = np.array([1.0 / self.rate, self.length, speed, speed, self.length])
+        return units[self._holds[:, 1]]
+
+    def _end_rates(self, u: Array) -> tuple[Array, NDArray[np.int64], tuple[Array, Array]]:
+        """
+        Return derivatives of X, X', Z' and Y just before the nodes that end a flight.
+
+        By the five unknowns of the node before, those of the node, and the shared ones; with the
+        columns of these, and X and X' themselves.
+        """
+        shared, states = self.parts(u)
+        ends, count = self.ends, self.count
+        before, after = states[ends - 1], states[ends]
+        n = len(ends)
+        vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
+        flown = before, after[:, _T], ends - 1
+        x, v, w, _ = self._flown(vibration, grip, *flown)
+        push, pull = self._pushes(grip, ends - 1)
+        span = after[:, _T] - before[:, _T]
+        end = np.zeros((n, 4, 10 + count))
+        start = vibration.acceleration(before[:, _T], before[:, _X], before[:, _V], push)
+        last = vibration.acceleration(after[:, _T], x, v, push)
+        ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
+        direction, grip_at = self.direction[ends - 1], 10 + self.unknowns.column('grip')
+        for row, order in ((0, 0), (1, 1)):
+            (by_x, by_v), by_push = _rates_of(vibration, span, order)
+            end[:, row, _T] = -(by_x * before[:, _V] + by_v * start)
+            end[:, row, _X], end[:, row, _V] = by_x, by_v
+            end[:, row, grip_at] = by_push * ratio * direction
+        end[:, 0, 5 + _T], end[:, 1, 5 + _T] = v, last
+        for column, step in self._varied.items():
+            other = shared.copy()
+            other[column] += step
+            varied = self._flown(self.vibration(other), grip, *flown)
+            end[:, 0, 10 + column] = (varied[0] - x) / step
+            end[:, 1, 10 + column] = (varied[1] - v) / step
+        end[:, 2, _T], end[:, 2, 5 + _T], end[:, 2, _W] = -pull, pull, 1.0
+        end[:, 2, grip_at] = -direction * span
+        end[:, 3] = -end[:, 0]
+        end[:, 3, _T] -= w
+        end[:, 3, 5 + _T] += w
+        end[:, 3, _W] += span
+        end[:, 3, _X] += 1.0
+        end[:, 3, _Y] += 1.0
+        end[:, 3, grip_at] -= 0.5 * direction * span**2
+        columns = np.empty((n, 10 + count), np.int64)
+        columns[:, :5] = count + 5 * (ends - 1)[:, None] + np.arange(5)
+        columns[:, 5:10] = count + 5 * ends[:, None] + np.arange(5)
+        columns[:, 10:] = np.arange(count)
+        return end, columns, (x, v)
+
+    def _condition_rates(self, u: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Return derivatives of the conditions, rows of (10 + shared), and their columns."""
+        shared, states = self.parts(u)
+        ends, count = self.ends, self.count
+        end, at, (_, v) = self._end_rates(u)
+        after, n, impact = states[ends], len(ends), self.kind[ends] != 0
+        ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
+        rates = np.zeros((n, 5, 10 + count))
+        rates[:, _AT_X] = end[:, 0]
+        rates[:, _AT_X, 5 + _X] -= 1.0
+        jump = after[:, _V] - v
+        by_jump = -end[:, 1]
+        by_jump[:, 5 + _V] += 1.0
+        alpha = shared[self.alpha_column[ends]]
+        hit = np.flatnonzero(impact)
+        alpha_at = 10 + self.alpha_column[ends][hit]
+        rates[:, _AT_V] = end[:, 1]
+        rates[:, _AT_V, 5 + _V] -= 1.0
+        rates[hit, _AT_V] = (end[:, 2] - end[:, 1] - alpha[:, None] * by_jump)[hit]
+        rates[hit, _AT_V, alpha_at] -= jump[hit]
+        rates[:, _AT_W] = end[:, 2]
+        rates[:, _AT_W, 5 + _W] -= 1.0
+        thrown = -end[:, 1] - (alpha - 1.0 / ratio)[:, None] * by_jump
+        rates[hit, _AT_W] = thrown[hit]
+        rates[hit, _AT_W, 5 + _W] += 1.0
+        rates[hit, _AT_W, alpha_at] -= jump[hit]
+        rates[:, _AT_Y] = end[:, 3]
+        rates[:, _AT_Y, 5 + _Y] -= 1.0
+        free = np.flatnonzero(~impact & ~self._held)
+        held = np.flatnonzero(~impact & self._held)
+        gap_at = 10 + self.unknowns.column('gap')
+        rates[hit, _LAST, 5 + _Y] = 1.0
+        rates[hit, _LAST, gap_at] = -0.5 * self.kind[ends][hit]
+        rates[free, _LAST] = (end[:, 2] - end[:, 1])[free]
+        rates[held, _LAST, 5 + _T] = 1.0
+        rates /= self._units[:, :, None]
+        width = 10 + count
+        columns = np.broadcast_to(at[:, None], (n, 5, width)).reshape(-1, width)
+        more, there = self._other_rates()
+        flat = rates.reshape(-1, width)
+        flat[self._void_rows] = 0.0
+        return (
+            np.concatenate([flat, more]),
+            np.concatenate([columns, there]),
+        )
+
+    def _other_rates(self) -> tuple[Array, NDArray[np.int64]]:
+        """Return derivatives of the conditions of nodes that begin a part, or stay."""
+        count, width = self.count, 10 + self.count
+        m, k = len(self.firsts), len(self._holds)
+        rates, columns = np.zeros((m + k, width)), np.zeros((m + k, width), np.int64)
+        node = np.concatenate([self.firsts, self._holds[:, 0]])
+        columns[:, 5:10] = count + 5 * node[:, None] + np.arange(5)
+        columns[:, :5] = columns[:, 5:10]
+        columns[:, 10:] = np.arange(count)
+        rates[:m, 5 + _Y] = 1.0 / self.length
+        rates[:m, 10 + self.unknowns.column('gap')] = -0.5 * self.kind[self.firsts] / self.length
+        rates[m + np.arange(k), 5 + self._holds[:, 1]] = 1.0 / self._hold_units
+        return rates, columns
+
+
+def _rates_of(vibration: Vibration, span: Array, order: int) -> tuple[tuple[Array, Array], Array]:
+    """Return derivatives of X, X' or X'' after spans by X and X' before, and by a push."""
+    less, impulse, slope = free_response(vibration.decay, vibration.damped, span)
+    square, twice = vibration.stiffness, 2.0 * vibration.decay
+    if order == 0:
+        return (1.0 + less, impulse), -less / square
+    if order == 1:
+        return (-square * impulse, slope), impulse
+    by_x = -twice * (-square * impulse) - square * (1.0 + less)
+    by_v = -twice * slope - square * impulse
+    return (by_x, by_v), 1.0 - twice * impulse + less
+
+
+def _sparse(rates: Array, columns: NDArray[np.int64], size: int) -> sparse.csr_array:
+    """Return rows of entries and their columns as a sparse matrix; entries add up."""
+    n, width = rates.shape
+    starts = np.arange(0, n * width + 1, width)
+    matrix = sparse.csr_array((rates.ravel(), columns.ravel(), starts), shape=(n, size))
+    matrix.sum_duplicates()
+    return matrix

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What is fitted: the parameters that all flights share, and where each of them stands.
+
+Restitution enters by alpha = (M + m)/(m (1 + R)), in which the laws are linear: a jump J of X'
+comes from an approach at alpha J. Friction enters as an acceleration gamma g cos(angle).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+
+from .vibration import Array
+
+#: What may be fitted beside the rig: of the sensor and of the clocks.
+EXTRAS = ('gain', 'bias', 'force_delay', 'impact_delay')
+
+
+class Unknowns(NamedTuple):
+    """
+    The shared unknowns, in order.
+
+    Attributes
+    ----------
+    rig : RigParameters
+        What is known: masses, force, angle.
+    separate : bool
+        Whether each stop has a restitution of its own.
+    extras : tuple of str
+        Further ones, of `EXTRAS`.
+    """
+
+    rig: RigParameters
+    separate: bool
+    extras: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknowns."""
+        alphas = ('alpha_1', 'alpha_2') if self.separate else ('alpha_1',)
+        return ('stiffness', 'damping', *alphas, 'grip', 'gap', *self.extras)
+
+    def column(self, name: str) -> int:
+        """Return where an unknown stands; -1 if it is not one."""
+        return self.names.index(name) if name in self.names else -1
+
+    def value(self, shared: Array, name: str) -> float:
+        """Return the value of an unknown, or what it is where it is not fitted."""
+        if name in self.names:
+            return float(shared[self.names.index(name)])
+        return 1.0 if name == 'gain' else 0.0
+
+    def alpha_columns(self) -> tuple[int, int]:
+        """Return where the alpha of stop 1 and of stop 2 stands."""
+        first = self.names.index('alpha_1')
+        return first, first + self.separate
+
+    def start(
+        self, stiffness: float, damping: float, alphas: Array, grip: float, gap: float
+    ) -> Array:
+        """Return the shared unknowns of a guess."""
+        extras = [1.0 if name == 'gain' else 0.0 for name in self.extras]
+        return np.array([stiffness, damping, *alphas[: 1 + self.separate], grip, gap, *extras])
+
+    @property
+    def share(self) -> float:
+        """The share m/(M + m)."""
+        return self.rig.damper_mass / (self.rig.primary_mass + self.rig.damper_mass)
+
+    @property
+    def normal(self) -> float:
+        """The acceleration g cos(angle) that presses m to its support, m/s^2."""
+        return self.rig.gravity * math.cos(self.rig.angle)
+
+    @property
+    def slope(self) -> float:
+        """The acceleration g sin(angle) of m along the axis, m/s^2."""
+        return self.rig.gravity * math.sin(self.rig.angle)
+
+    @property
+    def air(self) -> float:
+        """The acceleration of m by compressed air, m/s^2."""
+        return self.rig.air_force / self.rig.damper_mass
+
+    def restitution(self, alpha: float) -> float:
+        """Return the coefficient of restitution of an alpha."""
+        return 1.0 / (self.share * alpha) - 1.0
+
+    def rig_of(self, shared: Array) -> RigParameters:
+        """Return the rig of shared unknowns; values that no rig has are put to the nearest."""
+        first, second = self.alpha_columns()
+        grip = max(self.value(shared, 'grip'), 0.0)
+        delay = self.value(shared, 'force_delay')
+        changes = {}
+        if delay:
+            for what in ('force', 'base'):
+                frequencies = getattr(self.rig, f'{what}_frequencies')
+                phases = getattr(self.rig, f'{what}_phases')
+                changes[f'{what}_phases'] = tuple(
+                    p - w * delay for w, p in zip(frequencies, phases, strict=True)
+                )
+        return self.rig.replace(
+            stiffness=self.value(shared, 'stiffness'),
+            damping=self.value(shared, 'damping'),
+            restitution_1=min(max(self.restitution(shared[first]), 0.0), 1.0),
+            restitution_2=min(max(self.restitution(shared[second]), 0.0), 1.0),
+            friction=grip / self.normal if self.normal > 0.0 else self.rig.friction,
+            gap=max(self.value(shared, 'gap'), 1e-9),
+            **changes,
+        )

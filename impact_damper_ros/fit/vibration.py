@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Motion of M alone between two nodes, in closed form, for many instants at once.
+
+M is a linear oscillator whatever m does, so that its state some time after a node is linear in
+the state at the node, and in the constant acceleration that friction gives it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.orbits.response import forced_response, free_response
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+
+Array = NDArray[np.float64]
+
+#: How often the displacement was differentiated in time, by what was measured.
+ORDERS = {'displacement': 0, 'velocity': 1, 'acceleration': 2}
+
+
+class Vibration(NamedTuple):
+    """
+    M on its spring and dashpot, and the harmonics that drive it, per unit mass.
+
+    Attributes
+    ----------
+    decay, damped, stiffness : float
+        Constants a, b and w^2 of X'' + 2 a X' + w^2 X = drive.
+    forces, frequencies, phases : ndarray, shape (h,)
+        Amplitudes over M, m/s^2, circular frequencies, rad/s, and phases, rad.
+    """
+
+    decay: float
+    damped: float
+    stiffness: float
+    forces: Array
+    frequencies: Array
+    phases: Array
+
+    @classmethod
+    def of(
+        cls, rig: RigParameters, stiffness: float, damping: float, delay: float = 0.0
+    ) -> Vibration:
+        """Return the vibration of a rig with other K and C, whose force comes later by a delay."""
+        mass = rig.primary_mass
+        decay, square = 0.5 * damping / mass, stiffness / mass
+        forces, frequencies, phases = _harmonics(rig, stiffness, damping)
+        return cls(
+            decay,
+            math.sqrt(max(square - decay * decay, 1e-12 * square)),
+            square,
+            forces / mass,
+            frequencies,
+            phases - frequencies * delay,
+        )
+
+    @property
+    def root(self) -> complex:
+        """The eigenvalue -a + ib."""
+        return complex(-self.decay, self.damped)
+
+    def phasors(self, times: Array) -> NDArray[np.complex128]:
+        """Return the harmonics of the drive at times as phasors; the drive is their sine."""
+        turning: NDArray[np.complex128] = self.forces * np.exp(
+            1j * (self.frequencies * times[..., None] + self.phases)
+        )
+        return turning
+
+    def drive(self, times: Array) -> Array:
+        """Return the drive at times, m/s^2."""
+        total: Array = self.phasors(times).imag.sum(-1)
+        return total
+
+    def steady(self, times: Array, order: int) -> Array:
+        """Return a time derivative of the steady response at times."""
+        w = self.frequencies
+        gain = (1j * w) ** order / (self.stiffness - w * w + 2j * self.decay * w)
+        total: Array = (gain * self.phasors(times)).imag.sum(-1)
+        return total
+
+    def later(
+        self, times: Array, x: Array, velocity: Array, push: Array, spans: Array
+    ) -> tuple[Array, Array]:
+        """Return X and X' spans after times, from X and X' there, under a constant push."""
+        less, impulse, slope = free_response(self.decay, self.damped, spans)
+        forced, forced_rate = forced_response(
+            self.decay, self.damped, self.frequencies, spans[..., None]
+        )
+        turn = self.phasors(times)
+        offset = x - push / self.stiffness
+        end = x + offset * less + velocity * impulse + (turn * forced).imag.sum(-1)
+        rate = velocity * slope - self.stiffness * offset * impulse
+        return end, rate + (turn * forced_rate).imag.sum(-1)
+
+    def acceleration(self, times: Array, x: Array, velocity: Array, push: Array) -> Array:
+        """Return X'' in a state at times under a constant push."""
+        rest: Array = self.drive(times) + push - 2.0 * self.decay * velocity - self.stiffness * x
+        return rest
+
+
+def _harmonics(rig: RigParameters, stiffness: float, damping: float) -> tuple[Array, Array, Array]:
+    """Return the harmonics of the force on M; those of a base depend on K and C."""
+    parts = [(rig.force_amplitudes, rig.force_frequencies, rig.force_phases)]
+    for name, group in rig.harmonic_groups.items():
+        if name == 'base':
+            parts.append(rig.base_motion.force(stiffness, damping))  # type: ignore[arg-type]
+        elif name != 'force':
+            parts.append(group)  # type: ignore[arg-type]
+    columns = [np.concatenate([np.asarray(part[i], float) for part in parts]) for i in range(3)]
+    acting = columns[0] != 0.0
+    if not acting.any():
+        acting[0] = True
+    forces, frequencies, phases = (column[acting] for column in columns)
+    return forces, frequencies, phases

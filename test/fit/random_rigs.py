@@ -1,0 +1,116 @@
+"""Rigs on a bench with random parameters, and what sensors show of them."""
+
+import math
+
+import numpy as np
+
+from impact_damper_ros import InitialConditions, Rig, RigParameters
+from impact_damper_ros.fit.measured_motion import MeasuredMotion
+
+#: Standard deviation of a measured impact time, s.
+DEVIATION = 5e-4
+COLUMN = {'displacement': 'x', 'velocity': 'primary_velocity'}
+
+
+def random_rig(rng: np.random.Generator) -> RigParameters:
+    """Return a rig near resonance whose gap is of the order of the optimal one."""
+    mass, ratio = 2.0, rng.uniform(0.04, 0.1)
+    stiffness = mass * (2.0 * math.pi * rng.uniform(4.0, 6.0)) ** 2
+    zeta, restitution = rng.uniform(0.005, 0.03), rng.uniform(0.3, 0.75)
+    friction, r, force = rng.uniform(0.0, 0.04), rng.uniform(0.93, 1.07), 1.2
+    bounce = (1.0 + restitution) / (1.0 - restitution) / (1.0 + ratio)
+    damped = zeta + 2.0 / math.pi * ratio * bounce
+    amplitude = force / stiffness / math.hypot(1.0 - r * r, 2.0 * r * damped)
+    return RigParameters(
+        primary_mass=mass,
+        stiffness=stiffness,
+        damping=2.0 * zeta * math.sqrt(stiffness * mass),
+        damper_mass=ratio * mass,
+        restitution_1=restitution,
+        restitution_2=restitution,
+        friction=friction,
+        gap=math.pi * amplitude * bounce * rng.uniform(0.35, 1.1),
+        force_amplitudes=(force,),
+        force_frequencies=(r * math.sqrt(stiffness / mass),),
+        force_phases=(rng.uniform(0.0, 2.0 * math.pi),),
+    )
+
+
+def guess_of(rig: RigParameters, rng: np.random.Generator) -> RigParameters:
+    """Return the start of a fit: K within 5 %, C within 60 %, of the rest nothing is taken."""
+    return rig.replace(
+        stiffness=rig.stiffness * rng.uniform(0.95, 1.05),
+        damping=rig.damping * rng.uniform(0.6, 1.6),
+        restitution_1=0.9,
+        restitution_2=0.9,
+        friction=0.3,
+        gap=10.0 * rig.gap,
+    )
+
+
+def measured(
+    rig: RigParameters,
+    rng: np.random.Generator,
+    *,
+    impacts: int = 100,
+    rate: float = 200.0,
+    noise: float = 0.01,
+    quantity: str = 'displacement',
+    timed: bool = True,
+    missing: float = 0.0,
+    false: float = 0.0,
+) -> MeasuredMotion:
+    """Return a record from rest over some impacts, with noise over the amplitude."""
+    start = InitialConditions(initial_damper_velocity=float(rng.uniform(-0.3, 0.3)))
+    hits = Rig(rig, start).run(60.0).impacts()['time']
+    end = hits[min(impacts, len(hits) - 1)] + 0.05
+    time = np.arange(int(end * rate)) / rate
+    run = Rig(rig, start).run(time[-1], time)
+    if quantity == 'acceleration':
+        x, v = run.samples['x'], run.samples['primary_velocity']
+        motion = _acceleration(rig, time, x, v, run.samples, run.events)
+    else:
+        motion = run.samples[COLUMN[quantity]].copy()
+    deviation = noise * math.sqrt(2.0) * float(np.std(motion))
+    motion = motion + rng.normal(0.0, deviation, len(time))
+    times = None
+    if timed:
+        times = hits[hits < time[-1]]
+        times = times + rng.normal(0.0, DEVIATION, len(times))
+        wrong = rng.uniform(time[0], time[-1], round(false * len(times)))
+        times = np.sort(np.concatenate([times[rng.uniform(size=len(times)) >= missing], wrong]))
+    used = np.ones(len(time), bool)
+    return MeasuredMotion(
+        time, motion, quantity, used, impact_times=times, impact_deviation=DEVIATION
+    )
+
+
+def _acceleration(rig, time, x, v, samples, events):
+    """Return X'' of a rig that slides all the time but for its sticks."""
+    force = sum(
+        f * np.sin(w * time + p)
+        for f, w, p in zip(
+            rig.force_amplitudes, rig.force_frequencies, rig.force_phases, strict=True
+        )
+    )
+    slides = np.sign(samples['damper_velocity'] - v)
+    grip = rig.friction * rig.gravity * rig.damper_mass
+    free = (force + slides * grip - rig.damping * v - rig.stiffness * x) / rig.primary_mass
+    joint = (force - rig.damping * v - rig.stiffness * x) / (rig.primary_mass + rig.damper_mass)
+    at = np.searchsorted(events['time'], time, side='right') - 1
+    mode = np.where(at >= 0, events['mode'][np.maximum(at, 0)], 3)
+    return np.where(mode >= 3, joint, free)
+
+
+def true_values(rig: RigParameters) -> dict[str, float]:
+    """Return what a fit should find."""
+    names = ('stiffness', 'damping', 'restitution_1', 'friction', 'gap')
+    return {name: getattr(rig, name) for name in names}
+
+
+def errors(fit, rig: RigParameters) -> dict[str, float]:
+    """Return how far each estimate is off, in standard deviations."""
+    return {
+        name: (fit.parameters[name].value - value) / fit.parameters[name].standard_deviation
+        for name, value in true_values(rig).items()
+    }
