@@ -1,0 +1,578 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Frequency and damping of a structure without its damper, from a ring-down or a sweep.
+
+A ring-down is y = e^(-zeta w t) (a cos w_d t + b sin w_d t) + c, whichever of displacement,
+velocity and acceleration was measured. With a measured force (or base), y is that plus the
+response to it, which is linear between samples and therefore exact. For given w and zeta both are
+linear in all else, so that the likelihood of white noise has its maximum over two unknowns only
+(variable projection [1]_); intervals are those of its curvature there.
+
+Whether the damping is viscous is seen in parts of some cycles: each has a damping ratio of its
+own, with its deviation, at its own amplitude A. Dry friction adds to it in proportion to 1/A,
+air in proportion to A.
+
+References
+----------
+1. G. H. Golub, V. Pereyra, "Separable nonlinear least squares: the variable projection method and
+   its applications", Inverse Problems 19 (2003), R1-R26.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.signal import cont2discrete, lfilter, ss2tf
+from scipy.stats import chi2
+
+from .estimate import Estimate
+from .measured_motion import MeasuredMotion
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Fewest cycles of a ring-down, and of a part of it; most parts.
+_LEAST_CYCLES, _CYCLES_IN_PART, _MOST_PARTS = 4.0, 3.0, 10
+#: A part is used whose amplitude is above so many standard deviations of the noise.
+_ABOVE_NOISE = 4.0
+#: A change over the amplitude counts if chance makes it in one of ten thousand cases, and if it is
+#: larger than this part of the value.
+_RARE = float(chi2.isf(1e-4, 1))
+_LEAST_CHANGE = {'damping_ratio': 0.05, 'frequency': 0.002}
+#: Largest mean square of the residual over that of the noise, of long records; and what chance
+#: adds to it in n samples, times sqrt(n).
+_MOST_CHI_SQUARED, _CHANCE = 1.2, 7.0
+
+
+class Part(NamedTuple):
+    """Some cycles of a ring-down: their time, amplitude, frequency (Hz) and damping ratio."""
+
+    time: float
+    amplitude: float
+    frequency: float
+    frequency_deviation: float
+    damping_ratio: float
+    damping_deviation: float
+
+
+class Change(NamedTuple):
+    """
+    How a quantity changes with the amplitude.
+
+    Attributes
+    ----------
+    at_largest, at_least : Estimate
+        The quantity at the largest and the least amplitude.
+    amplitudes : tuple of float
+        These amplitudes, in the unit of the motion.
+    law : str
+        What describes it best: 'constant', 'dry friction', 'growing with the amplitude' or
+        'falling with the amplitude'.
+    significance : float
+        Fall of chi squared by that law.
+    """
+
+    at_largest: Estimate
+    at_least: Estimate
+    amplitudes: tuple[float, float]
+    law: str
+    significance: float
+
+    @property
+    def constant(self) -> bool:
+        """Whether it does not change."""
+        return self.law == 'constant'
+
+
+class StructureFit(NamedTuple):
+    """
+    What a measurement says of a structure.
+
+    Attributes
+    ----------
+    accepted : bool
+        Whether the structure is linear with viscous damping, as far as the data show.
+    reasons : list of str
+        Why not.
+    kind : {'ring-down', 'force', 'base'}
+        What was measured.
+    frequency, damping_ratio : Estimate
+        Natural frequency (without damping), Hz, and damping ratio.
+    mass : Estimate or None
+        Modal mass, kg, where the force was measured.
+    correlation : float
+        Of frequency and damping ratio.
+    chi_squared : float
+        Mean square of the residual over that of the noise.
+    fit_percent : float
+        100 (1 - rms residual/rms motion).
+    whiteness : float
+        Largest correlation of the residual with itself, at up to 20 samples.
+    noise : float
+        Standard deviation of the noise, in the unit of the motion.
+    parts : tuple of Part
+        Of a ring-down.
+    damping_change, frequency_change : Change or None
+        Over the amplitude; None where there are too few parts.
+    data : MeasuredMotion
+        The part of the data that was used.
+    fitted : ndarray
+        The motion at the times of `data`.
+    """
+
+    accepted: bool
+    reasons: list[str]
+    kind: str
+    frequency: Estimate
+    damping_ratio: Estimate
+    mass: Estimate | None
+    correlation: float
+    chi_squared: float
+    fit_percent: float
+    whiteness: float
+    noise: float
+    parts: tuple[Part, ...]
+    damping_change: Change | None
+    frequency_change: Change | None
+    data: MeasuredMotion
+    fitted: Array
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        parameters = {
+            'natural_frequency': self.frequency.as_dict(),
+            'damping_ratio': self.damping_ratio.as_dict(),
+        }
+        if self.mass is not None:
+            parameters['primary_mass'] = self.mass.as_dict()
+
+        def of(change: Change | None) -> dict[str, Any] | None:
+            return (
+                None
+                if change is None
+                else {
+                    'at_largest': change.at_largest.as_dict(),
+                    'at_least': change.at_least.as_dict(),
+                    'amplitudes': list(change.amplitudes),
+                    'law': change.law,
+                }
+            )
+
+        return {
+            'accepted': self.accepted,
+            'reasons': self.reasons,
+            'kind': self.kind,
+            'parameters': parameters,
+            'correlations': {'natural_frequency damping_ratio': self.correlation},
+            'chi_squared': self.chi_squared,
+            'fit_percent': self.fit_percent,
+            'whiteness': self.whiteness,
+            'noise': self.noise,
+            'quantity': self.data.quantity,
+            'interval_of_time': [float(self.data.time[0]), float(self.data.time[-1])],
+            'damping_over_amplitude': of(self.damping_change),
+            'frequency_over_amplitude': of(self.frequency_change),
+            'parts': [part._asdict() for part in self.parts],
+        }
+
+
+class _Solution(NamedTuple):
+    """The most likely w and zeta, what is linear in them, and their covariance."""
+
+    place: Array
+    linear: Array
+    covariance: Array
+    deviation: float
+    fitted: Array
+
+
+_Basis = Callable[[Array], Array]
+
+
+def _solved(basis: _Basis, motion: Array, used: Mask, start: Array) -> _Solution:
+    """Return the most likely solution from a start; `basis` has what is linear as columns."""
+    there = motion[used]
+
+    def linear(place: Array) -> tuple[Array, Array]:
+        columns = basis(place)[used]
+        scale = np.sqrt((columns**2).sum(axis=0))
+        scale[scale == 0.0] = 1.0
+        scaled = columns / scale
+        found = np.linalg.pinv(scaled.T @ scaled, hermitian=True) @ (scaled.T @ there)
+        return found / scale, columns
+
+    def residual(place: Array) -> Array:
+        found, columns = linear(place)
+        left: Array = columns @ found - there
+        return left
+
+    size = float(np.std(there)) or 1.0
+    best = least_squares(
+        lambda place: residual(place) / size,
+        start,
+        x_scale=(1e-3 * start[0], 1e-3),
+        diff_step=(1e-7, 1e-5),
+        xtol=1e-10,
+        ftol=1e-12,
+        max_nfev=60,
+    )
+    place: Array = best.x
+    found, columns = linear(place)
+    rates = []
+    for k, step in enumerate((1e-6 * place[0], 1e-6)):
+        ahead, behind = place.copy(), place.copy()
+        ahead[k] += step
+        behind[k] -= step
+        rates.append((basis(ahead)[used] @ found - basis(behind)[used] @ found) / (2.0 * step))
+    jacobian = np.column_stack([*rates, columns])
+    scale = np.sqrt((jacobian**2).sum(axis=0))
+    scale[scale == 0.0] = 1.0
+    inverse = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), hermitian=True)
+    free = max(1, len(there) - jacobian.shape[1])
+    deviation = math.sqrt(float(np.sum(residual(place) ** 2)) / free)
+    covariance = deviation**2 * inverse / np.outer(scale, scale)
+    return _Solution(place, found, covariance, deviation, basis(place) @ found)
+
+
+def _free(place: Array, time: Array) -> Array:
+    """Return the two free vibrations, from the first instant on."""
+    omega, zeta = place
+    rate = omega * math.sqrt(max(1e-12, 1.0 - zeta * zeta))
+    later = time - time[0]
+    decay = np.exp(-np.clip(zeta * omega * later, -50.0, 700.0))
+    return np.column_stack([decay * np.cos(rate * later), decay * np.sin(rate * later)])
+
+
+def _ring_down_basis(time: Array) -> _Basis:
+    ones = np.ones((len(time), 1))
+    return lambda place: np.hstack([_free(place, time), ones])
+
+
+#: Numerators of the response, highest power of s first, for a force (per mass): of displacement,
+#: velocity and acceleration.
+_RESPONSES = {'displacement': (0.0, 0.0, 1.0), 'velocity': (0.0, 1.0, 0.0)}
+_RESPONSES['acceleration'] = (1.0, 0.0, 0.0)
+
+
+def _driven_basis(data: MeasuredMotion, drive: Array, kind: str) -> _Basis:
+    ones, step = np.ones((len(data.time), 1)), data.interval
+
+    def basis(place: Array) -> Array:
+        omega, zeta = float(place[0]), float(place[1])
+        below = (1.0, 2.0 * zeta * omega, omega * omega)
+        above = (0.0, *below[1:]) if kind == 'base' else _RESPONSES[data.quantity]
+        # The same in balanced states, whose coefficients are of one size
+        feed = above[0]
+        first, second = (above[k] - feed * below[k] for k in (1, 2))
+        a = np.array([[-below[1], -omega], [omega, 0.0]])
+        b, c = np.array([[1.0], [0.0]]), np.array([[first, second / omega]])
+        system = cont2discrete((a, b, c, np.array([[feed]])), step, 'foh')
+        numerator, denominator = ss2tf(*system[:4])
+        response = lfilter(numerator[0], denominator, drive)
+        return np.hstack([response[:, None], _free(place, data.time), ones])
+
+    return basis
+
+
+def _peak(values: Array, step: float) -> float:
+    """Return the frequency of the largest peak of a spectrum, Hz."""
+    count = 4 * len(values)
+    spectrum = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)), count))
+    spectrum[: max(2, 4 * 2)] = 0.0
+    return float(np.argmax(spectrum)) / (count * step)
+
+
+def _filled_motion(data: MeasuredMotion) -> Array:
+    """Return the motion with samples that are not used put in by a line."""
+    places = np.arange(len(data.time))
+    filled: Array = np.interp(places, places[data.used], data.motion[data.used])
+    return filled
+
+
+def _release(data: MeasuredMotion) -> float:
+    """Return from which instant on M vibrates freely: once it moves most, and half a cycle."""
+    motion, step = _filled_motion(data), data.interval
+    period = 1.0 / _peak(motion, step)
+    window = max(4, round(period / step))
+    if window * _LEAST_CYCLES > len(motion):
+        raise ValueError(
+            f'{data.source}: {len(motion) / window:.2g} cycles of {1.0 / period:.4g} Hz: record '
+            f'at least {_LEAST_CYCLES:g}, better 30'
+        )
+    total = np.cumsum(np.concatenate([[0.0], motion]))
+    squares = np.cumsum(np.concatenate([[0.0], motion**2]))
+    mean = (total[window:] - total[:-window]) / window
+    spread = np.sqrt(np.maximum(0.0, (squares[window:] - squares[:-window]) / window - mean**2))
+    begin = int(np.argmax(spread >= 0.95 * spread.max()))
+    # A record that begins within the vibration is used from its beginning on
+    return float(data.time[begin] + (0.5 * period if begin > window // 8 else 0.0))
+
+
+def _noise_of(residual: Array) -> float:
+    """Return the standard deviation of white noise under what is slow, by fourth differences."""
+    bend = np.diff(residual, 4)
+    return float(np.sqrt(np.mean(bend**2) / 70.0))
+
+
+def _whiteness(residual: Array) -> float:
+    centred = residual - residual.mean()
+    power = float(centred @ centred) or 1.0
+    lags = range(1, min(21, len(residual) // 4))
+    return max((abs(float(centred[k:] @ centred[:-k])) / power for k in lags), default=0.0)
+
+
+def _parts(data: MeasuredMotion, whole: _Solution) -> list[Part]:
+    """Return frequency and damping of parts of a ring-down."""
+    omega, zeta = whole.place
+    period = 2.0 * math.pi / omega
+    span = data.time[-1] - data.time[0]
+    first = float(np.hypot(*whole.linear[:2]))
+    # ... until it is lost in the noise
+    if zeta > 0.0 and first > _ABOVE_NOISE * whole.deviation:
+        lost = math.log(first / (_ABOVE_NOISE * whole.deviation)) / (zeta * omega)
+        span = min(span, lost)
+    count = int(min(_MOST_PARTS, span / (_CYCLES_IN_PART * period)))
+    found = []
+    for k in range(count):
+        low, high = data.time[0] + k * span / count, data.time[0] + (k + 1) * span / count
+        inside = (data.time >= low) & (data.time < high)
+        if (inside & data.used).sum() < 12:
+            continue
+        time = data.time[inside]
+        try:
+            one = _solved(
+                _ring_down_basis(time), data.motion[inside], data.used[inside], whole.place
+            )
+        except (np.linalg.LinAlgError, ValueError):
+            continue
+        decay = math.exp(-one.place[1] * one.place[0] * 0.5 * (time[-1] - time[0]))
+        amplitude = float(np.hypot(*one.linear[:2])) * decay
+        deviations = np.sqrt(np.diag(one.covariance)[:2])
+        if amplitude > 0.5 * _ABOVE_NOISE * one.deviation:
+            found.append(
+                Part(
+                    float(time.mean()),
+                    amplitude,
+                    float(one.place[0]) / (2.0 * math.pi),
+                    float(deviations[0]) / (2.0 * math.pi),
+                    float(one.place[1]),
+                    float(deviations[1]),
+                )
+            )
+    return found
+
+
+def _change(parts: list[Part], quantity: str) -> Change | None:
+    """Return how a quantity changes over the amplitude: the law that describes it best."""
+    if len(parts) < 3:
+        return None
+    amplitude = np.array([part.amplitude for part in parts])
+    damping = quantity == 'damping_ratio'
+    values = np.array([part.damping_ratio if damping else part.frequency for part in parts])
+    deviations = np.array(
+        [part.damping_deviation if damping else part.frequency_deviation for part in parts]
+    )
+    largest, least = float(amplitude.max()), float(amplitude.min())
+
+    def regressed(shape: Array | None) -> tuple[float, Array, Array, Callable[[float], Array]]:
+        columns = [np.ones(len(values))] + ([] if shape is None else [shape])
+        weighted = np.column_stack(columns) / deviations[:, None]
+        covariance = np.linalg.pinv(weighted.T @ weighted)
+        best = covariance @ (weighted.T @ (values / deviations))
+        left = weighted @ best - values / deviations
+        return float(left @ left), best, covariance, lambda s: np.array([1.0, s][: len(best)])
+
+    shapes: dict[str, Callable[[Any], Any]] = {
+        'linear': lambda a: a / largest,
+        'square': lambda a: (a / largest) ** 2,
+    }
+    if damping:
+        shapes = {'dry friction': lambda a: largest / a, 'linear': shapes['linear']}
+    alone = regressed(None)
+    fits = {name: regressed(shape(amplitude)) for name, shape in shapes.items()}
+    law = min(fits, key=lambda name: fits[name][0])
+    fall = alone[0] - fits[law][0]
+    cost, best, covariance, row = fits[law]
+    ends = []
+    for size in (largest, least):
+        weights = row(shapes[law](size))
+        variance = float(weights @ covariance @ weights)
+        ends.append(
+            Estimate.normal(float(weights @ best), math.sqrt(variance), '' if damping else 'Hz')
+        )
+    changed = abs(ends[0].value - ends[1].value) > _LEAST_CHANGE[quantity] * abs(
+        float(np.median(values))
+    )
+    # What scatters more than its deviation says is not judged by it
+    scatter = max(1.0, cost / max(1, len(parts) - 2))
+    if fall < _RARE * scatter or not changed:
+        law = 'constant'
+    elif law != 'dry friction' or best[1] < 0.0:
+        rises = ends[0].value > ends[1].value
+        law = f'{"growing" if rises else "falling"} with the amplitude'
+    return Change(ends[0], ends[1], (largest, least), law, fall)
+
+
+def _start_of_sweep(basis: _Basis, data: MeasuredMotion, drive: Array) -> Array:
+    """Return w and zeta near the most likely ones, by trial."""
+    motion = _filled_motion(data)
+    peak = 2.0 * math.pi * _peak(motion, data.interval)
+    driven = np.abs(np.fft.rfft((drive - drive.mean()) * np.hanning(len(drive))))
+    rates = 2.0 * math.pi * np.fft.rfftfreq(len(drive), data.interval)
+    band = rates[driven > 0.05 * driven.max()]
+    low, high = 0.5 * min(band.min(), peak), 2.0 * max(band.max(), peak)
+    best, place = math.inf, np.array([peak, 0.02])
+    there = data.motion[data.used] - data.motion[data.used].mean()
+    for omega in np.concatenate([np.geomspace(max(low, 1e-3), high, 60), [peak]]):
+        for zeta in (0.003, 0.01, 0.03, 0.1):
+            response = basis(np.array([omega, zeta]))[data.used, 0]
+            response = response - response.mean()
+            gain = np.sum(response * there) / (np.sum(response * response) or 1.0)
+            cost = float(np.sum((there - gain * response) ** 2))
+            if cost < best:
+                best, place = cost, np.array([omega, zeta])
+    return place
+
+
+def fit_structure(data: MeasuredMotion) -> StructureFit:
+    """
+    Fit frequency and damping of a structure to its ring-down, or to a sweep.
+
+    Parameters
+    ----------
+    data : MeasuredMotion
+        Free vibration; or the response to a force or base that was measured, too.
+
+    Returns
+    -------
+    StructureFit
+        The most likely values with their intervals, and whether they are constant.
+
+    Raises
+    ------
+    ValueError
+        If the data are no vibration.
+    """
+    kind, drive = 'ring-down', None
+    if data.base is not None:
+        kind, drive = 'base', data.base
+        if data.base_quantity != data.quantity:
+            raise ValueError(
+                f'{data.source}: the {data.quantity} of M beside the {data.base_quantity} of the '
+                'base: measure the same of both'
+            )
+    elif data.force is not None and np.ptp(data.force) > 0.0:
+        kind, drive = 'force', data.force
+    if drive is None:
+        data = data.between(_release(data), math.inf)
+        basis = _ring_down_basis(data.time)
+        motion = _filled_motion(data)
+        start = np.array([2.0 * math.pi * _peak(motion, data.interval), 0.01])
+        tries = [np.array([start[0], zeta]) for zeta in (0.002, 0.01, 0.05)]
+        found = [_solved(basis, data.motion, data.used, place) for place in tries]
+        solution = min(found, key=lambda one: one.deviation)
+    else:
+        basis = _driven_basis(data, drive, kind)
+        start = _start_of_sweep(basis, data, drive)
+        solution = _solved(basis, data.motion, data.used, start)
+    return _judged(data, kind, solution)
+
+
+def _judged(data: MeasuredMotion, kind: str, solution: _Solution) -> StructureFit:
+    """Return the result with what is wrong with it."""
+    omega, zeta = map(float, solution.place)
+    deviations = np.sqrt(np.diag(solution.covariance))
+    frequency = Estimate.normal(
+        omega / (2.0 * math.pi), float(deviations[0]) / (2.0 * math.pi), 'Hz'
+    )
+    damping = Estimate.normal(zeta, float(deviations[1]))
+    mass = None
+    if kind == 'force' and solution.linear[0] != 0.0:
+        size = 1.0 / float(solution.linear[0])
+        mass = Estimate.normal(size, size * size * float(deviations[2]), 'kg')
+    residual = (data.motion - solution.fitted)[data.used]
+    noise = _noise_of(residual)
+    chi_squared = (solution.deviation / noise) ** 2 if noise > 0.0 else 1.0
+    size = float(np.std(data.motion[data.used]))
+    parts = _parts(data, solution) if kind == 'ring-down' and zeta > 0.0 else []
+    damping_change = _change(parts, 'damping_ratio')
+    frequency_change = _change(parts, 'frequency')
+    reasons = []
+    if damping.interval[0] <= 0.0:
+        reasons.append(
+            'the vibration does not decay: the damping ratio is '
+            f'{100.0 * zeta:.3g} % ± {100.0 * damping.standard_deviation:.2g} %'
+            + ('; switch the shaker off, or record its force' if kind == 'ring-down' else '')
+        )
+    if mass is not None and mass.value < 0.0:
+        reasons.append('M moves against the force: reverse the sign of one of the sensors')
+    for name, change in (('damping ratio', damping_change), ('frequency', frequency_change)):
+        if change is not None and not change.constant:
+            reasons.append(_changing(name, change, data))
+    most = _MOST_CHI_SQUARED + _CHANCE / math.sqrt(len(residual))
+    if not reasons and chi_squared > most and solution.deviation > 2e-3 * size:
+        worst = _where_worst(data, solution.fitted)
+        reasons.append(
+            f'the residual is {math.sqrt(chi_squared):.2g} times the noise, most of it around '
+            f'{worst:.4g} s: look there for another mode, a disturbance, or a force'
+        )
+    correlation = float(solution.covariance[0, 1] / (deviations[0] * deviations[1] or 1.0))
+    return StructureFit(
+        accepted=not reasons,
+        reasons=reasons,
+        kind=kind,
+        frequency=frequency,
+        damping_ratio=damping,
+        mass=mass,
+        correlation=correlation,
+        chi_squared=chi_squared,
+        fit_percent=100.0 * (1.0 - solution.deviation / size),
+        whiteness=_whiteness(residual),
+        noise=noise,
+        parts=tuple(parts),
+        damping_change=damping_change,
+        frequency_change=frequency_change,
+        data=data,
+        fitted=solution.fitted,
+    )
+
+
+def _where_worst(data: MeasuredMotion, fitted: Array) -> float:
+    """Return around which instant the residual is largest, s."""
+    square = np.where(data.used, data.motion - fitted, 0.0) ** 2
+    window = max(4, len(square) // 20)
+    total = np.cumsum(np.concatenate([[0.0], square]))
+    place = int(np.argmax(total[window:] - total[:-window]))
+    return float(data.time[min(place + window // 2, len(data.time) - 1)])
+
+
+_UNITS = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
+
+
+def _changing(name: str, change: Change, data: MeasuredMotion) -> str:
+    unit, (largest, least) = _UNITS[data.quantity], change.amplitudes
+    percent = name == 'damping ratio'
+
+    def words(estimate: Estimate) -> str:
+        if percent:
+            value, deviation = 100.0 * estimate.value, 100.0 * estimate.standard_deviation
+            return f'{value:.3g} ± {deviation:.1g} %'
+        return f'{estimate.value:.5g} ± {estimate.standard_deviation:.1g} Hz'
+
+    text = (
+        f'the {name} changes with the amplitude: {words(change.at_largest)} at {largest:.3g} '
+        f'{unit}, {words(change.at_least)} at {least:.3g} {unit}'
+    )
+    if not percent:
+        return f'{text}; the stiffness is not linear'
+    if change.law == 'dry friction':
+        return (
+            f'{text}; the damping is not viscous, it grows towards small amplitudes as that of '
+            'dry friction does'
+        )
+    return f'{text}; the damping is not viscous'
