@@ -115,13 +115,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             )
         from impact_damper_ros.report.ring_down_figure import (
             ring_down_figure,
-            ring_down_json,
             ring_down_table,
             ring_down_text,
         )
 
         title = rig_line(found.parameters)
-        write_json(arguments.json, ring_down_json(found))
+        write_json(arguments.json, found.as_dict())
         if arguments.csv is not None:
             write_text(arguments.csv, ring_down_table(found))
         if arguments.figure is not None:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import MotionKind
+from impact_damper_ros.orbits.ring_down import RingDown
 from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.rows import Events
@@ -351,6 +352,8 @@ class StretchComparison(LoggedStretch):
     energy: EnergyBalance | None = None
     #: Into the steady state.
     decay: Decay | None = None
+    #: Of a rig without force on a base at rest: what each of its cycles loses.
+    ring_down: RingDown | None = None
     #: How it compares.
     verdict: Verdict
     #: The verdict in words, with numbers.
@@ -439,7 +442,7 @@ class RunComparison:
 
 def as_plain(value: Any, without: Collection[str] = ()) -> Any:
     """Return a value in types of JSON, records without some fields; None where not finite."""
-    if isinstance(value, PeriodicOrbit | RigParameters):
+    if isinstance(value, PeriodicOrbit | RigParameters | RingDown):
         return as_plain(value.as_dict())
     if is_dataclass(value) and not isinstance(value, type):
         names = [f.name for f in fields(value) if f.name not in without]

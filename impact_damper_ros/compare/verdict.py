@@ -14,6 +14,7 @@ from impact_damper_ros.orbits.arguments import OrbitError, check_forcing
 from impact_damper_ros.orbits.flight_arrays import Drive
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind, Period
+from impact_damper_ros.orbits.ring_down import is_free, recorded_ring_down
 from impact_damper_ros.orbits.search import find_orbits
 from impact_damper_ros.orbits.solved_orbits import counted_from_zero
 from impact_damper_ros.parameters.quoting import counted
@@ -211,6 +212,8 @@ def _why_no_theory(stretch: RecordedStretch) -> str:
         return 'the force is a multisine: it has no period within the range searched'
     if rig.sweep_mode != 'off':
         return 'the frequency of the force is swept'
+    if is_free(rig):
+        return 'no force acts, and the base is at rest: the rig is left to itself'
     if rig.first_harmonic[0] == 0.0 or rig.first_harmonic[1] == 0.0:
         return 'the first harmonic of the force is zero: there are no cycles to count'
     for cycles in range(1, LONGEST_PERIOD + 1):
@@ -253,6 +256,7 @@ class _Comparison:
     def __init__(self, stretch: RecordedStretch) -> None:
         self.stretch = stretch
         self.cycle = _cycle(stretch)
+        self.ring_down = recorded_ring_down(stretch.flights)
         self.reason = _why_no_theory(stretch)
         self.motion: PeriodicMotion | None = None
         self.orbit: PeriodicOrbit | None = None
@@ -362,6 +366,7 @@ class _Comparison:
             solver=self.solver,
             energy=energy,
             decay=decay,
+            ring_down=self.ring_down,
             verdict=judgement.verdict,
             sentence=judgement.sentence,
             findings=(*judgement.findings, *_unbalanced(energy)),

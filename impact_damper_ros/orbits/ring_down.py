@@ -22,6 +22,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +41,11 @@ RELEASES = 20
 END_SHARE = 0.01
 #: ... or after so many cycles.
 MOST_CYCLES = 2000
+#: Upward passages of a recorded one, at least.
+_LEAST_PASSAGES = 3
 _CYCLES_AT_ONCE = 50
 _STEPS_PER_CYCLE = 32
-#: Cycles of which the median and the quantiles are taken together, at least.
+#: Cycles of which the median and the quantiles are taken together, at least, of many releases.
 _LEAST_IN_BIN = 10
 
 
@@ -73,6 +76,12 @@ class Cycles:
         """Damping ratio of each cycle."""
         ratio: Array = -np.log(self.velocity[1:] / self.velocity[:-1]) / math.tau
         return ratio
+
+    def above(self, velocity: float) -> Cycles:
+        """Return the first cycles, as long as V is not below a velocity, m/s."""
+        over = np.flatnonzero(self.velocity < velocity)
+        last = int(over[0]) if len(over) else len(self.velocity)
+        return Cycles(self.time[:last], self.velocity[:last])
 
 
 def middle_of(parameters: RigParameters) -> float:
@@ -201,16 +210,18 @@ class RingDown:
         Notes
         -----
         All cycles in the order of their amplitudes are divided into parts: each spans the same
-        factor of the amplitude, or as much more as it needs to have ten cycles.
+        factor of the amplitude, or as much more as it needs to have ten cycles, or half as many
+        as there are releases.
         """
+        least = min(_LEAST_IN_BIN, max(1, len(self.runs) // 2))
         order = np.argsort(self.amplitudes)
         size, loss = self.amplitudes[order], self.loss[order]
         factor = (size[-1] / size[0]) ** (1.0 / bins)
         parts, begin = [], 0
         while begin < len(size):
             end = int(np.searchsorted(size, size[begin] * factor, side='right'))
-            end = max(end, begin + _LEAST_IN_BIN)
-            if len(size) - end < _LEAST_IN_BIN:
+            end = max(end, begin + least)
+            if len(size) - end < least:
                 end = len(size)
             parts.append(slice(begin, end))
             begin = end
@@ -226,6 +237,47 @@ class RingDown:
         ]
         names = ('amplitude', 'acceleration', 'cycles', 'median', 'low', 'high')
         return dict(zip(names, np.array(rows).reshape(-1, len(names)).T, strict=True))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the curve over amplitude and what it is beside, for JSON."""
+        return {
+            'amplitude': self.amplitude,
+            'releases': len(self.runs),
+            'cycles': len(self.loss),
+            'dashpot_loss': self.dashpot_loss,
+            'bound': self.bound if math.isfinite(self.bound) else None,
+            'curve': {name: column.tolist() for name, column in self.curve().items()},
+        }
+
+
+def is_free(parameters: RigParameters) -> bool:
+    """Return whether nothing shakes a rig: no force acts, and its base is at rest."""
+    return not any(parameters.harmonics[0])
+
+
+def recorded_ring_down(flights: Flights) -> RingDown | None:
+    """
+    Return the ring-down that flights without force are; None if M does not swing.
+
+    Parameters
+    ----------
+    flights : Flights
+        The motion, from the moment at which the rig was left alone.
+
+    Returns
+    -------
+    RingDown or None
+        One run, whose first amplitude is that of the first upward passage; it ends as that of
+        `ring_down` does.
+    """
+    if flights.drive is None or not is_free(flights.rig) or flights.active.any():
+        return None
+    cycles = cycles_of(flights)
+    if len(cycles.time) < _LEAST_PASSAGES or not cycles.velocity[0] > 0.0:
+        return None
+    omega = flights.rig.omega
+    run = cycles.above(END_SHARE * float(cycles.velocity[0]))
+    return RingDown(flights.rig, float(cycles.velocity[0]) / omega, (run,))
 
 
 def _parts(rig: Rig, amplitude: float, most_cycles: int) -> Iterator[Cycles]:
@@ -299,7 +351,5 @@ def ring_down(
             np.concatenate([getattr(part, name) for part in parts])
             for name in ('time', 'velocity')
         )
-        over = np.flatnonzero(velocity < END_SHARE * amplitude * free.omega)
-        last = int(over[0]) if len(over) else len(velocity)
-        runs.append(Cycles(time[:last], velocity[:last]))
+        runs.append(Cycles(time, velocity).above(END_SHARE * amplitude * free.omega))
     return RingDown(free, amplitude, tuple(run for run in runs if len(run.time) > 1))

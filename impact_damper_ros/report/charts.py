@@ -28,6 +28,7 @@ from impact_damper_ros.replay.rows import Events
 
 from .drawing import COLORS, IMPACTS, MOTION_LINES, draw_stop, unit_axis
 from .formatting import number, quantity
+from .ring_down_figure import draw_decay, draw_loss
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -660,9 +661,36 @@ def _gap_caption(curve: Mapping[str, Any], gap: float) -> str:
     return caption
 
 
+def _draw_decay(stretch: StretchComparison) -> Picture | None:
+    """Draw the amplitude of a rig that is left to itself over time."""
+    found = stretch.ring_down
+    if found is None:
+        return None
+    axes = _panel('rig time [s]', '')
+    draw_decay(axes, found)
+    unit_axis(axes.yaxis, 'amplitude of M', 'm', found.amplitude)
+    caption = 'The amplitude V/ω at each upward passage of X through its middle, without force.'
+    return _picture(axes, 'Ring-down', caption)
+
+
+def _draw_loss(stretch: StretchComparison) -> Picture | None:
+    """Draw what each cycle of a rig that is left to itself loses."""
+    found = stretch.ring_down
+    if found is None:
+        return None
+    axes = _panel('', 'loss of a cycle, Ψ = 1 − E₊/E')
+    draw_loss(axes, found)
+    unit_axis(axes.xaxis, 'amplitude of M', 'm', found.amplitude)
+    caption = 'The share of the energy M V²/2 that is lost from one upward passage to the next; '
+    caption += 'the loss factor is Ψ/2π.'
+    return _picture(axes, 'Loss of a cycle over amplitude', caption)
+
+
 #: Charts of a stretch by the name that begins their ids, in the order of the page.
 PICTURES: dict[str, Callable[[StretchComparison], Picture | None]] = {
     'history': draw_history,
+    'decay': _draw_decay,
+    'loss': _draw_loss,
     'portrait': _draw_primary_portrait,
     'relative': _draw_damper_portrait,
     'section': _draw_section,

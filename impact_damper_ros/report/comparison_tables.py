@@ -14,12 +14,14 @@ from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
 
-from .formatting import NONE, Unit, instant, number, setting, unit_for
+from .formatting import NONE, Unit, instant, number, quantity, setting, unit_for
 from .table import Column, Table
 from .transmissibility_text import TRANSMISSIBILITY_NAMES
 
 #: Changes that are named where a stretch begins; impacts of a period that are listed.
 _MOST_CHANGES, _MOST_IMPACTS = 4, 8
+#: Rows of a ring-down.
+_RING_DOWN_ROWS = 12
 
 _AT_IMPACTS: tuple[tuple[str, str, str], ...] = (
     ('phases', 'phase', 'cycles'),
@@ -195,6 +197,43 @@ def comparison_table(stretch: StretchComparison) -> Table | None:
     return Table(columns, groups, 'Measured and predicted', note)
 
 
+def ring_down_table(stretch: StretchComparison) -> Table | None:
+    """Return what the cycles of a ring-down lose, by their amplitude; None if it is none."""
+    found = stretch.ring_down
+    if found is None:
+        return None
+    curve = found.curve(_RING_DOWN_ROWS)
+    unit = unit_for('m', found.amplitude)
+    rows = [
+        (
+            number(unit.factor * size, 4),
+            number(acceleration, 3),
+            number(count, 6),
+            number(loss, 4),
+            number(loss / math.tau, 4),
+            number(-100.0 * math.log1p(-loss) / (2.0 * math.tau) if loss < 1.0 else math.inf, 4),
+        )
+        for size, acceleration, count, loss, _, _ in zip(*curve.values(), strict=True)
+    ][::-1]
+    columns = [
+        Column(f'amplitude [{unit.name}]'),
+        Column('[g]'),
+        Column('cycles'),
+        Column('loss Ψ'),
+        Column('loss factor'),
+        Column('ζ [%]'),
+    ]
+    note = (
+        f'{counted(len(found.loss), "cycle")} from '
+        f'{quantity(found.amplitude, "m", 4)} down; each row is the median of the cycles of about '
+        'that amplitude. Ψ = 1 − E₊/E from E = M V²/2 at the upward passages of X through its '
+        f'middle, loss factor Ψ/2π. The dashpot alone loses {number(found.dashpot_loss, 4)}'
+    )
+    if found.bound < 1.0:
+        note += f', two impacts per cycle at X = 0 would lose {number(found.bound, 4)}'
+    return Table(columns, [('', rows)], 'Ring-down', f'{note}.')
+
+
 def impact_table(stretch: StretchComparison) -> Table | None:
     """Return the impacts of the last period, measured and predicted; None if it has no period."""
     orbit = stretch.predicted
@@ -314,6 +353,7 @@ def stretch_tables(stretch: StretchComparison, before: StretchComparison | None)
     """Return all tables of a stretch, given the one before it."""
     tables = (
         impact_table(stretch),
+        ring_down_table(stretch),
         comparison_table(stretch),
         energy_table(stretch),
         multiplier_table(stretch),

@@ -37,6 +37,7 @@ from .comparison_tables import (
     overall_table,
     overview_table,
     parameter_table,
+    ring_down_table,
 )
 from .drawing import inline_svg, page_style
 from .formatting import instant, number, quantity
@@ -185,7 +186,7 @@ def _detail(stretch: StretchComparison, before: StretchComparison | None) -> dic
         'missing': f'Not drawn: {"; ".join(missing)}.' if missing and pictures else '',
         'impacts': impact_table(stretch),
         'columns': [
-            [comparison_table(stretch), multiplier_table(stretch)],
+            [ring_down_table(stretch), comparison_table(stretch), multiplier_table(stretch)],
             [energy_table(stretch), parameter_table(stretch, before)],
         ],
         'reasons': [('Kind of motion', evidence), ('Prediction', stretch.solver)],

@@ -33,19 +33,6 @@ def ring_down_table(found: RingDown) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def ring_down_json(found: RingDown) -> dict[str, Any]:
-    """Return the curve over amplitude and what it is beside, for JSON."""
-    curve = {name: column.tolist() for name, column in found.curve().items()}
-    return {
-        'amplitude': found.amplitude,
-        'releases': len(found.runs),
-        'cycles': len(found.loss),
-        'dashpot_loss': found.dashpot_loss,
-        'bound': found.bound if math.isfinite(found.bound) else None,
-        'curve': curve,
-    }
-
-
 def _loss_words(loss: float) -> str:
     ratio = -math.log1p(-loss) / (2.0 * math.tau) if loss < 1.0 else math.inf
     return f'Ψ {loss:.3f} of the energy in a cycle = damping ratio {100.0 * ratio:.2f} %'
@@ -71,41 +58,51 @@ def ring_down_text(found: RingDown) -> str:
     return '\n'.join(lines)
 
 
+def draw_decay(axes: Any, found: RingDown) -> None:
+    """Draw the amplitude of each release over time, and that which the dashpot alone leaves."""
+    omega, start = found.parameters.omega, min(run.time[0] for run in found.runs)
+    one = {'lw': 1.2} if len(found.runs) == 1 else {'lw': 0.5, 'alpha': 0.5}
+    for run in found.runs:
+        axes.plot(run.time, run.velocity / omega, color=COLORS['primary'], **one)
+    times = np.linspace(start, max(run.time[-1] for run in found.runs), 200)
+    alone = found.amplitude * np.exp(-found.parameters.zeta * omega * (times - start))
+    axes.plot(times, alone, color=COLORS['quiet'], lw=1.0, ls='--', label='dashpot alone')
+    axes.set_ylim(0.0, 1.05 * found.amplitude)
+
+
+def draw_loss(axes: Any, found: RingDown) -> None:
+    """Draw the loss of each cycle over its amplitude, with median, dashpot and bound."""
+    curve, many = found.curve(), len(found.runs) > 1
+    dots = {'ms': 2, 'alpha': 0.25} if many else {'ms': 4, 'label': 'each cycle'}
+    axes.plot(found.amplitudes, found.loss, '.', color=COLORS['primary'], **dots)
+    if many:
+        band = {'color': COLORS['damper'], 'alpha': 0.25, 'lw': 0}
+        axes.fill_between(curve['amplitude'], curve['low'], curve['high'], **band)
+        middle = {'color': COLORS['damper'], 'lw': 1.4, 'label': 'median'}
+        axes.plot(curve['amplitude'], curve['median'], **middle)
+    axes.axhline(found.dashpot_loss, color=COLORS['quiet'], lw=1.0, ls='--', label='dashpot alone')
+    if found.bound < 1.0:
+        text = 'two impacts per cycle at X = 0'
+        axes.axhline(found.bound, color=COLORS['special'], lw=1.0, ls=':', label=text)
+    axes.set_xscale('log')
+    lowest = min(0.0, 1.1 * float(curve['low'].min()))
+    axes.set_ylim(lowest, max(1.1 * float(found.loss.max()), 1.2 * found.dashpot_loss))
+
+
 @print_style()
 def ring_down_figure(found: RingDown, title: str = '') -> Figure:
     """Draw the decay of each release, and the loss of a cycle over amplitude."""
     figure = blank_figure(6.3, 5.6)
     decay, loss = figure.subplots(2, 1)
-    omega = found.parameters.omega
-    for run in found.runs:
-        decay.plot(run.time, run.velocity / omega, color=COLORS['primary'], lw=0.5, alpha=0.5)
-    alone = found.amplitude * np.exp(
-        -found.parameters.zeta
-        * omega
-        * np.array(times := np.linspace(0.0, max(run.time[-1] for run in found.runs), 200))
-    )
-    decay.plot(times, alone, color=COLORS['quiet'], lw=1.0, ls='--', label='dashpot alone')
-    decay.set_ylim(0.0, 1.05 * found.amplitude)
+    draw_decay(decay, found)
     decay.legend(frameon=False)
     finish_panel(decay, 'a', 'Time [s]', '')
     unit_axis(decay.yaxis, 'Amplitude of M', 'm', found.amplitude)
-    curve = found.curve()
-    loss.plot(found.amplitudes, found.loss, '.', ms=2, color=COLORS['primary'], alpha=0.25)
-    loss.fill_between(
-        curve['amplitude'], curve['low'], curve['high'], color=COLORS['damper'], alpha=0.25, lw=0
-    )
-    loss.plot(curve['amplitude'], curve['median'], color=COLORS['damper'], lw=1.4, label='median')
-    loss.axhline(found.dashpot_loss, color=COLORS['quiet'], lw=1.0, ls='--', label='dashpot alone')
-    if found.bound < 1.0:
-        text = 'two impacts per cycle at X = 0'
-        loss.axhline(found.bound, color=COLORS['special'], lw=1.0, ls=':', label=text)
-    loss.set_xscale('log')
-    lowest = min(0.0, 1.1 * float(curve['low'].min()))
-    loss.set_ylim(lowest, max(1.1 * float(found.loss.max()), 1.2 * found.dashpot_loss))
+    draw_loss(loss, found)
     loss.legend(frameon=False)
     finish_panel(loss, 'b', '', 'Loss of a cycle, Ψ = 1 − E₊/E')
     unit_axis(loss.xaxis, 'Amplitude of M', 'm', found.amplitude)
-    to_g = omega**2 / STANDARD_GRAVITY
+    to_g = found.parameters.omega**2 / STANDARD_GRAVITY
     above = loss.secondary_xaxis('top', functions=(lambda x: x * to_g, lambda g: g / to_g))
     above.set_xlabel('Amplitude of the acceleration of M [g]')
     above.xaxis.set_major_formatter(lambda value, _: f'{value:g}')

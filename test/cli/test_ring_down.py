@@ -6,7 +6,9 @@ import math
 
 import pytest
 
+from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.ring_down import main
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 
 
 def test_files_and_words(tmp_path, capsys):
@@ -46,3 +48,41 @@ def test_refusals(start, capsys):
 def test_a_small_amplitude(capsys):
     assert main(['bench_rig', '--from', '1e-12mm', '--releases', '1']) == 0
     assert math.isfinite(float(capsys.readouterr().out.split('Ψ ')[1].split()[0]))
+
+
+def test_of_a_recording_is_that_of_the_rig(tmp_path, capsys):
+    """M is let go at 40 mm with m at rest in the middle: the first of the releases."""
+    bag, compared, ringing = (tmp_path / name for name in ('bag', 'c.json', 'r.json'))
+    start = ['--set', 'force_amplitudes=0', '--set', 'initial_primary_position=40mm']
+    words = ['bench_rig', *start, '--duration', '30', '--bag', str(bag), '--quiet']
+    assert simulate_rig(words) == 0
+    assert compare_run([str(bag), '--json', str(compared), '--report', str(tmp_path / 'r')]) == 0
+    text = capsys.readouterr().out
+    assert 'no force acts, and the base is at rest' in text
+    assert 'from 36.' in text
+    words = ['bench_rig', '--from', '40mm', '--releases', '1', '--json', str(ringing)]
+    assert main(words) == 0
+    here = json.loads(compared.read_text())['stretches'][0]['ring_down']
+    there = json.loads(ringing.read_text())
+    assert here['cycles'] > 15
+    names = 'cycles', 'dashpot_loss', 'bound'
+    # It ends at a hundredth of its own first amplitude, which is a little less than 40 mm
+    assert there['cycles'] - 1 <= here['cycles'] <= there['cycles'] + 1
+    assert [here[name] for name in names[1:]] == pytest.approx([there[name] for name in names[1:]])
+    both = zip(here['curve']['median'][::-1], there['curve']['median'][::-1], strict=False)
+    largest = [pair for pair, _ in zip(both, range(3), strict=False)]
+    assert [one for one, _ in largest] == pytest.approx([other for _, other in largest])
+    page = (tmp_path / 'r' / 'report.html').read_text()
+    assert 'Loss of a cycle over amplitude' in page
+
+
+def test_of_a_recording_begins_where_the_force_ends(tmp_path, capsys):
+    bag, compared = tmp_path / 'bag', tmp_path / 'c.json'
+    words = ['bench_rig', '--duration', '20', '--change', '8:force_amplitudes=0']
+    assert simulate_rig([*words, '--bag', str(bag), '--quiet']) == 0
+    assert compare_run([str(bag), '--json', str(compared), '--markdown', '-']) == 0
+    first, second = json.loads(compared.read_text())['stretches']
+    assert first['ring_down'] is None
+    assert second['ring_down']['amplitude'] == pytest.approx(2.6e-3, rel=0.3)
+    markdown = capsys.readouterr().out
+    assert '| loss factor |' in markdown
