@@ -25,7 +25,7 @@ from impact_damper_ros.parameters.rig_parameters import (
 from impact_damper_ros.report.formatting import setting
 from impact_damper_ros.report.table import Column, Table
 
-from .command_line import EXIT_FAILED, CommandError, command_parser, outcome
+from .command_line import EXIT_FAILED, CommandError, command_parser, outcome, say
 from .rig_options import hint, values_of
 
 #: Time in which the rigs of the network become known, and in which one must answer, s;
@@ -162,8 +162,12 @@ class RigParameterClient:
         plain = (v if isinstance(v, bool | int | float | str) else list(v) for v in values)
         return dict(zip(names, plain, strict=True))
 
-    def set(self, values: Mapping[str, Any]) -> None:
-        """Set parameters, all or none; raise CommandError if the rig rejects them."""
+    def set(self, values: Mapping[str, Any]) -> str:
+        """
+        Set parameters, all or none; return what waits, in words.
+
+        Raises CommandError if the rig rejects them.
+        """
         from rclpy.parameter import Parameter
 
         # Of 0.5 mm the node gets the number alone
@@ -175,6 +179,7 @@ class RigParameterClient:
         result = self._answer(self._client.set_parameters_atomically(request)).result
         if not result.successful:
             raise CommandError(result.reason)
+        return str(result.reason)
 
 
 @contextmanager
@@ -249,7 +254,8 @@ def _set(arguments: argparse.Namespace) -> int:
         present = rig.values()
         given = values_of(arguments.settings, present, '', 'set_rig')
         if given:
-            rig.set(given)
+            if waits := rig.set(given):
+                say('set_rig', waits)
             present = rig.values()
         print(listed(given or present, present))
         if given:

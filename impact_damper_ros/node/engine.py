@@ -35,6 +35,7 @@ from impact_damper_ros.parameters.rig_parameters import GapControlParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.tick_grid import TickGrid
+from impact_damper_ros.rig.waiting_change import made_at_once, waiting_values
 
 from .commands import CommandInbox
 from .external_control import ControllerStatus, ExternalControl
@@ -196,6 +197,8 @@ class Engine:
         # Between a tick and its joint states
         self._within_tick = True
         self._state = ON
+        # Rig time of the change of the base that waits for its next upward zero
+        self._waiting_ns: int | None = None
         # The reason of the snapshot that is due, and whether the rig has another motion since the
         # last one
         self._news, self._new_course = 'start', True
@@ -275,9 +278,12 @@ class Engine:
 
     # Asked for by other threads, carried out by the engine's
 
-    def change(self, after: NodeParameters, event: bytes, listing: bytes = b'') -> None:
+    def change(self, after: NodeParameters, event: bytes, listing: bytes = b'') -> str:
         """
         Change parameters, all at once, and record the event; an error if the rig cannot.
+
+        Another motion of the base begins at the next upward zero of the present one. Returns what
+        waits for that, in words; empty if nothing does.
 
         `listing` is the event that lists all parameters, if there is a recording that splits.
         """
@@ -285,10 +291,15 @@ class Engine:
         events: list[Event] = []
         records: Sequence[ControlRecord] = ()
         rig = self._rig
-        moved = (after.rig, after.control) != (before.rig, before.control)
+        now, due_ns = after.rig, None
+        if not self._state.held:  # which would wait for ever
+            now, due_ns = made_at_once(rig, after.rig)
+        was = {**rig.parameters.as_dict(), **rig.control.as_dict(), **before.initial.as_dict()}
+        moved = (now, after.control) != (rig.parameters, rig.control)
         if moved:
-            events = self._altered(lambda: rig.change(after.rig, after.control))
+            events = self._altered(lambda: rig.change(now, after.control))
             records = rig.records
+        self._waiting_ns = due_ns
         self.parameters = self.controller.settings = after
         self._listing = listing or self._listing
         # First the cause, then its effects
@@ -298,17 +309,36 @@ class Engine:
             self._send(events, records)
             self._release()
             self._new_course = True
-        values = [{**p.rig.as_dict(), **p.control.as_dict()} for p in (before, after)]
-        if after.initial != before.initial:
-            values[1] |= after.initial.as_dict()
-        if self._snapshots.change(*values) or moved:
+        values = {**now.as_dict(), **after.control.as_dict(), **after.initial.as_dict()}
+        if self._snapshots.change(was, values) or moved:
             self._news = self._news or 'change'
         if after.real_time_factor != before.real_time_factor:
             self._set_pace(after.real_time_factor)
+        if due_ns is None:
+            return ''
+        names = ', '.join(waiting_values(now, after.rig))
+        wait = (due_ns - self._time_ns) / 1e9
+        return (
+            f'{names}: in {wait:.4g} s, at rig time {due_ns / 1e9:.9g} s, when the base next '
+            'passes zero upwards'
+        )
+
+    def _change_base(self) -> None:
+        """Make the change that waited for the base."""
+        rig, after, self._waiting_ns = self._rig, self.parameters.rig, None
+        was = rig.parameters.as_dict()
+        events = self._altered(lambda: rig.change(after))
+        self._snapshots.move_stamps(self._stamps.offset_ns)
+        self._send(events, rig.records)
+        self._snapshots.change(was, after.as_dict())
+        self._new_course, self._news = True, self._news or 'change'
 
     def reset(self) -> None:
         """Reset the rig to the initial conditions; rig time continues."""
         initial = self.parameters.initial
+        if self._waiting_ns is not None:
+            # The base begins anew.
+            self._change_base()
         self._altered(lambda: self._rig.reset(initial))
         self._snapshots.reset(initial.as_dict())
         self._send([], [])
@@ -438,6 +468,8 @@ class Engine:
             target_ns = min(due_ns, self._time_ns + stride_ns)
         if (next_ns := self.controller.next_ns()) is not None:
             target_ns = min(target_ns, max(next_ns, self._time_ns + 1))
+        if self._waiting_ns is not None:
+            target_ns = min(target_ns, self._waiting_ns)
         offset_ns = self._stamps.offset_ns
         try:
             reached_ns, messages = self._motion.move_to(self._time_ns, target_ns, offset_ns)
@@ -526,6 +558,11 @@ class Engine:
                 break
 
     def _serve(self) -> None:
+        if self._waiting_ns is not None and self._time_ns >= self._waiting_ns:
+            try:
+                self._change_base()
+            except RIG_FAILURES as error:
+                self._give_up(error)
         # Not those that arrive meanwhile: a flood of requests must not stop the rig.
         for _ in range(len(self._requests)):
             request, action = self._requests.popleft()

@@ -268,11 +268,13 @@ class SimNode(Node):
             if after.record and not before.record:
                 # Whether a recording can begin is known only after a try.
                 self._open_recording(after)
-            self._change(after, meant)
+            waits = self._change(after, meant)
         except Exception as error:
             return SetParametersResult(successful=False, reason=str(error))
         result = super().set_parameters_atomically(meant)
         self._follow_change(before, after)
+        if result.successful and waits:
+            result.reason = waits
         return result
 
     # At start
@@ -379,12 +381,13 @@ class SimNode(Node):
             parameters.max_bag_duration,
         )
 
-    def _change(self, after: NodeParameters, changed: Sequence[Parameter]) -> None:
-        """Have the engine change parameters; an error if it does not."""
+    def _change(self, after: NodeParameters, changed: Sequence[Parameter]) -> str:
+        """Have the engine change parameters; return what waits. An error if it does not."""
         node = self.get_fully_qualified_name()
         event = ParameterEvent(0, node, (), tuple(map(_recorded, changed)), ())
         listing = self._listing(after) if self._recorder.splits else b''
-        answered(self.engine.ask(self.engine.change, after, encode(event), listing))
+        done = answered(self.engine.ask(self.engine.change, after, encode(event), listing))
+        return str(done.result)
 
     def _follow_change(self, before: NodeParameters, after: NodeParameters) -> None:
         """Do what follows from a change beside the motion of the rig."""

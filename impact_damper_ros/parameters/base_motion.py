@@ -26,6 +26,8 @@ QUANTITIES = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
 #: most of them.
 _STEPS_PER_PERIOD = 16
 _MOST_STEPS = 1_000_000
+#: Share of the motion up to which b has just passed zero, and steps of Newton's method to there.
+_JUST_PASSED, _PASSES = 1e-4, 4
 
 
 class BaseMotion(NamedTuple):
@@ -131,13 +133,24 @@ class BaseMotion(NamedTuple):
             low, high = (middle, high) if self.at(angles, middle)[0] < 0.0 else (low, middle)
         return high
 
-    def angles_from_zero(self) -> list[float]:
-        """Return angles at which b passes zero upwards: those after the first such time."""
+    def angles_from_zero(self, place: float = 0.0) -> list[float]:
+        """
+        Return angles at which b passes zero upwards: those after the first such time.
+
+        Given a place that is little more than zero, m, those at which it passes that.
+        """
         start = [0.0] * len(self.amplitudes)
         wait = self.upward_zero(start)
         if not math.isfinite(wait):
             return start
-        return [math.fmod(w * wait, math.tau) for w in self.frequencies]
+        zero = [math.fmod(w * wait, math.tau) for w in self.frequencies]
+        late = 0.0
+        for _ in range(_PASSES if place else 0):
+            here, speed = self.at(zero, late)
+            late += (place - here) / speed
+        return [
+            math.fmod(a + w * late, math.tau) for a, w in zip(zero, self.frequencies, strict=True)
+        ]
 
 
 def quantity_of(unit: str) -> str:
@@ -150,7 +163,8 @@ def angles_after(before: BaseMotion, angles: Sequence[float], after: BaseMotion)
     Return the angles of the lines with which another motion of a base goes on.
 
     A line keeps its angle by its index where that keeps b continuous. Elsewhere the new motion
-    begins at an upward zero of its own, which keeps b continuous if the old one is at zero.
+    begins at an upward zero of its own, which keeps b continuous if the old one is at zero or has
+    just passed it.
     """
     kept = list(angles[: len(after.amplitudes)])
     kept += [0.0] * (len(after.amplitudes) - len(kept))
@@ -159,6 +173,8 @@ def angles_after(before: BaseMotion, angles: Sequence[float], after: BaseMotion)
         at_zero = abs(here[0]) <= small
         if abs(here[0] - there[0]) <= small and not (at_zero and here[1] * there[1] < 0.0):
             return kept
+        if here[1] > 0.0 and abs(here[0]) <= _JUST_PASSED * min(before.size, after.size):
+            return after.angles_from_zero(here[0])
     return after.angles_from_zero() if after.moves else kept
 
 

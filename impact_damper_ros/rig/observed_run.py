@@ -14,6 +14,7 @@ from impact_damper_ros.parameters.rig_parameters import GapControlParameters, Ri
 
 from .rig import Rig
 from .runaway import MOST_IN_PERIOD, RunawayError
+from .waiting_change import made_at_once, waiting_values
 
 
 class TimedChange(NamedTuple):
@@ -83,7 +84,8 @@ def run(
         They are called in this order.
     changes : sequence of TimedChange, optional
         Changes of the parameters, in the order of their instants, not later than `until`. Those of
-        one instant are made one after the other.
+        one instant are made one after the other. A change of the base is made at its next upward
+        zero; see `Rig.wait_for_change`.
     most_in_period : float, optional
         Most events of the rig within a period, see `Rig.advance`.
 
@@ -104,24 +106,53 @@ def run(
     >>> count.total
     3
     """
-    waiting = deque(changes)
+    coming = deque(changes)
     stops = heapq.merge(
         *(observer.ticks() for observer in observers), [c.time_ns / 1e9 for c in changes]
     )
     before_end = takewhile(lambda instant: instant < until, stops)
-    for instant, _ in groupby(chain([rig.time], before_end, [until])):
-        try:
-            events = rig.advance(instant, most_in_period)
-        except RunawayError as error:
-            for observer in observers:
-                observer.happened(error.events)
-            raise
+    waiting: TimedChange | None = None
+    for stop, _ in groupby(chain([rig.time], before_end, [until])):
+        instant = rig.time
+        while instant < stop or instant == rig.time == stop:
+            instant = stop if waiting is None else min(stop, waiting.time_ns / 1e9)
+            _advance(rig, instant, observers, most_in_period)
+            if waiting is not None and waiting.time_ns / 1e9 == instant:
+                _change_all(rig, waiting, observers)
+                waiting = None
+            while coming and coming[0].time_ns / 1e9 == instant:
+                waiting = _change(rig, coming.popleft(), observers)
+            if instant == stop:
+                break
         for observer in observers:
-            observer.happened(events)
-        while waiting and waiting[0].time_ns / 1e9 == instant:
-            change = waiting.popleft()
-            caused = rig.change(change.parameters, change.control)
-            for observer in observers:
-                observer.changed(change.time_ns, change.values, caused)
+            observer.reached(stop)
+
+
+def _advance(
+    rig: Rig, instant: float, observers: Sequence[Observer], most_in_period: float
+) -> None:
+    """Run a rig to an instant, s."""
+    try:
+        events = rig.advance(instant, most_in_period)
+    except RunawayError as error:
         for observer in observers:
-            observer.reached(instant)
+            observer.happened(error.events)
+        raise
+    for observer in observers:
+        observer.happened(events)
+
+
+def _change(rig: Rig, change: TimedChange, observers: Sequence[Observer]) -> TimedChange | None:
+    """Change a rig; return what of the change waits for the base, if anything does."""
+    now, due_ns = made_at_once(rig, change.parameters)
+    rest = waiting_values(now, change.parameters)
+    values = {name: value for name, value in change.values.items() if name not in rest}
+    if values or due_ns is None:
+        _change_all(rig, change._replace(values=values, parameters=now), observers)
+    return None if due_ns is None else change._replace(time_ns=due_ns, values=rest)
+
+
+def _change_all(rig: Rig, change: TimedChange, observers: Sequence[Observer]) -> None:
+    caused = rig.change(change.parameters, change.control)
+    for observer in observers:
+        observer.changed(change.time_ns, change.values, caused)

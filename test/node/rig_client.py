@@ -266,6 +266,13 @@ class RigParametersClient:
         assert bool(response.result.reason) != response.result.successful
         return response.result.reason
 
+    def set_base(self, **values):
+        """Set all or none; return whether that was done, and what is said of it."""
+        request = SetParametersAtomically.Request(parameters=_messages(values))
+        kind, name = SetParametersAtomically, f'{self.node}/set_parameters_atomically'
+        result = self._client.call(kind, name, request).result
+        return result.successful, result.reason
+
 
 def _messages(values):
     return [
