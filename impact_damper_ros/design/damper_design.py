@@ -22,6 +22,7 @@ from impact_damper_ros.orbits.branch import Branch, Span
 from impact_damper_ros.orbits.continuation import follow
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.search import carried_over, find_orbits
+from impact_damper_ros.orbits.settled_motion import settle
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 
@@ -33,8 +34,9 @@ _FIRST_GAPS = (0.9, 0.7, 0.5, 1.0)
 _TIME_CONSTANTS, _LEAST_CYCLES, _MEASURED_CYCLES, _SAMPLES = 8.0, 150, 30, 128
 #: Two motions with largest |X| within this part are one.
 _SAME = 5e-3
-#: Gaps that are tried from rest, and the widest of them, over that which M alone swings across.
-_GAPS_FROM_REST, _MARGIN = 48, 0.95
+#: Gaps that are tried from rest, how many of the best are looked at closely, at how many gaps
+#: each; and the widest gap, over that which M alone swings across.
+_GAPS_FROM_REST, _NARROWED, _FINER, _MARGIN = 96, 3, 8, 0.95
 _POINTS, _STEP = 60, 0.15
 #: How far frequency and level are followed, as factors.
 _FREQUENCIES, _LEVELS = (0.5, 1.5), (0.25, 4.0)
@@ -179,6 +181,12 @@ def _span_of(orbit: PeriodicOrbit, name: str, here: float, low: float, high: flo
         return Span(here, here)
 
 
+def reaches(rig: RigParameters, x_max: float) -> bool:
+    """Return whether a rig from rest settles on a motion with impacts and that largest |X|."""
+    settled = settle(Rig(rig, compiled=None))
+    return settled.rhythm is not None and abs(settled.x_max / x_max - 1.0) < _SAME
+
+
 def best_from_rest(rig: RigParameters) -> tuple[float, float]:
     """
     Return the gap with which a rig from rest moves least, m, and its largest |X| then, m.
@@ -187,13 +195,15 @@ def best_from_rest(rig: RigParameters) -> tuple[float, float]:
     """
     widest = _MARGIN * 2.0 * rig.response_amplitude
     gaps = np.geomspace(0.1 * widest, widest, _GAPS_FROM_REST)
-    for _ in range(2):
-        sizes = [from_rest(rig.replace(gap=float(gap))) for gap in gaps]
-        best = int(np.argmin(sizes))
-        low, high = gaps[max(best - 1, 0)], gaps[min(best + 1, len(gaps) - 1)]
-        found = float(gaps[best]), sizes[best]
-        gaps = np.linspace(low, high, _GAPS_FROM_REST // 4)
-    return found
+    sizes = np.array([from_rest(rig.replace(gap=float(gap))) for gap in gaps])
+    # From rest |X| is no smooth function of the gap
+    for best in np.argsort(sizes)[:_NARROWED]:
+        low, high = gaps[max(best - 1, 0)], gaps[min(best + 1, _GAPS_FROM_REST - 1)]
+        finer = np.linspace(low, high, _FINER + 2)[1:-1]
+        gaps = np.append(gaps, finer)
+        sizes = np.append(sizes, [from_rest(rig.replace(gap=float(gap))) for gap in finer])
+    best = int(np.argmin(sizes))
+    return float(gaps[best]), float(sizes[best])
 
 
 def best_design(rig: RigParameters) -> Design | None:
@@ -219,7 +229,7 @@ def best_design(rig: RigParameters) -> Design | None:
     if best is None:
         return None
     orbit, there = best.orbit, best.orbit.parameters
-    reached = abs(from_rest(there) / orbit.x_max - 1.0) < _SAME
+    reached = reaches(there, orbit.x_max)
     alone = None if reached else best_from_rest(there)
     gaps = branch.span(best.value, orbit)
     shaker = f'{shaken_by(there)}_'

@@ -34,6 +34,7 @@ from .motion import Era, ForcePhase, Motion
 from .numbers import numbers_of
 from .presets import change_between, load_presets, preset_with
 from .source import RequestError, Source
+from .structure import FieldError, answer_json, designed, settings_of, structure_of
 
 if TYPE_CHECKING:
     from .ros_client import RigLink
@@ -71,6 +72,8 @@ class LiveRig(Source):
         self._status_sent: tuple[str, str] = ('', '')
         self._status_at = 0.0
         self._asking: asyncio.Task[None] | None = None
+        # Whether the best gap of a structure is being computed
+        self._designing = False
 
     def _forget(self) -> None:
         """Discard all messages: a run begins."""
@@ -366,6 +369,8 @@ class LiveRig(Source):
                 return {'ok': not reason, 'reason': reason, 'values': values}
             if kind == 'preset':
                 return await self._take_preset(message['name'])
+            if kind == 'structure':
+                return await self._take_structure(message['values'])
             if kind == 'service':
                 return await self._serve(message['name'])
         except TimeoutError as error:
@@ -385,9 +390,35 @@ class LiveRig(Source):
         """Set the parameters of a preset, all at once, and reset the rig."""
         if name not in load_presets():
             raise RequestError(f'there is no preset {str(name)[:80]}')
-        if reason := await self.link.set(load_presets()[name].values):
+        return await self._begin(load_presets()[name].values)
+
+    async def _begin(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Set parameters, all at once, and reset the rig."""
+        if reason := await self.link.set(dict(values)):
             return {'ok': False, 'reason': reason}
         return await self._serve('reset')
+
+    async def _take_structure(self, typed: Mapping[str, Any]) -> dict[str, Any]:
+        """Find the best damper of a structure, and set the rig to both."""
+        if self._designing:
+            raise RequestError('a best gap is being computed: wait until it is known')
+        self._designing = True
+        try:
+            rig = structure_of(typed)
+            answer = await designed(rig)
+        except FieldError as error:
+            return {'ok': False, 'reason': str(error), 'field': error.field}
+        finally:
+            self._designing = False
+        values = as_json(settings_of(rig, answer.gap))
+        begun = await self._begin(values)
+        if begun['ok']:
+            # Other knobs come first where the base is shaken
+            self.values |= values
+            for client in list(self.clients):
+                client.show(self)
+        shown = answer_json(answer, rig, self.values.get('state_rate', math.inf))
+        return {**begun, 'values': values, 'design': as_json(shown)}
 
 
 def _level(reports: Iterable[DiagnosticStatus]) -> str:

@@ -71,10 +71,15 @@ def load_presets(path: Path = _FILE) -> dict[str, Preset]:
 def _with_scaled(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the parameters of a rig with those that depend on its natural frequency."""
     omega = math.sqrt(values['stiffness'] / values['primary_mass'])
+    return {**scaled_to(omega), **values}
+
+
+def scaled_to(omega: float) -> dict[str, Any]:
+    """Return sweep, multisine and frequency of the base for a natural frequency, rad/s."""
     usual = RigParameters().as_dict()
     scaled = {name: usual[name] * omega**power for name, power in _POWERS.items()}
     rounded = {name: float(f'{value:.4g}') for name, value in scaled.items()}
-    return {**rounded, 'base_frequencies': (float(f'{omega:.4g}'),), **values}
+    return {**rounded, 'base_frequencies': (float(f'{omega:.4g}'),)}
 
 
 def change_between(

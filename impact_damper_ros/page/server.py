@@ -226,6 +226,8 @@ class PageServer:
             'presets': presets,
             # Whether there can be live rigs
             'ros': self._network is not None,
+            # Whether the best gap of a structure can be computed
+            'designs': True,
             # Where other machines reach the page, to watch; empty if they do not
             'address': self.gate.url() if self.gate.token else '',
         }

@@ -1,10 +1,10 @@
 """The best dampers of structures, against rigs that are run for many gaps."""
 
 import math
-import random
 
 import numpy as np
 import pytest
+from design.brute_force import trial
 
 from impact_damper_ros import Rig, RigParameters, settle
 from impact_damper_ros.design.damper_design import (
@@ -34,45 +34,11 @@ def structure(**values):
     return RigParameters.of_structure(**{**known, **values})
 
 
-def random_structure(seed):
-    draw = random.Random(seed)
-    frequency = draw.uniform(1.0, 50.0)
-    restitution = draw.uniform(0.4, 0.75)
-    return structure(
-        primary_mass=draw.uniform(0.5, 500.0),
-        natural_frequency=frequency,
-        damping_ratio=draw.uniform(0.004, 0.02),
-        mass_ratio=draw.uniform(0.05, 0.1),
-        restitution_1=restitution,
-        restitution_2=restitution,
-        base_amplitudes=draw.uniform(0.5, 5.0),
-        base_frequencies=frequency * math.tau,
-    )
-
-
-def least_by_running(rig, gaps):
-    """Return the gap at which a rig moves least that is run on from gap to gap."""
-    cycle = math.tau / rig.first_harmonic[1]
-    running = Rig(rig.replace(gap=float(gaps[0])), compiled=None)
-    running.run(400.0 * cycle)
-    sizes = []
-    for gap in gaps:
-        running.change(rig.replace(gap=float(gap)))
-        running.run(running.time + 150.0 * cycle)
-        times = running.time + np.linspace(0.0, 10.0, 1281) * cycle
-        sizes.append(np.abs(running.run(float(times[-1]), times).samples['x']).max())
-    return gaps[int(np.argmin(sizes))], min(sizes)
-
-
-@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('seed', [1000, 1004, 1013])
 def test_the_best_gap_is_that_of_running_rigs(seed):
-    rig = random_structure(seed)
-    design = best_design(rig)
-    gaps = design.rig.gap * np.arange(0.94, 1.035, 0.005)
-    gap, least = least_by_running(rig, gaps)
-    assert design.rig.gap == pytest.approx(gap, rel=0.01)
-    assert design.orbit.x_max == pytest.approx(least, rel=2e-3)
-    assert design.gap_range.low < design.rig.gap < design.gap_range.high * (1.0 + 1e-9)
+    """Light and heavy dampers, with friction and without; `brute_force` runs any number."""
+    found = trial(seed)
+    assert found.ok, str(found)
 
 
 @pytest.mark.parametrize('mass_ratio', [0.01, 0.03, 0.05, 0.1])
@@ -89,6 +55,14 @@ def test_what_is_reached_from_rest(mass_ratio):
         assert design.rig.gap > 2.0 * design.bare
         assert design.gap < 2.0 * design.bare
     assert design.x_max < design.bare
+
+
+def test_a_damper_that_changes_nothing_is_not_taken_for_one_that_is_reached():
+    """With a speck of dust M moves as far with impacts as without."""
+    design = best_design(structure(mass_ratio=1e-5))
+    assert design.orbit.x_max == pytest.approx(design.bare, rel=5e-3)
+    assert not design.reached_from_rest
+    assert design.gap < 2.0 * design.bare
 
 
 def test_the_best_from_rest_is_no_worse_than_others():

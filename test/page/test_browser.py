@@ -525,6 +525,59 @@ def test_a_preset_chosen_in_another_tab_is_named(opened, parameters):
     assert parameters.set(gap=0.21) == ''
 
 
+@pytest.mark.parametrize('size', [(1280, 800), (390, 844), (1920, 1080)])
+def test_my_structure_and_its_best_gap(opened, parameters, size):
+    page = opened(width=size[0], height=size[1])
+    page.click('#presets-open')
+    page.click('#structure-open')
+    page.expect('#structure').to_be_visible()
+    page.type('#structure-mass', '5 lb')
+    page.expect('#structure-mass-error').to_contain_text('lb')
+    page.expect('#structure-mass').to_have_attribute('aria-invalid', 'true')
+    assert parameters.get('primary_mass') == 2.0
+    page.type('#structure-mass', '5000 g')
+    page.expect('#structure-result h3').to_have_text('Best gap 21.5\u202fmm, with 250\u202fg')
+    page.expect('#structure-mass-error').to_be_hidden()
+    bars = page.run("""[...document.querySelectorAll('#structure-result .ratios div')]
+        .map(one => one.textContent)""")
+    assert bars == [
+        'no damper12.4\u202fmm, 100 %',
+        'tuned mass damper2.33\u202fmm, 18.7 %',
+        'impact damper1.76\u202fmm, 14.2 %',
+    ]
+    page.expect('#structure-result code').to_contain_text('design_damper --mass 5000g')
+    box = page.run("""(box => [box.left, box.right, box.top, box.bottom])(
+        document.querySelector('#structure').getBoundingClientRect())""")
+    assert min(box) >= 0
+    assert box[1] <= size[0]
+    assert box[3] <= size[1]
+    # Nothing is cut off, and nothing is too small for a finger
+    assert (
+        page.run(
+            "(one => one.scrollWidth - one.clientWidth)(document.querySelector('#structure'))"
+        )
+        == 0
+    )
+    low = page.run("""[...document.querySelectorAll('#structure :is(input, select, button)')]
+        .filter(one => one.getBoundingClientRect().height < 24).length""")
+    assert low == 0
+    # The rig is that structure, at rest in the first instant, and the base comes first
+    assert parameters.get('primary_mass', 'gap', 'base_quantity') == [5.0, 0.02148, 'acceleration']
+    page.click('#structure [data-close]')
+    page.expect('#preset-name').to_have_text('My structure')
+    page.expect('#knob-base_amplitudes').to_have_value('1.96133')
+    assert page.run('impactDamper.drawing.curve.design') == pytest.approx(0.02148, rel=1e-3)
+    # A link reproduces it
+    page.wait("location.hash.includes('gap=0.02148')")
+    # Another gap is the same structure, another mass is not
+    assert parameters.set(gap=0.02) == ''
+    page.expect('#knob-gap').to_have_value('20')
+    page.expect('#preset-name').to_have_text('My structure')
+    assert parameters.set(damper_mass=0.2) == ''
+    page.expect('#preset-name').to_have_text('')
+    assert page.run('Number.isNaN(impactDamper.drawing.curve.design)')
+
+
 def test_every_preset_loads(opened, parameters):
     page = opened()
     for name, preset in load_presets().items():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameters, settle
+from impact_damper_ros.design.damper_design import best_design
 from impact_damper_ros.page.knobs import GAP_CONTROL_SPECS, as_json
 from impact_damper_ros.page.presets import load_presets, preset_with
 from impact_damper_ros.parameters.parameters_file import load_parameters
@@ -21,6 +22,8 @@ SETTLED = {
     'figure_2_four': ((1, 1, 2, 2), 0.4316),
     'figure_5_best_gap': ((1, 2), 0.03114),
     'bouncing_ball': ((1,), 1.0),
+    'boring_bar': ((1, 2), 0.0879),
+    'light_pole': ((1, 2), 0.1121),
 }
 
 
@@ -183,3 +186,49 @@ def test_a_rig_is_known_as_a_preset_by_its_values():
         assert preset_with({**values, 'initial_primary_position': 1.0}) == preset.title
         assert preset_with({**values, 'gap': 1.01 * values['gap']}) == ''
     assert preset_with({}) == ''
+
+
+def cantilever(modulus, density, moment, area, length, tip=0.0):
+    """Return modal mass at the tip, circular frequency and stiffness of a clamped beam."""
+    stiffness = 3.0 * modulus * moment / length**3
+    if tip:
+        # Rayleigh, with the deflection under a force at the tip
+        mass = tip + 33.0 / 140.0 * density * area * length
+        return mass, math.sqrt(stiffness / mass), stiffness
+    rate = 1.875104**2 * math.sqrt(modulus * moment / (density * area)) / length**2
+    return stiffness / rate**2, rate, stiffness
+
+
+def test_the_boring_bar_is_a_steel_bar_slowed_down():
+    d, slower = 0.025, 50.0
+    mass, rate, stiffness = cantilever(
+        206e9, 7850.0, math.pi * d**4 / 64.0, math.pi * d**2 / 4.0, 0.25
+    )
+    rig = PRESETS['boring_bar'].rig
+    assert rate / math.tau == pytest.approx(287.0, rel=2e-3)
+    assert rig.primary_mass == pytest.approx(mass, rel=1e-3)
+    assert rig.stiffness == pytest.approx(stiffness / slower**2, rel=1e-3)
+    assert (rig.zeta, rig.mass_ratio) == pytest.approx((0.01, 0.05), rel=1e-3)
+    assert rig.frequency_ratio == pytest.approx(1.0, abs=1e-4)
+    assert rig.response_amplitude == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_the_light_pole_is_a_tube_with_a_luminaire():
+    outer, inner = 0.1524, 0.1524 - 2.0 * 0.0048
+    mass, rate, stiffness = cantilever(
+        *(69e9, 2700.0, math.pi * (outer**4 - inner**4) / 64.0),
+        *(math.pi * (outer**2 - inner**2) / 4.0, 8.0, 25.0),
+    )
+    rig = PRESETS['light_pole'].rig
+    assert rate / math.tau == pytest.approx(1.31, rel=2e-3)
+    assert rig.primary_mass == pytest.approx(mass, rel=1e-3)
+    assert rig.stiffness == pytest.approx(stiffness, rel=1e-3)
+    assert (rig.zeta, rig.mass_ratio) == pytest.approx((0.005, 0.03), rel=1e-3)
+    assert rig.frequency_ratio == pytest.approx(1.0, abs=1e-4)
+    assert rig.response_amplitude == pytest.approx(0.1, rel=1e-2)
+
+
+@pytest.mark.parametrize('name', ['boring_bar', 'light_pole'])
+def test_their_gap_is_a_tenth_below_the_best(name):
+    rig = PRESETS[name].rig
+    assert rig.gap == pytest.approx(0.9 * best_design(rig).rig.gap, rel=0.01)

@@ -15,6 +15,7 @@ import { Recordings } from './recordings.js';
 import { Requests } from './requests.js';
 import { Clicks } from './sound.js';
 import { history, isLive, keepAddress, keepView, keepWholeRig, opened, reproducible, state, steers, theory } from './state.js';
+import { Structure } from './structure.js';
 import { startTour } from './tour.js';
 import { WINDOWS } from './traces.js';
 import { Verdict } from './verdict.js';
@@ -47,6 +48,15 @@ const drag = new Drag(drawing.rig, () => history.state, {
   hold: (name) => knobs.hold(name),
   gap: (value) => knobs.turn('gap', value),
   release: (place) => requests.release(place, knobs.values()),
+});
+/** The best gap of a structure, and the values of its rig, as long as the rig is that one. */
+let designed = null;
+const structure = new Structure((message) => connection.ask(message), (design, values) => {
+  designed = { values };
+  drawing.curve.markDesign(design.gap);
+  Object.assign(state.address, { preset: '', values: reproducible(values) });
+  showPreset();
+  keepAddress();
 });
 const recordings = new Recordings(connection, (name) => requests.join({ bag: name }));
 
@@ -89,6 +99,7 @@ function showMode() {
   const watches = !state.hello.steers;
   document.body.classList.toggle('watches', watches);
   byId('watching').hidden = !watches;
+  byId('structure-open').hidden = !state.hello.designs;
   for (const id of ['pause', 'reset', 'rig-speed', 'step', 'step-to-impact', 'record', 'presets-open', 'tour-open']) byId(id).hidden = !live;
   byId('rig-speed').disabled = watches;
   byId('back-live').hidden = !state.hello.ros;
@@ -107,7 +118,7 @@ function showWhatIf(on) {
 function showPreset() {
   const { presets } = state.hello;
   const { preset } = state.address;
-  write(byId('preset-name'), isLive() ? presets.find((one) => one.name === preset)?.title ?? '' : 'as a ghost');
+  write(byId('preset-name'), isLive() ? (designed ? 'My structure' : presets.find((one) => one.name === preset)?.title ?? '') : 'as a ghost');
   markPreset(preset);
 }
 
@@ -183,6 +194,15 @@ function described({ force_amplitudes: forces = [], multisine_level: level, gap,
   ].filter(Boolean).join(' · ');
 }
 
+/** Forget the best gap of a structure once the rig is another one. */
+function checkDesign(values) {
+  if (!designed || Object.entries(values).every(([name, value]) => name === 'gap' || !(name in designed.values)
+    || JSON.stringify(value) === JSON.stringify(designed.values[name]))) return;
+  designed = null;
+  drawing.curve.markDesign(NaN);
+  showPreset();
+}
+
 /** Whether so much changes that the scales of before say nothing. */
 function isAnotherRig({ preset, values }) {
   const factor = values.gap / state.values.gap;
@@ -201,6 +221,8 @@ connection.addEventListener('hello', ({ detail }) => {
   theory.clear();
   for (const id of ['map-line', 'curve-line']) write(byId(id), '');
   drawing.clear();
+  designed = null;
+  drawing.curve.markDesign(NaN);
   verdict.clear();
   byId('clear-ghost').hidden = true;
   player.begin(detail);
@@ -267,6 +289,7 @@ connection.addEventListener('parameters', ({ detail }) => {
   if (isAnotherRig(detail)) drawing.rescale(detail.time);
   knobs.take(values);
   takeValues(detail.values);
+  checkDesign(detail.values);
   drawing.curve.stale = true;
   if (!isLive()) return;
   history.change(detail.time, line, knobs.dragOf(detail.values));
@@ -362,6 +385,10 @@ byId('record').addEventListener('click', async () => {
 byId('rig-choice').addEventListener('change', () => requests.join({ rig: byId('rig-choice').value }));
 byId('back-live').addEventListener('click', () => requests.join({}));
 byId('clear-ghost').addEventListener('click', () => requests.clearWhatIf());
+byId('structure-open').addEventListener('click', () => {
+  byId('presets').hidePopover();
+  structure.open();
+});
 byId('slow').addEventListener('change', () => {
   drawing.slow.switch(byId('slow').checked);
   keepView('slow', byId('slow').checked ? '1' : '');

@@ -27,6 +27,8 @@ export class GapCurve extends Axes {
     this.plan = null;
     this.busy = false;
     this.settable = true;
+    /** The best gap of the user's structure. */
+    this.design = NaN;
     const pointed = (event) => {
       if (!this.plan) return null;
       const { box } = this.plan;
@@ -71,6 +73,12 @@ export class GapCurve extends Axes {
     this.stale = true;
   }
 
+  /** Mark the best gap of a structure; NaN: none. */
+  markDesign(gap) {
+    this.design = gap;
+    this.stale = true;
+  }
+
   draw() {
     if (!this.begin()) return;
     const { curve } = this.theory;
@@ -85,6 +93,7 @@ export class GapCurve extends Axes {
       low = Math.min(low, 0.9 * this.gap);
       high = Math.max(high, 1.1 * this.gap);
     }
+    if (this.design > 0) [low, high] = [Math.min(low, 0.9 * this.design), Math.max(high, 1.1 * this.design)];
     if (!(high > 0)) [low, high] = [0, 1];
     if (this.measured > 0) most = Math.max(most, Math.min(this.measured, 3 * (most || this.measured)));
     const { factor, unit } = lengthUnit(high);
@@ -114,6 +123,12 @@ export class GapCurve extends Axes {
         context.globalAlpha = 1;
       };
       if (curve?.optimum) upright(curve.optimum.gap, colours.good, 0.5, [2, 3]);
+      if (this.design > 0) {
+        upright(this.design, colours.good, 1, [6, 3]);
+        const right = toX(this.design) > box.left + box.width / 2;
+        Object.assign(context, { fillStyle: colours.good, font: font(0.75), textBaseline: 'top', textAlign: right ? 'right' : 'left' });
+        context.fillText('my structure: best', toX(this.design) + (right ? -4 : 4), box.top + 3);
+      }
       for (const branch of branches) this.branch(context, branch, toX, toY);
       context.font = font(0.68);
       this.specials(context, curve?.special ?? [], toX, toY, box);

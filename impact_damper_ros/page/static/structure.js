@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+// "My structure": what people know of theirs, its best gap, and what the damper leaves of the vibration.
+
+import { byId, element, write } from './dom.js';
+import { digits, withUnit } from './format.js';
+
+/** What shakes the structure: a name, and the unit of its size if none is typed. */
+const SHAKEN = [
+  ['acceleration', 'Base, acceleration', 'g'],
+  ['displacement', 'Base, displacement', 'mm'],
+  ['force', 'Force', 'N'],
+  ['amplitude', 'Not known: it swings by', 'mm'],
+];
+/** Fields: name, label, what is in them first, unit if none is typed, and help. */
+const FIELDS = [
+  ['mass', 'Mass that moves', '5', 'kg', 'The modal mass M: that which has the energy of the whole structure at the speed of the place of the damper.'],
+  ['frequency', 'Natural frequency', '10', 'Hz', 'Of the structure without damper. The excitation has the same frequency.'],
+  ['damping', 'Damping ratio', '2', '%', 'ζ of the structure without damper.'],
+  ['size', 'Amplitude', '0.2', 'g', 'Of the excitation, in the unit shown or with its own.'],
+  ['mass_ratio', 'Mass of the damper', '5', '%', 'Of the mass that moves.'],
+  ['restitution', 'Restitution', '0.6', '', 'R of both stops: 0.5 to 0.7 for hard rubber, 0.8 to 0.95 for steel on steel.'],
+];
+const share = (value) => `${digits(100 * value, 3)} %`;
+
+export class Structure {
+  /** `ask` sends a request and returns the answer; `found` is called with the design, or null. */
+  constructor(ask, found) {
+    this.ask = ask;
+    this.found = found;
+    this.inputs = {};
+    const form = byId('structure-form');
+    const field = ([name, label, start, unit, help]) => {
+      const id = `structure-${name}`;
+      const input = element('input', { type: 'text', id, value: start, autocomplete: 'off', spellcheck: 'false', inputmode: 'decimal', 'aria-describedby': `${id}-unit ${id}-error` });
+      const error = element('p', { class: 'error', id: `${id}-error`, role: 'alert', hidden: true });
+      this.inputs[name] = { input, error };
+      return element('div', { class: 'field', title: help }, element('label', { for: id, text: label }), input, element('span', { class: 'unit', id: `${id}-unit`, text: unit }), error);
+    };
+    const rows = FIELDS.map(field);
+    this.shaken = element('select', { id: 'structure-shaken' }, ...SHAKEN.map(([value, text]) => element('option', { value, text })));
+    this.shaken.addEventListener('change', () => {
+      write(byId('structure-size-unit'), SHAKEN.find(([value]) => value === this.shaken.value)[2]);
+      this.inputs.size.input.select();
+    });
+    rows.splice(3, 0, element('div', { class: 'field' }, element('label', { for: 'structure-shaken', text: 'Shaken by' }), this.shaken));
+    this.button = element('button', { type: 'submit', class: 'primary', text: 'Set the rig' });
+    form.append(...rows, element('div', { class: 'field done' }, this.button));
+    form.addEventListener('submit', (event) => {
+      event.preventDefault();
+      this.send();
+    });
+  }
+
+  open() {
+    byId('structure').showModal();
+  }
+
+  /** Show what is wrong with a field; without one, below all of them. */
+  fail(name = '', reason = '') {
+    for (const { input, error } of Object.values(this.inputs)) {
+      error.hidden = true;
+      input.setAttribute('aria-invalid', 'false');
+    }
+    const place = this.inputs[name];
+    if (place && reason) {
+      write(place.error, reason);
+      place.error.hidden = false;
+      place.input.setAttribute('aria-invalid', 'true');
+      place.input.focus();
+    }
+    const result = byId('structure-result');
+    result.replaceChildren(...(reason && !place ? [element('p', { class: 'error', role: 'alert', text: reason })] : []));
+  }
+
+  async send() {
+    if (this.button.disabled) return;
+    const values = Object.fromEntries(Object.entries(this.inputs).map(([name, { input }]) => [name, input.value]));
+    values.shaken = this.shaken.value;
+    this.button.disabled = true;
+    this.fail();
+    byId('structure-result').replaceChildren(element('p', { class: 'quiet', text: 'Looking for the best gap …' }));
+    const answer = await this.ask({ type: 'structure', values });
+    this.button.disabled = false;
+    this.fail(answer.field, answer.ok ? '' : answer.reason);
+    if (answer.ok) {
+      this.show(answer.design, answer.values);
+      this.found(answer.design, answer.values);
+    }
+  }
+
+  show(design, values) {
+    const { gap, x_max: left, without, mass_damper: other } = design;
+    const bar = (name, size, kind) => element(
+      'div',
+      {},
+      element('dt', { text: name }),
+      element('dd', { class: 'gauge', 'aria-hidden': 'true' }, element('span', { class: `fill ${kind}`, 'data-share': String(Math.min(1, size / without)) })),
+      element('dd', { text: `${withUnit(size, 'm')}, ${share(size / without)}` }),
+    );
+    const bars = element(
+      'dl',
+      { class: 'ratios' },
+      bar('no damper', without, 'none'),
+      bar('tuned mass damper', other, 'predicted'),
+      bar('impact damper', left, 'measured'),
+    );
+    for (const fill of bars.querySelectorAll('.fill')) fill.style.transform = `scaleX(${fill.dataset.share})`;
+    const texts = [
+      design.reached
+        ? 'From rest the damper starts by itself.'
+        : `A gap of ${withUnit(design.best_gap, 'm')} would leave ${withUnit(design.best_x_max, 'm')}, but from rest the rig does not come to that motion: m would need a push.`,
+      `m hits a stop at up to ${withUnit(design.impact_speed, 'm/s', 2)}. With the best gap the motion lasts for levels from ${digits(design.level_low, 2)} to ${digits(design.level_high, 3)} times this one.`,
+      design.note,
+    ].filter(Boolean);
+    byId('structure-result').replaceChildren(
+      element('h3', { text: `Best gap ${withUnit(gap, 'm')}, with ${withUnit(1000 * design.damper_mass, 'g')}` }),
+      bars,
+      ...texts.map((text) => element('p', { text })),
+      element('p', { class: 'quiet', text: 'In a terminal, for a range of masses and uncertain R and level, with a test plan:' }),
+      element('pre', {}, element('code', { text: this.command(values) })),
+    );
+  }
+
+  /** The command that designs the same damper. */
+  command(values) {
+    const typed = (name, unit) => {
+      const text = this.inputs[name].input.value.trim().replace(/\s+/g, '').replace(',', '.');
+      return /[a-z%]$/i.test(text) ? text : text + unit;
+    };
+    const base = this.shaken.value === 'acceleration' ? 'g' : 'mm';
+    const shaken = values.base_amplitudes.some(Boolean) ? `--base ${typed('size', base)}` : `--force ${digits(values.force_amplitudes[0], 4)}`;
+    const structure = `--mass ${typed('mass', 'kg')} --frequency ${typed('frequency', 'Hz')} --damping-ratio ${typed('damping', '%')}`;
+    return `design_damper ${structure} ${shaken} --restitution ${typed('restitution', '')}`;
+  }
+}

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A user's structure: what is typed of it, its best damper, and the rig that they are."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from impact_damper_ros.design.damper_design import best_design
+from impact_damper_ros.design.mass_damper import mass_damper_response
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.rig_parameters import (
+    RIG_SPECS,
+    GapControlParameters,
+    InitialConditions,
+    RigParameters,
+)
+from impact_damper_ros.theory.background import BackgroundCall
+
+from .presets import scaled_to
+
+#: Parameter of each field, and the unit of what has none.
+_FIELDS = {
+    'mass': ('primary_mass', 'kg'),
+    'frequency': ('natural_frequency', 'Hz'),
+    'damping': ('damping_ratio', '%'),
+    'mass_ratio': ('mass_ratio', '%'),
+    'restitution': ('restitution_1', ''),
+}
+#: What the size of the excitation is of, and its unit; the frequency is the natural one.
+_SIZES = {
+    'acceleration': ('base_amplitudes', 'g'),
+    'displacement': ('base_amplitudes', 'mm'),
+    'force': ('force_amplitudes', 'N'),
+    'amplitude': ('gap', 'mm'),
+}
+_LOOK_S = 0.05
+#: Stops under control, over the gap; samples of a control in a cycle, and its delay in cycles.
+_NARROWEST, _WIDEST, _SAMPLES, _DELAY = 1.0 / 6.0, 12.0, 40.0, 0.02
+#: Fewest samples of a cycle that a trace needs.
+_FEWEST_SAMPLES = 10.0
+
+
+class FieldError(Exception):
+    """What was typed into a field is not admissible."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        super().__init__(reason)
+        self.field = field
+
+
+def _read(field: str, name: str, unit: str, typed: Mapping[str, Any]) -> float:
+    text = str(typed.get(field, '')).strip()
+    try:
+        value = RIG_SPECS[name].read(text, unit if _is_bare(text) else '')
+    except ParameterError as error:
+        raise FieldError(field, str(error)) from None
+    number = float(value[0] if isinstance(value, tuple) else value)
+    if number == 0.0 and name != 'restitution_1':
+        raise FieldError(field, 'It is 0: give a number above 0.')
+    return number
+
+
+def _is_bare(text: str) -> bool:
+    """Return whether a text is a number without a unit."""
+    try:
+        float(text.replace(',', '.'))
+    except ValueError:
+        return False
+    return True
+
+
+def structure_of(typed: Mapping[str, Any]) -> RigParameters:
+    """
+    Return the rig of what was typed, with the widest gap that M alone swings across.
+
+    Parameters
+    ----------
+    typed : mapping of str
+        Texts by field: `mass`, `frequency`, `damping`, `mass_ratio` and `restitution`, `size`, and
+        in `shaken` what it is the size of: `acceleration` or `displacement` of the base, `force`,
+        or the `amplitude` of the structure itself.
+
+    Raises
+    ------
+    FieldError
+        If a text is no admissible value.
+    """
+    found = {name: _read(field, name, unit, typed) for field, (name, unit) in _FIELDS.items()}
+    shaken = str(typed.get('shaken', ''))
+    if shaken not in _SIZES:
+        raise FieldError('shaken', f'It is none of {", ".join(_SIZES)}.')
+    size = _read('size', *_SIZES[shaken], typed)
+    rate = math.tau * found['natural_frequency']
+    found['restitution_2'] = found['restitution_1']
+    still = {'force_amplitudes': 0.0, 'force_frequencies': rate, 'base_frequencies': rate}
+    if shaken in ('acceleration', 'displacement'):
+        moved = {'base_amplitudes': size, 'base_quantity': shaken}
+    else:
+        stiffness = found['primary_mass'] * rate**2
+        pushed = size if shaken == 'force' else 2.0 * found['damping_ratio'] * stiffness * size
+        moved = {'force_amplitudes': pushed}
+    try:
+        rig = RigParameters.of_structure(**found, **{**still, **moved})
+        return rig.replace(gap=2.0 * rig.response_amplitude)
+    except ParameterError as error:
+        raise FieldError('size', str(error)) from None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """
+    The best damper of a structure, as the page shows it; SI units.
+
+    Attributes
+    ----------
+    gap, x_max : float
+        The best gap that a rig from rest makes use of, and largest |X| with it.
+    best_gap, best_x_max : float
+        The best gap of all, and largest |X| once m hits both stops.
+    reached : bool
+        Whether a rig from rest comes to that.
+    without, mass_damper : float
+        Amplitude without a damper, and with the same mass as a tuned mass damper.
+    damper_mass : float
+        Mass of the damper, kg.
+    level_low, level_high : float
+        Levels within which the motion of the best gap lasts, as factors.
+    impact_speed : float
+        Largest speed of approach at a stop.
+    """
+
+    gap: float
+    x_max: float
+    best_gap: float
+    best_x_max: float
+    reached: bool
+    without: float
+    mass_damper: float
+    damper_mass: float
+    level_low: float
+    level_high: float
+    impact_speed: float
+
+
+def _designed(rig: RigParameters) -> Iterator[Answer | None]:
+    """Yield the best damper of a rig; None if there is none."""
+    design = best_design(rig)
+    if design is None:
+        yield None
+        return
+    other = mass_damper_response(rig, np.array([rig.first_harmonic[1]]))
+    yield Answer(
+        design.gap,
+        design.x_max,
+        design.rig.gap,
+        design.orbit.x_max,
+        design.reached_from_rest,
+        design.bare,
+        float(other[0]),
+        rig.damper_mass,
+        design.level_range.low,
+        design.level_range.high,
+        design.impact_speed,
+    )
+
+
+async def designed(rig: RigParameters) -> Answer:
+    """Return the best damper of a rig, from a process of its own; FieldError if there is none."""
+    call, found = BackgroundCall(_designed, rig), list[Answer | None]()
+    try:
+        while not found and not call.end:
+            await asyncio.sleep(_LOOK_S)
+            found += call.poll()
+    finally:
+        call.close()
+    if not found:
+        raise FieldError('', f'The best gap is not known: {call.end}.')
+    (answer,) = found
+    if answer is None:
+        raise FieldError(
+            'mass_ratio',
+            'No stable motion of two impacts per cycle was found: give another mass, or a lower '
+            'restitution.',
+        )
+    return answer
+
+
+def settings_of(rig: RigParameters, gap: float) -> dict[str, Any]:
+    """Return the parameters of a rig with a gap, of a control and of a start that suit it."""
+    rounded = {name: float(f'{getattr(rig, name):.7g}') for name in ('stiffness', 'damping')}
+    there = rig.replace(gap=float(f'{gap:.4g}'), **rounded)
+    values = there.as_dict()
+    about = {**scaled_to(there.omega), 'base_frequencies': values['base_frequencies']}
+    hertz = there.omega / math.tau
+    control = GapControlParameters().replace(
+        gap_min=float(f'{_NARROWEST * gap:.3g}'),
+        gap_max=float(f'{_WIDEST * gap:.3g}'),
+        gap_control_rate=float(f'{min(_SAMPLES * hertz, 1e4):.3g}'),
+        actuator_delay=float(f'{min(_DELAY / hertz, 0.1):.3g}'),
+    )
+    return {**values, **about, **control.as_dict(), **InitialConditions().as_dict()}
+
+
+def answer_json(answer: Answer, rig: RigParameters, state_rate: float) -> dict[str, Any]:
+    """Return an answer for the page, with a note where the samples of the node are too few."""
+    hertz = rig.first_harmonic[1] / math.tau
+    note = ''
+    if state_rate < _FEWEST_SAMPLES * hertz:
+        rate = min(2000.0, float(f'{2.0 * _FEWEST_SAMPLES * hertz:.1g}'))
+        note = (
+            f'The node sends {state_rate:g} samples a second, too few for the traces of '
+            f'{hertz:.3g} Hz: start it with -p state_rate:={rate:.1f}'
+        )
+    return {**asdict(answer), 'note': note}

@@ -1,0 +1,190 @@
+"""
+The best dampers of random structures, against rigs that are run for many gaps.
+
+``PYTHONPATH=.:test python -m design.brute_force --count 20`` prints a line for each structure. A
+rig is run on from gap to gap, from a narrow one on, as one would turn a screw: in steps of 3 %
+until the motion is lost, then in steps of 0.25 % about the least |X|. The gap of the design must
+be that within 1 %, and its |X| within 0.5 %. A rig from rest with that gap is run until it
+settles: it must come to that |X| where the design says so, and only there. Where it does not, 150
+gaps are tried from rest, up to 95 % of what M alone swings across. None of those may leave 5 %
+less than the gap that the design names for a start from rest: the largest |X| of irregular motions
+scatters by some per cent.
+"""
+
+import argparse
+import math
+import random
+from concurrent.futures import ProcessPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from impact_damper_ros import InitialConditions, Rig, RigParameters, settle
+from impact_damper_ros.design.damper_design import best_design, from_rest
+
+SEED = 1000
+#: Cycles to settle at a gap, and those of which |X| is taken, with samples in each.
+_SETTLING, _TAKEN, _SAMPLES = 150, 10, 128
+_GAPS_FROM_REST, _MARGIN = 150, 0.95
+
+
+def random_structure(seed):
+    """Return a structure with a damper of some mass, shaken by a force or by its base."""
+    draw = random.Random(seed)
+    frequency = math.exp(draw.uniform(math.log(0.5), math.log(80.0)))
+    r = draw.uniform(0.3, 0.8)
+    zeta = math.exp(draw.uniform(math.log(0.003), math.log(0.03)))
+    values = {'mass_ratio': math.exp(draw.uniform(math.log(0.5), math.log(8.0))) * zeta}
+    if draw.random() < 0.5:
+        values |= {'base_amplitudes': draw.uniform(0.1, 5.0), 'base_quantity': 'acceleration'}
+        values |= {'base_frequencies': frequency * math.tau, 'force_amplitudes': 0.0}
+    else:
+        values |= {'force_amplitudes': draw.uniform(0.1, 100.0)}
+        values |= {'force_frequencies': frequency * math.tau}
+    rig = RigParameters.of_structure(
+        primary_mass=math.exp(draw.uniform(math.log(0.2), math.log(2000.0))),
+        natural_frequency=frequency,
+        damping_ratio=zeta,
+        restitution_1=r,
+        restitution_2=r,
+        **values,
+    )
+    if draw.random() < 0.3:
+        # As much as takes m some way along, whatever the scale of the rig
+        speed = rig.response_amplitude * rig.omega
+        friction = 0.05 * speed * rig.omega / rig.gravity * draw.uniform(0.2, 1.0)
+        rig = rig.replace(friction=min(friction, 0.3))
+    return rig
+
+
+def followed(running, rig, gaps):
+    """Run a rig on from gap to gap; return largest |X| at each."""
+    cycle = math.tau / rig.first_harmonic[1]
+    sizes = []
+    for gap in gaps:
+        running.change(rig.replace(gap=float(gap)))
+        running.run(running.time + _SETTLING * cycle)
+        times = running.time + np.linspace(0.0, _TAKEN, _TAKEN * _SAMPLES + 1) * cycle
+        sizes.append(np.abs(running.run(float(times[-1]), times).samples['x']).max())
+    return np.array(sizes)
+
+
+def started(rig, gap):
+    """
+    Return a rig with some gap that runs, of several starts, in the least motion.
+
+    M is let go at its lower turning point, or at rest, and m thrown as fast as it flies in two
+    impacts per cycle, or at other speeds.
+    """
+    there = rig.replace(gap=float(gap))
+    speed = gap * rig.first_harmonic[1] / math.pi
+    found = []
+    for share in (0.0, 0.05, 0.2):
+        for factor in (0.7, 1.0, 1.3):
+            initial = InitialConditions(
+                initial_primary_position=-share * rig.response_amplitude,
+                initial_damper_velocity=factor * speed,
+            )
+            running = Rig(there, initial, compiled=None)
+            found.append((followed(running, rig, [gap] * 2)[-1], len(found), running))
+    return min(found)[-1]
+
+
+def least_by_running(rig, widest):
+    """Return the gap up to a widest one with which a rig that is run on moves least, and |X|."""
+    gaps = np.geomspace(0.3 * widest, widest, 60)
+    sizes = followed(started(rig, gaps[0]), rig, gaps)
+    best = int(np.argmin(sizes))
+    around = gaps[best] * np.arange(0.95, 1.0501, 0.0025)
+    running = started(rig, around[0])
+    sizes = followed(running, rig, around)
+    best = int(np.argmin(sizes))
+    return float(around[best]), float(sizes[best])
+
+
+class Trial(NamedTuple):
+    """A design beside brute force."""
+
+    seed: int
+    rig: RigParameters
+    gap: float
+    x_max: float
+    brute_gap: float
+    brute_x_max: float
+    reached: bool
+    reached_truly: bool
+    from_rest: float
+    brute_from_rest: float
+
+    @property
+    def ok(self):
+        """Whether the design is right."""
+        near = abs(self.gap / self.brute_gap - 1.0) < 0.01
+        near &= abs(self.x_max / self.brute_x_max - 1.0) < 0.005
+        return (
+            near
+            and self.reached == self.reached_truly
+            and (self.from_rest <= 1.05 * self.brute_from_rest)
+        )
+
+    def __str__(self):
+        """Return a line of a table."""
+        rig = self.rig
+        return (
+            f'{self.seed:5d} {rig.primary_mass:9.3g} {rig.omega / math.tau:7.3g} '
+            f'{100 * rig.zeta:6.2f} {100 * rig.mass_ratio:6.2f} {rig.restitution_1:5.2f} '
+            f'{rig.friction:7.3g} {1e3 * self.brute_gap:9.4g} {1e3 * self.gap:9.4g} '
+            f'{100 * (self.gap / self.brute_gap - 1):+6.2f} '
+            f'{100 * (self.x_max / self.brute_x_max - 1):+6.2f} '
+            f'{"yes" if self.reached else "no":>5} {"yes" if self.reached_truly else "no":>5} '
+            f'{100 * (self.from_rest / self.brute_from_rest - 1):+7.2f} '
+            f'{"" if self.ok else "WRONG"}'
+        )
+
+
+HEAD = (
+    ' seed         M     f0   zeta    m/M     R    fric     brute    design   diff      X  '
+    'rest truly    rest'
+)
+
+
+def trial(seed):
+    """Return a design beside brute force; None if no damper was found."""
+    rig = random_structure(seed)
+    design = best_design(rig)
+    if design is None:
+        return None
+    gap, least = least_by_running(rig, 1.6 * design.rig.gap)
+    settled = settle(Rig(design.rig))
+    reached = abs(settled.x_max / design.orbit.x_max - 1.0) < 0.005
+    alone, brute_alone = design.x_max, design.x_max
+    if design.starts_by_itself is not None:
+        widest = _MARGIN * 2.0 * design.bare
+        gaps = np.geomspace(0.1 * widest, widest, _GAPS_FROM_REST)
+        brute_alone = min(from_rest(rig.replace(gap=float(g))) for g in gaps)
+    return Trial(
+        *(seed, rig, design.rig.gap, design.orbit.x_max, gap, least),
+        *(design.reached_from_rest, reached, alone, brute_alone),
+    )
+
+
+def main():
+    """Print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--count', type=int, default=20)
+    parser.add_argument('--seed', type=int, default=SEED)
+    parser.add_argument('--jobs', type=int, default=2)
+    arguments = parser.parse_args()
+    seeds = range(arguments.seed, arguments.seed + arguments.count)
+    print(HEAD)
+    done = []
+    with ProcessPoolExecutor(arguments.jobs) as pool:
+        for seed, one in zip(seeds, pool.map(trial, seeds), strict=True):
+            print(one or f'{seed:5d} no damper was found', flush=True)
+            done.append(one)
+    right = sum(one is not None and one.ok for one in done)
+    print(f'{right} of {len(done)} right')
+
+
+if __name__ == '__main__':
+    main()
