@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .compiled import dtype_of, kernel
 from .flight import Motion, motion_after, places_after, stop_rates
 from .oscillator import Line
-from .state import Moving, Run, Wave, offset_of, place
+from .state import Moving, Run, Wave, carried_to, offset_of, place
 
 
 class EventKind(IntEnum):
@@ -159,6 +159,17 @@ def events_of_table(table: Any) -> list[Event]:
     return [Event._make((row[0], _KINDS[row[8]], row[9], *row[1:8], row[10])) for row in rows]
 
 
+@kernel
+def carry(run: Run, row: EventRow) -> None:
+    """Let an event count from a fixed place, not from a base that is carried."""
+    base, speed = carried_to(run, row.time)
+    row.x += base
+    row.primary_velocity_before += speed
+    row.primary_velocity_after += speed
+    row.damper_velocity_before += speed
+    row.damper_velocity_after += speed
+
+
 @kernel(inline=True)
 def write_event(
     run: Run,
@@ -187,6 +198,8 @@ def write_event(
     row.kind = kind
     row.stop = stop
     row.mode = run.mode
+    if run.carried:
+        carry(run, row)
 
 
 @kernel
@@ -244,6 +257,8 @@ def write_passage(moving: Moving) -> None:
     row.kind = CROSSING
     row.stop = 0
     row.mode = run.mode
+    if run.carried:
+        carry(run, row)
 
 
 @kernel
@@ -276,16 +291,24 @@ def sample_at(
     """Return the motion at an instant of the flight, in the order of `Sample`."""
     view: View = view_at(moving, time)
     base, base_velocity = base_at(moving, time)
+    x = view.x
+    velocity = view.velocity
+    if moving.run.carried:
+        place_of_base, speed = carried_to(moving.run, time)
+        x += place_of_base
+        velocity += speed
+        base += place_of_base
+        base_velocity += speed
     return (
         time,
-        view.x,
-        view.velocity,
-        view.x + view.y,
-        view.velocity + view.y_rate,
-        view.x + view.stop_1,
-        view.x + view.stop_2,
-        view.velocity + view.stop_rate_1,
-        view.velocity + view.stop_rate_2,
+        x,
+        velocity,
+        x + view.y,
+        velocity + view.y_rate,
+        x + view.stop_1,
+        x + view.stop_2,
+        velocity + view.stop_rate_1,
+        velocity + view.stop_rate_2,
         base,
         base_velocity,
     )

@@ -122,11 +122,14 @@ def air_acceleration(constants: RigConstants, run: Run) -> float:
 
 @kernel(inline=True)
 def pushed(constants: RigConstants, run: Run, constant: float, share: float) -> float:
-    """Add the active force to a constant acceleration; `share` is m over what moves."""
+    """Add forces of orders and records, and a base's inertia; `share` is m over what moves."""
+    push = run.force + run.recorded_force
     # Without one, a negative zero stays what it is.
-    if run.force == 0.0:
-        return constant
-    return constant + run.force * share / constants.damper_mass
+    if push != 0.0:
+        constant += push * share / constants.damper_mass
+    if run.carried:
+        constant -= run.base_acceleration
+    return constant
 
 
 @kernel(inline=True)
@@ -173,7 +176,8 @@ def support_need(moving: Moving, velocity: float) -> float:
     together = acceleration_at(
         constants.joint, lines, constants.harmonics, waves, constant, run.x, velocity
     )
-    return together - constants.slope - air_acceleration(constants, run)
+    need = together - constants.slope - air_acceleration(constants, run)
+    return need + run.base_acceleration if run.carried else need
 
 
 @kernel
@@ -265,6 +269,8 @@ def begin_joint(moving: Moving) -> None:
     run.relative_acceleration = 0.0
     run.direction = 0
     need = constants.slope + air_acceleration(constants, run)
+    if run.carried:
+        need -= run.base_acceleration
     run.support_low = need - constants.grip
     run.support_high = need + constants.grip
     # Between two stops that both touch it, m cannot move at all; a chatter ends by itself.
@@ -300,6 +306,8 @@ def begin_moving(moving: Moving) -> None:
     )
     run.acceleration = acceleration
     relative = (constants.slope - direction * constants.grip + air) - acceleration
+    if run.carried:
+        relative -= run.base_acceleration
     if run.released:
         relative = 0.0
     elif run.relative_velocity == 0.0 and (

@@ -222,6 +222,14 @@ class Run:
         Active force on M, constant until the next command, N.
     now : float
         The present time, s.
+    recorded_force : float
+        Force of a measured record on M, constant until its next step, N.
+    carried : bool
+        Whether the base has moved by a measured record: X and X' are relative to it.
+    base_acceleration : float
+        Acceleration of that motion, constant until its next step, m/s^2.
+    base_from, base_place, base_speed : float
+        Instant of its last step, s, and its displacement and velocity then, m and m/s.
     searched : float
         Time since the origin up to which there is no event, s.
 
@@ -292,6 +300,12 @@ class Run:
     side: int = 0
     force: float = 0.0
     now: float = 0.0
+    recorded_force: float = 0.0
+    carried: bool = False
+    base_acceleration: float = 0.0
+    base_from: float = 0.0
+    base_place: float = 0.0
+    base_speed: float = 0.0
     searched: float = 0.0
     joint: bool = False
     look: float = 0.0
@@ -373,6 +387,11 @@ def starting_fields(initial: InitialConditions, half_gap: Any, one_sided: bool) 
     }
 
 
+#: Fields of `Run` that a snapshot keeps of a rig on which a measured record acts.
+RECORDED = (
+    *('recorded_force', 'carried', 'base_acceleration'),
+    *('base_from', 'base_place', 'base_speed'),
+)
 #: Fields of `Run` that a snapshot keeps: the state at the origin, and how far it is searched.
 STORED = (
     *[field.name for field in fields(Run)][:21],
@@ -396,6 +415,14 @@ def advance_time(time: float, time_low: float, tau: float) -> tuple[float, float
 def offset_of(clearance_1: float, clearance_2: float, stop_1: float, stop_2: float) -> float:
     """Return Y from the clearances and positions of the stops, by the nearer one, m."""
     return stop_1 - clearance_1 if clearance_1 <= clearance_2 else stop_2 + clearance_2
+
+
+@kernel(inline=True)
+def carried_to(run: Run, time: float) -> tuple[float, float]:
+    """Return where a measured record has carried the base by an instant, and its velocity."""
+    since = time - run.base_from
+    speed = run.base_speed + run.base_acceleration * since
+    return run.base_place + 0.5 * (run.base_speed + speed) * since, speed
 
 
 @kernel(inline=True)

@@ -142,7 +142,7 @@ def may_chatter(constants: RigConstants, run: Run) -> bool:
     push = constants.push + (1.0 + constants.mass_ratio) * (
         constants.joint.omega_squared * abs(run.x)
         + 2.0 * constants.joint.decay * abs(common_velocity(constants, run))
-        + abs(run.force) * constants.share / constants.damper_mass
+        + abs(run.force + run.recorded_force) * constants.share / constants.damper_mass
     )
     twice = 2.0 * abs(run.relative_velocity)
     return (

@@ -68,12 +68,19 @@ from impact_damper_ros.motion.state import (
     RigConstants,
     Run,
     Wave,
+    carried_to,
     constants_of,
     starting_fields,
     stop_under,
 )
-from impact_damper_ros.motion.transition import begin_from, move_stops, place_stops_at_gap
+from impact_damper_ros.motion.transition import (
+    begin_from,
+    move_stops,
+    place_stops_at_gap,
+    report_support,
+)
 from impact_damper_ros.parameters.base_motion import angles_after, wait_for_change
+from impact_damper_ros.parameters.measured_record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.parameters.parameter_spec import ParameterError, as_float, whole_number
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import (
@@ -87,6 +94,7 @@ from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at, sweep_of
 
 from .loop import NO_ACTS, quiet_until, run_compiled, run_through, write_act
 from .order import Order
+from .playback import Playback
 
 #: Steps of a search between two calls of `interrupted`; few flights take more. Compiled code takes
 #: longer to begin than for thousands.
@@ -375,6 +383,10 @@ class Rig:
     (100, 16)
     """
 
+    #: Measured records that act, by their quantity, and when the next of their steps is, s.
+    _playbacks: dict[str, Playback]
+    _record_due: float
+
     def __init__(
         self,
         parameters: RigParameters,
@@ -397,6 +409,7 @@ class Rig:
         self._gap_control = control or default
         self._parameters = parameters
         self.compiled = self._may_compile() if compiled is None else compiled
+        self._playbacks, self._record_due = {}, inf
         self._start(initial or InitialConditions(), start)
 
     def _may_compile(self) -> bool:
@@ -410,6 +423,8 @@ class Rig:
         fields = starting_fields(initial, self._constants.half_gap, parameters.one_sided)
         self._run = Run(time=time, now=time, counted_from=time, **fields)
         self._waves = [Wave() for _ in range(self._constants.harmonics)]
+        for playback in self._playbacks.values():
+            self._take_record(Playback.begun(playback.record, time))
         # Acts of the last call; those of a run as rows of the loop
         self._records: Sequence[tuple[Any, ...]] = []
         # An impact at the very start, of m that moves into the stop it is on
@@ -593,7 +608,7 @@ class Rig:
     def _is_quiet(self, time: float) -> bool:
         """Return whether nothing happens up to a time, as far as the flight has been searched."""
         run, control = self._run, self._control
-        if self._unreported or time >= self._sweep.due:
+        if self._unreported or time >= min(self._sweep.due, self._record_due):
             return False
         run.watch = has_law(control)
         return time < min(quiet_until(run), next_sample(control), next_command(control))
@@ -647,11 +662,13 @@ class Rig:
         in_mode: Any,
     ) -> tuple[int, int, int]:
         """Run to a time, as `_go_on` does, stretch by stretch."""
-        go: Any = self._go_compiled if self.compiled else self._go_plain
-        stretch = _COMPILED_STRETCH if self.compiled else _STRETCH
         happened = sampled = 0
         while True:
-            due, end, until = self._sweep.due, time, when
+            # From sample to sample of a record, compiled code takes longer to begin than to run.
+            compiled = self.compiled and self._record_due == inf
+            go: Any = self._go_compiled if compiled else self._go_plain
+            stretch = _COMPILED_STRETCH if compiled else _STRETCH
+            due, end, until = min(self._sweep.due, self._record_due), time, when
             if due <= time:
                 # A sample at the instant of a step shows what comes after it.
                 end, until = due, when[: bisect_left(when, due)]
@@ -676,7 +693,7 @@ class Rig:
                 return status, happened, sampled
             if happened >= most:
                 return SPENT, happened, sampled
-            events = self._take_step()
+            events = self._take_step() if due < self._record_due else self._step_records()
             tables.add(*events)
             happened += len(events)
 
@@ -724,14 +741,80 @@ class Rig:
             begin_flight(self._moving())
         return [self._force_event(EventKind.FREQUENCY_STEP), *self._released(before), *caused]
 
+    def _take_record(self, playback: Playback) -> None:
+        """Let the present value of a measured record act from the origin of the flight on."""
+        run, quantity = self._run, playback.record.quantity
+        self._playbacks = {**self._playbacks, quantity: playback}
+        self._record_due = min(p.due for p in self._playbacks.values())
+        if quantity != BASE_RECORD:
+            run.recorded_force = playback.value
+            return
+        if run.carried:
+            run.base_place, run.base_speed = carried_to(run, run.time)
+        run.carried, run.base_from, run.base_acceleration = True, run.time, playback.value
+
+    def _step_records(self) -> list[Event]:
+        """Go on to the next value of each measured record that is due."""
+        due = self._record_due
+        following = [
+            p._replace(index=p.index + 1) for p in self._playbacks.values() if p.due == due
+        ]
+        return self._take_records(due, following)
+
+    def _take_records(self, time: float, playbacks: Sequence[Playback]) -> list[Event]:
+        """Let the present values of measured records act from a time on, in a new flight."""
+        run, side, rows = self._run, self._run.crossing_side, self._scratch[0]
+        before, moving = run.mode, self._moving(rows)
+        move_to(moving, time)
+        run.now = time
+        if side:
+            set_side(moving, side)
+        for playback in playbacks:
+            self._take_record(playback)
+        run.room, run.written = len(rows), 0
+        begin_from(moving)
+        if not run.written:
+            report_support(run, rows, before)
+        return events_of(rows, run.written)
+
+    def follow_record(self, record: MeasuredRecord) -> list[Event]:
+        """
+        Let a measured record act from the present time on.
+
+        Parameters
+        ----------
+        record : MeasuredRecord
+            A force on M, beside that of the parameters, or the acceleration of the base. Each
+            sample is held from the middle of the interval before it to the middle of the next
+            one, exactly; after the last one the force, or the acceleration, is 0. It takes the
+            place of an earlier record of the same quantity. A reset lets it act anew.
+
+        Returns
+        -------
+        list of Event
+            Events at the present time that it causes.
+
+        Notes
+        -----
+        The acceleration of the base is followed in coordinates that move with it: -M b'' acts on
+        M and -m b'' on m, which are constant while a sample is held, so that each flight stays a
+        closed formula. Samples and events have absolute positions and velocities: those of the
+        base are the exact integrals of what is held, from rest. Control and its sensors see X
+        relative to that base.
+        """
+        return self._take_records(self.time, [Playback.begun(record, self.time)])
+
     def _force_event(self, kind: EventKind, force: float = 0.0) -> Event:
         """Return a change of the force at the origin of the flight, where nothing jumps."""
         run = self._run
-        velocity = run.velocity
+        x, velocity = run.x, run.velocity
         damper = velocity + run.relative_velocity
-        y = self.sample().z - run.x
+        if run.carried:
+            base, speed = carried_to(run, run.time)
+            x, velocity, damper = x + base, velocity + speed, damper + speed
+        y = self.sample().z - x
         speeds = velocity, velocity, damper, damper
-        return Event(run.time, kind, 0, run.x, y, *speeds, force, run.mode)
+        return Event(run.time, kind, 0, x, y, *speeds, force, run.mode)
 
     def run(
         self,
@@ -1093,7 +1176,8 @@ class Rig:
         moving = sum(lines[run.first + j].force * sine for j, sine in enumerate(sines))
         oscillator = oscillator_of(self._constants, run)
         held = 2.0 * oscillator.decay * view.velocity + oscillator.omega_squared * view.x
-        return self.parameters.primary_mass * force + run.force, run.constant + moving - held
+        force = self.parameters.primary_mass * force + run.force + run.recorded_force
+        return force, run.constant + moving - held + run.base_acceleration
 
     def state(self) -> Snapshot:
         """Return the motion of the rig, without its control, as a record."""
@@ -1162,6 +1246,7 @@ class Rig:
         rig._tune()
         rig._run, rig._waves = copied(state.run), [Wave(a) for a in state.angles]
         rig._records, rig._unreported = [], list(state.unreported)
+        rig._playbacks, rig._record_due = {}, inf
         kept = state.run
         begin_flight(rig._moving())
         rig._run.searched, rig._run.crossing_side = kept.searched, kept.crossing_side

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measured records while they act on a rig: which sample is held, and until when."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from math import inf
+from typing import Any, NamedTuple
+
+from impact_damper_ros.parameters.measured_record import MeasuredRecord
+
+
+class Playback(NamedTuple):
+    """
+    A record that acts on a rig.
+
+    Attributes
+    ----------
+    record : MeasuredRecord
+        The record.
+    start : float
+        Time of its first sample, s.
+    instants : sequence of float
+        Since when each value acts, s.
+    values : sequence of float
+        These values, the last one is 0.
+    index : int
+        The one that acts.
+    """
+
+    record: MeasuredRecord
+    start: float
+    instants: Sequence[float]
+    values: Sequence[float]
+    index: int = 0
+
+    @classmethod
+    def begun(cls, record: MeasuredRecord, start: float) -> Playback:
+        """Return a record that starts at a time."""
+        starts, values = record.steps()
+        return cls(record, start, [start + since for since in starts], values)
+
+    def at(self, time: float) -> Playback:
+        """Return it as it is at a time, after any step at that time."""
+        return self._replace(index=max(0, bisect_right(self.instants, time) - 1))
+
+    @property
+    def due(self) -> float:
+        """Instant of the next step, s; infinity after the last one."""
+        following = self.index + 1
+        return self.instants[following] if following < len(self.instants) else inf
+
+    @property
+    def value(self) -> float:
+        """What acts, N or m/s^2."""
+        return self.values[self.index]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what a snapshot keeps: the record itself is a file of its own."""
+        return {
+            'quantity': self.record.quantity,
+            'name': self.record.name,
+            'digest': self.record.digest,
+            'start': self.start,
+        }
