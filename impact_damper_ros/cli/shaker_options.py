@@ -4,8 +4,16 @@
 from __future__ import annotations
 
 import argparse
+import math
+from pathlib import Path
 from typing import Any
 
+from impact_damper_ros.parameters.measured_record import (
+    BASE_RECORD,
+    FORCE_RECORD,
+    MeasuredRecord,
+    read_record,
+)
 from impact_damper_ros.parameters.random_motion import LINES, RandomLines, random_lines
 
 from .command_line import add_path_option, number, up_to
@@ -59,3 +67,40 @@ def with_random_lines(
             found.append(random_lines(path, int(arguments.psd_lines), seed, quantity))
             values |= found[-1].values()
     return given.changed(values) if found else given, found
+
+
+def add_record_options(parser: argparse.ArgumentParser) -> None:
+    """Let a command shake its rig by measured records."""
+    add_path_option(
+        parser,
+        '--force-record',
+        'let a measured force act on M, beside that of the rig: a table with the columns t [s] '
+        'and force [N]; each sample is held from the middle of the interval before it to the '
+        'middle of the next one',
+    )
+    add_path_option(
+        parser,
+        '--base-record',
+        'move the base by a measured acceleration, held in the same way: t [s] and acceleration '
+        '[m/s^2], or [g]',
+    )
+
+
+def shaker_files(arguments: argparse.Namespace) -> list[Path | None]:
+    """Return the tables that the options read."""
+    names = 'base_psd', 'force_psd', 'base_record', 'force_record'
+    return [getattr(arguments, name) for name in names]
+
+
+def given_records(arguments: argparse.Namespace, given: GivenRig) -> list[MeasuredRecord]:
+    """Return the records of the options; the run lasts as long as the longest, if not given."""
+    cycle = math.tau / given.parameters.omega
+    paths = {FORCE_RECORD: arguments.force_record, BASE_RECORD: arguments.base_record}
+    found = [
+        read_record(path, quantity, cycle) for quantity, path in paths.items() if path is not None
+    ]
+    if found and arguments.bag is not None:
+        raise ValueError('a bag has no place for a record yet: leave out --bag, or the record')
+    if arguments.duration is None:
+        arguments.duration = max(record.duration for record in found)
+    return found

@@ -17,6 +17,7 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.compare.random_response import ResponseSamples
+from impact_damper_ros.compare.record_response import RecordSamples
 from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.control.record import Action
 from impact_damper_ros.motion.event import Event, EventKind, Sample, table_of_events
@@ -24,7 +25,9 @@ from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.motion.swing import Swing
 from impact_damper_ros.orbits.flight_arrays import FlightStart
 from impact_damper_ros.outputs import is_stream, write_text
+from impact_damper_ros.parameters.measured_record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.parameters.parameter_spec import ParameterSpec
+from impact_damper_ros.parameters.random_motion import RandomLines
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
@@ -45,6 +48,7 @@ from impact_damper_ros.report.random_response_figure import (
     response_table,
     response_text,
 )
+from impact_damper_ros.report.record_figure import record_figure, record_text
 from impact_damper_ros.report.table import Table
 from impact_damper_ros.report.transmissibility_text import transmissibility_text
 from impact_damper_ros.rig.observed_run import Observer, TimedChange, run
@@ -79,7 +83,13 @@ from .rig_options import (
     setting_value,
     timed_changes,
 )
-from .shaker_options import add_random_options, with_random_lines
+from .shaker_options import (
+    add_random_options,
+    add_record_options,
+    given_records,
+    shaker_files,
+    with_random_lines,
+)
 
 #: The force on M is that of the harmonics and of a controller.
 STATE_COLUMNS = (*Sample._fields, 'force', 'primary_acceleration')
@@ -122,7 +132,7 @@ def _parser() -> argparse.ArgumentParser:
         '--duration',
         type=number(_SHORTEST, LATEST, 's'),
         metavar='T',
-        help='time to simulate [s]',
+        help='time to simulate [s]; if a record is given, as long as that lasts',
     )
     add_path_option(parser, '--impacts', 'write the impacts as CSV (- : stdout)')
     add_path_option(
@@ -160,13 +170,18 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_set_option(parser)
     add_random_options(parser)
+    add_record_options(parser)
     add_path_option(
         parser,
         '--transmissibility',
         'with a base of many lines: write its level, that of M, and the transmissibility at each '
         'of them, with and without damper, as CSV (- : stdout)',
     )
-    add_path_option(parser, '--figure', 'draw the same over frequency; .png, .svg or .pdf')
+    add_path_option(
+        parser,
+        '--figure',
+        'draw the same over frequency, or records and the motion over time; .png, .svg or .pdf',
+    )
     add_path_option(
         parser, '--rig-out', 'write the rig, with its lines, as a parameters file (- : stdout)'
     )
@@ -264,7 +279,8 @@ class _Summary(Observer):
         if instant >= self._from:
             sample = self._rig.sample()
             self._swing.look(sample, self._since_look)
-            if self._begin is None and self._rig.parameters.base_motion.moves:
+            moves = self._rig.parameters.base_motion.moves and not self._rig.measured_records
+            if self._begin is None and moves:
                 self._begin, self._passed = FlightStart.of(self._rig), []
             self._reach = max(self._reach, abs(sample.z - sample.x))
             self._since_look = []
@@ -278,7 +294,8 @@ class _Summary(Observer):
             f'simulated   {rig.time:g} s in {spent:.2f} s; the loose mass is now in mode "{mode}"',
             f'events      {", ".join(events) or "none"}',
         ]
-        if whole:
+        # Beside a base that a record carries X - b counts, which has lines of its own.
+        if whole and not any(r.quantity == BASE_RECORD for r in rig.measured_records):
             lines.append(f'largest |X| {largest:.7g} m in the last {self._cycles:.3g} cycles')
             amplitude = parameters.response_amplitude
             if parameters.periodic_force and math.isfinite(amplitude):
@@ -417,12 +434,14 @@ def _simulate(
     given: GivenRig,
     law: OwnLaw | None,
     changes: Sequence[TimedChange],
+    records: Sequence[MeasuredRecord],
 ) -> None:
     """Simulate, write the files and print the summary, also of a run that ended early."""
     duration = arguments.duration
-    rig = Rig(given.parameters, given.initial, control=given.control, law=law)
-    response = _response(arguments, rig)
+    rig = _rig(given, law, records)
+    response = None if records else _response(arguments, rig)
     summary = _Summary(rig, duration, response)
+    sampled = RecordSamples(rig, duration) if records else None
 
     def report(*, whole: bool) -> None:
         if not arguments.quiet:
@@ -435,7 +454,7 @@ def _simulate(
                 progress_bar('simulated', duration, 's', quiet=arguments.quiet)
             )
             observers = [summary, *outputs, _Progress(rig, bar)]
-            observers += filter(None, [response])
+            observers += filter(None, [response, sampled])
             run(rig, duration, observers, changes, arguments.most_events)
     except RunawayError as error:
         report(whole=False)
@@ -443,6 +462,20 @@ def _simulate(
     except LawError as error:
         raise CommandError(f'{error}; {_kept(arguments)}') from error
     report(whole=True)
+    if sampled is not None:
+        other = _rig(given, law, [record.halved() for record in records])
+        compared = RecordSamples(other, duration)
+        with progress_bar('with half the samples', duration, 's', quiet=arguments.quiet) as bar:
+            observers = [compared, _Progress(other, bar)]
+            run(other, duration, observers, changes, arguments.most_events)
+        beside = sampled.beside(compared)
+        if not arguments.quiet:
+            print(record_text(beside, records), file=sys.stderr)
+        if arguments.figure is not None:
+            from impact_damper_ros.report.drawing import save_figure
+
+            figure = record_figure(beside, records, rig_line(rig.parameters))
+            save_figure(figure, arguments.figure)
     if response is not None:
         found = response.response()
         if arguments.transmissibility is not None:
@@ -451,6 +484,10 @@ def _simulate(
             from impact_damper_ros.report.drawing import save_figure
 
             save_figure(response_figure(found, rig_line(rig.parameters)), arguments.figure)
+
+
+def _rig(given: GivenRig, law: OwnLaw | None, records: Sequence[MeasuredRecord]) -> Rig:
+    return Rig(given.parameters, given.initial, control=given.control, law=law, records=records)
 
 
 def _response(arguments: argparse.Namespace, rig: Rig) -> ResponseSamples | None:
@@ -480,7 +517,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     parser = _parser()
     arguments = parser.parse_args(argv)
-    if arguments.duration is None and not arguments.urdf:
+    records_given = arguments.force_record is not None or arguments.base_record is not None
+    if arguments.duration is None and not arguments.urdf and not records_given:
         parser.error('the following arguments are required: --duration')
 
     def work() -> int:
@@ -489,28 +527,31 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(robot_description(given.parameters, given.control.widest_gap))
             return 0
         given, random = with_random_lines(arguments, given)
+        records = given_records(arguments, given)
         law, control = given_law(arguments.law, given.control)
         given = given._replace(control=control)
-        check_outputs(arguments, arguments.params)
+        check_outputs(arguments, arguments.params, *shaker_files(arguments))
         changes = timed_changes(arguments.change, given, arguments.duration)
         if not arguments.quiet:
             announce(
                 *('simulate_rig', given.parameters, given.control),
                 law='' if law is None else law.name,
             )
-            for lines in random:
-                say('simulate_rig', lines.described())
-            if arguments.base_psd is not None and any(given.parameters.force_amplitudes):
+            shakers: list[RandomLines | MeasuredRecord] = [*random, *records]
+            for shaker in shakers:
+                say('simulate_rig', shaker.described())
+            beside = records or arguments.base_psd is not None
+            if beside and arguments.force_psd is None and any(given.parameters.force_amplitudes):
                 say(
                     'simulate_rig',
-                    'note: the force acts beside the base: --set force_amplitudes=0 leaves it out',
+                    'note: the force of the rig acts, too: --set force_amplitudes=0 leaves it out',
                 )
         if arguments.rig_out is not None:
             from impact_damper_ros.report.design_report import rig_yaml
 
             write_text(arguments.rig_out, rig_yaml(given[0], rig_line(given[0]), *given[1:]))
         try:
-            _simulate(arguments, given, law, changes)
+            _simulate(arguments, given, law, changes, records)
         except RecordingError as error:
             raise CommandError(str(error), EXIT_FAILED) from error
         return 0

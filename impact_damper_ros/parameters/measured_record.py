@@ -38,8 +38,8 @@ _COLUMNS = {
     FORCE_RECORD: FORCE,
     BASE_RECORD: Quantity((*ACCELERATION.names, *BASE.names), ('m/s^2',)),
 }
-#: Most samples.
-_MOST_SAMPLES = 10_000_000
+#: Fewest samples, of which every second one is still a record, and most.
+_LEAST_SAMPLES, _MOST_SAMPLES = 4, 10_000_000
 
 
 class MeasuredRecord(NamedTuple):
@@ -125,9 +125,9 @@ def read_record(path: Path, quantity: str, cycle: float = 0.0) -> MeasuredRecord
     sampling_rate(table)
     table.check_finite(quantity)
     times, values = table.columns['time'].values, table.columns[quantity].values
-    if len(times) > _MOST_SAMPLES:
+    if not _LEAST_SAMPLES <= len(times) <= _MOST_SAMPLES:
         raise TableError(
-            f'{as_line(str(path))}: {len(times)} samples: give at most {_MOST_SAMPLES}'
+            f'{as_line(str(path))}: {len(times)} samples: give {_LEAST_SAMPLES} to {_MOST_SAMPLES}'
         )
     lasting = float(times[-1] - times[0])
     if not lasting >= cycle:

@@ -25,7 +25,7 @@ class Playback(NamedTuple):
         Since when each value acts, s.
     values : sequence of float
         These values, the last one is 0.
-    index : int
+    step : int
         The one that acts.
     """
 
@@ -33,7 +33,7 @@ class Playback(NamedTuple):
     start: float
     instants: Sequence[float]
     values: Sequence[float]
-    index: int = 0
+    step: int = 0
 
     @classmethod
     def begun(cls, record: MeasuredRecord, start: float) -> Playback:
@@ -43,18 +43,18 @@ class Playback(NamedTuple):
 
     def at(self, time: float) -> Playback:
         """Return it as it is at a time, after any step at that time."""
-        return self._replace(index=max(0, bisect_right(self.instants, time) - 1))
+        return self._replace(step=max(0, bisect_right(self.instants, time) - 1))
 
     @property
     def due(self) -> float:
         """Instant of the next step, s; infinity after the last one."""
-        following = self.index + 1
+        following = self.step + 1
         return self.instants[following] if following < len(self.instants) else inf
 
     @property
     def value(self) -> float:
         """What acts, N or m/s^2."""
-        return self.values[self.index]
+        return self.values[self.step]
 
     def as_dict(self) -> dict[str, Any]:
         """Return what a snapshot keeps: the record itself is a file of its own."""

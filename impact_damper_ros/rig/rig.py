@@ -47,7 +47,7 @@ from impact_damper_ros.motion.event import (
     table_of_events,
     view_at,
 )
-from impact_damper_ros.motion.first_event import set_side
+from impact_damper_ros.motion.first_event import is_quiet_until, set_side
 from impact_damper_ros.motion.flight import begin_flight, move_to, oscillator_of
 from impact_damper_ros.motion.next_event import (
     ALL_STEPS,
@@ -359,6 +359,9 @@ class Rig:
         Whether compiled code runs; plain Python, if not given. None stands for wherever numba is
         installed and, with a law of one's own, has compiled that. The motion is the same, to the
         last bit.
+    records : sequence of MeasuredRecord, optional
+        Measured force, and acceleration of the base, that act from the start on; see
+        `follow_record`.
 
     Raises
     ------
@@ -396,6 +399,7 @@ class Rig:
         law: Law | None = None,
         *,
         compiled: bool | None = False,
+        records: Sequence[MeasuredRecord] = (),
     ) -> None:
         """Start the rig."""
         start = as_float(time)
@@ -409,7 +413,8 @@ class Rig:
         self._gap_control = control or default
         self._parameters = parameters
         self.compiled = self._may_compile() if compiled is None else compiled
-        self._playbacks, self._record_due = {}, inf
+        begun = [Playback.begun(record, start) for record in records]
+        self._playbacks, self._record_due = {p.record.quantity: p for p in begun}, inf
         self._start(initial or InitialConditions(), start)
 
     def _may_compile(self) -> bool:
@@ -536,6 +541,11 @@ class Rig:
         ]
 
     @property
+    def measured_records(self) -> tuple[MeasuredRecord, ...]:
+        """The measured records that act, or have ended."""
+        return tuple(playback.record for playback in self._playbacks.values())
+
+    @property
     def acts(self) -> bool:
         """Whether a control moves the stops, or stops are on their way by it."""
         control = self._control
@@ -613,6 +623,12 @@ class Rig:
         run.watch = has_law(control)
         return time < min(quiet_until(run), next_sample(control), next_command(control))
 
+    def _is_quiet_to_step(self, due: float, time: float, instants: int) -> bool:
+        """Return whether a flight goes on to the next step of a record, and nothing happens."""
+        if not due == self._record_due <= time or instants or self.acts:
+            return False
+        return is_quiet_until(self._moving(), due)
+
     def _reason(self, outcome: Outcome, happened: int = 0, since: float = 0.0) -> str:
         """Return why a run ended with an outcome."""
         run, mode = self._run, self.mode.name.lower().replace('_', ' ')
@@ -675,7 +691,10 @@ class Rig:
             run = self._run
             run.most, run.happened = most - happened, 0
             run.steps = ALL_STEPS if interrupted is None else stretch
-            status, sampled = go(end, until, sampled, samples, in_mode, tables)
+            if self._is_quiet_to_step(due, time, len(until) - sampled):
+                status, run.now = DONE, due
+            else:
+                status, sampled = go(end, until, sampled, samples, in_mode, tables)
             happened += run.happened
             if status == COMMANDS_FULL:
                 self._control = self._control.enlarged()
@@ -756,9 +775,7 @@ class Rig:
     def _step_records(self) -> list[Event]:
         """Go on to the next value of each measured record that is due."""
         due = self._record_due
-        following = [
-            p._replace(index=p.index + 1) for p in self._playbacks.values() if p.due == due
-        ]
+        following = [p._replace(step=p.step + 1) for p in self._playbacks.values() if p.due == due]
         return self._take_records(due, following)
 
     def _take_records(self, time: float, playbacks: Sequence[Playback]) -> list[Event]:

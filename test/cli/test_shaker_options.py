@@ -1,7 +1,8 @@
-"""`simulate_rig` on a random base, and under a random force, as a user runs it."""
+"""`simulate_rig` on a random base, or under a measured record, as a user runs it."""
 
 import csv
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from impact_damper_ros.cli.simulate_rig import main
 from impact_damper_ros.parameters.parameters_file import load_parameters
 
+CONFIG = Path(__file__).parents[2] / 'config'
 TABLE = 'f [Hz], level [g^2/Hz]\n3,1e-4\n5,1e-3\n8,1e-4\n'
 
 
@@ -110,3 +112,96 @@ def test_too_short_for_an_average(table, tmp_path, capsys):
     assert not (tmp_path / 't.csv').exists()
     assert simulate('--duration', 1, '--transmissibility', tmp_path / 't.csv') == 2
     assert 'the base moves by 0 lines' in capsys.readouterr().err
+
+
+def test_records_of_force_and_base(tmp_path, capsys):
+    """The tables, the figure and the words of both, with the error that halving shows."""
+    states, impacts, figure = (tmp_path / name for name in ('s.csv', 'i.csv', 'f.png'))
+    records = ('--base-record', CONFIG / 'base_record.csv')
+    outputs = ('--states', states, '--impacts', impacts, '--figure', figure)
+    assert simulate('--set', 'force_amplitudes=0', *records, *outputs) == 0
+    printed = capsys.readouterr().err
+    assert 'base_record.csv: acceleration of the base of 1000 samples in 19.98 s, 50 Hz' in printed
+    # As long as the record, whose last sample is held for half an interval, too
+    assert 'simulated   19.99 s' in printed
+    assert 'largest |X|' not in printed
+    shown = dict(line.split(maxsplit=1) for line in printed.splitlines()[-3:])
+    sizes = [float(shown[name].split()[3]) for name in ('records', 'halving')]
+    assert sizes[0] == pytest.approx(sizes[1], rel=0.3)
+    assert sizes[0] != sizes[1]
+    rows = list(csv.DictReader(states.read_text().splitlines()))
+    apart = [abs(float(row['x']) - float(row['base'])) for row in rows]
+    assert max(apart) == pytest.approx(sizes[0], rel=0.02)
+    assert f"b' = {float(rows[-1]['base_velocity']):.3g}"[:9] in shown['base']
+    assert len(impacts.read_text().splitlines()) > 20
+    assert figure.read_bytes()[:4] == b'\x89PNG'
+    blow = ('--force-record', CONFIG / 'force_record.csv', '--set', 'force_amplitudes=0')
+    assert simulate(*blow, '--set', 'gap=10', '--set', 'friction=0', '--duration', 3) == 0
+    # The impulse is 60 N 8 ms/2; M of 2 kg then swings with omega = 31.4/s.
+    expected = 60.0 * 0.008 / 2.0 / 2.0 / math.sqrt(1974.0 / 2.0)
+    shown = dict(line.split(maxsplit=1) for line in capsys.readouterr().err.splitlines()[-2:])
+    assert float(shown['records'].split()[1]) == pytest.approx(expected, rel=0.03)
+
+
+def test_a_fine_record_is_the_harmonic_force(tmp_path, capsys):
+    """The file of a sine at 2 kHz moves the rig as the parameters do."""
+    path, tables = tmp_path / 'sine.csv', [tmp_path / f'{name}.csv' for name in ('a', 'b')]
+    times = np.arange(0.0, 3.0, 5e-4)
+    rows = [f'{1e3 * t:.10g},{1.2 * math.sin(31.416 * t):.10g}' for t in times]
+    path.write_text('\n'.join(['time [ms],load [N]', *rows]) + '\n')
+    assert simulate('--duration', 2, '--quiet', '--impacts', tables[0]) == 0
+    words = ('--set', 'force_amplitudes=0', '--force-record', path, '--impacts', tables[1])
+    assert simulate('--duration', 2, *words) == 0
+    one, other = (list(csv.DictReader(table.read_text().splitlines())) for table in tables)
+    assert [row['stop'] for row in one] == [row['stop'] for row in other]
+    assert [float(row['time']) for row in one] == pytest.approx(
+        [float(row['time']) for row in other], abs=3e-5
+    )
+    assert 'every second sample' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('option', 'text', 'problem'),
+    [
+        (
+            '--force-record',
+            't [s],force [N]\n0,1\n0.1,\n0.2,1\n',
+            "line 3, column 'force [N]': no",
+        ),
+        ('--force-record', 't [s],force [N]\n0,1\n0.1,nan\n0.2,1\n', 'line 3'),
+        (
+            '--force-record',
+            't [s],force [N]\n0,1\n0.1,2\n0.1,3\n',
+            "line 4, column 't [s]': 0.1 af",
+        ),
+        ('--force-record', 't [s],force [N]\n0,1\n0.2,2\n0.1,3\n', 'the column must rise'),
+        ('--force-record', 't [s],force [N]\n0,1\n1,1\n2,1\n9,1\n', 'line 5, column'),
+        ('--force-record', 't [s],force\n0,1\n1,1\n', "column 'force' has no unit"),
+        ('--force-record', 't,force [N]\n0,1\n1,1\n', "column 't' has no unit"),
+        ('--force-record', 't [s],a [g]\n0,1\n1,1\n', 'no column for the force'),
+        ('--base-record', 't [s],a [N]\n0,1\n1,1\n', "has the unit 'N'"),
+        ('--base-record', 't [s],base [mm]\n0,1\n1,1\n', "has the unit 'mm'"),
+        ('--base-record', 't [s],a [g]\n0,1\n', '1 rows: give at least 2'),
+        ('--base-record', 't [s],a [g]\n0,1\n1,1\n2,1\n', '3 samples: give 4 to'),
+        (
+            '--base-record',
+            't [ms],a [g]\n0,1\n1,1\n2,1\n3,1\n',
+            'lasts 0.003 s, less than a natural cycle',
+        ),
+        ('--base-record', 't [s],a [g]\n0,1\n1,high\n', "'high' is no number"),
+    ],
+)
+def test_bad_records(tmp_path, capsys, option, text, problem):
+    path = tmp_path / 'record.csv'
+    path.write_text(text)
+    assert simulate(option, path) == 2
+    printed = capsys.readouterr().err
+    assert problem in printed
+    assert 'Traceback' not in printed
+
+
+def test_a_record_is_not_lost(tmp_path, capsys):
+    record = ('--force-record', CONFIG / 'force_record.csv')
+    assert simulate(*record, '--bag', tmp_path / 'bag') == 2
+    assert 'leave out --bag' in capsys.readouterr().err
+    assert not (tmp_path / 'bag').exists()

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figure and the text of the response to measured records."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from impact_damper_ros.compare.record_response import APART, Array, RecordResponse
+from impact_damper_ros.parameters.measured_record import BASE_RECORD, MeasuredRecord
+
+from .drawing import COLORS, blank_figure, finish_panel, print_style, unit_axis
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def _sizes(displacement: Array) -> str:
+    largest, rms = np.abs(displacement).max(), math.sqrt(float(np.mean(displacement**2)))
+    return f'{largest:.5g} m at most, {rms:.5g} m rms'
+
+
+def record_text(found: RecordResponse, records: Sequence[MeasuredRecord]) -> str:
+    """Return the result in words."""
+    moved = any(record.quantity == BASE_RECORD for record in records)
+    what = '|X - b|' if moved else '|X|'
+    since = found.apart_from
+    apart = f'by {100.0 * APART:g} % of the largest |X|'.replace('|X|', what)
+    lines = [
+        f'records     {what} {_sizes(found.displacement)}',
+        f'halving     {what} {_sizes(found.halved)} with every second sample; both motions '
+        + (
+            f'differ {apart} from {since:.5g} s on'
+            if since < math.inf
+            else f'never differ {apart}'
+        ),
+    ]
+    if moved:
+        place, speed = found.base
+        lines.append(
+            f"base        at the end b = {place:.5g} m, b' = {speed:.5g} m/s, the integrals of "
+            'its acceleration; X counts from a fixed place'
+        )
+    return '\n'.join(lines)
+
+
+@print_style()
+def record_figure(
+    found: RecordResponse, records: Sequence[MeasuredRecord], title: str = ''
+) -> Figure:
+    """Draw the records and the displacement over time."""
+    figure = blank_figure(6.3, 2.2 + 1.7 * len(records))
+    *panels, last = np.atleast_1d(figure.subplots(len(records) + 1, 1, sharex=True))
+    for number, (panel, record) in enumerate(zip(panels, records, strict=True)):
+        starts, values = record.steps()
+        panel.step(starts, values, where='post', color=COLORS['special'], lw=0.7)
+        finish_panel(panel, 'abc'[number], '', '')
+        label, unit = ("b''", 'm/s²') if record.quantity == BASE_RECORD else ('Force', 'N')
+        unit_axis(panel.yaxis, label, unit, record.values)
+    moved = any(record.quantity == BASE_RECORD for record in records)
+    last.plot(
+        found.times,
+        found.halved,
+        color=COLORS['quiet'],
+        lw=0.7,
+        label='every second sample',
+    )
+    last.plot(found.times, found.displacement, color=COLORS['primary'], lw=1.0, label='all')
+    last.legend(frameon=False, loc='upper right')
+    last.set_xlim(found.times[0], found.times[-1])
+    finish_panel(last, 'abc'[len(records)], 'Time [s]', '')
+    unit_axis(last.yaxis, 'X − b' if moved else 'X', 'm', found.displacement)
+    figure.suptitle(textwrap.fill(title, 100), fontsize=7.5, color='0.3')
+    return figure
