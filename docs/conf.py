@@ -18,9 +18,11 @@ from sphinx.util import logging
 # rosdoc2 executes this file from one of its own, which names it.
 _wrapped = re.search(r'^exec\(open\("(.+?)"\)', Path(__file__).read_text(), re.MULTILINE)
 ROOT = Path(_wrapped[1] if _wrapped else __file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / 'docs')]
 # argparse breaks lines by the width of the terminal.
 os.environ['COLUMNS'] = '96'
+
+from in_browser.build import build  # noqa: E402
 
 from impact_damper_ros import __version__  # noqa: E402
 
@@ -151,6 +153,20 @@ def _insert_glossary(_app: Any, name: str, source: list[str]) -> None:
     source[0] = source[0].replace('{glossary}\n', '\n'.join(['```{glossary}', *lines, '```', '']))
 
 
+def _insert_links(_app: Any, name: str, source: list[str]) -> None:
+    """Put beside each link to a live rig the one to a rig in the reader's browser."""
+    up = '../' * name.count('/')
+    beside = rf'\g<0> (<a href="{up}try/index.html#\1">in your browser</a>)'
+    source[0] = re.sub(r'\]\(http://127\.0\.0\.1:8088/#([^)\s]+)\)', beside, source[0])
+
+
+def _build_page(app: Any, exception: Exception | None) -> None:
+    """Build the page with a rig of its own."""
+    if exception is None and app.builder.name == 'html':
+        names = None if app.config.theory_of_presets else ()
+        build(Path(app.outdir) / 'try', with_theory=names)
+
+
 SEARCH_WORDS = yaml.safe_load((ROOT / 'docs' / 'search_words.yaml').read_text(encoding='utf-8'))
 
 
@@ -279,7 +295,10 @@ def setup(app: Any) -> None:
     app.connect('source-read', _insert_help)
     app.connect('source-read', _insert_members)
     app.connect('source-read', _insert_glossary)
+    app.connect('source-read', _insert_links)
     app.connect('source-read', _index)
+    app.add_config_value('theory_of_presets', True, '', [bool, int, str])
+    app.connect('build-finished', _build_page)
     for kind in _ROWS:
         app.add_object_type(kind, kind)
     app.connect('doctree-read', _anchor_rows)

@@ -41,6 +41,7 @@ SEARCHES = {
     'multisine': 'reference/test_signals',
     'sweep': 'reference/sweeps',
     'RViz': 'reference/viewers',
+    'try': 'try_it',
     'Windows': 'start/installation',
     'stuck': 'start/trouble',
     'undecided': 'start/trouble',
@@ -70,7 +71,8 @@ class Site:
 
     def build(self):
         """Return the exit code of Sphinx, and what it printed."""
-        options = ['-q', '--no-color', '-W', '--keep-going', '-D', 'plot_gallery=0', '-b', 'html']
+        options = ['-q', '--no-color', '-W', '--keep-going', '-b', 'html']
+        options += ['-D', 'plot_gallery=0', '-D', 'theory_of_presets=0']
         done = subprocess.run(
             [sys.executable, '-m', 'sphinx', *options, self.sources, self.pages],
             env={**os.environ, 'PYTHONPATH': str(ROOT)},

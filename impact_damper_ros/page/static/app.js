@@ -14,7 +14,7 @@ import { makePresets, markPreset } from './presets.js';
 import { Recordings } from './recordings.js';
 import { Requests } from './requests.js';
 import { Clicks } from './sound.js';
-import { history, isLive, keepAddress, keepView, keepWholeRig, opened, reproducible, state, steers, theory } from './state.js';
+import { history, isInPage, isLive, keepAddress, keepView, keepWholeRig, opened, reproducible, state, steers, theory } from './state.js';
 import { Structure } from './structure.js';
 import { startTour } from './tour.js';
 import { WINDOWS } from './traces.js';
@@ -103,6 +103,7 @@ function showMode() {
   for (const id of ['pause', 'reset', 'rig-speed', 'step', 'step-to-impact', 'record', 'presets-open', 'tour-open']) byId(id).hidden = !live;
   byId('rig-speed').disabled = watches;
   byId('back-live').hidden = !state.hello.ros;
+  document.body.classList.toggle('in-page', isInPage());
   drag.on = drawing.curve.settable = steers();
   knobs.locked = live && watches;
   write(byId('knobs-title'), live ? 'Knobs' : 'What if');
@@ -268,7 +269,8 @@ function beginPlaying() {
 
 /** Bring the rig to what the address asks for, once. */
 async function applyWanted() {
-  const { address, wanted } = state;
+  const { address } = state;
+  const wanted = isInPage() ? opened : state.wanted;
   state.wanted = null;
   if (!wanted) {
     // Loaded anew: what this tab has set before still stands in the address.

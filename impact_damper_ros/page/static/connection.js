@@ -1,10 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// The WebSocket: joins a rig or a recording, reads frames, comes back by itself.
+// The connection: joins a rig or a recording, reads frames, comes back by itself.
 
 /** Code of a connection to a rig or recording that is not there. */
 const NOT_THERE = 4404;
 const FIRST_WAIT = 400;
 const LONGEST_WAIT = 5000;
+
+/** Return what sends messages and frames: the rig that is part of this page, if there is one, or the page server. */
+function openSource(query) {
+  if (globalThis.rigInPage) return globalThis.rigInPage();
+  const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
+  return new WebSocket(`${scheme}://${location.host}/ws${query ? `?${query}` : ''}`);
+}
 
 /** Read a binary frame, given the layout that the server has described. */
 function readFrame(buffer, layout) {
@@ -48,8 +55,7 @@ export class Connection extends EventTarget {
       this.socket.close();
     }
     this.forget('The connection was closed.');
-    const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
-    const socket = new WebSocket(`${scheme}://${location.host}/ws${this.query ? `?${this.query}` : ''}`);
+    const socket = openSource(this.query);
     socket.binaryType = 'arraybuffer';
     socket.onopen = () => {
       this.wait = FIRST_WAIT;

@@ -29,6 +29,8 @@ export const state = {
   address: { rig: opened.rig ?? '', bag: opened.bag ?? '', preset: '', values: opened.bag ? opened.values : {}, view: { ...opened.view } },
 };
 
+/** Whether the rig is part of this page: it begins anew with the page, and nothing else can reach it. */
+export const isInPage = () => state.hello.mode === 'in_page';
 export const isLive = () => state.hello.mode !== 'player';
 /** Whether this page may change the rig. */
 export const steers = () => isLive() && state.hello.steers;

@@ -1,0 +1,114 @@
+"""
+The rig that a browser computes: how far it agrees with CPython, its size, and how soon it moves.
+
+    python benchmarks/in_browser.py [--rigs N] [--json FILE]
+
+Random rigs with a change on the way, and all presets, run in Chromium and in CPython and are
+compared event for event: kind, stop, mode, and the instant to a millionth of the run. Where they
+disagree, last digits decide if CPython itself has other events from a start that is 1e-14 gaps
+away; all others are wrong, and the program then ends with exit status 1. It needs Playwright and
+Chromium.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT / 'docs'), str(ROOT / 'test')]
+
+import chromium  # noqa: E402
+from in_browser.build import build  # noqa: E402
+from page.browser import Browser  # noqa: E402
+from page.compared_rigs import COMPARE, disagreements, preset_cases, random_cases  # noqa: E402
+
+MOVES = 'impactDamper.history.own.samples.length > 20'
+#: Rig seconds per second of each preset, for two seconds of the machine.
+SPEED = """() => {
+  const { Rig, presets } = impactDamperRig;
+  return Object.fromEntries(Object.entries(presets).map(([name, { rig, initial, control }]) => {
+    const one = new Rig(rig, initial, 0, control);
+    const begun = performance.now();
+    let k = 0;
+    for (; performance.now() < begun + 500; k += 1) {
+      one.advance((k + 1) / 200);
+      one.sample();
+    }
+    return [name, k / 200 / ((performance.now() - begun) / 1000)];
+  }));
+}"""
+
+
+def compare(browser: Any, address: str, count: int) -> dict[str, Any]:
+    """Compare random rigs and presets."""
+    page = browser.open(address)
+    cases = {**dict(enumerate(random_cases(count))), **preset_cases()}
+    found = {name: page.tab.evaluate(COMPARE, [case])[0] for name, case in cases.items()}
+    wrong, chaotic = disagreements(cases, found)
+    page.close()
+    alike = [one for name, one in found.items() if name not in (*wrong, *chaotic)]
+    late = sorted(one['late'] for one in alike)
+    return {
+        'rigs': len(cases),
+        'events': sum(one['expected'] for one in found.values()),
+        'wrong': wrong,
+        'last digits decide': chaotic,
+        'largest difference of an instant, s': late[-1],
+        'median of the largest of each rig, s': median(late),
+        'largest relative difference of a constant': max(one['constants'] for one in alike),
+    }
+
+
+def first_motion(browser: Any, address: str, times: int = 7) -> dict[str, float]:
+    """Return how long it takes from the call of the address to a rig that has moved for 0.1 s."""
+    taken = []
+    for _ in range(times):
+        begun = time.perf_counter()
+        page = browser.open(address)
+        page.tab.wait_for_function(
+            f'(() => {{ try {{ return {MOVES}; }} catch {{ return false; }} }})()'
+        )
+        taken.append(time.perf_counter() - begun)
+        page.close()
+    return {'median, s': median(taken), 'longest, s': max(taken)}
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n\n', maxsplit=1)[0])
+    parser.add_argument('--rigs', type=int, default=400)
+    parser.add_argument('--json', type=Path)
+    options = parser.parse_args()
+    browser = Browser(chromium.found())
+    with tempfile.TemporaryDirectory() as directory:
+        place = Path(directory)
+        build(place)
+        address = f'file://{place}/index.html'
+        sizes = {p.name: len(gzip.compress(p.read_bytes())) for p in sorted(place.iterdir())}
+        page = browser.open(address)
+        speed = page.tab.evaluate(SPEED)
+        page.close()
+        result = {
+            'agreement': compare(browser, address, options.rigs),
+            'size, gzipped, B': {**sizes, 'all': sum(sizes.values())},
+            'first motion': first_motion(browser, address),
+            'rig seconds per second': {name: round(value) for name, value in speed.items()},
+        }
+    browser.close()
+    text = json.dumps(result, indent=2)
+    print(text)
+    if options.json:
+        options.json.write_text(text, encoding='utf-8')
+    return 1 if result['agreement']['wrong'] else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

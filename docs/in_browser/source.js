@@ -1,0 +1,332 @@
+// SPDX-License-Identifier: Apache-2.0
+// A rig in the page: it takes the place of the WebSocket to the page server, and sends the same
+// messages and frames. The rig itself, its parameters and its numbers are translated Python.
+
+const NAME = 'this browser';
+/** Samples per second of rig time, and how many of them and of impacts are kept. */
+const RATE = 200;
+const MOST_SAMPLES = 70 * RATE;
+const MOST_IMPACTS = 20000;
+/** Longest time to compute between two frames, and longest time that a frame makes up for, s. */
+const BUDGET = 0.012;
+const LONGEST = 0.25;
+/** Parameters of the node that mean something here. */
+const SETTINGS = { real_time_factor: 1 };
+/** What needs the node. */
+const ELSEWHERE = new Set(['external']);
+
+const load_presets = () => PRESETS;
+
+Rig.prototype._reason = function reason() {
+  return `the rig had ${this._run.in_period} events within one period, the last at ${$format(this.time, '.9g')} s: ${REMEDY}`;
+};
+
+const tables = { rig: RigParameters, control: GapControlParameters, initial: InitialConditions };
+const finite = (value) => (Number.isFinite(value) ? value : null);
+
+class InPage {
+  constructor() {
+    this.readyState = 0;
+    this.timer = setInterval(() => this.tick(performance.now() / 1000), 1000 / 60);
+    queueMicrotask(() => {
+      this.readyState = 1;
+      this.onopen?.();
+      this.begin();
+    });
+  }
+
+  // As a WebSocket
+
+  send(text) {
+    queueMicrotask(() => this.receive(JSON.parse(text)));
+  }
+
+  close() {
+    this.readyState = 3;
+    clearInterval(this.timer);
+  }
+
+  tell(message) {
+    this.onmessage?.({ data: message instanceof ArrayBuffer ? message : JSON.stringify(message) });
+  }
+
+  // The rig
+
+  begin() {
+    const { rig, control, initial } = Object.values(PRESETS)[0];
+    this.parts = { rig, control, initial };
+    this.settings = { ...SETTINGS };
+    this.rig = new Rig(rig, initial, 0, control);
+    Object.assign(this, { k: 0, now: 0, wall: null, paused: false, replace: true, until: null, window: 30, relative: false, reported: -Infinity, late: 0 });
+    this.rows = { samples: [], impacts: [], measured: [], acts: [], ghost_samples: [], ghost_impacts: [] };
+    this.fresh = this.none();
+    this.sample();
+    this.tell({
+      type: 'hello', version: '', mode: 'in_page', rig: NAME, bag: '', parameters: this.knobs(), rigs: [NAME], recordings: [],
+      presets: Object.values(PRESETS).map(({ name, title, description, values }) => ({ name, title, description, values })),
+      preset: preset_with(this.values()), steers: true, frame: LAYOUT,
+    });
+    this.report();
+    this.theory();
+  }
+
+  none() {
+    return Object.fromEntries(Object.keys(this.rows).map((name) => [name, []]));
+  }
+
+  values() {
+    const { rig, control, initial } = this.parts;
+    return as_json({ ...rig, ...initial, ...control, ...this.settings });
+  }
+
+  knobs() {
+    const known = knobs_of(this.values());
+    return known.map((one) => ({ ...one, choices: one.choices.filter((choice) => !ELSEWHERE.has(choice)) }));
+  }
+
+  /** Phase of the first harmonic at an instant, in cycles; NaN without a force. */
+  phase(time) {
+    const { _run: run, _waves: waves, _lines: lines } = this.rig;
+    if (!lines[0].force || !lines[0].frequency) return NaN;
+    const angle = waves[0].angle + lines[0].phase + ((time - run.time) - run.time_low) * lines[0].frequency;
+    return $modulo(angle / (2 * Math.PI), 1);
+  }
+
+  add(name, row) {
+    this.rows[name].push(row);
+    this.fresh[name].push(row);
+  }
+
+  sample() {
+    const { rig, parts } = this;
+    const s = rig.sample();
+    const stop_2 = parts.rig.one_sided ? NaN : s.stop_2;
+    this.add('samples', [s.time, s.x, s.primary_velocity, s.z, s.damper_velocity, s.stop_1, stop_2, parts.rig.angle, this.phase(s.time), s.base, s.base_velocity]);
+  }
+
+  take(events) {
+    for (const e of events) if (e.kind === IMPACT) this.add('impacts', [...IMPACT_COLUMNS.slice(0, -1).map((name) => e[name]), this.phase(e.time)]);
+    for (const act of this.rig.records) {
+      const command = act.action === Action.COMMAND;
+      this.add('acts', [act.time, Number(command), act.target_1, act.target_2, act.force, act.energy_1 + act.energy_2]);
+    }
+  }
+
+  /** Run to an instant, sample by sample. */
+  advance(time) {
+    while ((this.k + 1) / RATE <= time) {
+      this.k += 1;
+      if (this.k / RATE < this.rig.time) continue;
+      this.take(this.rig.advance(this.k / RATE));
+      this.sample();
+    }
+  }
+
+  tick(wall) {
+    if (this.readyState !== 1) return;
+    const since = Math.min(LONGEST, wall - (this.wall ?? wall));
+    this.wall = wall;
+    if (!this.paused) this.go(since * this.settings.real_time_factor);
+    if (this.paused && !this.replace && !this.fresh.samples.length && this.reported > wall - 1) return;
+    if (this.rows.samples.length > MOST_SAMPLES) this.rows.samples.splice(0, MOST_SAMPLES / 7);
+    for (const name of ['impacts', 'acts']) if (this.rows[name].length > MOST_IMPACTS) this.rows[name].splice(0, MOST_IMPACTS / 4);
+    if (wall > this.reported + 1) {
+      this.reported = wall;
+      this.report();
+    }
+    this.frame();
+  }
+
+  /** Run on by some time, as far as the device is fast enough. */
+  go(time) {
+    const begun = performance.now() / 1000;
+    const end = this.now + time;
+    try {
+      while (this.k / RATE < end && !this.paused) {
+        this.advance((this.k + 1) / RATE);
+        if (this.until?.()) Object.assign(this, { until: null, paused: true });
+        if (performance.now() / 1000 > begun + BUDGET) break;
+      }
+      this.late = 0.95 * this.late + (this.k / RATE < end ? 1 : 0);
+      this.now = this.paused ? this.k / RATE : Math.min(end, this.k / RATE);
+    } catch (error) {
+      if (!(error instanceof RunawayError)) throw error;
+      Object.assign(this, { paused: true, until: null, now: this.rig.time });
+      this.tell({ type: 'notice', text: error.message });
+      this.report();
+    }
+    if (this.paused) this.report();
+  }
+
+  // To the page
+
+  frame() {
+    let parts = this.fresh;
+    let set = this.paused ? LAYOUT.flags.paused : 0;
+    if (this.replace) {
+      set |= LAYOUT.flags.replace | LAYOUT.flags.replace_ghost;
+      const start = this.now - this.window;
+      parts = Object.fromEntries(Object.entries(this.rows).map(([name, rows]) => [name, rows.filter(([time]) => time > start)]));
+    }
+    [this.replace, this.fresh] = [false, this.none()];
+    const names = Object.keys(LAYOUT.tables);
+    const size = names.reduce((sum_, name) => sum_ + 4 * LAYOUT.tables[name].length * parts[name].length, 0);
+    const view = new DataView(new ArrayBuffer(LAYOUT.header + size));
+    view.setUint8(0, LAYOUT.kind);
+    view.setUint8(1, set);
+    [this.now, Date.now() / 1000].forEach((instant, n) => view.setFloat64(LAYOUT.instants + 8 * n, instant, true));
+    let place = LAYOUT.header;
+    names.forEach((name, n) => {
+      view.setUint16(LAYOUT.counts + 2 * n, parts[name].length, true);
+      for (const row of parts[name]) {
+        for (const number of this.shown(name, row)) {
+          view.setFloat32(place, number, true);
+          place += 4;
+        }
+      }
+    });
+    this.tell(view.buffer);
+  }
+
+  /** A row with its time from the end of the frame, and from the base where that is asked for. */
+  shown(name, row) {
+    const [base, rate] = this.relative && name !== 'acts' ? this.base(row[0]) : [0, 0];
+    return LAYOUT.tables[name].map((column, n) => {
+      if (!n) return row[0] - this.now;
+      return row[n] - (_PLACES.includes(column) ? base : _RATES.includes(column) ? rate : 0);
+    });
+  }
+
+  /** Displacement and velocity of the base at an instant, between two samples. */
+  base(time) {
+    const { samples } = this.rows;
+    let [low, high] = [0, samples.length - 1];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (samples[middle][0] < time) low = middle + 1;
+      else high = middle;
+    }
+    const [before, after] = [samples[Math.max(0, low - 1)], samples[low]];
+    const part = after[0] > before[0] ? Math.min(1, (time - before[0]) / (after[0] - before[0])) : 1;
+    return [9, 10].map((n) => before[n] + part * (after[n] - before[n]));
+  }
+
+  report() {
+    const lags = !this.paused && this.late > 5;
+    const state_ = this.paused ? 'paused' : lags ? 'lagging' : 'running';
+    this.tell({ type: 'status', state: state_, text: lags ? 'this device computes the rig more slowly than asked for' : '', time: this.now });
+    const [samples, impacts, acts] = ['samples', 'impacts', 'acts'].map((name) => new Matrix([this.rows[name].length, LAYOUT.tables[name].length], this.rows[name].flat()));
+    this.tell(numbers_of(this.parts.rig, { samples, impacts, acts }, this.now));
+  }
+
+  /** What theory says, where it was computed when the page was made: of the presets at any gap. */
+  theory() {
+    const now = this.values();
+    const like = (values) => Object.keys(values).every((name) => name === 'gap' || name.startsWith('initial_') || $same(values[name], now[name]));
+    const preset = Object.values(PRESETS).find(({ values }) => like(values));
+    const { orbit, gap_curve: curve, theory_failed: failed } = THEORY[preset?.name] ?? {};
+    const own = preset?.values.gap === now.gap;
+    const { _run: run, _waves: [wave], _lines: [line] } = this.rig;
+    const zero = run.time + run.time_low - (wave?.angle ?? 0) / line.frequency;
+    const none_ = { found: false, text: '', kind: '' };
+    this.tell(own && orbit ? { ...orbit, t_zero: finite(zero) } : { type: 'orbit', ...none_ });
+    const empty = { type: 'gap_curve', branches: [], special: [], optimum: null, done: true, text: 'computed for the presets only' };
+    this.tell({ ...(curve ?? empty), gap: now.gap, x_max_ratio: own ? curve?.x_max_ratio ?? null : null });
+    this.tell({ type: 'theory_failed', text: failed?.text ?? '' });
+    const verdict = own && orbit?.found ? `${orbit.label}, ${orbit.stable ? 'stable' : 'unstable'}` : 'Theory: of the presets';
+    this.tell({ type: 'diagnostics', level: 'none', message: '', verdict, agreement: '', controller: null });
+  }
+
+  // From the page
+
+  receive(message) {
+    let answer = { ok: true, reason: '' };
+    try {
+      answer = { ...answer, ...this.handle(message) };
+    } catch (error) {
+      if (!(error instanceof Exception)) throw error;
+      answer = { ok: false, reason: error.message };
+    }
+    if ('id' in message) this.tell({ type: 'answer', id: message.id, ...answer });
+  }
+
+  handle({ type: kind, name, values, window: seconds, relative = false }) {
+    if (kind === 'view') Object.assign(this, { window: seconds, relative, replace: true });
+    else if (kind === 'set') return { values: this.set(read_values(values)) };
+    else if (kind === 'preset') this.load(name);
+    else if (kind !== 'service') throw new RequestError(`${kind} needs the installed package`);
+    else if (name === 'reset') this.reset();
+    else if (name === 'pause') {
+      Object.assign(this, { paused: !this.paused, until: null });
+      this.report();
+    } else {
+      if (!this.paused) throw new RequestError('the rig runs: pause it first');
+      const { k, rows: { impacts: { length } } } = this;
+      this.until = name === 'step' ? () => this.k > k : () => this.rows.impacts.length > length;
+      this.paused = false;
+    }
+    return {};
+  }
+
+  /** Set values, all or none of them; what is wrong with one says the table of parameters. */
+  set(values) {
+    const before = this.values();
+    for (const name of Object.keys(values)) if (!(name in before)) throw new RequestError(`${name} needs the installed package`);
+    const parts = { ...this.parts };
+    for (const [part, kind] of Object.entries(tables)) {
+      const own = Object.fromEntries(Object.entries(values).filter(([name]) => name in kind.specs));
+      if (Object.keys(own).length) parts[part] = parts[part].replace(own);
+    }
+    if ('initial' in parts && parts.initial !== this.parts.initial) parts.initial.check_within(parts.rig);
+    for (const name of Object.keys(SETTINGS)) if (name in values) this.settings[name] = ALL_SPECS[name].checked(values[name]) || 1;
+    const wait = this.rig.wait_for_change(parts.rig);
+    if (wait > 0 && wait < Infinity) {
+      this.advance(this.rig.time + wait);
+      this.take(this.rig.advance(this.rig.time + wait));
+      this.now = Math.max(this.now, this.rig.time);
+    }
+    this.parts = parts;
+    this.take(this.rig.change(parts.rig, parts.control));
+    this.say(before, 'change');
+    return values;
+  }
+
+  /** A rig with the values of a preset, from its start on; time goes on. */
+  load(name) {
+    if (!Object.hasOwn(PRESETS, name)) throw new RequestError(`there is no preset ${name.slice(0, 80)}`);
+    const before = this.values();
+    const { rig, control, initial } = PRESETS[name];
+    this.parts = { rig, control, initial };
+    this.restart(before);
+  }
+
+  reset() {
+    this.restart(this.values());
+  }
+
+  restart(before) {
+    const { rig, control, initial } = this.parts;
+    this.rig = new Rig(rig, initial, this.rig.time, control);
+    this.say(before, 'reset');
+  }
+
+  /** Report a change or a reset at the present time. */
+  say(before, kind) {
+    // The newest sample is one after what has been done.
+    const { samples } = this.rows;
+    if (samples.length && samples.at(-1)[0] === this.rig.time) {
+      samples.pop();
+      this.fresh.samples = [];
+      this.sample();
+      this.replace = true;
+    }
+    const change = change_between(before, this.values(), this.rig.time, kind);
+    if (change !== null) this.tell({ type: 'parameters', ...change });
+    this.report();
+    this.theory();
+  }
+}
+
+globalThis.rigInPage = () => new InPage();
+// For the console, and for the comparison with Python
+globalThis.impactDamperRig = { Rig, RigParameters, InitialConditions, GapControlParameters, presets: PRESETS };
