@@ -33,7 +33,7 @@ from impact_damper_ros.parameters.parameters_file import preset_file
 from impact_damper_ros.replay import RecordedRun, Replay
 from impact_damper_ros.replay.rows import impacts_of
 from impact_damper_ros.report.drawing import save_figure
-from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
+from impact_damper_ros.report.run_figures import Closeup, RunRows, draw_motion
 
 #: Seconds of the rig per second of the demonstration, so that each stage has time to settle.
 SPEED = 3.0
@@ -136,7 +136,7 @@ def perform(node: subprocess.Popen[bytes], duration: float) -> None:
     print(f'\n{listener.states} joint_states and {listener.impacts} impacts arrived over DDS.')
 
 
-def recorded_motion(bag: Path) -> tuple[Motion, list[float]]:
+def recorded_motion(bag: Path) -> tuple[RunRows, list[float]]:
     """Return the motion of a recording, and the instants at which its stages end."""
     parts = list(Replay(RecordedRun(bag)))
     samples = np.concatenate([part.samples for part in parts])
@@ -151,7 +151,7 @@ def recorded_motion(bag: Path) -> tuple[Motion, list[float]]:
     ]
     for rows in (samples, impacts):
         rows['time'] -= start
-    return Motion(samples, impacts), [*changes, float(samples['time'][-1])]
+    return RunRows(samples, impacts), [*changes, float(samples['time'][-1])]
 
 
 def draw(bag: Path, measured: Sequence[Mapping[str, Any]], picture: Path) -> None:

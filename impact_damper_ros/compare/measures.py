@@ -21,7 +21,7 @@ from .result import (
 from .stretches import RecordedStretch
 
 #: Round-off of a balance.
-_ROUND_OFF = 1e-9
+_BALANCE_ERROR = 1e-9
 _MOST_ROWS, _PER_CYCLE = 12_000, 200
 _MOST_LINES = 4096
 _MOST_SPECTRUM_SAMPLES = 2**17
@@ -89,7 +89,7 @@ def energy_balance(
         impacts=found.both,
         stored=stored,
         residual=found.force + found.air - spent,
-        tolerance=_ROUND_OFF * scale,
+        tolerance=_BALANCE_ERROR * scale,
     )
 
 

@@ -36,7 +36,7 @@ SETTLED = NEAR
 #: Impacts weaker than this share of the strongest are those of a chatter, and not counted.
 NEGLIGIBLE_IMPULSE = 1e-3
 #: Round-off of states, relative.
-_ROUND_OFF = 1e-12
+_STATE_ERROR = 1e-12
 #: Periods that differ by less are periodic whatever the rig does later.
 _SURE = 1e-6
 #: Cycles with impacts from which on the rig is run on, and those that are enough for most motions.
@@ -80,7 +80,7 @@ def period_of(stretch: RecordedStretch, impacts: Events, cycle: float) -> Period
     """Find the period of impacts, as far as their digits show it."""
     zero = 0.0 if stretch.drive is None else stretch.drive.zero
     # What the digits of two instants make of their difference
-    floor = 2.0 * math.ulp(abs(stretch.end)) / cycle + _ROUND_OFF
+    floor = 2.0 * math.ulp(abs(stretch.end)) / cycle + _STATE_ERROR
     return find_period(section_of(impacts, zero, cycle), 0.0, floor)
 
 

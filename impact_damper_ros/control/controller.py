@@ -38,7 +38,7 @@ from .state import (
     Actuators,
     Command,
     Control,
-    Controller,
+    ControllerState,
     ControlSettings,
     Estimates,
     Measurement,
@@ -72,7 +72,7 @@ def control_of(
 ) -> Control:
     """Return the control of a rig at the start, with the stops at the gap."""
     control = Control(
-        controller=Controller(),
+        controller=ControllerState(),
         commands=[Command() for _ in range(ROWS_AT_FIRST)],
         settings=settings_of(p, parameters, own=law is not None),
         refusal=Refusal(),
@@ -132,7 +132,7 @@ def begin_sampling(control: Control, time: float) -> None:
 
 
 @kernel
-def clear_controller(controller: Controller) -> None:
+def clear_controller(controller: ControllerState) -> None:
     """Reset the state to that at the start."""
     controller.sample_index = 0
     controller.trigger_index = 0
@@ -237,7 +237,7 @@ def measured(
 @kernel(inline=True)
 def next_sample(control: Control) -> float:
     """Return when the next sample is due, s; infinity if none is taken."""
-    controller: Controller = control.controller
+    controller: ControllerState = control.controller
     if not (has_law(control) or controller.returning):
         return inf
     return controller.sample_index / control.settings.rate
@@ -261,7 +261,7 @@ def take_sample(control: Control, seen: Measurement) -> None:
 @kernel(inline=True)
 def end_sample(control: Control) -> None:
     """Go on to the next sample of the grid."""
-    controller: Controller = control.controller
+    controller: ControllerState = control.controller
     controller.sample_index += 1
     if control.settings.law == 0 and not controller.returning:
         forget_all(control)
@@ -276,7 +276,7 @@ def holds_off(control: Control, time: float) -> bool:
 @kernel
 def take_crossing(control: Control, seen: Measurement, rising: bool) -> None:
     """Take a trigger of the crossing detector, with its sample, and act on it."""
-    controller: Controller = control.controller
+    controller: ControllerState = control.controller
     estimates: Estimates = control.estimates
     controller.trigger_index += 1
     _take_in(control, seen)

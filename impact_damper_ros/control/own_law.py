@@ -25,7 +25,7 @@ from impact_damper_ros.parameters.quoting import named, shown
 from .law import place_stops
 from .state import MEMORY, Actuators, Control, ControlSettings, Estimates, Measurement, Refusal
 
-_ROUND_OFF = 4e-16
+_SUM_ERROR = 4e-16
 
 
 class LawInput(NamedTuple):
@@ -144,17 +144,17 @@ class OwnLaw:
         module, colon, name = text.partition(':')
         if not (module and colon and name):
             raise LawError(f'the law {text!r}: give MODULE:FUNCTION, for example my_laws:follow')
-        here = str(Path.cwd())
-        sys.path.insert(0, here)
+        directory = str(Path.cwd())
+        sys.path.insert(0, directory)
         try:
-            found = import_module(module)
+            imported = import_module(module)
         except (Exception, SystemExit) as error:
             raise LawError(f'the law {named(text)}: {_in_words(error)}') from error
         finally:
-            sys.path.remove(here)
-        if not hasattr(found, name):
+            sys.path.remove(directory)
+        if not hasattr(imported, name):
             raise LawError(f'the law {named(text)}: the module has no {named(name)}')
-        law = getattr(found, name)
+        law = getattr(imported, name)
         if not callable(law):
             raise LawError(f'the law {text} is {shown(law)}: give the name of a function')
         return cls(law, text)
@@ -215,7 +215,7 @@ def too_close(control: Control, stop_1: float, stop_2: float) -> bool:
     sent_1 = stop_1 if stop_1 == stop_1 else actuators.commanded_1
     sent_2 = stop_2 if stop_2 == stop_2 else actuators.commanded_2
     # A law that keeps the smallest gap about some place may miss it by round-off.
-    gap = sent_1 - sent_2 + _ROUND_OFF * (abs(sent_1) + abs(sent_2))
+    gap = sent_1 - sent_2 + _SUM_ERROR * (abs(sent_1) + abs(sent_2))
     return gap < control.settings.gap_min
 
 

@@ -391,7 +391,7 @@ def settings_fields(p: Any, parameters: Any) -> dict[str, Any]:
 
 
 @dataclass(slots=True)
-class Controller:
+class ControllerState:
     """
     State of the controller itself.
 
@@ -431,7 +431,7 @@ PARTS: dict[str, type[Any]] = {
 }
 
 
-#: Fields of `Controller` that a snapshot holds.
+#: Fields of `ControllerState` that a snapshot holds.
 _OWN_FIELDS = ('sample_index', 'trigger_index', 'roused', 'returning')
 
 
@@ -441,7 +441,7 @@ class Control(NamedTuple):
 
     Attributes
     ----------
-    controller : Controller
+    controller : ControllerState
         State of the controller itself.
     estimates : Estimates
         Estimates from the samples.
@@ -465,7 +465,7 @@ class Control(NamedTuple):
         The law itself.
     """
 
-    controller: Controller
+    controller: ControllerState
     estimates: Estimates
     search: Search
     actuators: Actuators
@@ -536,7 +536,7 @@ class Control(NamedTuple):
         own = {name: stored[name] for name in _OWN_FIELDS}
         parts: dict[str, Any] = {n: read_stored(PARTS[n], stored[n]) for n in PARTS}
         rows = [read_stored(Command, row) for row in stored['actuators']['waiting']]
-        return self._replace(controller=Controller(**own), **parts)._with_waiting(rows)
+        return self._replace(controller=ControllerState(**own), **parts)._with_waiting(rows)
 
     @property
     def active(self) -> bool:

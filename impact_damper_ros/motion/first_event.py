@@ -767,7 +767,7 @@ def search_moving(moving: Moving) -> None:
             else:
                 t, x, travel = t_a, x_a, travel_a
                 turn_back(lines, 0, waves)
-            found = contact_by_series(
+            ends = contact_by_series(
                 moving,
                 side,
                 t,
@@ -779,7 +779,7 @@ def search_moving(moving: Moving) -> None:
                 t_a,
                 t_b,
             )
-            if found:
+            if ends:
                 return
         if (approaching and left <= 0.0) or (
             not approaching

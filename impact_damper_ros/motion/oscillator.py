@@ -256,10 +256,10 @@ def oscillators(
     # G_n: X after a step from rest if the drive is s^(n - 2)/(n - 2)!, with the time s in steps.
     # G_n + dashpot G_{n+1} + spring G_{n+2} = 1/n!, the equation of motion integrated n times.
     # X' after the step is G_{n-1}; from unit X' and no drive, X is G_1 and X' is G_0.
-    found = [np.zeros_like(span), np.zeros_like(span)]
+    integrals = [np.zeros_like(span), np.zeros_like(span)]
     for inverse in reversed(_INVERSES):
-        found.append(inverse - in_steps[1] * found[-1] - in_steps[0] * found[-2])
-    responses = found[::-1]
+        integrals.append(inverse - in_steps[1] * integrals[-1] - in_steps[0] * integrals[-2])
+    responses = integrals[::-1]
     frequency = damped.astype(float)
     large = frequency * _SPLIT
     far_grid = POINTS * step[:, None]

@@ -31,23 +31,23 @@ def turning_point(
     return x_0 + step * s * (v_0 + s * (b / 2.0 + s * a / 3.0))
 
 
-def extremes(last: Sample, events: Sequence[Event], sample: Sample) -> list[float]:
+def positions_passed(last: Sample, events: Sequence[Event], sample: Sample) -> list[float]:
     """Return X at all events between two samples, and wherever M turns."""
-    found = []
+    positions = []
     time, x, velocity = last.time, last.x, last.primary_velocity
     for event in events:
         if velocity * event.primary_velocity_before < 0.0:
-            found.append(
+            positions.append(
                 turning_point(
                     time, x, velocity, event.time, event.x, event.primary_velocity_before
                 )
             )
         time, x, velocity = event.time, event.x, event.primary_velocity_after
-        found.append(x)
+        positions.append(x)
     after = sample.primary_velocity
     if velocity * after < 0.0:
-        found.append(turning_point(time, x, velocity, sample.time, sample.x, after))
-    return found
+        positions.append(turning_point(time, x, velocity, sample.time, sample.x, after))
+    return positions
 
 
 class Swing:
@@ -69,6 +69,6 @@ class Swing:
         if self._last is None:
             passed = [event.x for event in events]
         else:
-            passed = extremes(self._last, events, sample)
+            passed = positions_passed(self._last, events, sample)
         self._last = sample
         self.largest = max(self.largest, abs(sample.x), *map(abs, passed))

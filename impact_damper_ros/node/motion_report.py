@@ -70,7 +70,7 @@ class RecentMotion(NamedTuple):
         return self.kind is MotionKind.PERIODIC
 
 
-def measure(trace: MotionTrace, state_rate: float) -> RecentMotion:
+def recent_motion(trace: MotionTrace, state_rate: float) -> RecentMotion:
     """Measure the motion of a rig since its last change or reset."""
     parameters, frequency, now = trace.parameters, trace.frequency, trace.time
     if not (frequency and parameters.first_harmonic[0] and not parameters.multisine_level):
@@ -213,7 +213,7 @@ class MotionMonitor:
 
     def look(self) -> list[MotionReport]:
         """Return reports on the measured and the predicted motion."""
-        measured = measure(self._trace(), self._state_rate)
+        measured = recent_motion(self._trace(), self._state_rate)
         agreement = compare(measured, self._theory.prediction or Prediction())
         if agreement.verdict == 'disagrees':
             self._ask_again(measured)

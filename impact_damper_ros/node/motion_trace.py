@@ -9,7 +9,7 @@ from math import nan, tau
 from typing import Any
 
 from impact_damper_ros.motion.event import Event, EventKind, Sample
-from impact_damper_ros.motion.swing import extremes
+from impact_damper_ros.motion.swing import positions_passed
 from impact_damper_ros.orbits.transmissibility import Moments, Transmissibility
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at
@@ -80,7 +80,7 @@ class MotionTrace:
         if last is None:
             self._passed = ()
         elif self._passed or last.primary_velocity * sample.primary_velocity < 0.0:
-            for x in extremes(last, self._passed, sample):
+            for x in positions_passed(last, self._passed, sample):
                 self._turns.append((sample.time, abs(x)))
             self._passed = ()
 

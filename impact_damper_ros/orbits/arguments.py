@@ -166,9 +166,9 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
             f'{impacts} impacts have too many stop sequences to try all: name one, such as '
             f'{",".join("12"[i % 2] for i in range(impacts))}'
         )
-    found = {(stop,) * impacts for stop in (1, 2) if pressed_to(machine_of(parameters), stop)}
+    words = {(stop,) * impacts for stop in (1, 2) if pressed_to(machine_of(parameters), stop)}
     for code in range(1, 2**impacts - 1):
         word = tuple(1 + (code >> i) % 2 for i in range(impacts))
-        found.add(min(word[i:] + word[:i] for i in range(impacts)))
-    changes = {w: sum(a != b for a, b in zip(w, w[1:] + w[:1], strict=True)) for w in found}
-    return sorted(found, key=lambda word: (-changes[word], word)) or [(1,)]
+        words.add(min(word[i:] + word[:i] for i in range(impacts)))
+    changes = {w: sum(a != b for a, b in zip(w, w[1:] + w[:1], strict=True)) for w in words}
+    return sorted(words, key=lambda word: (-changes[word], word)) or [(1,)]

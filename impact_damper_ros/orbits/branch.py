@@ -146,17 +146,17 @@ class Branch:
         """
         special = {id(point.orbit) for point in self.special}
 
-        def status(first: int) -> str:
+        def status_of(first: int) -> str:
             both = self.orbits[first : first + 2]
             # A special point belongs to both sides
-            known = [orbit for orbit in both if id(orbit) not in special] or both
-            if not all(orbit.viable for orbit in known):
+            ordinary = [orbit for orbit in both if id(orbit) not in special] or both
+            if not all(orbit.viable for orbit in ordinary):
                 return 'not viable'
-            return max(known, key=lambda orbit: abs(orbit.multipliers[0])).stability
+            return max(ordinary, key=lambda orbit: abs(orbit.multipliers[0])).stability
 
-        for found, steps in groupby(range(len(self.points) - 1), key=status):
+        for status, steps in groupby(range(len(self.points) - 1), key=status_of):
             first, *others = steps
-            yield found, slice(first, first + len(others) + 2)
+            yield status, slice(first, first + len(others) + 2)
 
     def at(self, values: Sequence[float]) -> list[tuple[PeriodicOrbit, ...]]:
         """
@@ -173,18 +173,18 @@ class Branch:
             For each value the motions there, in order along the branch: none where it does not
             reach, several where it turns.
         """
-        found: list[tuple[PeriodicOrbit, ...]] = []
+        motions: list[tuple[PeriodicOrbit, ...]] = []
         for value in values:
-            here: list[PeriodicOrbit] = []
+            at_value: list[PeriodicOrbit] = []
             for piece in self._pieces:
                 low, high = sorted(piece.values)
                 inside = low < high and low <= value <= high
                 point = piece.at_value(value) if inside else None
                 # Where two pieces meet, both have the motion
-                if point and min(map(point.orbit.distance, here), default=1.0) > SAME:
-                    here.append(point.orbit)
-            found.append(tuple(here))
-        return found
+                if point and min(map(point.orbit.distance, at_value), default=1.0) > SAME:
+                    at_value.append(point.orbit)
+            motions.append(tuple(at_value))
+        return motions
 
     def best(
         self, measure: str | Callable[[PeriodicOrbit], float] = 'x_max'

@@ -186,7 +186,7 @@ def _special_points(piece: Piece) -> list[_Located]:
         (SpecialKind.BRANCH_POINT, _branching),
         (SpecialKind.GRAZING, _likeness(start)),
     )
-    found = []
+    located_points = []
     for kind, test in tests:
         if test(start) * test(end) >= 0.0 or (kind is SpecialKind.BRANCH_POINT and turns):
             continue
@@ -195,8 +195,8 @@ def _special_points(piece: Piece) -> list[_Located]:
             continue
         if kind is SpecialKind.GRAZING and piece.turns:
             located = located._replace(special=replace(located.special, kind=SpecialKind.FOLD))
-        found.append(located)
-    return sorted(found, key=lambda located: located.share)
+        located_points.append(located)
+    return sorted(located_points, key=lambda located: located.share)
 
 
 _SHARPEST_TURN = 0.95
@@ -219,11 +219,11 @@ def _performed_beyond(
     It has the same impacts; along the branch a reversal, sticking or rest has come or gone.
     """
     along = curve.along
-    found = performed(point.orbit, point.orbit.parameters)
-    if found is None or found.distance(point.orbit) > 4.0 * along.largest_step:
+    orbit = performed(point.orbit, point.orbit.parameters)
+    if orbit is None or orbit.distance(point.orbit) > 4.0 * along.largest_step:
         return None
     value = curve.value(point.place)
-    fresh = SolutionCurve(found, along, value, curve.scale)
+    fresh = SolutionCurve(orbit, along, value, curve.scale)
     again = fresh.at_value(fresh.start, value, point.tangent[-1])
     return (fresh, again) if again is not None and again.orbit.viable else None
 
@@ -331,10 +331,10 @@ def _with_special_points(branch: Branch, between: Sequence[Piece]) -> Branch:
     special: list[SpecialPoint] = []
     points, pieces = [*branch.points[:1]], []
     for piece, after in zip(between, branch.points[1:], strict=True):
-        found = _special_points(piece)
-        special += [located.special for located in found]
-        inside = [(located.share, located.point) for located in found]
-        for one, other in itertools.pairwise(found):
+        located_points = _special_points(piece)
+        special += [located.special for located in located_points]
+        inside = [(located.share, located.point) for located in located_points]
+        for one, other in itertools.pairwise(located_points):
             # Between two of them the motion is of another kind than on both sides
             share = 0.5 * (one.share + other.share)
             inside.append((share, piece.at(share) or other.point))

@@ -66,8 +66,8 @@ def row_of_rig(rig: Rig) -> Events:
 def _last_known(known: Mask, values: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return for each row the value of the last known one up to it; the first one is known."""
     latest = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
-    found: NDArray[np.int64] = values[latest]
-    return found
+    last: NDArray[np.int64] = values[latest]
+    return last
 
 
 def _together(rows: Events) -> Mask:
@@ -88,13 +88,13 @@ def _together(rows: Events) -> Mask:
         | np.isin(kind, (SAMPLE, EventKind.IMPACT, EventKind.RELEASE, EventKind.REVERSAL))
     )
     decided[0] = True
-    found = _last_known(decided, joined.astype(np.int64)) == 1
+    together = _last_known(decided, joined.astype(np.int64)) == 1
     rests = np.where(kind == EventKind.REST, 1, 0)
     # The next row that decides is a rest
     ends = np.append(rests[1:], 0), np.append(decided[1:], True)
     coming = _last_known(*(part[::-1] for part in ends[::-1]))[::-1] == 1
     latest = _last_known(decided, np.where(known, 0, kind).astype(np.int64))
-    chatter: Mask = found | (coming & (latest == EventKind.IMPACT))
+    chatter: Mask = together | (coming & (latest == EventKind.IMPACT))
     return chatter
 
 
@@ -465,7 +465,7 @@ class Flights:
         primary = _lost(hits, 'primary', rig.primary_mass)
         both = primary + _lost(hits, 'damper', rig.damper_mass)
         impact = hits['kind'] == EventKind.IMPACT
-        found = Integrals(
+        integrals = Integrals(
             covered,
             total,
             squares,
@@ -479,7 +479,7 @@ class Flights:
             float(both[impact].sum()),
             *based.tolist(),
         )
-        return found, largest
+        return integrals, largest
 
     def _turning(self, index: NDArray[np.intp], tau: Array, x: Array, largest: float) -> float:
         """Return the largest |X| at turning points, sought from points of the flights."""

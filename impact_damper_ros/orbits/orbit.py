@@ -132,8 +132,8 @@ class Rhythm:
         """
         if self.cycles != other.cycles or self.impacts != other.impacts:
             return None
-        found = [(turn, _apart(turn, other)) for turn in self.turned_to(other.stops)]
-        return min(found, key=lambda pair: max(pair[1]), default=None)
+        turns = [(turn, _apart(turn, other)) for turn in self.turned_to(other.stops)]
+        return min(turns, key=lambda pair: max(pair[1]), default=None)
 
     def distance(self, other: Rhythm) -> float:
         """

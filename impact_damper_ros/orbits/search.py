@@ -233,14 +233,14 @@ def settled_orbits(
     parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
 ) -> tuple[PeriodicOrbit | None, ...]:
     """Return the motions near simulated motion, from `starting_points`, as `_settled_near`."""
-    found: list[PeriodicOrbit | None] = []
+    orbits: list[PeriodicOrbit | None] = []
     for initial in starting_points(parameters):
         try:
             rig = Rig(parameters, initial)
         except ParameterError:
             continue
-        found += _settled_near(rig, 0.0, cycles, most_events)
-    return tuple(found)
+        orbits += _settled_near(rig, 0.0, cycles, most_events)
+    return tuple(orbits)
 
 
 def _left_for(
@@ -269,24 +269,24 @@ def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrb
 
     The rig that it starts from has the first harmonic only, or all the same.
     """
-    here = {name: getattr(orbit.parameters, name) for name in _NUMBERS}
-    there = {name: getattr(parameters, name) for name in _NUMBERS}
-    varied = [name for name in _NUMBERS if here[name] != there[name]]
-    done, share, found = 0.0, _FIRST_SHARE, orbit
+    start = {name: getattr(orbit.parameters, name) for name in _NUMBERS}
+    end = {name: getattr(parameters, name) for name in _NUMBERS}
+    varied = [name for name in _NUMBERS if start[name] != end[name]]
+    done, share, latest = 0.0, _FIRST_SHARE, orbit
     while done < 1.0:
         if share < _LEAST_SHARE:
             return None
         ahead = min(1.0, done + share)
         rig = parameters.replace(
             **_with_share_of_others(parameters, ahead),
-            **{name: here[name] + ahead * (there[name] - here[name]) for name in varied},
+            **{name: start[name] + ahead * (end[name] - start[name]) for name in varied},
         )
-        moved = orbit_at(found, rig)
+        moved = orbit_at(latest, rig)
         if moved is None:
             share *= 0.5
             continue
-        found, done, share = moved, ahead, 1.5 * share
-    return found
+        latest, done, share = moved, ahead, 1.5 * share
+    return latest
 
 
 def _followed_orbits(
@@ -294,7 +294,7 @@ def _followed_orbits(
     stops: tuple[int, ...],
     cycles: int,
     simpler: Sequence[PeriodicOrbit],
-    known: Sequence[PeriodicOrbit] = (),
+    present: Sequence[PeriodicOrbit] = (),
     *,
     starts: int | None = None,
     simulate: bool = True,
@@ -306,16 +306,16 @@ def _followed_orbits(
     far and those that repeat within the period: another one that the rig can perform is often
     next to those.
     """
-    found = [carried_over(orbit, parameters) for orbit in simpler]
+    orbits = [carried_over(orbit, parameters) for orbit in simpler]
     if simulate:
         # Impacts, as many reversals, and room for sticking
         most_events = 4 * len(stops) + 8
-        found += settled_orbits(parameters, cycles, most_events)
-        left = _distinct([*known, *found], stops)
+        orbits += settled_orbits(parameters, cycles, most_events)
+        left = _distinct([*present, *orbits], stops)
         for orbit in (*left, *_repeated(parameters, stops, cycles, starts)):
             if orbit.viable and orbit.unstable:
-                found += _left_for(orbit, cycles, most_events)
-    return found
+                orbits += _left_for(orbit, cycles, most_events)
+    return orbits
 
 
 def _with_first_harmonic(parameters: RigParameters) -> RigParameters:

@@ -53,7 +53,7 @@ from .response import Array, forced_response, free_response
 RESIDUAL_TOLERANCE = 1e-12
 
 _NEWTON_STEPS = 40
-_ROUND_OFF = 4e-16
+_LEAST_RESIDUAL = 4e-16
 #: A residual that only round-off can keep from falling.
 _SETTLED = 1e-13
 _SHORTEST_SHARE = 0.2
@@ -125,11 +125,11 @@ class FlightEnds(NamedTuple):
 
 def last_stops(nodes: Sequence[Node]) -> NDArray[np.int64]:
     """Return the stop hit last in the flight after each node."""
-    last, found = 0, []
+    last, stops = 0, []
     for node in (*nodes, *nodes):
         last = node.stop if node.kind is EventKind.IMPACT else last
-        found.append(last)
-    return np.array(found[len(nodes) :], np.int64)
+        stops.append(last)
+    return np.array(stops[len(nodes) :], np.int64)
 
 
 class _Layout:
@@ -470,7 +470,7 @@ def newton(
     system: System,
     unknowns: Array,
     longest_part: Callable[[Array, Array], Array | float],
-    enough: float = _ROUND_OFF,
+    enough: float = _LEAST_RESIDUAL,
 ) -> Root:
     """
     Run Newton's method on a system of equations until the residual no longer falls.

@@ -41,7 +41,7 @@ _LEAST_REPEATS = 10
 #: Displacements smaller than this share of the static one are looked at more closely.
 _SMALL = 1e-2
 #: Distance that round-off alone makes.
-_ROUND_OFF = 1e-13
+_SAME_STATE = 1e-13
 #: A state that is farther than so many tolerances from all before it begins no period.
 _NEAR = 1e3
 #: A motion that repeats is unstable if deviations grow by more than this factor in a period.
@@ -342,12 +342,12 @@ class _SettlingRig:
             size = np.append(size, [max(self._size, far)] * 2)
         # A motion that is not periodic rarely comes back so near: the search would be in vain.
         recent = self._section[-1 - self.longest :] / size
-        if nearest_return(recent, self.longest) > _NEAR * max(tolerance, _ROUND_OFF):
+        if nearest_return(recent, self.longest) > _NEAR * max(tolerance, _SAME_STATE):
             return None
         section = Section.stroboscopic(self._section, size)
-        return find_period(section, tolerance, _ROUND_OFF, longest=self.longest)
+        return find_period(section, tolerance, _SAME_STATE, longest=self.longest)
 
-    def result(self, kind: MotionKind, **found: Any) -> SettledMotion:
+    def result(self, kind: MotionKind, **fields: Any) -> SettledMotion:
         """Return the motion, given what is known of it."""
         first, active = np.zeros(1, EVENT_TYPE), 0.0
         if self.stretches:
@@ -367,41 +367,41 @@ class _SettlingRig:
             _last=self.last,
             _drive=self.drive,
             _active=active,
-            **found,
+            **fields,
         )
 
     def repeating(self, period: Period) -> SettledMotion:
         """Return the motion that has settled, with its largest multiplier."""
-        found = self.result(MotionKind.PERIODIC, period=period)
-        kind = found.kind
-        if not found.impacts:
+        motion = self.result(MotionKind.PERIODIC, period=period)
+        kind = motion.kind
+        if not motion.impacts:
             forced = bool(_active_rates(self.parameters))
             kind = MotionKind.NO_IMPACTS if forced else MotionKind.AT_REST
-        span, end = period.cycles * self.cycle, found.end
-        exponent, multiplier = found.exponent, found.multiplier
+        span, end = period.cycles * self.cycle, motion.end
+        exponent, multiplier = motion.exponent, motion.multiplier
         if not self.rig.acts:
-            along = found.deviations(max(found.watched_from, end - 2.0 * span), end)
+            along = motion.deviations(max(motion.watched_from, end - 2.0 * span), end)
             exponent, multiplier = _periodic_exponent(along, span)
-        return replace(found, kind=kind, exponent=exponent, multiplier=multiplier)
+        return replace(motion, kind=kind, exponent=exponent, multiplier=multiplier)
 
     def irregular(self) -> SettledMotion:
         """Return the motion that does not repeat, with the evidence for and against chaos."""
-        found = self.result(MotionKind.UNDECIDED)
-        watched = len(found.section)
+        motion = self.result(MotionKind.UNDECIDED)
+        watched = len(motion.section)
         if self.parameters.sweep_mode != 'off':
-            return replace(found, kind=MotionKind.NOT_PERIODICALLY_DRIVEN)
+            return replace(motion, kind=MotionKind.NOT_PERIODICALLY_DRIVEN)
         if watched < _FEWEST:
-            return found
+            return motion
         if not (self.driven and self.in_step):
-            found = replace(found, kind=MotionKind.NOT_PERIODICALLY_DRIVEN)
+            motion = replace(motion, kind=MotionKind.NOT_PERIODICALLY_DRIVEN)
         if self.rig.acts:
-            return found
-        along = found.deviations(found.watched_from, found.end)
+            return motion
+        along = motion.deviations(motion.watched_from, motion.end)
         exponent = growth_exponent(along, self.parameters.omega)
         rates = self.cycle * exponent.value, self.cycle * exponent.standard_error
-        indications = Indications(*rates, watched, average_spread(found.section))
-        kind = indications.kind() if found.kind is MotionKind.UNDECIDED else found.kind
-        return replace(found, kind=kind, exponent=exponent, indications=indications)
+        indications = Indications(*rates, watched, average_spread(motion.section))
+        kind = indications.kind() if motion.kind is MotionKind.UNDECIDED else motion.kind
+        return replace(motion, kind=kind, exponent=exponent, indications=indications)
 
 
 def _periodic_exponent(along: Deviations, span: float) -> tuple[Exponent, float]:
@@ -481,13 +481,13 @@ def settle(
             and period.repeated >= 2
             and period.repeated * period.cycles >= _LEAST_REPEATS
         ):
-            found = run.repeating(period)
-            doubt = found.exponent.uncertainty * period.cycles * run.cycle
-            if not found.multiplier > _GROWS * math.exp(doubt):
-                return found
+            motion = run.repeating(period)
+            doubt = motion.exponent.uncertainty * period.cycles * run.cycle
+            if not motion.multiplier > _GROWS * math.exp(doubt):
+                return motion
             run.forget()
         if math.isfinite(quiet) and run.cycles >= quiet:
-            found = run.result(MotionKind.NO_IMPACTS)
-            if found.quiet >= quiet:
-                return found
+            motion = run.result(MotionKind.NO_IMPACTS)
+            if motion.quiet >= quiet:
+                return motion
     return run.irregular()

@@ -94,13 +94,13 @@ class Steps:
         """Check the range."""
         if not callable(self.path):
             _check_name(self.path)
-        asked = f'{self.name} from {self.low:.9g} to {self.high:.9g}'
+        text = f'{self.name} from {self.low:.9g} to {self.high:.9g}'
         if not -math.inf < self.low < self.high < math.inf:
-            raise OrbitError(f'{asked} is no range: give two numbers, the low end first')
+            raise OrbitError(f'{text} is no range: give two numbers, the low end first')
         least, most = self.bounds[-2:]
         if self.low < least or self.high > most:
             raise OrbitError(
-                f'{asked} is beyond what is admissible: give a range within {least:.9g} to '
+                f'{text} is beyond what is admissible: give a range within {least:.9g} to '
                 f'{most:.9g}'
             )
         number_between('largest_step', self.largest_step, 1e-6, 1.0)
@@ -124,14 +124,14 @@ class Steps:
                 self._check_frequency(parameters)
             value = value_of(parameters, self.path)
         else:
-            tried = (self.low, self.high) if self.start is None else (self.start,)
-            found = [value for value in tried if self.path(value) == parameters]
-            if not found:
+            ends = (self.low, self.high) if self.start is None else (self.start,)
+            values = [value for value in ends if self.path(value) == parameters]
+            if not values:
                 raise OrbitError(
                     f'the motion is of another rig than {self.name} returns at '
-                    f'{" and ".join(f"{v:.9g}" for v in tried)}: give start, where it returns that'
+                    f'{" and ".join(f"{v:.9g}" for v in ends)}: give start, where it returns that'
                 )
-            value = found[0]
+            value = values[0]
         if not self.holds(value):
             raise OrbitError(
                 f'{self.name} is {value:.9g} where the branch begins: give a range around that, '
@@ -169,7 +169,7 @@ class Steps:
 #: Largest residual of a point on a branch, and one that is small enough.
 RESIDUAL_TOLERANCE, _ENOUGH = 1e-11, 1e-15
 
-_ROUND_OFF = 1e-12
+_AT_BOUND = 1e-12
 #: Error of a place between two points of a branch, as a share of their distance.
 LOCATED = 1e-9
 #: Most equations of which the tangent is a singular vector, as it is for dependent ones.
@@ -262,7 +262,7 @@ class SolutionCurve:
         """Return the parameter, that of a bound where only round-off is between."""
         value = float(place[-1]) * self.scale
         bounds = self.along.bounds
-        return next((b for b in bounds if abs(value - b) <= _ROUND_OFF * self.scale), value)
+        return next((b for b in bounds if abs(value - b) <= _AT_BOUND * self.scale), value)
 
     def without_meeting(self, point: CurvePoint) -> Guess | None:
         """Return a guess without the two closest events of a point; None if it needs them."""

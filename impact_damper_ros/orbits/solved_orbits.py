@@ -264,9 +264,9 @@ def solved(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbi
     return None
 
 
-def _counted_as(orbit: PeriodicOrbit, found: PeriodicOrbit | None) -> PeriodicOrbit | None:
+def _counted_as(orbit: PeriodicOrbit, other: PeriodicOrbit | None) -> PeriodicOrbit | None:
     """Return a motion, begun at the impact that makes it most like another; None without one."""
-    turned = None if found is None else found.nearest_turn(orbit)
+    turned = None if other is None else other.nearest_turn(orbit)
     return None if turned is None else turned[0]
 
 
@@ -284,8 +284,8 @@ def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit |
     none nearby that the rig can perform.
     """
     guess = guess_on(orbit)
-    found = None if guess is None else solved(parameters, guess, orbit.cycles)
-    return _counted_as(orbit, found) or performed(orbit, parameters)
+    other = None if guess is None else solved(parameters, guess, orbit.cycles)
+    return _counted_as(orbit, other) or performed(orbit, parameters)
 
 
 #: Angles of harmonics that differ by less, rad, differ by round-off.

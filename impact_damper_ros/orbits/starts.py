@@ -223,8 +223,8 @@ def approach_roots(
 def _solved(equations: ImpactEquations, starts: Iterable[tuple[Array, Array]]) -> list[Solution]:
     """Return the solutions that Newton's method leads to from X and instants."""
     problem = impact_problem(equations)
-    found = (solve(problem, equations.states(x, t), t) for x, t in starts)
-    return [solution for solution in found if solution is not None]
+    solutions = (solve(problem, equations.states(x, t), t) for x, t in starts)
+    return [solution for solution in solutions if solution is not None]
 
 
 _POINTS_PER_CYCLE = 400
@@ -416,8 +416,8 @@ def _systematic_starts(equations: ImpactEquations, numbers: range) -> tuple[Arra
     first = points[:, :1] * equations.cycle
     phase = equations.frequency * first[:, 0] + equations.phase
     rows = equations.linear_system(offsets)
-    known = rows[..., n] * np.cos(phase)[:, None] + rows[..., n + 1] * np.sin(phase)[:, None]
-    target = -(known + rows[..., n + 2])
+    driven = rows[..., n] * np.cos(phase)[:, None] + rows[..., n + 1] * np.sin(phase)[:, None]
+    target = -(driven + rows[..., n + 2])
     matrix = rows[..., :n]
     normal = np.einsum('sij,sik->sjk', matrix, matrix) + 1e-12 * np.eye(n)
     x = np.linalg.solve(normal, np.einsum('sij,si->sj', matrix, target)[..., None])[..., 0]
@@ -450,5 +450,5 @@ def many_impact_roots(equations: ImpactEquations, starts: int) -> tuple[list[Sol
         place = np.concatenate([phases[s], states[s, :, 0] / equations.length])
         keys.setdefault(tuple(np.round(place * 1e5).astype(int)), int(s))
     solved = (solve(problem, states[s], instants[s]) for s in keys.values())
-    found = [solution for solution in solved if solution is not None]
-    return found, int((residuals <= _REACHED).sum())
+    solutions = [solution for solution in solved if solution is not None]
+    return solutions, int((residuals <= _REACHED).sum())

@@ -34,7 +34,7 @@ _DEPTH = 0.15
 _MOST_LABELS = 6
 
 
-class Motion(NamedTuple):
+class RunRows(NamedTuple):
     """Samples and impacts of a run, as rows."""
 
     samples: Samples
@@ -54,11 +54,11 @@ class Side(NamedTuple):
 
     title: str
     envelope: Array  # time, least and greatest X
-    closeup: Motion
+    closeup: RunRows
 
 
 def _draw_closeup(
-    axes: Any, motion: Motion, start: float, end: float, looks: Sequence[dict[str, Any]]
+    axes: Any, motion: RunRows, start: float, end: float, looks: Sequence[dict[str, Any]]
 ) -> None:
     """Draw both masses, each in its look, stops and impacts from `start` to before `end`."""
     samples, hits = (rows[(rows['time'] >= start) & (rows['time'] < end)] for rows in motion)
@@ -105,7 +105,7 @@ def _legend(figure: Figure) -> None:
 
 @print_style()
 def draw_motion(
-    motion: Motion,
+    motion: RunRows,
     closeups: Sequence[Closeup],
     changes: Sequence[tuple[float, str]] = (),
     title: str = '',

@@ -18,7 +18,7 @@ from impact_damper_ros.replay.replay import Part
 from impact_damper_ros.replay.what_if import WhatIf
 
 from .formatting import setting, unit_for
-from .run_figures import Motion, Side, draw_runs
+from .run_figures import RunRows, Side, draw_runs
 from .table import Table
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ class RunPair:
             more = len(texts) - _MOST_IN_FIGURE
             was.append(f'{name} = {listed}' + (f' and {more} more' if more > 0 else ''))
         recorded, other = (
-            Side(f'{textwrap.fill(head, 66)}\n{_in_a_line(run)}', run.envelope, Motion(*run.end))
+            Side(f'{textwrap.fill(head, 66)}\n{_in_a_line(run)}', run.envelope, RunRows(*run.end))
             for head, run in (
                 (f'recorded: {", ".join(was)}', self._recorded),
                 (f'what if {now}', self._other),

@@ -132,7 +132,7 @@ def _constants(parameters: RigParameters, p: Any, count: int) -> tuple[Any, Any]
     )
     # The sine of Python, not that of numpy, which has other last bits
     sine, cosine = np.array([incline(angle) for angle in p.angle.tolist()]).T
-    rigs = rows_of(
+    constants = rows_of(
         RigConstants,
         count,
         free=both[:count],
@@ -144,7 +144,7 @@ def _constants(parameters: RigParameters, p: Any, count: int) -> tuple[Any, Any]
         columns = map(parameters.base_motion.columns, p.stiffness, p.damping)
         for row, (sines, cosines) in zip(lines, columns, strict=False):
             row['base_sine'][base], row['base_cosine'][base] = sines, cosines
-    return rigs, np.concatenate([lines[:count], lines[count:]], axis=1)
+    return constants, np.concatenate([lines[:count], lines[count:]], axis=1)
 
 
 def _controls(control: Control, p: Any, count: int) -> Control:
@@ -257,8 +257,8 @@ def run_ensemble(
     Examples
     --------
     >>> import numpy as np
-    >>> found = run_ensemble(RigParameters(), {'gap': np.linspace(10.0, 60.0, 5)}, 500.0, [500.0])
-    >>> found.samples.shape, int(found.outcomes.max())
+    >>> result = run_ensemble(RigParameters(), {'gap': np.linspace(10.0, 60.0, 5)}, 500.0, [500.0])
+    >>> result.samples.shape, int(result.outcomes.max())
     ((5, 1), 0)
     """
     if parameters.sweep_mode != 'off':
@@ -285,13 +285,13 @@ def run_ensemble(
     start = initial or InitialConditions()
     least = p.gap, p.gap_max - p.gap_min, p.actuator_speed
     for k in (closest, *(int(np.argmin(column)) for column in least)):
-        here = {name: float(column[k]) for name, column in columns.items()}
-        start.check_within(parameters.replace(**{n: here[n] for n in here if n in _NUMBERS}))
-        settings.replace(**{n: here[n] for n in here if n in _CONTROL_NUMBERS})
+        numbers = {name: float(column[k]) for name, column in columns.items()}
+        start.check_within(parameters.replace(**{n: numbers[n] for n in numbers if n in _NUMBERS}))
+        settings.replace(**{n: numbers[n] for n in numbers if n in _CONTROL_NUMBERS})
 
-    rigs, lines = _constants(parameters, p, count)
+    constants, lines = _constants(parameters, p, count)
     runs = np.full(count, packed(Run()))
-    for name, column in starting_fields(start, rigs['half_gap'], p.one_sided).items():
+    for name, column in starting_fields(start, constants['half_gap'], p.one_sided).items():
         runs[name] = column
     waves = np.full((count, lines.shape[1] // 2), packed(Wave()))
     runs['room'], runs['steps'], runs['most'] = _LOG_ROWS if controlled else 0, ALL_STEPS, most
@@ -309,16 +309,16 @@ def run_ensemble(
         np.zeros((count, len(Mode))),
         np.zeros((count, 2)),
     )
-    while len(rest := np.flatnonzero(result.outcomes == COMMANDS_FULL)):
-        given = rigs[rest], lines[rest], runs[rest], waves[rest]
-        acting = None if controls is None else _some(controls, rest)
-        found = _run_all(given, acting, end, when, threads)
-        if acting is not None and (found.outcomes == LAW_FAILED).any():
+    while len(pending := np.flatnonzero(result.outcomes == COMMANDS_FULL)):
+        arrays = constants[pending], lines[pending], runs[pending], waves[pending]
+        acting = None if controls is None else _some(controls, pending)
+        latest = _run_all(arrays, acting, end, when, threads)
+        if acting is not None and (latest.outcomes == LAW_FAILED).any():
             assert own is not None
-            k = int(np.argmax(found.outcomes == LAW_FAILED))
-            raise LawError(f'rig {rest[k]} of the ensemble: {_refused(own, acting, k)}')
-        for whole, part in zip(result, found, strict=True):
-            whole[rest] = part
+            k = int(np.argmax(latest.outcomes == LAW_FAILED))
+            raise LawError(f'rig {pending[k]} of the ensemble: {_refused(own, acting, k)}')
+        for whole, part in zip(result, latest, strict=True):
+            whole[pending] = part
         if controls is not None:
             more = np.repeat(controls.commands, _MORE, axis=1)
             controls = controls._replace(commands=more)
@@ -336,21 +336,21 @@ def _refused(law: OwnLaw, controls: Any, k: int) -> LawError:
 
 
 def _run_all(
-    given: tuple[Any, Any, Any, Any],
+    arrays: tuple[Any, Any, Any, Any],
     controls: Control | None,
     end: float,
     when: npt.NDArray[np.float64],
     threads: int | None,
 ) -> EnsembleResult:
     """Let all rigs run, block by block, on some threads."""
-    rigs, lines, runs, waves = given
+    constants, lines, runs, waves = arrays
     samples = np.full((len(runs), len(when), len(Sample._fields)), np.nan)
     outcomes, in_mode = np.zeros(len(runs), np.int64), np.zeros((len(runs), len(Mode)))
 
     def run_block(first: int) -> None:
         rows = slice(first, first + _BLOCK)
         run_compiled(
-            rigs[rows],
+            constants[rows],
             lines[rows],
             runs[rows],
             waves[rows],

@@ -347,7 +347,7 @@ def run_one(
     waves: Waves,
     control: Any,
     acts: Any,
-    rigs: Sequence[RigConstants],
+    constants: Sequence[RigConstants],
     lines: Sequence[Lines],
     runs: Sequence[Run],
     log: Log,
@@ -366,7 +366,7 @@ def run_one(
     not kept; `log` is where their control finds what the stops do.
     """
     run = runs[k]
-    moving = Moving(rigs[k], lines[k], run, waves, log)
+    moving = Moving(constants[k], lines[k], run, waves, log)
     if anew:
         begin_from(moving)
     status = FULL
@@ -427,7 +427,7 @@ NO_ACTS: Any = np.empty(0, dtype_of(ActRow))
 
 
 def run_compiled(
-    rigs: Any,
+    constants: Any,
     lines: Any,
     runs: Any,
     waves: Any,
@@ -444,7 +444,7 @@ def run_compiled(
     anew: bool = False,
 ) -> None:
     """Run arrays of rigs as `run_one` does, compiled."""
-    rest = rigs, lines, runs, log, in_mode, end, instants, outcomes, sampled, samples, anew
+    rest = constants, lines, runs, log, in_mode, end, instants, outcomes, sampled, samples, anew
     entry: Callable[..., int] = run_each
     arguments: tuple[Any, ...] = waves, rest
     if controls is not None:

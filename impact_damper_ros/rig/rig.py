@@ -197,14 +197,14 @@ class RunResult(NamedTuple):
 
     def impacts(self, stop: int = 0) -> Events:
         """Return the impacts among the events; those with one stop, if one is given."""
-        wanted = self.events['kind'] == EventKind.IMPACT
+        chosen = self.events['kind'] == EventKind.IMPACT
         if stop:
-            wanted &= self.events['stop'] == stop
-        if wanted.all():
+            chosen &= self.events['stop'] == stop
+        if chosen.all():
             return self.events
         # Ten times as fast as an index by booleans, with rows of this size
-        found: Events = self.events.take(np.flatnonzero(wanted))
-        return found
+        impacts: Events = self.events.take(np.flatnonzero(chosen))
+        return impacts
 
 
 def most_of(most_events: float, name: str = 'most_events') -> int:
@@ -658,9 +658,9 @@ class Rig:
         self._unreported, self._run.most_in_period = [], most_in_period
         if in_mode is None:
             in_mode = np.zeros(len(Mode)) if self.compiled else [0.0] * len(Mode)
-        given = when if self.compiled else when.tolist()
+        instants = when if self.compiled else when.tolist()
         try:
-            ended = self._go_through(time, tables, most, interrupted, given, samples, in_mode)
+            ended = self._go_through(time, tables, most, interrupted, instants, samples, in_mode)
         except BaseException:
             self.go_back(before)
             raise
@@ -903,7 +903,7 @@ class Rig:
         if self._packed is None:
             harmonics = packed_rows(self._lines, Line)
             self._packed = packed_rows([self._constants], RigConstants), harmonics[np.newaxis]
-        rigs, lines = self._packed
+        constants, lines = self._packed
         rows, acts = tables.room(run.now), NO_ACTS
         if controlled and not tables.keep:
             # What the stops do is read from the events.
@@ -916,7 +916,7 @@ class Rig:
         acting = packed_control(control) if controlled else None
         outcomes, counts = np.zeros(1, np.int64), np.array([sampled])
         run_compiled(
-            rigs,
+            constants,
             lines,
             state,
             waves[np.newaxis],

@@ -106,7 +106,7 @@ _SLOWEST = 1e-4
 #: Cycles between two looks whether the motion repeats.
 _BETWEEN = 50
 #: Distance of states, relative to the motion, that round-off makes.
-_ROUND_OFF = 1e-12
+_SAME_STATE = 1e-12
 
 
 def _sequence(events: Events) -> str:
@@ -204,7 +204,7 @@ def _comes_back(states: Array, omega: float, tolerance: float) -> bool:
     """
     recent = states / np.array([1.0, omega] * 2)
     size = np.abs(recent[:, 0]).max() + np.ptp(recent[:, 2])
-    return bool(nearest_return(recent) <= max(tolerance, _ROUND_OFF) * size)
+    return bool(nearest_return(recent) <= max(tolerance, _SAME_STATE) * size)
 
 
 def _pass_transient(rig: Rig, settling: Settling) -> tuple[int, int]:
@@ -275,7 +275,7 @@ def rig_of_row(row: Any, parameters: RigParameters) -> Rig:
     x, velocity, offset, relative = (float(getattr(row, name)[-1]) for name in SECTION)
     half = 0.5 * parameters.gap
     # Round-off may neither put m beyond a stop nor part it from one it is on
-    if abs(abs(offset) - half) <= _ROUND_OFF * (half + abs(x)):
+    if abs(abs(offset) - half) <= _SAME_STATE * (half + abs(x)):
         offset = math.copysign(half, offset)
     offset = min(max(offset, -half), half)
     start = InitialConditions(

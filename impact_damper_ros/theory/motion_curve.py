@@ -16,7 +16,7 @@ from impact_damper_ros.rig.rig import Events, Outcome
 #: Points per cycle of the force, and the most in a period, but for the ends of its flights.
 _PER_CYCLE, _MOST = 250, 1500
 #: Relative error of the end of a period.
-_ROUND_OFF = 1e-9
+_END_ERROR = 1e-9
 
 
 def _moments(rows: Events, side: str = '') -> Array:
@@ -59,7 +59,7 @@ def orbit_curve(orbit: PeriodicOrbit) -> Array | None:
     again = after_impact(orbit, orbit.parameters)
     samples = again.run(orbit.period, [*instants, orbit.period]).samples
     # The impact that ends the period may, by round-off, be within it
-    ends = events['time'] > (1.0 - _ROUND_OFF) * orbit.period
+    ends = events['time'] > (1.0 - _END_ERROR) * orbit.period
     rows = np.concatenate(
         [
             _moments(samples[:-1] if ends.any() else samples),

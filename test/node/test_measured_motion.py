@@ -20,9 +20,9 @@ from impact_damper_ros.node.motion_report import (
     MotionMonitor,
     RecentMotion,
     compare,
-    measure,
     measured_report,
     predicted_report,
+    recent_motion,
 )
 from impact_damper_ros.node.motion_trace import KEPT, MotionTrace
 from impact_damper_ros.orbits.orbit import AT_IMPACTS
@@ -52,7 +52,7 @@ def traced(rig, cycles, trace=None, rate=RATE):
 
 
 def test_a_settled_rig_is_measured_as_the_theory_has_it():
-    measured = measure(traced(Rig(INCLINED), 250), RATE)
+    measured = recent_motion(traced(Rig(INCLINED), 250), RATE)
     assert (measured.kind, measured.settled) == (MotionKind.PERIODIC, True)
     assert measured.impacts_per_cycle == 2.0
     assert measured.cycles == pytest.approx(250, abs=0.1)
@@ -101,10 +101,10 @@ def test_phases_go_on_where_the_frequency_changes():
     rig = Rig(INCLINED.replace(force_frequencies=1.2, angle=0.3))
     traced(rig, 7.3)
     rig.change(INCLINED)
-    measured = measure(traced(rig, 250), RATE)
+    measured = recent_motion(traced(rig, 250), RATE)
     assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
     rig.reset()
-    measured = measure(traced(rig, 250), RATE)
+    measured = recent_motion(traced(rig, 250), RATE)
     assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
 
 
@@ -117,7 +117,7 @@ def test_at_each_step_of_a_sweep_the_measurement_begins_anew_with_the_phase_of_t
     assert trace.frequency == 1.01
     trace = traced(rig, 300, trace)
     assert (trace.frequency, trace.began) == (1.02, 40.0)
-    measured = measure(trace, RATE)
+    measured = recent_motion(trace, RATE)
     assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
     assert measured.amplitude_ratio == pytest.approx(0.2113439, rel=1e-5)
 
@@ -125,11 +125,11 @@ def test_at_each_step_of_a_sweep_the_measurement_begins_anew_with_the_phase_of_t
 def test_states_on_the_way():
     rig = Rig(INCLINED)
     trace = MotionTrace.at(INCLINED, rig.snapshot())
-    assert measure(trace, RATE).kind is MotionKind.UNDECIDED
-    measured = measure(traced(rig, 3, trace), RATE)
+    assert recent_motion(trace, RATE).kind is MotionKind.UNDECIDED
+    measured = recent_motion(traced(rig, 3, trace), RATE)
     assert (measured.kind, measured.rhythm) == (MotionKind.UNDECIDED, None)
     assert measured_report(measured).values['Reason'].endswith('3 cycles after the last change')
-    measured = measure(traced(rig, 90, trace), RATE)
+    measured = recent_motion(traced(rig, 90, trace), RATE)
     assert measured.kind is MotionKind.TRANSIENT
     assert measured.rhythm.stops == (1, 2)
     assert not measured.settled
@@ -137,7 +137,7 @@ def test_states_on_the_way():
 
 def test_a_rig_that_hits_nothing_or_nothing_regular_or_has_no_cycles():
     wide = Rig(RigParameters(gravity=0.0, gap=600.0))
-    measured = measure(traced(wide, 30), RATE)
+    measured = recent_motion(traced(wide, 30), RATE)
     assert (measured.kind, measured.impacts_per_cycle) == (MotionKind.NO_IMPACTS, 0.0)
     assert measured.x_max > 50.0
     assert measured.without == pytest.approx(30.0 / 1.02, abs=0.1)
@@ -145,13 +145,13 @@ def test_a_rig_that_hits_nothing_or_nothing_regular_or_has_no_cycles():
     assert report.message == 'm has not hit a stop for 29 cycles of the force'
     assert (report.warning, 'is wider than M moves' in report.values['Reason']) == (True, True)
     chaotic = Rig(INCLINED.replace(gap=60.0))
-    measured = measure(traced(chaotic, 260), RATE)
+    measured = recent_motion(traced(chaotic, 260), RATE)
     assert (measured.kind, measured.rhythm) == (MotionKind.UNDECIDED, None)
     assert 0.5 < measured.impacts_per_cycle < 4.0
     constant = Rig(RigParameters(force_frequencies=0.0))
-    assert measure(traced(constant, 3), RATE).kind is MotionKind.NOT_PERIODICALLY_DRIVEN
+    assert recent_motion(traced(constant, 3), RATE).kind is MotionKind.NOT_PERIODICALLY_DRIVEN
     broadband = Rig(INCLINED.replace(multisine_level=1.0))
-    measured = measure(traced(broadband, 30), RATE)
+    measured = recent_motion(traced(broadband, 30), RATE)
     assert (measured.kind, measured.rhythm) == (MotionKind.NOT_PERIODICALLY_DRIVEN, None)
     assert measured.x_max > 0.1
 
@@ -166,7 +166,7 @@ def test_chaos_is_never_settled_nor_settling():
         trace = trace.after(rig.advance(k / rate))
         trace.sample(rig.sample())
         if k % 8 == 0:
-            measured = measure(trace, rate)
+            measured = recent_motion(trace, rate)
             assert measured.kind is MotionKind.UNDECIDED
             words = measured_report(measured)
             assert words.values['Reason']
@@ -176,17 +176,17 @@ def test_chaos_is_never_settled_nor_settling():
 def test_impacts_that_stop_are_no_rhythm():
     rig = Rig(INCLINED)
     trace = traced(rig, 200)
-    assert measure(trace, RATE).rhythm is not None
+    assert recent_motion(trace, RATE).rhythm is not None
     still = rig.sample()
     for k in range(int(30 * CYCLE * RATE)):
         trace.sample(still._replace(time=still.time + k / RATE, primary_velocity=0.0))
-    measured = measure(trace, RATE)
+    measured = recent_motion(trace, RATE)
     assert measured.kind is MotionKind.NO_IMPACTS
     assert 29.0 < measured.without < 32.0
 
 
 def test_too_few_samples_tell_no_largest_displacement():
-    measured = measure(traced(Rig(INCLINED), 250, rate=0.7), 0.7)
+    measured = recent_motion(traced(Rig(INCLINED), 250, rate=0.7), 0.7)
     assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
     assert (measured.x_max, measured.amplitude_ratio) == (None, None)
     values = measured_report(measured).values

@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 
 from impact_damper_ros import EVENT_TYPE, SAMPLE_TYPE
 from impact_damper_ros.report.drawing import save_figure
-from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
+from impact_damper_ros.report.run_figures import Closeup, RunRows, draw_motion
 
 
 def figure(closeups):
@@ -21,7 +21,7 @@ def figure(closeups):
     samples['time'], samples['x'], samples['z'] = time, x, 2.0 * x
     samples['stop_1'], samples['stop_2'] = x + 0.012, x - 0.012
     impacts['time'], impacts['stop'] = (0.5, 1.5, 2.5), (1, 2, 1)
-    return draw_motion(Motion(samples, impacts), closeups)
+    return draw_motion(RunRows(samples, impacts), closeups)
 
 
 def test_a_figure_leaves_the_style_of_others_alone(tmp_path):
