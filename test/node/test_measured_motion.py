@@ -81,7 +81,7 @@ def test_transmissibility_of_the_last_cycles():
     rig = Rig(ON_TABLE.replace(gap=30.0))
     traced(rig, 7.3)
     rig.change(ON_TABLE)
-    measured = measure(traced(rig, 250), RATE)
+    measured = recent_motion(traced(rig, 250), RATE)
     assert measured.transmissibility[:2] == pytest.approx(expected[:2], rel=3e-3)
     values = measured_report(measured).values
     shown = [values[name] for name in TRANSMISSIBILITIES]
@@ -92,8 +92,10 @@ def test_transmissibility_of_the_last_cycles():
     shown = [float(values[name]) for name in TRANSMISSIBILITIES]
     assert shown == pytest.approx(expected[:2], rel=1e-4)
     # Too few samples in a cycle, or a base at rest
-    assert math.isnan(measure(traced(Rig(ON_TABLE), 50, rate=0.5), 0.5).transmissibility.absolute)
-    values = measured_report(measure(traced(Rig(INCLINED), 50), RATE)).values
+    assert math.isnan(
+        recent_motion(traced(Rig(ON_TABLE), 50, rate=0.5), 0.5).transmissibility.absolute
+    )
+    values = measured_report(recent_motion(traced(Rig(INCLINED), 50), RATE)).values
     assert {values[name] for name in TRANSMISSIBILITIES} == {''}
 
 
