@@ -516,7 +516,12 @@ function $format(value, how, quoted = false) {
   const [, digits, kind] = /^\.?(\d*)([a-z]?)$/.exec(how) ?? [];
   if (kind === 'f') return value.toFixed(Number(digits || 6));
   if (kind === 'd') return String(value);
-  if (kind !== 'g') return $exponent(quoted && Number.isInteger(value) && Math.abs(value) < 1e16 ? `${value}.0` : String(value));
+  if (kind !== 'g') {
+    const [digits_, power_] = value.toExponential().split('e');
+    if (value && (Number(power_) < -4 || Number(power_) >= 16)) return $exponent(`${digits_}e${power_}`);
+    const plain = Number.isInteger(value) || Math.abs(value) >= 1e-6 ? String(value) : value.toFixed(digits_.replace(/\D/g, '').length - 1 - Number(power_));
+    return quoted && Number.isInteger(value) ? `${plain}.0` : plain;
+  }
   const count = Math.max(1, Number(digits || 6));
   if (value === 0) return '0';
   const power = Number(value.toExponential(count - 1).split('e')[1]);
