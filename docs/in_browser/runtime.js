@@ -261,7 +261,7 @@ const $shift_right = (a, b) => $big(a) >> $big(b);
 const $xor = (a, b) => $big(a) ^ $big(b);
 const $add = (a, b) => (Array.isArray(a) && !(b instanceof Matrix) ? [...a, ...b] : $sum(a, b));
 const $multiply = (a, b) => {
-  if (Array.isArray(a)) return Array.from({ length: b }, () => a).flat();
+  if (Array.isArray(a)) return a.length === 1 ? new Array(b).fill(a[0]) : Array.from({ length: b }, () => a).flat();
   return Array.isArray(b) ? $multiply(b, a) : $product(a, b);
 };
 const $negative = (a) => Matrix.each((x) => (x instanceof Extended ? x.negative() : -x), a);

@@ -233,7 +233,7 @@ class InPage {
     const empty = { type: 'gap_curve', branches: [], special: [], optimum: null, done: true, text: 'computed for the presets only' };
     this.tell({ ...(curve ?? empty), gap: now.gap, x_max_ratio: own ? curve?.x_max_ratio ?? null : null });
     this.tell({ type: 'theory_failed', text: failed?.text ?? '' });
-    const verdict = own && orbit?.found ? `${orbit.label}, ${orbit.stable ? 'stable' : 'unstable'}` : 'Theory: of the presets';
+    const verdict = own && orbit?.found ? `${orbit.label}, ${orbit.stable ? 'stable' : 'unstable'}` : 'for the presets only';
     this.tell({ type: 'diagnostics', level: 'none', message: '', verdict, agreement: '', controller: null });
   }
 

@@ -477,6 +477,7 @@ addEventListener('hashchange', () => location.reload());
 let toured = false;
 startGlossary();
 startTour({
+  records: () => !isInPage(),
   preset: (part) => {
     const found = state.hello.presets.find((one) => one.name.includes(part));
     if (found) requests.loadPreset(found.name);

@@ -3,7 +3,7 @@
 
 import { byId } from './dom.js';
 
-/** `act` has what the steps do: preset(name part), widen(factor), and so on. */
+/** `act` has what the steps do: preset(name part), widen(factor), and so on; `records()` is whether a run can be recorded. */
 export function startTour(act) {
   const steps = [
     {
@@ -44,7 +44,8 @@ export function startTour(act) {
     {
       at: '#first-knobs [data-name=gap_control]',
       title: 'Let the stops move',
-      text: 'With gap control, the stops follow the vibration, at any force; the end of the tour switches it off again. Record a run, play it back, and compare it with the exact theory.',
+      text: 'With gap control, the stops follow the vibration, at any force; the end of the tour switches it off again.',
+      recorded: ' Record a run, play it back, and compare it with the exact theory.',
       label: 'Switch on timed control',
       run: () => act.control('timed'),
     },
@@ -64,7 +65,7 @@ export function startTour(act) {
     marked.scrollIntoView({ block: innerWidth < 640 ? 'start' : 'nearest' });
     byId('tour-count').textContent = `Step ${at + 1} of ${steps.length}`;
     byId('tour-title').textContent = step.title;
-    byId('tour-text').textContent = step.text;
+    byId('tour-text').textContent = step.text + (act.records() ? step.recorded ?? '' : '');
     byId('tour-try').textContent = step.label;
     byId('tour-back').disabled = at === 0;
     byId('tour-next').textContent = at === steps.length - 1 ? 'Done' : 'Next';
