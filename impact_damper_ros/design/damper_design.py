@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,8 +39,8 @@ _SAME = 5e-3
 #: each; and the widest gap, over that which M alone swings across.
 _GAPS_FROM_REST, _NARROWED, _FINER, _MARGIN = 96, 3, 8, 0.95
 _POINTS, _STEP = 60, 0.15
-#: How far frequency and level are followed, as factors.
-_FREQUENCIES, _LEVELS = (0.5, 1.5), (0.25, 4.0)
+#: How far frequency and level are followed, as factors; the frequency first next to its value.
+_FREQUENCIES, _LEVELS = ((0.94, 1.06), (0.5, 1.5)), ((0.25, 4.0),)
 #: Gaps that are tried for the worst case, over the best one; then some around the best of them.
 _LEAST_GAP, _WIDEST_GAP = 0.3, 1.5
 
@@ -173,12 +174,21 @@ def _followed(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Branc
     return follow(orbit, name, low, high, largest_step=_STEP, most_points=_POINTS)
 
 
-def _span_of(orbit: PeriodicOrbit, name: str, here: float, low: float, high: float) -> Span:
-    """Return how far a motion is stable and viable over a parameter, from factors of its value."""
-    try:
-        return _followed(orbit, name, *sorted((low * here, high * here))).span(here, orbit)
-    except (OrbitError, ArithmeticError):
-        return Span(here, here)
+def _span_of(
+    orbit: PeriodicOrbit, name: str, here: float, factors: Sequence[tuple[float, float]]
+) -> Span:
+    """
+    Return how far a motion is stable and viable over a parameter.
+
+    It is followed up to factors of its value, farther where nothing ends it there.
+    """
+    span = Span(here, here)
+    for low, high in factors:
+        with suppress(OrbitError, ArithmeticError):
+            span = _followed(orbit, name, *sorted((low * here, high * here))).span(here, orbit)
+        if span.low_reason and span.high_reason:
+            break
+    return span
 
 
 def reaches(rig: RigParameters, x_max: float) -> bool:
@@ -234,10 +244,10 @@ def best_design(rig: RigParameters) -> Design | None:
     gaps = branch.span(best.value, orbit)
     shaker = f'{shaken_by(there)}_'
     here = there.first_harmonic[1]
-    frequencies = _span_of(orbit, f'{shaker}frequencies', here, *_FREQUENCIES)
+    frequencies = _span_of(orbit, f'{shaker}frequencies', here, _FREQUENCIES)
     if there.friction or there.air_force or math.sin(there.angle) * there.gravity:
         level = getattr(there, f'{shaker}amplitudes')[0]
-        levels = _span_of(orbit, f'{shaker}amplitudes', level, *_LEVELS).over(level)
+        levels = _span_of(orbit, f'{shaker}amplitudes', level, _LEVELS).over(level)
     else:
         # Motions of another level are those of another gap, to scale.
         levels = Span(gaps.high, gaps.low, gaps.high_reason, gaps.low_reason).over(best.value)

@@ -2,9 +2,12 @@
 
 import csv
 import json
+import re
+from pathlib import Path
 
 import pytest
 
+import impact_damper_ros
 from impact_damper_ros import load_parameters
 from impact_damper_ros.cli.design_damper import main
 
@@ -38,6 +41,27 @@ def test_files_and_words(tmp_path, capsys):
     assert rig.gap == design['gap']
     assert (rig.base_amplitudes, rig.base_quantity) == ((0.2 * 9.80665,), 'acceleration')
     assert outputs['--figure'].read_bytes()[:4] == b'\x89PNG'
+
+
+def test_the_answers_of_the_readme(capsys):
+    """Its table has the numbers that the command prints for the mass that it chooses."""
+    line = ['--restitution', '0.5:0.7', '--mass-ratio', '5%']
+    assert main([*STRUCTURE, *line]) == 0
+    text = ' '.join(capsys.readouterr().out.split())
+    readme = (Path(impact_damper_ros.__file__).parents[1] / 'README.md').read_text()
+    for number in ('250 g', '14.2 %', '1.76 mm', '2.33 mm'):
+        assert number in text
+        assert number in readme
+    assert 'a gap of 21.48 mm in all' in text
+    assert '21.5 mm' in readme
+    worst = float(re.search(r'a gap of ([0-9.]+) mm has the best worst case', text)[1])
+    assert f'{worst:.1f} mm leaves half at worst' in readme
+    assert re.search(r'best worst case from rest, (49|50)\.\d %', text)
+    gaps, levels = re.search(
+        r'to ([0-9.]+) mm \(Neimark-Sacker\), levels from ([0-9.]+)', text
+    ).groups()
+    assert float(gaps) / 21.48 == pytest.approx(1.05, abs=0.005)
+    assert float(levels) == pytest.approx(0.95, abs=0.005)
 
 
 def test_a_light_damper_has_to_be_started(capsys):

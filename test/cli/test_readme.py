@@ -181,6 +181,8 @@ def place(tmp_path, monkeypatch, recording):
     (tmp_path / BAG).parent.mkdir()
     for bag in (BAG, MADE):
         (tmp_path / bag).symlink_to(recording)
+    # A rig such as `design_damper --rig-out damper.yaml` writes
+    (tmp_path / 'damper.yaml').symlink_to(ROOT / 'config' / 'bench_rig.yaml')
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
