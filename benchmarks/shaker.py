@@ -1,5 +1,5 @@
 """
-What a rig on a shaker costs: one line of a base, a random base, and the live node on it.
+What a rig on a shaker costs: one line of a base, a random base, the live node on it, a record.
 
     python benchmarks/shaker.py [--quick] [--json FILE]
 
@@ -17,11 +17,14 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from time import process_time
 from typing import Any
 
-from timing import in_turns, options, ratio, say, table, write_results
+import numpy as np
+from timing import in_turns, options, ratio, say, seconds_of, table, write_results
 
 from impact_damper_ros import Rig, RigParameters, load_parameters
+from impact_damper_ros.parameters.measured_record import MeasuredRecord
 from impact_damper_ros.parameters.random_motion import random_lines
 
 HERE = Path(__file__).resolve().parent
@@ -49,6 +52,18 @@ def sampled(rig: RigParameters) -> None:
     for k in range(int(DURATION * RATE)):
         moving.advance(k / RATE)
         moving.sample()
+
+
+def minute_of_force() -> MeasuredRecord:
+    """Return a noisy sine at 1 kHz for a minute."""
+    times = np.arange(0.0, 60.0, 1e-3)
+    noise = 0.3 * np.random.default_rng(1).normal(size=len(times))
+    return MeasuredRecord('force', times, 1.2 * np.sin(31.416 * times) + noise, 'minute.csv')
+
+
+def follow(record: MeasuredRecord) -> None:
+    """Let the bench rig follow a record to its end."""
+    Rig(bench(force_amplitudes=0.0), records=[record]).advance(record.duration)
 
 
 def node_share(rig: RigParameters, directory: Path) -> float:
@@ -96,6 +111,8 @@ def main() -> int:
     first = times['force, 1 line']
     with tempfile.TemporaryDirectory() as directory:
         nodes = {name: node_share(rig, Path(directory)) for name, rig in rigs.items()}
+    record = seconds_of(partial(follow, minute_of_force()), process_time)
+    print(f'60 s of a force record at 1 kHz: {record:.2f} s, {record / 60e-3:.1f} us a sample\n')
     rows = [
         (
             name,
@@ -106,7 +123,7 @@ def main() -> int:
         for name, own in times.items()
     ]
     print(table(('200 Hz', 'rig [core]', 'to force', 'node [core]'), rows))
-    write_results(arguments.json, {'rigs': times, 'nodes': nodes})
+    write_results(arguments.json, {'rigs': times, 'nodes': nodes, 'record': record})
     return 0
 
 

@@ -53,6 +53,8 @@ OF_THE_NODE: dict[str, tuple[Any, ...]] = {
     'bag_directory': ('', 'where recordings go'),
     'real_time_factor': ('', 'seconds of the rig per second of the clock, 0: as fast as possible'),
     'publish_clock': ('', 'publish /clock', *SWITCH, ''),
+    'force_record': ('', 'measured force on M, a table'),
+    'base_record': ('', 'measured acceleration of the base, a table'),
     'measurement_rate': (
         '',
         'measurements, Hz; 200 where a controller is started',

@@ -8,12 +8,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from impact_damper_ros.parameters.measured_record import (
-    BASE_RECORD,
-    FORCE_RECORD,
-    MeasuredRecord,
-    read_record,
-)
+from impact_damper_ros.parameters.measured_record import MeasuredRecord, read_records
+from impact_damper_ros.parameters.parameters_file import load_parameters
 from impact_damper_ros.parameters.random_motion import LINES, RandomLines, random_lines
 
 from .command_line import add_path_option, number, up_to
@@ -94,13 +90,12 @@ def shaker_files(arguments: argparse.Namespace) -> list[Path | None]:
 
 def given_records(arguments: argparse.Namespace, given: GivenRig) -> list[MeasuredRecord]:
     """Return the records of the options; the run lasts as long as the longest, if not given."""
-    cycle = math.tau / given.parameters.omega
-    paths = {FORCE_RECORD: arguments.force_record, BASE_RECORD: arguments.base_record}
-    found = [
-        read_record(path, quantity, cycle) for quantity, path in paths.items() if path is not None
-    ]
-    if found and arguments.bag is not None:
-        raise ValueError('a bag has no place for a record yet: leave out --bag, or the record')
-    if arguments.duration is None:
+    # As of a node, unless the option is given
+    _, _, names = load_parameters(arguments.params, arguments.node)
+    for name in ('force_record', 'base_record'):
+        if (path := getattr(arguments, name)) is not None:
+            names[name] = str(path)
+    found = read_records(names, math.tau / given.parameters.omega)
+    if arguments.duration is None and found:
         arguments.duration = max(record.duration for record in found)
     return found

@@ -517,9 +517,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     parser = _parser()
     arguments = parser.parse_args(argv)
-    records_given = arguments.force_record is not None or arguments.base_record is not None
-    if arguments.duration is None and not arguments.urdf and not records_given:
-        parser.error('the following arguments are required: --duration')
 
     def work() -> int:
         given = given_rig(arguments.params, arguments.set, arguments.node)
@@ -528,6 +525,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         given, random = with_random_lines(arguments, given)
         records = given_records(arguments, given)
+        if arguments.duration is None:
+            parser.error('the following arguments are required: --duration')
         law, control = given_law(arguments.law, given.control)
         given = given._replace(control=control)
         check_outputs(arguments, arguments.params, *shaker_files(arguments))

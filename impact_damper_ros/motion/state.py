@@ -399,6 +399,7 @@ STORED = (
 )
 #: Their types.
 STORED_TYPES: dict[str, Any] = {n: t for n, t in get_type_hints(Run).items() if n in STORED}
+RECORDED_TYPES: dict[str, Any] = {n: t for n, t in get_type_hints(Run).items() if n in RECORDED}
 
 
 @kernel(inline=True)

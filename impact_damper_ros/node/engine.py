@@ -24,6 +24,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from enum import Enum
 from functools import partial
+from math import tau
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
@@ -31,6 +32,7 @@ from impact_damper_ros.bag.snapshots import Snapshots
 from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.motion.event import Event
+from impact_damper_ros.parameters.measured_record import read_records
 from impact_damper_ros.parameters.rig_parameters import GapControlParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
@@ -180,6 +182,7 @@ class Engine:
             parameters.initial,
             control=parameters.control,
             law=None if law == 'none' else OwnLaw.from_text(law),
+            records=read_records(parameters.as_dict(), tau / parameters.rig.omega),
         )
         #: What a controller outside the node sees and commands
         self.controller = ExternalControl(self._rig, inbox or CommandInbox(), parameters)

@@ -131,9 +131,11 @@ def start_message(
     parameters: NodeParameters, node: str, recording: str, given: str = 'all by default'
 ) -> str:
     """Return a summary of the node in a few lines."""
+    measured = [(name, getattr(parameters, name)) for name in ('force_record', 'base_record')]
     lines = [
         f'{node} runs {_pace(parameters.real_time_factor)}',
         f'rig        {described(parameters.rig)}',
+        *(f'measured   {name} {printable(path)}' for name, path in measured if path != 'none'),
         f'parameters {given}',
         f'recording  {f"to {recording}" if recording else "off"}',
     ]

@@ -10,9 +10,12 @@ of every second sample has four times the error, and shows it.
 
 from __future__ import annotations
 
+import base64
 import hashlib
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +30,7 @@ from .measured_table import (
     read_table,
     sampling_rate,
 )
-from .quoting import as_line
+from .quoting import as_line, shown
 from .units import STANDARD_GRAVITY
 
 Array = NDArray[np.float64]
@@ -40,6 +43,8 @@ _COLUMNS = {
 }
 #: Fewest samples, of which every second one is still a record, and most.
 _LEAST_SAMPLES, _MOST_SAMPLES = 4, 10_000_000
+#: Longest copy, bytes, and largest number in it.
+_LONGEST_COPY, _LARGEST = 25 * _MOST_SAMPLES, 1e12
 
 
 class MeasuredRecord(NamedTuple):
@@ -56,12 +61,15 @@ class MeasuredRecord(NamedTuple):
         What was measured then.
     name : str
         Name of the file.
+    copy : tuple of (str, str)
+        The same as named texts, which JSON keeps; see `with_copy`.
     """
 
     quantity: str
     times: Array
     values: Array
     name: str
+    copy: tuple[tuple[str, str], ...] = ()
 
     @property
     def duration(self) -> float:
@@ -73,11 +81,43 @@ class MeasuredRecord(NamedTuple):
         """Samples per second, in the mean."""
         return float((len(self.times) - 1) / self.times[-1])
 
-    @property
-    def digest(self) -> str:
-        """Digest of the samples, whatever the file is called and how it writes them."""
-        content = np.concatenate([self.times, self.values]).astype('<f8').tobytes()
-        return hashlib.sha256(self.quantity.encode() + content).hexdigest()
+    def with_copy(self) -> MeasuredRecord:
+        """
+        Return the record with a copy of itself as texts, from which `of_copy` makes it anew.
+
+        The digest is that of the numbers, whatever the file is called and how it writes them.
+        """
+        numbers = {'times': self.times, 'values': self.values}
+        texts = {key: ','.join(map(repr, array.tolist())) for key, array in numbers.items()}
+        packed = {
+            key: base64.b85encode(zlib.compress(text.encode())).decode()
+            for key, text in texts.items()
+        }
+        digest = hashlib.sha256('\n'.join([self.quantity, *texts.values()]).encode()).hexdigest()
+        names = {'quantity': self.quantity, 'name': self.name, 'digest': digest}
+        return self._replace(copy=tuple({**names, **packed}.items()))
+
+    @classmethod
+    def of_copy(cls, copy: Mapping[str, Any]) -> MeasuredRecord:
+        """Return the record that texts are a copy of; raise a ValueError if there is none."""
+        try:
+            texts = {key: _expanded(copy[key]) for key in ('times', 'values')}
+            times, values = (
+                np.array([float(number) for number in text.split(',')]) for text in texts.values()
+            )
+        except (ValueError, zlib.error) as error:
+            raise ValueError(f'the copy of a record cannot be expanded: {error}') from error
+        quantity = copy['quantity']
+        digest = hashlib.sha256('\n'.join([quantity, *texts.values()]).encode()).hexdigest()
+        if digest != copy['digest']:
+            raise ValueError(f'the digest of the record {shown(copy["name"])} is not that of it')
+        if quantity not in _COLUMNS or len(times) != len(values):
+            raise ValueError(f'a record of {shown(quantity)}, {len(times)} times, {len(values)}')
+        whole = np.isfinite(times).all() and (np.abs(values) <= _LARGEST).all()
+        if not (whole and len(times) > 1 and times[0] == 0.0 and (np.diff(times) > 0.0).all()):
+            raise ValueError(f'the times of the record {shown(copy["name"])} do not rise from 0')
+        kept = tuple((k, copy[k]) for k in ('quantity', 'name', 'digest', 'times', 'values'))
+        return cls(quantity, times, values, str(copy['name']), kept)
 
     def steps(self) -> tuple[list[float], list[float]]:
         """Return since when each value is held, s from the first sample, and these; 0 at last."""
@@ -100,6 +140,15 @@ class MeasuredRecord(NamedTuple):
             f'{self.times[-1]:.6g} s, {self.rate:.6g} Hz, at most {sizes.max():.4g} {unit}, '
             f'{np.sqrt(np.mean(sizes**2)):.4g} {unit} rms'
         )
+
+
+def _expanded(packed: str) -> str:
+    """Return a text that was compressed, unless it is too long."""
+    expander = zlib.decompressobj()
+    content = expander.decompress(base64.b85decode(packed), _LONGEST_COPY)
+    if expander.unconsumed_tail:
+        raise ValueError(f'the copy of a record is longer than {_LONGEST_COPY} bytes')
+    return content.decode('ascii')
 
 
 def read_record(path: Path, quantity: str, cycle: float = 0.0) -> MeasuredRecord:
@@ -138,3 +187,13 @@ def read_record(path: Path, quantity: str, cycle: float = 0.0) -> MeasuredRecord
             f'{cycle:.4g} s: give a longer one, with zeros after its end if it is a blow',
         )
     return MeasuredRecord(quantity, times - times[0], values, path.name)
+
+
+def read_records(names: Mapping[str, str], cycle: float = 0.0) -> list[MeasuredRecord]:
+    """Read the tables that parameters of a node name; see `read_record`."""
+    quantities = {'force_record': FORCE_RECORD, 'base_record': BASE_RECORD}
+    return [
+        read_record(Path(names[parameter]).expanduser(), quantity, cycle)
+        for parameter, quantity in quantities.items()
+        if names.get(parameter, 'none') != 'none'
+    ]

@@ -654,6 +654,20 @@ class NodeSettings(ParameterTable):
         'MODULE:FUNCTION, of the directory in which the node starts; or none.',
         effect='start',
     )
+    force_record: str = text(
+        'none',
+        (),
+        'Measured force that acts on M from the start on, and anew from each reset: the path of a '
+        'table with t [s] and force [N]; or none.',
+        effect='start',
+    )
+    base_record: str = text(
+        'none',
+        (),
+        'Measured acceleration that moves the base in the same way: the path of a table with t '
+        '[s] and acceleration [m/s^2], or [g]; or none.',
+        effect='start',
+    )
     lock_step: str = text(
         'off',
         ('off', 'stop_commands', 'force_command', 'both'),

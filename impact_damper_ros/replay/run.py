@@ -141,6 +141,10 @@ class RecordedRun:
             raise RecordingError(purpose, path, cause, 'give a number from 1 on as --run')
         first = next(snapshot for snapshot in self._snapshots if snapshot.run == number)
         self.start = self._command(first)
+        if purpose in ('compare', 'score') and self.start.state.get('records'):
+            cause = 'a measured record acts on its rig, for which theory has no motion'
+            remedy = 'replay_run replays it, and writes its samples and impacts as CSV'
+            raise RecordingError(purpose, path, cause, remedy)
 
     def _find_runs(self) -> None:
         """Read the heads of all snapshots, and to which run they belong."""

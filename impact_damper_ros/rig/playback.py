@@ -4,11 +4,15 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import inf
 from typing import Any, NamedTuple
 
 from impact_damper_ros.parameters.measured_record import MeasuredRecord
+from impact_damper_ros.parameters.parameter_spec import number_between
+
+#: Earliest start, s.
+_EARLIEST = 1e13
 
 
 class Playback(NamedTuple):
@@ -39,6 +43,7 @@ class Playback(NamedTuple):
     def begun(cls, record: MeasuredRecord, start: float) -> Playback:
         """Return a record that starts at a time."""
         starts, values = record.steps()
+        record = record if record.copy else record.with_copy()
         return cls(record, start, [start + since for since in starts], values)
 
     def at(self, time: float) -> Playback:
@@ -57,10 +62,11 @@ class Playback(NamedTuple):
         return self.values[self.step]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what a snapshot keeps: the record itself is a file of its own."""
-        return {
-            'quantity': self.record.quantity,
-            'name': self.record.name,
-            'digest': self.record.digest,
-            'start': self.start,
-        }
+        """Return the record, and when it began to act, as texts and a number."""
+        return {'start': self.start, **dict(self.record.copy)}
+
+    @classmethod
+    def of_dict(cls, held: Mapping[str, Any], time: float) -> Playback:
+        """Return a record that acts at a time, s, from what `as_dict` wrote."""
+        number_between('records.start', held['start'], -_EARLIEST, time)
+        return cls.begun(MeasuredRecord.of_copy(held), float(held['start'])).at(time)

@@ -1204,6 +1204,7 @@ class Rig:
             tuple(wave.angle for wave in self._waves),
             tuple(self._unreported),
             self._sweep,
+            tuple(self._playbacks.values()),
         )
 
     def snapshot(self) -> dict[str, Any]:
@@ -1263,7 +1264,8 @@ class Rig:
         rig._tune()
         rig._run, rig._waves = copied(state.run), [Wave(a) for a in state.angles]
         rig._records, rig._unreported = [], list(state.unreported)
-        rig._playbacks, rig._record_due = {}, inf
+        rig._playbacks = {p.record.quantity: p for p in state.playbacks}
+        rig._record_due = min((p.due for p in state.playbacks), default=inf)
         kept = state.run
         begin_flight(rig._moving())
         rig._run.searched, rig._run.crossing_side = kept.searched, kept.crossing_side

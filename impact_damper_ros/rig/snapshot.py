@@ -9,11 +9,19 @@ from sys import float_info
 from typing import Any, NamedTuple
 
 from impact_damper_ros.motion.event import Event, EventKind
-from impact_damper_ros.motion.state import STORED, STORED_TYPES, Mode, Run
+from impact_damper_ros.motion.state import (
+    RECORDED,
+    RECORDED_TYPES,
+    STORED,
+    STORED_TYPES,
+    Mode,
+    Run,
+)
 from impact_damper_ros.parameters.parameter_spec import number_between, whole_number
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
+from .playback import Playback
 from .stepped_sine import SteppedSine, rig_at, step_count
 
 FORMAT = 8
@@ -125,6 +133,8 @@ class Snapshot(NamedTuple):
         Events at the start that have not been reported yet.
     sweep : SteppedSine
         How far its stepped sine has come.
+    playbacks : tuple of Playback
+        The measured records that act, or have ended.
     """
 
     parameters: RigParameters
@@ -132,6 +142,7 @@ class Snapshot(NamedTuple):
     angles: tuple[float, ...]
     unreported: tuple[Event, ...]
     sweep: SteppedSine
+    playbacks: tuple[Playback, ...] = ()
 
     @property
     def time(self) -> float:
@@ -155,7 +166,15 @@ class Snapshot(NamedTuple):
                 name: list(value) if isinstance(value, tuple) else value
                 for name, value in self.parameters.as_dict().items()
             },
+            **self._of_records(),
         }
+
+    def _of_records(self) -> dict[str, Any]:
+        """Return what a snapshot has if measured records act."""
+        if not self.playbacks:
+            return {}
+        moved = {name: getattr(self.run, name) for name in RECORDED}
+        return {'records': [p.as_dict() for p in self.playbacks], 'recorded': moved}
 
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> Snapshot:
@@ -184,6 +203,11 @@ class Snapshot(NamedTuple):
                 name: inf if held[name] is None else STORED_TYPES[name](held[name])
                 for name in STORED
             }
+            playbacks = tuple(Playback.of_dict(r, time) for r in stored.get('records', ()))
+            if playbacks:
+                moved = stored['recorded']
+                check_numbers('recorded', (moved[n] for n in RECORDED if n != 'carried'))
+                values |= {n: kind(moved[n]) for n, kind in RECORDED_TYPES.items()}
             return cls(
                 parameters,
                 Run(**values, now=float(time)),
@@ -193,6 +217,7 @@ class Snapshot(NamedTuple):
                     for event in stored['unreported']
                 ),
                 sweep,
+                playbacks,
             )
         except (AttributeError, IndexError, KeyError, TypeError) as error:
             raise ValueError(f'snapshot is not complete: {error}') from error

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from impact_damper_ros.cli.compare_run import main as compare_run
+from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
 from impact_damper_ros.parameters.parameters_file import load_parameters
 
@@ -143,6 +145,21 @@ def test_records_of_force_and_base(tmp_path, capsys):
     assert float(shown['records'].split()[1]) == pytest.approx(expected, rel=0.03)
 
 
+def test_a_file_of_a_rig_with_a_record(tmp_path, capsys):
+    """The parameters file of a node with a record is the same rig to the command."""
+    rig, states = tmp_path / 'rig.yaml', [tmp_path / f'{name}.csv' for name in ('a', 'b')]
+    text = (CONFIG / 'bench_rig.yaml').read_text()
+    record = CONFIG / 'force_record.csv'
+    rig.write_text(f'{text.rstrip()}\n    force_record: {record}\n')
+    assert simulate('--quiet', '--states', states[0], rig=str(rig)) == 0
+    assert simulate('--quiet', '--states', states[1], '--force-record', record) == 0
+    assert states[0].read_text() == states[1].read_text()
+    assert len(states[0].read_text().splitlines()) == 201
+    words = ('--quiet', '--duration', 1, '--set', 'force_record=none')
+    assert simulate(*words, '--states', states[0], rig=str(rig)) == 2
+    capsys.readouterr()
+
+
 def test_a_fine_record_is_the_harmonic_force(tmp_path, capsys):
     """The file of a sine at 2 kHz moves the rig as the parameters do."""
     path, tables = tmp_path / 'sine.csv', [tmp_path / f'{name}.csv' for name in ('a', 'b')]
@@ -200,8 +217,19 @@ def test_bad_records(tmp_path, capsys, option, text, problem):
     assert 'Traceback' not in printed
 
 
-def test_a_record_is_not_lost(tmp_path, capsys):
-    record = ('--force-record', CONFIG / 'force_record.csv')
-    assert simulate(*record, '--bag', tmp_path / 'bag') == 2
-    assert 'leave out --bag' in capsys.readouterr().err
-    assert not (tmp_path / 'bag').exists()
+@pytest.mark.parametrize('quantity', ['force', 'base'])
+def test_a_recorded_run_is_replayed(tmp_path, capsys, quantity):
+    """A bag has a copy of the record, and the replay is the same to the last bit."""
+    bag, states = tmp_path / 'bag', [tmp_path / f'{name}.csv' for name in ('a', 'b')]
+    record = (f'--{quantity}-record', CONFIG / f'{quantity}_record.csv', '--duration', 3)
+    change = ('--change', '1.0037:gap=0.02', '--set', 'force_amplitudes=0')
+    assert simulate(*record, *change, '--bag', bag, '--states', states[0]) == 0
+    assert replay_run([str(bag), '--states', str(states[1])]) == 0
+    printed = capsys.readouterr().out
+    assert 'identical: the run is reproduced bit for bit' in printed
+    for more in ([], ['--score']):
+        assert compare_run([str(bag), *more]) == 2
+        assert 'a measured record acts on its rig' in capsys.readouterr().err
+    tables = [list(csv.DictReader(path.read_text().splitlines())) for path in states]
+    assert [row['x'] for row in tables[0]] == [row['x'] for row in tables[1]]
+    assert [row['base'] for row in tables[0]] == [row['base'] for row in tables[1]]

@@ -174,7 +174,7 @@ def check_descriptor(name, spec, made):
     assert made.description.startswith(spec.description)
     assert (f'Unit: {spec.unit}.' in made.description) == bool(spec.unit)
     fixed = ('state_rate', 'publish_clock', 'real_time_priority')
-    fixed += ('measurement_rate', 'control_law', 'lock_step')
+    fixed += ('measurement_rate', 'control_law', 'lock_step', 'force_record', 'base_record')
     assert made.read_only == (name in fixed)
     if spec.choices:
         assert made.additional_constraints.startswith(f'One of {", ".join(spec.choices)}.')

@@ -1,5 +1,6 @@
 """Records that are held between samples, against an independent integration and closed forms."""
 
+import json
 import math
 
 import numpy as np
@@ -255,3 +256,40 @@ def test_records_beside_each_other_and_orders():
         rig.advance(0.7)
     sample = shaken.sample()
     assert sample.x - sample.base == pytest.approx(pushed.sample().x, rel=1e-12)
+
+
+@pytest.mark.parametrize('quantity', ['force', 'base'])
+def test_a_snapshot_has_a_copy_of_the_record(quantity):
+    """A rig goes on from JSON to the last bit: in the middle of a sample, at a step, after all."""
+    rig = Rig(RigParameters(**BENCH, **FRICTION), MOVING, records=[noise(quantity, 1.0)])
+    for instant in (0.2345, 0.25, 1.2):
+        rig.advance(instant)
+        other = Rig.restore(json.loads(json.dumps(rig.snapshot())))
+        assert other.snapshot() == rig.snapshot()
+        expected = Rig.restore(rig.snapshot())
+        for later in (instant, instant + 0.01, 1.5):
+            assert other.advance(later) == expected.advance(later)
+            assert other.sample() == expected.sample()
+    rig.advance(1.5)
+    assert other.sample() == rig.sample()
+
+
+def altered(held, **values):
+    return {**held, 'records': [{**held['records'][0], **values}]}
+
+
+@pytest.mark.parametrize(
+    ('values', 'problem'),
+    [
+        ({'digest': '00'}, 'the digest of the record'),
+        ({'values': 'A'}, 'cannot be expanded'),
+        ({'times': '<'}, 'cannot be expanded'),
+        ({'quantity': 'gap'}, 'digest'),
+        ({'start': 5.0}, 'records.start is 5.0'),
+        ({'start': 'now'}, "records.start is 'now'"),
+    ],
+)
+def test_altered_snapshots(values, problem):
+    rig = Rig(RigParameters(**BENCH), records=[noise('force', 1.0)])
+    with pytest.raises(ValueError, match=problem):
+        Rig.restore(altered(rig.snapshot(), **values))
