@@ -78,4 +78,4 @@ env:  ## only make .venv, with all tools for development
 
 clean:  ## remove .venv, builds, caches and the demo's run
 	rm -rf .venv build docs/_build install log demo_run *.egg-info .mypy_cache .pytest_cache .ruff_cache
-	find impact_damper_ros test benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+	find impact_damper_ros test benchmarks docs -name __pycache__ -type d -prune -exec rm -rf {} +

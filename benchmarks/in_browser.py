@@ -6,8 +6,8 @@ The rig that a browser computes: how far it agrees with CPython, its size, and h
 Random rigs with a change on the way, and all presets, run in Chromium and in CPython and are
 compared event for event: kind, stop, mode, and the instant to a millionth of the run. Where they
 disagree, last digits decide if CPython itself has other events from a start that is 1e-14 gaps
-away; all others are wrong, and the program then ends with exit status 1. It needs Playwright and
-Chromium.
+away; all others are wrong. The exit status is 1 if there are wrong ones, if the page has more than
+0.3 MB or takes more than 2 s to move. It needs Playwright and Chromium.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ from in_browser.build import build  # noqa: E402
 from page.browser import Browser  # noqa: E402
 from page.compared_rigs import COMPARE, disagreements, preset_cases, random_cases  # noqa: E402
 
+#: Largest size of what a browser loads, B, and longest time until the rig moves, s.
+LARGEST, LONGEST = 300_000, 2.0
 MOVES = 'impactDamper.history.own.samples.length > 20'
 #: Rig seconds per second of each preset, for two seconds of the machine.
 SPEED = """() => {
@@ -107,7 +109,8 @@ def main() -> int:
     print(text)
     if options.json:
         options.json.write_text(text, encoding='utf-8')
-    return 1 if result['agreement']['wrong'] else 0
+    large = sum(sizes.values()) > LARGEST or result['first motion']['median, s'] > LONGEST
+    return 1 if result['agreement']['wrong'] or large else 0
 
 
 if __name__ == '__main__':

@@ -20,6 +20,7 @@ import types
 from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from enum import IntEnum
+from functools import reduce
 from operator import attrgetter
 from typing import Any
 
@@ -280,7 +281,9 @@ class Translator:
             names = getattr(value, '_fields', None) or [f.name for f in fields(value)]
             made = ', '.join(self.literal(getattr(value, n), where) for n in names)
             return f'new {self.need(type(value), type(value).__name__, where)}({made})'
-        if isinstance(value, list | tuple | set | frozenset):
+        if isinstance(value, set | frozenset):
+            value = sorted(value)
+        if isinstance(value, list | tuple):
             return f'[{", ".join(self.literal(v, where) for v in value)}]'
         if callable(value):
             return self.need(value, value.__name__, where)
@@ -454,7 +457,6 @@ class Writer:
         self.program, self.unit, self.fast = program, unit, unit.fast
         #: Local names, of functions within functions and of comprehensions the inner ones last
         self.scopes: list[set[str]] = []
-        self.cls = ''
 
     def where(self, node: Any) -> str:
         """Return file and line."""
@@ -940,40 +942,39 @@ class Writer:
         if isinstance(function, ast.Attribute):
             return self.method_call(node, function, arguments)
         name = function.id if isinstance(function, ast.Name) else ''
-        if thing is inspect.unwrap(thing) is None and name == 'cls' and self.is_local('cls'):
-            return self.made('cls', self.own_fields(), node, arguments)
-        if name and not self.is_local(name):
-            if self.fast and thing in (min, max) and len(arguments) == 2:
-                return f'${name}({", ".join(arguments)})'
-            if self.fast and thing in (abs, len, float, bool, int):
-                if thing is len:
-                    return f'{arguments[0]}.length'
-                word = {abs: 'Math.abs', int: 'Math.trunc'}.get(thing, '')
-                return f'{word}({arguments[0]})'
-            if self.fast and thing in (min, max):
-                first, *rest = arguments
-                for one in rest:
-                    first = f'${name}({first}, {one})'
-                return first
-            if thing is isinstance:
-                kinds = self.kinds(node.args[1])
-                return f'isinstance({arguments[0]}, [{", ".join(kinds)}])'
-            if thing is slice:
-                return f'new slice({", ".join(arguments)})'
+        if name == 'cls' and self.is_local(name):
+            names = self.program.signature(self.unit.thing)
+            return self.made('cls', names, node, arguments)
+        if not name or self.is_local(name):
             text = self.value(function)
-            unwrapped = inspect.unwrap(thing) if callable(thing) else thing
-            if id(unwrapped) in self.program.units:
-                names = self.program.signature(unwrapped)
-                new = isinstance(unwrapped, type) and not issubclass(unwrapped, IntEnum)
-                return self.made(text, names, node, arguments, new=new)
-            if isinstance(thing, type) and issubclass(thing, Exception):
-                text = f'new {text}'
-            return self.outside_call(text, node, arguments)
+            return self.outside_call(text if self.fast else f'$applied({text})', node, arguments)
+        if self.fast and thing in (abs, len, float, bool, int, min, max):
+            return self.built_in(node, thing, arguments)
+        if thing is isinstance:
+            kinds = self.kinds(node.args[1])
+            return f'isinstance({arguments[0]}, [{", ".join(kinds)}])'
+        if thing is slice:
+            return f'new slice({", ".join(arguments)})'
         text = self.value(function)
-        return self.outside_call(text if self.fast else f'$applied({text})', node, arguments)
+        unwrapped = inspect.unwrap(thing) if callable(thing) else thing
+        if id(unwrapped) in self.program.units:
+            names = self.program.signature(unwrapped)
+            new = isinstance(unwrapped, type) and not issubclass(unwrapped, IntEnum)
+            return self.made(text, names, node, arguments, new=new)
+        if isinstance(thing, type) and issubclass(thing, Exception):
+            text = f'new {text}'
+        return self.outside_call(text, node, arguments)
 
-    def own_fields(self) -> list[str]:
-        return self.program.signature(self.unit.thing)
+    def built_in(self, node: ast.Call, thing: Any, arguments: list[str]) -> str:
+        """Return the call of a function of Python on numbers."""
+        if node.keywords or len(arguments) < (2 if thing in (min, max) else 1):
+            raise self.unknown(node)
+        if thing is len:
+            return f'{arguments[0]}.length'
+        if thing in (min, max):
+            return reduce(lambda one, other: f'${thing.__name__}({one}, {other})', arguments)
+        word = {abs: 'Math.abs', int: 'Math.trunc', bool: 'Boolean', float: ''}[thing]
+        return f'{word}({arguments[0]})'
 
     def kinds(self, node: Any) -> list[str]:
         """Return the kinds of an isinstance."""

@@ -117,6 +117,22 @@ def test_search_finds_the_page(site):
     assert not missed
 
 
+def test_a_link_of_the_lecture_moves_a_rig_in_the_browser(site):
+    playwright = pytest.importorskip('playwright.sync_api')
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium.needed())
+        tab = browser.new_page()
+        failed = []
+        tab.on('pageerror', lambda error: failed.append(str(error)))
+        tab.goto(f'file://{site.pages}/tutorials/lecture.html')
+        tab.get_by_role('link', name='in your browser').nth(3).click()
+        tab.wait_for_function('globalThis.impactDamper?.history.impacts.length > 2')
+        assert tab.url.startswith(f'file://{site.pages}/try/index.html#preset=bench')
+        playwright.expect(tab.locator('#rig-line')).to_contain_text('gap 27.0')
+        browser.close()
+    assert failed == []
+
+
 @pytest.mark.parametrize(
     ('name', 'anchor'),
     [
