@@ -5,6 +5,7 @@ import os
 import re
 import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 from importlib import import_module
@@ -182,7 +183,7 @@ def place(tmp_path, monkeypatch, recording):
     for bag in (BAG, MADE):
         (tmp_path / bag).symlink_to(recording)
     # A rig such as `design_damper --rig-out damper.yaml` writes
-    (tmp_path / 'damper.yaml').symlink_to(ROOT / 'config' / 'bench_rig.yaml')
+    shutil.copy(ROOT / 'config' / 'bench_rig.yaml', tmp_path / 'damper.yaml')
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
