@@ -11,6 +11,7 @@ from typing import Any
 from impact_damper_ros.parameters.measured_record import MeasuredRecord, read_records
 from impact_damper_ros.parameters.parameters_file import load_parameters
 from impact_damper_ros.parameters.random_motion import LINES, RandomLines, random_lines
+from impact_damper_ros.parameters.sweep_levels import sweep_levels
 
 from .command_line import add_path_option, number, up_to
 from .rig_options import GivenRig
@@ -47,6 +48,31 @@ def add_random_options(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         help='seed of their phases [1]',
     )
+
+
+def add_levels_option(parser: argparse.ArgumentParser) -> None:
+    """Let a command notch a sweep."""
+    add_path_option(
+        parser,
+        '--sweep-levels',
+        'levels of a sweep over frequency, for one that is notched: CSV with a header, as '
+        'f [Hz], level [g] (or m/s^2, m/s, mm: the base; N: the force on M); a straight line '
+        'between points on logarithmic axes, constant beyond them',
+    )
+
+
+def with_sweep_levels(arguments: argparse.Namespace, given: GivenRig) -> GivenRig:
+    """Return a rig with the levels of the table of the option; one line is swept."""
+    if arguments.sweep_levels is None:
+        return given
+    values = sweep_levels(arguments.sweep_levels)
+    rig = given.parameters
+    group = 'base' if 'base_amplitudes' in values else 'force'
+    for part in ('frequencies', 'phases'):
+        values[f'{group}_{part}'] = getattr(rig, f'{group}_{part}')[:1]
+    if group == 'base':
+        values['force_amplitudes'] = (0.0,) * len(rig.force_amplitudes)
+    return given.changed(values)
 
 
 def with_random_lines(

@@ -24,6 +24,7 @@ from impact_damper_ros.motion.event import Event, EventKind, Sample, table_of_ev
 from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.motion.swing import Swing
 from impact_damper_ros.orbits.flight_arrays import FlightStart
+from impact_damper_ros.orbits.swept_response import SweptResponse, SweptRun
 from impact_damper_ros.outputs import is_stream, write_text
 from impact_damper_ros.parameters.measured_record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.parameters.parameter_spec import ParameterSpec
@@ -49,6 +50,7 @@ from impact_damper_ros.report.random_response_figure import (
     response_text,
 )
 from impact_damper_ros.report.record_figure import record_figure, record_text
+from impact_damper_ros.report.swept_response_figure import swept_figure, swept_table, swept_text
 from impact_damper_ros.report.table import Table
 from impact_damper_ros.report.transmissibility_text import transmissibility_text
 from impact_damper_ros.rig.observed_run import Observer, TimedChange, run
@@ -84,11 +86,13 @@ from .rig_options import (
     timed_changes,
 )
 from .shaker_options import (
+    add_levels_option,
     add_random_options,
     add_record_options,
     given_records,
     shaker_files,
     with_random_lines,
+    with_sweep_levels,
 )
 
 #: The force on M is that of the harmonics and of a controller.
@@ -177,10 +181,18 @@ def _parser() -> argparse.ArgumentParser:
         'with a base of many lines: write its level, that of M, and the transmissibility at each '
         'of them, with and without damper, as CSV (- : stdout)',
     )
+    add_levels_option(parser)
+    add_path_option(
+        parser,
+        '--response',
+        'of a sweep: write the response at each of its frequencies, on the ways up and down, with '
+        'and without damper, as CSV (- : stdout)',
+    )
     add_path_option(
         parser,
         '--figure',
-        'draw the same over frequency, or records and the motion over time; .png, .svg or .pdf',
+        'draw transmissibility or response over frequency, or records and the motion over time; '
+        '.png, .svg or .pdf',
     )
     add_path_option(
         parser, '--rig-out', 'write the rig, with its lines, as a parameters file (- : stdout)'
@@ -439,7 +451,8 @@ def _simulate(
     """Simulate, write the files and print the summary, also of a run that ended early."""
     duration = arguments.duration
     rig = _rig(given, law, records)
-    response = None if records else _response(arguments, rig)
+    swept = _swept_run(arguments, rig, records)
+    response = None if records or swept is not None else _response(arguments, rig)
     summary = _Summary(rig, duration, response)
     sampled = RecordSamples(rig, duration) if records else None
 
@@ -454,7 +467,7 @@ def _simulate(
                 progress_bar('simulated', duration, 's', quiet=arguments.quiet)
             )
             observers = [summary, *outputs, _Progress(rig, bar)]
-            observers += filter(None, [response, sampled])
+            observers += filter(None, [response, sampled, swept])
             run(rig, duration, observers, changes, arguments.most_events)
     except RunawayError as error:
         report(whole=False)
@@ -476,6 +489,8 @@ def _simulate(
 
             figure = record_figure(beside, records, rig_line(rig.parameters))
             save_figure(figure, arguments.figure)
+    if swept is not None:
+        _write_sweep(arguments, rig.parameters, swept.response())
     if response is not None:
         found = response.response()
         if arguments.transmissibility is not None:
@@ -488,6 +503,34 @@ def _simulate(
 
 def _rig(given: GivenRig, law: OwnLaw | None, records: Sequence[MeasuredRecord]) -> Rig:
     return Rig(given.parameters, given.initial, control=given.control, law=law, records=records)
+
+
+def _swept_run(
+    arguments: argparse.Namespace, rig: Rig, records: Sequence[MeasuredRecord]
+) -> SweptRun | None:
+    """Return what takes the response to a sweep; None where it is not wanted."""
+    if arguments.response is not None and rig.parameters.sweep_mode == 'off':
+        raise CommandError('--response is that of a sweep: give --set sweep_mode=up, too')
+    if rig.parameters.sweep_mode == 'off' or not (arguments.response or arguments.figure):
+        return None
+    if records or arguments.change:
+        raise CommandError(
+            'the response over frequency is that of one rig in one sweep: leave --change and the '
+            'records out, or --response and --figure'
+        )
+    return SweptRun(rig)
+
+
+def _write_sweep(arguments: argparse.Namespace, rig: RigParameters, found: SweptResponse) -> None:
+    """Print the response to a sweep, and write table and figure."""
+    if not arguments.quiet:
+        print(swept_text(rig, found), file=sys.stderr)
+    if arguments.response is not None:
+        write_text(arguments.response, swept_table(rig, found))
+    if arguments.figure is not None:
+        from impact_damper_ros.report.drawing import save_figure
+
+        save_figure(swept_figure(rig, found, rig_line(rig)), arguments.figure)
 
 
 def _response(arguments: argparse.Namespace, rig: Rig) -> ResponseSamples | None:
@@ -527,6 +570,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         records = given_records(arguments, given)
         if arguments.duration is None:
             parser.error('the following arguments are required: --duration')
+        given = with_sweep_levels(arguments, given)
         law, control = given_law(arguments.law, given.control)
         given = given._replace(control=control)
         check_outputs(arguments, arguments.params, *shaker_files(arguments))

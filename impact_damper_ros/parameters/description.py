@@ -148,9 +148,11 @@ def _force(rig: RigParameters) -> Iterator[str]:
 
 def _stepped(rig: RigParameters) -> str:
     low, high = rig.sweep_low, rig.sweep_high
+    rate = f', {rig.sweep_rate:.4g} octaves a minute' if rig.sweep_rate else ''
+    notched = ', notched' if any(factor != 1.0 for factor in rig.sweep_notch_factors) else ''
     return (
         f'stepped {rig.sweep_mode.replace("_", " and ")} from {_hertz(low)} to {_hertz(high)} = '
-        f'{_share(rig, low, high)}'
+        f'{_share(rig, low, high)}{rate}{notched}'
     )
 
 

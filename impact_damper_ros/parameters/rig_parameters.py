@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Self
 
 from .base_motion import QUANTITIES, BaseMotion, quantity_of
@@ -146,6 +147,35 @@ class RigParameters(ParameterTable):
     sweep_dwell: float = number(
         100.0, 1e-3, 1e9, 's', 'Time for which the sweep stays at each frequency.'
     )
+    sweep_spacing: str = text(
+        'linear',
+        ('linear', 'logarithmic'),
+        'Spacing of the frequencies of the sweep: equal steps, or equal ratios, the first one '
+        'from sweep_low on by sweep_step.',
+    )
+    sweep_rate: float = number(
+        0.0,
+        0.0,
+        1e6,
+        'octaves/min',
+        'Rate of a logarithmic sweep; sets the time at each frequency in place of sweep_dwell. 0 '
+        'for sweep_dwell.',
+    )
+    sweep_notch_frequencies: tuple[float, ...] = number(
+        (1.0,),
+        1e-6,
+        1e6,
+        'rad/s',
+        'Circular frequencies, rising, at which sweep_notch_factors holds.',
+    )
+    sweep_notch_factors: tuple[float, ...] = number(
+        (1.0,),
+        1e-9,
+        1e9,
+        '',
+        'Factors of the amplitude that is swept, over frequency: straight lines on logarithmic '
+        'axes, constant beyond the ends; 1 for a constant level.',
+    )
 
     def __post_init__(self) -> None:
         """Take the quantity from the unit of base amplitudes, and check all values."""
@@ -173,19 +203,12 @@ class RigParameters(ParameterTable):
                 f'{0.9999 * critical:.6g} (0.9999 of 2 sqrt(stiffness primary_mass))',
             )
         if any(self.base_amplitudes):
-            self._check_base()
+            self._check_base(self.base_amplitudes, self.base_frequencies)
         if self.multisine_level > 0.0:
             self._check_band('multisine')
         if self.sweep_mode != 'off':
             self._check_band('sweep')
-            steps = (self.sweep_high - self.sweep_low) / self.sweep_step
-            if steps > MOST_STEPS:
-                least = (self.sweep_high - self.sweep_low) / MOST_STEPS
-                raise ParameterError(
-                    'sweep_step',
-                    f'sweep_step is {self.sweep_step!r} rad/s, {steps:.4g} steps from sweep_low '
-                    f'to sweep_high: give at least {least:.3g} rad/s ({MOST_STEPS} steps)',
-                )
+            self._check_sweep()
 
     @classmethod
     def of_structure(cls, **values: Any) -> RigParameters:
@@ -235,8 +258,8 @@ class RigParameters(ParameterTable):
             plain['base_quantity'] = quantity
         return ParameterTable.replace(self, **plain)
 
-    def _check_base(self) -> None:
-        lines = zip(self.base_amplitudes, self.base_frequencies, strict=True)
+    def _check_base(self, amplitudes: tuple[float, ...], frequencies: tuple[float, ...]) -> None:
+        lines = zip(amplitudes, frequencies, strict=True)
         for index, (amplitude, frequency) in enumerate(lines):
             name = f'base_frequencies[{index}]'
             if amplitude and not frequency and self.base_quantity != 'displacement':
@@ -245,16 +268,59 @@ class RigParameters(ParameterTable):
                     f'{name} is {frequency!r} rad/s: a base of constant {self.base_quantity} goes '
                     f'away, give {name} more than 0, or base_quantity displacement',
                 )
-        forces, frequencies, _ = self.base_motion.force(self.stiffness, self.damping)
+        base = BaseMotion.of(amplitudes, frequencies, self.base_phases, self.base_quantity)
+        forces, _, _ = base.force(self.stiffness, self.damping)
         for index, (force, frequency) in enumerate(zip(forces, frequencies, strict=True)):
             if not abs(force) <= _MOST_FORCE:
                 raise ParameterError(
                     'base_amplitudes',
-                    f'base_amplitudes[{index}] is {self.base_amplitudes[index]!r} '
+                    f'base_amplitudes[{index}] is {amplitudes[index]!r} '
                     f'({self.base_quantity}) at {frequency!r} rad/s, which pulls M by '
                     f'{abs(force):.4g} N: give an amplitude that pulls by at most '
                     f'{_MOST_FORCE:g} N, {abs(_MOST_FORCE / force):.3g} of it',
                 )
+
+    def _check_sweep(self) -> None:
+        logarithmic = self.sweep_spacing == 'logarithmic'
+        if self.sweep_rate and not logarithmic:
+            raise ParameterError(
+                'sweep_rate',
+                f'sweep_rate is {self.sweep_rate!r} octaves a minute and sweep_spacing linear: '
+                'give sweep_spacing logarithmic, or sweep_rate 0 and the time sweep_dwell at each '
+                'frequency',
+            )
+        low, high = self.sweep_low, self.sweep_high
+        steps = (high - low) / self.sweep_step
+        least = (high - low) / MOST_STEPS
+        if logarithmic:
+            steps = math.log(high / low) / math.log1p(self.sweep_step / low)
+            least = low * math.expm1(math.log(high / low) / MOST_STEPS)
+        if steps > MOST_STEPS:
+            raise ParameterError(
+                'sweep_step',
+                f'sweep_step is {self.sweep_step!r} rad/s, {steps:.4g} steps from sweep_low '
+                f'to sweep_high: give at least {least:.3g} rad/s ({MOST_STEPS} steps)',
+            )
+        places, factors = self.sweep_notch_frequencies, self.sweep_notch_factors
+        if len(places) != len(factors):
+            raise ParameterError(
+                'sweep_notch_factors',
+                f'sweep_notch_frequencies has {len(places)} entries and sweep_notch_factors '
+                f'{len(factors)}: give both together, with the same length',
+            )
+        for k, (one, other) in enumerate(pairwise(places)):
+            if not one < other:
+                raise ParameterError(
+                    'sweep_notch_frequencies',
+                    f'sweep_notch_frequencies[{k + 1}] is {other!r} rad/s, after {one!r} rad/s: '
+                    'give rising frequencies',
+                )
+        if self.swept == 'base':
+            # The lowest frequency has the largest displacement.
+            self._check_base(
+                (self.base_amplitudes[0] * max(factors), *self.base_amplitudes[1:]),
+                (low, *self.base_frequencies[1:]),
+            )
 
     def _check_band(self, name: str) -> None:
         low, high = getattr(self, f'{name}_low'), getattr(self, f'{name}_high')
@@ -335,10 +401,18 @@ class RigParameters(ParameterTable):
         amplitudes, frequencies, phases = self.base_motion
         return amplitudes[0], frequencies[0], phases[0]
 
-    def with_first_frequency(self, frequency: float) -> RigParameters:
-        """Return the rig with another circular frequency of the first harmonic, rad/s."""
-        name = f'{self.swept}_frequencies'
-        return self.replace(**{name: (frequency, *getattr(self, name)[1:])})
+    def with_first_frequency(self, frequency: float, factor: float = 1.0) -> RigParameters:
+        """
+        Return the rig with another circular frequency of the first harmonic, rad/s.
+
+        Its amplitude is taken times a factor.
+        """
+        frequencies, amplitudes = f'{self.swept}_frequencies', f'{self.swept}_amplitudes'
+        changes = {frequencies: (frequency, *getattr(self, frequencies)[1:])}
+        if factor != 1.0:
+            first, *others = getattr(self, amplitudes)
+            changes[amplitudes] = (first * factor, *others)
+        return self.replace(**changes)
 
     @property
     def periodic_force(self) -> bool:

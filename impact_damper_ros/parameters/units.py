@@ -32,6 +32,7 @@ UNITS: dict[str, dict[str, float]] = {
     'rad': {'rad': 1.0, 'deg': pi / 180.0, '°': pi / 180.0},
     'rad/s': {'rad/s': 1.0, 'Hz': tau, 'kHz': 1e3 * tau, 'rpm': tau / 60.0},
     'Hz': {'Hz': 1.0, 'kHz': 1e3},
+    'octaves/min': {'octaves/min': 1.0, 'octave/min': 1.0, 'oct/min': 1.0},
     's': {'s': 1.0, 'ms': 1e-3, 'min': 60.0, 'h': 3600.0},
     'B': {'B': 1.0, 'kB': 1e3, 'MB': 1e6, 'GB': 1e9},
     '': {'': 1.0, '%': 1e-2},

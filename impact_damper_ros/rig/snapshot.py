@@ -22,7 +22,7 @@ from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .playback import Playback
-from .stepped_sine import SteppedSine, rig_at, step_count
+from .stepped_sine import SteppedSine, rig_at, step_count, step_duration
 
 FORMAT = 8
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.
@@ -103,7 +103,8 @@ def _check_sweep(sweep: SteppedSine, parameters: RigParameters, time: float) -> 
         raise ValueError(f'sweep.due is {sweep.due!r} s at step {sweep.step} of {steps}')
     if parameters.sweep_mode == 'off':
         return
-    done = sweep.start + sweep.step * parameters.sweep_dwell
+    dwell = step_duration(parameters)
+    done = sweep.start + sweep.step * dwell
     due = sweep.due
     if not done - SAME_TIME <= time <= due + SAME_TIME:
         raise ValueError(
@@ -111,7 +112,7 @@ def _check_sweep(sweep: SteppedSine, parameters: RigParameters, time: float) -> 
             f'time, {time!r} s'
         )
     # A step waits for an upward zero, and for one more if it would be at once.
-    latest = max(done + parameters.sweep_dwell, time)
+    latest = max(done + dwell, time)
     latest += 2.0 * tau / rig_at(parameters, sweep.step).first_line[1]
     if due < inf and due > latest + SAME_TIME:
         raise ValueError(f'sweep.due is {due!r} s: it must be at most {latest!r} s')

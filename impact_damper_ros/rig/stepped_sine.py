@@ -11,9 +11,10 @@ changes, a step waits for the next upward zero of the line.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
-from math import ceil, floor, inf, nan, pi, tau
+from math import ceil, exp, floor, inf, log, log1p, nan, pi, tau
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -30,9 +31,20 @@ def step_count(parameters: RigParameters) -> int:
     """Return the number of steps of a whole sweep; 0 if there is none."""
     if parameters.sweep_mode == 'off':
         return 0
-    way = (parameters.sweep_high - parameters.sweep_low) / parameters.sweep_step
+    low, high, step = parameters.sweep_low, parameters.sweep_high, parameters.sweep_step
+    way = (high - low) / step
+    if parameters.sweep_spacing == 'logarithmic':
+        way = log(high / low) / log1p(step / low)
     once = max(1, ceil(way - _WHOLE))
     return 2 * once if parameters.sweep_mode == 'up_down' else once
+
+
+def step_duration(parameters: RigParameters) -> float:
+    """Return the time at each frequency of a sweep, s."""
+    if not parameters.sweep_rate:
+        return parameters.sweep_dwell
+    octaves = log1p(parameters.sweep_step / parameters.sweep_low) / log(2.0)
+    return 60.0 * octaves / parameters.sweep_rate
 
 
 def _frequency(parameters: RigParameters, step: int) -> float:
@@ -51,7 +63,20 @@ def _frequency(parameters: RigParameters, step: int) -> float:
         place = 2 * once - place
     if place == once:
         return parameters.sweep_high
+    if parameters.sweep_spacing == 'logarithmic':
+        ratio = log1p(parameters.sweep_step / parameters.sweep_low)
+        return min(parameters.sweep_low * exp(place * ratio), parameters.sweep_high)
     return parameters.sweep_low + place * parameters.sweep_step
+
+
+def _notched(parameters: RigParameters, frequency: float) -> float:
+    """Return the factor of the level at a frequency, a power of it between two points."""
+    places, factors = parameters.sweep_notch_frequencies, parameters.sweep_notch_factors
+    k = bisect_right(places, frequency)
+    if k in (0, len(places)):
+        return factors[min(k, len(places) - 1)]
+    share = log(frequency / places[k - 1]) / log(places[k] / places[k - 1])
+    return factors[k - 1] * exp(share * log(factors[k] / factors[k - 1]))
 
 
 @lru_cache(maxsize=64)
@@ -59,11 +84,14 @@ def rig_at(parameters: RigParameters, step: int) -> RigParameters:
     """Return a rig as it is after a number of steps of its sweep; as it is without a sweep."""
     if parameters.sweep_mode == 'off':
         return parameters
-    return parameters.with_first_frequency(_frequency(parameters, step))
+    frequency = _frequency(parameters, step)
+    return parameters.with_first_frequency(frequency, _notched(parameters, frequency))
 
 
 def _waits_for_zero(parameters: RigParameters) -> bool:
     """Return whether the size of the line changes from step to step."""
+    if any(factor != 1.0 for factor in parameters.sweep_notch_factors):
+        return True
     return parameters.swept == 'base' and parameters.base_quantity != 'displacement'
 
 
@@ -113,7 +141,7 @@ class SteppedSine(NamedTuple):
         here = cls(start, step)
         if step >= step_count(parameters):
             return here
-        due = start + (step + 1) * parameters.sweep_dwell
+        due = start + (step + 1) * step_duration(parameters)
         if _waits_for_zero(parameters):
             due = _zero_from(rig_at(parameters, step), due, now, angle)
         return here._replace(due=due)
@@ -130,7 +158,7 @@ class SteppedSine(NamedTuple):
 
     def following(self, parameters: RigParameters) -> SteppedSine:
         """Return the sweep after its next step."""
-        steps, dwell = step_count(parameters), parameters.sweep_dwell
+        steps, dwell = step_count(parameters), step_duration(parameters)
         if not _waits_for_zero(parameters):
             after = self._replace(step=self.step + 1)
             due = inf if after.step >= steps else self.start + (after.step + 1) * dwell

@@ -233,3 +233,109 @@ def test_a_recorded_run_is_replayed(tmp_path, capsys, quantity):
     tables = [list(csv.DictReader(path.read_text().splitlines())) for path in states]
     assert [row['x'] for row in tables[0]] == [row['x'] for row in tables[1]]
     assert [row['base'] for row in tables[0]] == [row['base'] for row in tables[1]]
+
+
+def test_a_record_is_not_lost(tmp_path, capsys):
+    record = ('--force-record', CONFIG / 'force_record.csv')
+    assert simulate(*record, '--bag', tmp_path / 'bag') == 2
+    assert 'leave out --bag' in capsys.readouterr().err
+    assert not (tmp_path / 'bag').exists()
+
+
+# Sweeps
+
+
+SWEEP = (
+    *('force_amplitudes=0', 'base_amplitudes=0.06g', 'sweep_mode=up_down', 'sweep_low=4Hz'),
+    *('sweep_high=6Hz', 'sweep_step=0.5Hz', 'sweep_dwell=4'),
+)
+NOTCHED = 'f [Hz],level [g]\n4.6,0.06\n4.8,0.02\n5.2,0.02\n5.4,0.06\n'
+
+
+def swept(*words, settings=SWEEP):
+    words = [*words, *(word for setting in settings for word in ('--set', setting))]
+    return simulate('--duration', 36, *words)
+
+
+def rows_of(path):
+    return list(csv.DictReader(path.read_text().splitlines()))
+
+
+def test_the_response_to_a_sweep(tmp_path, capsys):
+    response, figure = tmp_path / 'response.csv', tmp_path / 'response.pdf'
+    assert swept('--response', response, '--figure', figure) == 0
+    rows = rows_of(response)
+    assert [(r['way'], round(float(r['frequency [Hz]']), 9)) for r in rows] == [
+        *(('up', 4.0 + 0.5 * k) for k in range(5)),
+        *(('down', 5.5 - 0.5 * k) for k in range(4)),
+    ]
+    for row in rows:
+        assert float(row['level [g]']) == pytest.approx(0.06, rel=1e-6)
+        hertz, mm = float(row['frequency [Hz]']), float(row['x without damper [mm]'])
+        spring = 1974.0 + 1.26j * math.tau * hertz
+        base = 60.0 * 9.80665 / (math.tau * hertz) ** 2
+        expected = base * abs(spring / (spring - 2.0 * (math.tau * hertz) ** 2))
+        assert mm == pytest.approx(expected, rel=1e-6)
+        assert float(row['acceleration without damper [g]']) == pytest.approx(
+            mm * (math.tau * hertz) ** 2 / 9806.65, rel=1e-6
+        )
+    at_resonance = [float(r['x [mm]']) for r in rows if r['frequency [Hz]'] == '5']
+    assert all(value < 10.0 for value in at_resonance)
+    assert figure.read_bytes()[:4] == b'%PDF'
+    printed = capsys.readouterr().err
+    assert 'sweep       9 frequencies from 4 Hz to 6 Hz at 0.06 g' in printed
+    assert 'largest |X|' in printed
+    assert 'without damper 29.' in printed
+
+
+def test_a_notched_sweep(tmp_path):
+    table, response, rig = (tmp_path / n for n in ('levels.csv', 'response.csv', 'rig.yaml'))
+    table.write_text(NOTCHED)
+    assert swept('--sweep-levels', table, '--response', response, '--rig-out', rig) == 0
+    levels = [float(r['level [g]']) for r in rows_of(response)]
+    assert levels == pytest.approx(
+        [0.06, 0.06, 0.02, 0.06, 0.06, 0.06, 0.02, 0.06, 0.06], rel=1e-6
+    )
+    parameters = load_parameters(rig)[0]
+    assert parameters.base_quantity == 'acceleration'
+    assert parameters.sweep_notch_factors == pytest.approx((1.0, 1 / 3, 1 / 3, 1.0))
+    # A table of forces, in newtons, acts on M.
+    table.write_text('Frequenz [Hz];Kraft [N]\n4;1,5\n6;0,5\n')
+    assert swept('--sweep-levels', table, '--response', response, settings=SWEEP[2:]) == 0
+    levels = [float(r['level [N]']) for r in rows_of(response)]
+    assert levels[::4] == pytest.approx([1.5, 0.5, 1.5])
+    assert 'x - b [mm]' not in rows_of(response)[0]
+
+
+@pytest.mark.parametrize(
+    ('text', 'problem'),
+    [
+        ('f [Hz],level\n4,1\n5,2\n', 'level'),
+        ('f [Hz],level [g]\n4,1\n', '1 rows: give at least 2'),
+        (
+            'f [Hz],level [g]\n4,1\n4,2\n',
+            "line 3, column 'f [Hz]': 4 after 4: the column must rise",
+        ),
+        ('f [Hz],level [g]\n4,1\n5,0\n', "line 3, column 'level [g]': 0: give a positive number"),
+        ('f [Hz],level [g]\n4,1\n5,\n', "line 3, column 'level [g]': no number"),
+        ('f [Hz],level [kg]\n4,1\n5,1\n', 'kg'),
+        (None, 'cannot be read'),
+    ],
+)
+def test_bad_levels(tmp_path, capsys, text, problem):
+    table = tmp_path / 'levels.csv'
+    if text is not None:
+        table.write_text(text)
+    assert swept('--sweep-levels', table) == 2
+    assert problem in capsys.readouterr().err
+
+
+def test_a_response_needs_a_sweep_of_one_rig(tmp_path, capsys):
+    response = tmp_path / 'r.csv'
+    assert simulate('--duration', 1, '--response', response) == 2
+    assert (
+        '--response is that of a sweep: give --set sweep_mode=up, too' in capsys.readouterr().err
+    )
+    assert swept('--response', response, '--change', '3:gap=20mm') == 2
+    assert 'leave --change and the records out' in capsys.readouterr().err
+    assert not response.exists()

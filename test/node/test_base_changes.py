@@ -185,5 +185,23 @@ def test_the_answer_says_from_when_on(client, launch, namespace, capsys, tmp_pat
     assert 'when the base next passes zero upwards' in capsys.readouterr().err
     count = len(states)
     until(lambda: len(states) > count + 500)
+    swept = {
+        'sweep_mode': 'up',
+        'sweep_low': 6.0,
+        'sweep_high': 60.0,
+        'sweep_step': 0.6,
+        'sweep_spacing': 'logarithmic',
+        'sweep_rate': 60.0,
+        'sweep_notch_frequencies': [20.0, 30.0],
+        'sweep_notch_factors': [1.0, 0.3],
+    }
+    assert parameters.set_base(**swept)[0]
+    assert parameters.set_base(sweep_notch_factors=[1.0, 0.5, 1.0]) == (
+        False,
+        'sweep_notch_frequencies has 2 entries and sweep_notch_factors 3: give both together, '
+        'with the same length',
+    )
+    count = len(states)
+    until(lambda: len(states) > count + 1500)
     assert process.stop() == 0, process.output
     assert list(tmp_path.rglob('metadata.yaml'))  # held against the rig by `every_bag_is_replayed`

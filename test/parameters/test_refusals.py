@@ -85,6 +85,37 @@ REFUSED = [
         sweep_mode='down',
         sweep_step=1e-6,
     ),
+    rig(
+        'sweep_step is 1e-06 rad/s',
+        *('5.493e+05 steps', 'at least 5.49e-06 rad/s'),
+        sweep_mode='up',
+        sweep_spacing='logarithmic',
+        sweep_step=1e-6,
+    ),
+    rig(
+        'sweep_rate is 2.0 octaves a minute',
+        *('sweep_spacing linear', 'give sweep_spacing logarithmic'),
+        sweep_mode='up',
+        sweep_rate=2.0,
+    ),
+    rig(
+        'sweep_notch_frequencies has 1 entries and sweep_notch_factors 2',
+        sweep_mode='up',
+        sweep_notch_factors=[1.0, 0.5],
+    ),
+    rig(
+        'sweep_notch_frequencies[1] is 1.0 rad/s, after 2.0 rad/s: give rising frequencies',
+        sweep_mode='up',
+        sweep_notch_factors=[1.0, 0.5],
+        sweep_notch_frequencies=[2.0, 1.0],
+    ),
+    rig(
+        *('base_amplitudes[0] is 1000000.0', 'at 0.0001 rad/s', 'pulls M by 1e+14 N'),
+        force_amplitudes=0.0,
+        base_amplitudes=1e6,
+        sweep_mode='up',
+        sweep_low=1e-4,
+    ),
     control('gap_min', 'gap_max', 'below', gap_min=0.5, gap_max=0.5),
     control('gap_min', '2.0', 'both at once', gap_min=2.0, gap_max=1.0),
     (('gapp is not a parameter of the rig',), lambda _: LEVEL.replace(gapp=1.0)),
@@ -205,6 +236,7 @@ def test_numbers_of_a_force_that_is_off_can_be_set_one_by_one():
     RigParameters(multisine_low=2.0)
     RigParameters(sweep_high=0.5)
     RigParameters(sweep_step=1e-6)
+    RigParameters(sweep_rate=2.0, sweep_notch_factors=[1.0, 0.5])
 
 
 @pytest.fixture(scope='module')

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Response over frequency: what M and its base do at each frequency of a stepped sine.
+
+The motion in a step is taken from its second half, where a step lasts for some cycles; in a swept
+sine, whose steps are as short as a cycle, from all of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.motion.event import Event, EventKind, table_of_events
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.rig.observed_run import Observer
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.stepped_sine import rig_at
+
+from .flight_arrays import Drive, Flights, row_of_rig
+from .response import Array
+
+#: Points in a cycle at which the motion is looked at; a largest value is short by 3e-4 at most.
+_POINTS = 128
+#: Cycles from which on only the second half of a step counts.
+_SETTLES = 4.0
+#: Points that are computed at once.
+_MOST_POINTS = 2**18
+
+
+class SweptResponse(NamedTuple):
+    """
+    Response at each step of a sweep.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        When the steps begin, s.
+    frequency : ndarray, shape (n,)
+        Frequency of the swept line, rad/s.
+    upwards : ndarray of bool, shape (n,)
+        Whether the frequency rises there; the highest one of a sweep up and down is of the way up.
+    level : ndarray, shape (n,)
+        Amplitude of the swept line: N, or in the unit of `base_quantity`.
+    x, relative, acceleration : ndarray, shape (n,)
+        Largest abs(X), abs(X - b) and abs(X''), m and m/s^2. The blows of the impacts themselves,
+        in which X'' is infinite, are left out.
+    x_without, relative_without, acceleration_without : ndarray, shape (n,)
+        Amplitudes of M alone under the swept line, settled.
+    impacts : ndarray, shape (n,)
+        Impacts per cycle.
+    """
+
+    time: Array
+    frequency: Array
+    upwards: NDArray[np.bool_]
+    level: Array
+    x: Array
+    relative: Array
+    acceleration: Array
+    x_without: Array
+    relative_without: Array
+    acceleration_without: Array
+    impacts: Array
+
+
+def swept_response(flights: Flights) -> SweptResponse:
+    """Return the response of a swept rig, whose flights have a row at each step."""
+    rows, times = flights.rows, flights.rows['time']
+    begins = np.flatnonzero(rows['kind'] == EventKind.FREQUENCY_STEP)
+    begins = np.concatenate([[0], begins[begins > 0]])
+    start, end = times[begins], np.append(times[begins[1:]], times[-1])
+    whole = end > start
+    begins, start, end = begins[whole], start[whole], end[whole]
+    force, frequency, _ = flights.first[begins].T
+    cycles = (end - start) * frequency / math.tau
+    since = np.where(cycles >= _SETTLES, 0.5 * (start + end), start)
+    hits = times[rows['kind'] == EventKind.IMPACT]
+    counted = np.searchsorted(hits, end) - np.searchsorted(hits, since)
+    rising = np.diff(frequency, prepend=frequency[:1]) > 0.0
+    rising[:1] = rising[1:2] if len(rising) > 1 else flights.rig.sweep_mode != 'down'
+    level, alone, apart = _alone(flights.rig, force, frequency)
+    x, relative, acceleration = _largest(flights, since, end, frequency)
+    return SweptResponse(
+        start,
+        frequency,
+        rising,
+        level,
+        x,
+        relative,
+        acceleration,
+        alone,
+        apart,
+        alone * frequency**2,
+        counted / ((end - since) * frequency / math.tau),
+    )
+
+
+def _alone(rig: RigParameters, force: Array, frequency: Array) -> tuple[Array, Array, Array]:
+    """Return the level, and the amplitudes of X and X - b of M alone."""
+    pull = rig.stiffness + 1j * rig.damping * frequency
+    with np.errstate(divide='ignore'):
+        alone = np.abs(force) / np.abs(pull - rig.primary_mass * frequency**2)
+    moved = np.zeros_like(frequency)
+    level = np.abs(force)
+    if rig.swept == 'base':
+        moved = np.abs(force / pull)
+        power = {'displacement': 0, 'velocity': 1, 'acceleration': 2}[rig.base_quantity]
+        level = moved * frequency**power
+    # |X - b| = M W^2 |b| / |K + i C W - M W^2|; without a base it is |X|
+    inertia = rig.primary_mass * frequency**2
+    with np.errstate(invalid='ignore'):
+        apart = np.where(moved > 0.0, alone * inertia / np.abs(pull), alone)
+    return level, alone, apart
+
+
+def _largest(flights: Flights, since: Array, end: Array, frequency: Array) -> Array:
+    """Return the largest |X|, |X - b| and |X''| in each of some stretches."""
+    count = np.ceil((end - since) * frequency / math.tau * _POINTS).astype(int) + 1
+    found = np.empty((3, len(since)))
+    ends = np.cumsum(count)
+    first = 0
+    while first < len(since):
+        done = ends[first - 1] if first else 0
+        last = max(first + 1, int(np.searchsorted(ends, done + _MOST_POINTS, side='right')))
+        here = slice(first, last)
+        piece = np.repeat(np.arange(first, last), count[here])
+        number = np.arange(len(piece)) - np.repeat(
+            np.cumsum(count[here]) - count[here], count[here]
+        )
+        times = since[piece] + number * ((end - since) / (count - 1))[piece]
+        index = np.clip(
+            np.searchsorted(flights.starts, times, side='right') - 1, 0, len(flights) - 1
+        )
+        tau = np.minimum(times - flights.starts[index], flights.spans[index])
+        x, _, acceleration, _ = flights.motion(index, tau)
+        base, _, _ = flights.base(index, tau)
+        starts = np.cumsum(count[here]) - count[here]
+        for k, values in enumerate((x, x - base, acceleration)):
+            found[k, here] = np.maximum.reduceat(np.abs(values), starts)
+        first = last
+    return found
+
+
+class SweptRun(Observer):
+    """
+    Takes the events of a run with a sweep, and returns its response.
+
+    Parameters
+    ----------
+    rig : Rig
+        The rig, where the run begins. Nothing else than the sweep changes it on the way.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        """Note where the rig is."""
+        self._rig, self._sweep = rig, rig.sweep
+        self._events: list[Event] = []
+        state = rig.state()
+        since = (rig.time - state.run.time) - state.run.time_low
+        rates = rig_at(rig.parameters, rig.sweep.step).harmonics[1]
+        angles = (a + w * since for a, w in zip(state.angles, rates, strict=True))
+        self._drive = Drive(rig.time, tuple(angles), rates)
+        self._row = row_of_rig(rig)
+
+    def happened(self, events: Sequence[Event]) -> None:
+        """Take the events since the last call."""
+        self._events += events
+
+    def response(self) -> SweptResponse:
+        """Return the response up to the present time."""
+        rig, sweeps = self._rig, [self._sweep]
+        rows = np.concatenate([self._row, table_of_events(self._events), row_of_rig(rig)])
+        for _ in range(int((rows['kind'] == EventKind.FREQUENCY_STEP).sum())):
+            sweeps.append(sweeps[-1].following(rig.parameters))
+        steps = np.array([rig_at(rig.parameters, s.step).first_harmonic for s in sweeps])
+        active = rig.state().run.force
+        return swept_response(Flights.between(rig.parameters, rows, self._drive, steps, active))

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The level of a sweep over frequency, from a table: where it is notched."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .base_motion import quantity_of
+from .measured_table import FREQUENCY, Quantity, read_table
+
+_LEVEL = Quantity(
+    (
+        *('level', 'amplitude', 'force', 'acceleration', 'velocity', 'displacement'),
+        *('base', 'pegel', 'beschleunigung', 'kraft'),
+    ),
+    ('m/s^2', 'm/s', 'm', 'N'),
+)
+
+
+def sweep_levels(path: Path) -> dict[str, Any]:
+    """
+    Return the parameters of a sweep with the levels of a table.
+
+    Parameters
+    ----------
+    path : Path
+        A CSV file with the columns ``f [Hz]`` and ``level``, which is an acceleration, a velocity
+        or a displacement of the base, or a force in N: ``level [g]``.
+
+    Returns
+    -------
+    dict
+        Amplitude of the force, or of the base and its quantity, with the notches as factors of it.
+
+    Raises
+    ------
+    TableError
+        If the file is no such table.
+    """
+    table = read_table(path, {'frequency': FREQUENCY, 'level': _LEVEL})
+    table.check_finite('level')
+    table.check_rising('frequency')
+    hertz, levels = (table.columns[key].values for key in ('frequency', 'level'))
+    for key, values in (('frequency', hertz), ('level', levels)):
+        if (low := np.flatnonzero(~(values > 0.0))).size:
+            row = int(low[0])
+            raise table.error(key, row, f'{values[row]:.9g}: give a positive number')
+    greatest = float(levels.max())
+    notches = {
+        'sweep_notch_frequencies': tuple(math.tau * float(f) for f in hertz),
+        'sweep_notch_factors': tuple(float(level) / greatest for level in levels),
+    }
+    unit = table.columns['level'].unit
+    if unit == 'N':
+        return {'force_amplitudes': (greatest,), **notches}
+    return {
+        'base_amplitudes': (greatest,),
+        'base_quantity': quantity_of(unit),
+        **notches,
+    }

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figure, the table and the text of the response to a stepped sine, in the units of a test."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from impact_damper_ros.orbits.response import Array
+from impact_damper_ros.orbits.swept_response import SweptResponse
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.parameters.units import STANDARD_GRAVITY
+
+from .csv_tables import row
+from .drawing import COLORS, blank_figure, finish_panel, print_style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Ratio of neighbouring largest values from which on a step is a jump.
+_JUMP = 1.3
+#: Most jumps that are listed.
+_MOST_JUMPS = 8
+
+
+def _level(rig: RigParameters, level: Array) -> tuple[Array, str]:
+    """Return the level in the unit of a test, and that."""
+    if rig.swept == 'force':
+        return level, 'N'
+    scale, unit = {
+        'displacement': (1e3, 'mm'),
+        'velocity': (1.0, 'm/s'),
+        'acceleration': (1.0 / STANDARD_GRAVITY, 'g'),
+    }[rig.base_quantity]
+    return level * scale, unit
+
+
+def _columns(rig: RigParameters, found: SweptResponse) -> dict[str, Array]:
+    """Return the columns of the table with their headers."""
+    level, unit = _level(rig, found.level)
+    g = STANDARD_GRAVITY
+    moved = rig.swept == 'base'
+    columns = {
+        'frequency [Hz]': found.frequency / math.tau,
+        f'level [{unit}]': level,
+        'x [mm]': 1e3 * found.x,
+        'x without damper [mm]': 1e3 * found.x_without,
+        'x - b [mm]': 1e3 * found.relative,
+        'x - b without damper [mm]': 1e3 * found.relative_without,
+        'acceleration [g]': found.acceleration / g,
+        'acceleration without damper [g]': found.acceleration_without / g,
+        'impacts per cycle': found.impacts,
+        'time [s]': found.time,
+    }
+    return {name: values for name, values in columns.items() if moved or 'x - b' not in name}
+
+
+def swept_table(rig: RigParameters, found: SweptResponse) -> str:
+    """Return the steps as CSV."""
+    columns = _columns(rig, found)
+    ways = np.where(found.upwards, 'up', 'down').tolist()
+    # Nine digits: more than a largest value between points has
+    texts = ([f'{value:.9g}' for value in values] for values in columns.values())
+    rows = zip(ways, *texts, strict=True)
+    return ''.join(map(row, [('way', *columns), *rows]))
+
+
+def _jumps(found: SweptResponse) -> list[int]:
+    """Return the steps at which the largest |X| jumps, but that without damper does not."""
+    with np.errstate(divide='ignore', invalid='ignore'):
+        ratio = np.abs(np.diff(np.log(found.x)))
+        smooth = np.abs(np.diff(np.log(found.x_without)))
+    same = found.upwards[1:] == found.upwards[:-1]
+    return (np.flatnonzero((ratio - smooth > math.log(_JUMP)) & same) + 1).tolist()
+
+
+def swept_text(rig: RigParameters, found: SweptResponse) -> str:
+    """Return the result in words."""
+    level, unit = _level(rig, found.level)
+    low, high = (f'{value:.4g}' for value in (level.min(), level.max()))
+    ends = found.frequency.min() / math.tau, found.frequency.max() / math.tau
+    lines = [
+        f'sweep       {len(found.time)} frequencies from {ends[0]:.4g} Hz to {ends[1]:.4g} Hz at '
+        f'{low if low == high else f"{low} to {high}"} {unit}'
+    ]
+    for way, chosen in (('up', found.upwards), ('down', ~found.upwards)):
+        if not chosen.any():
+            continue
+        places = np.flatnonzero(chosen)
+        best = places[found.x[places].argmax()]
+        lines.append(
+            f'largest |X| {1e3 * found.x[best]:.4g} mm at {found.frequency[best] / math.tau:.4g} '
+            f'Hz on the way {way}'
+        )
+    jumps = ', '.join(
+        f'{found.frequency[k] / math.tau:.4g} Hz ({"up" if found.upwards[k] else "down"})'
+        for k in _jumps(found)[:_MOST_JUMPS]
+    )
+    if jumps:
+        lines.append(f'jumps       at {jumps}')
+    best = int(found.x_without.argmax())
+    lines.append(
+        f'without damper {1e3 * found.x_without[best]:.4g} mm at '
+        f'{found.frequency[best] / math.tau:.4g} Hz, settled'
+    )
+    return '\n'.join(lines)
+
+
+@print_style()
+def swept_figure(rig: RigParameters, found: SweptResponse, title: str = '') -> Figure:
+    """Draw the largest values over frequency, up and down, with and without damper."""
+    hertz = found.frequency / math.tau
+    panels = [
+        (1e3 * found.x, 1e3 * found.x_without, 'largest |X| [mm]'),
+        (1e3 * found.relative, 1e3 * found.relative_without, 'largest |X − b| [mm]'),
+        (
+            found.acceleration / STANDARD_GRAVITY,
+            found.acceleration_without / STANDARD_GRAVITY,
+            'largest |X″| [g]',
+        ),
+    ]
+    if rig.swept == 'force':
+        del panels[1]
+    figure = blank_figure(6.3, 1.2 + 2.0 * len(panels))
+    axes = figure.subplots(len(panels), 1, sharex=True)
+    order = np.argsort(hertz)
+    jumps = _jumps(found)
+    for panel, (values, alone, label), letter in zip(axes, panels, 'abc', strict=False):
+        look = {'color': COLORS['quiet'], 'lw': 1.2, 'ls': '--', 'label': 'without damper'}
+        panel.plot(hertz[order], alone[order], **look)
+        for name, chosen, color, marker in (
+            ('up', found.upwards, COLORS['primary'], '^'),
+            ('down', ~found.upwards, COLORS['special'], 'v'),
+        ):
+            if not chosen.any():
+                continue
+            few = chosen.sum() < 100
+            panel.plot(
+                hertz[chosen],
+                values[chosen],
+                color=color,
+                lw=1.2,
+                marker=marker if few else None,
+                ms=3,
+                label=f'with damper, {name}',
+            )
+        for k in jumps:
+            look = {'color': '0.2', 'lw': 2.6, 'alpha': 0.45}
+            label_once = 'jump' if k == jumps[0] else None
+            panel.plot(hertz[k - 1 : k + 1], values[k - 1 : k + 1], **look, label=label_once)
+        panel.set_yscale('log')
+        finish_panel(panel, letter, 'Frequency [Hz]' if panel is axes[-1] else '', label)
+    if rig.swept == 'base' and rig.base_quantity == 'acceleration':
+        level, _ = _level(rig, found.level)
+        axes[-1].plot(hertz[order], level[order], color='0.2', lw=1.0, ls=':', label='base')
+    axes[-1].legend(frameon=False, fontsize=7)
+    axes[0].legend(frameon=False, fontsize=7)
+    figure.suptitle(textwrap.fill(title, 100), fontsize=7.5, color='0.3')
+    return figure
