@@ -235,13 +235,6 @@ def test_a_recorded_run_is_replayed(tmp_path, capsys, quantity):
     assert [row['base'] for row in tables[0]] == [row['base'] for row in tables[1]]
 
 
-def test_a_record_is_not_lost(tmp_path, capsys):
-    record = ('--force-record', CONFIG / 'force_record.csv')
-    assert simulate(*record, '--bag', tmp_path / 'bag') == 2
-    assert 'leave out --bag' in capsys.readouterr().err
-    assert not (tmp_path / 'bag').exists()
-
-
 # Sweeps
 
 
