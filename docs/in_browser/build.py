@@ -49,6 +49,7 @@ LEFT_OUT = {
 #: What the runtime has in place of Python.
 REPLACED = {
     *('copied', 'specs_of', 'rows_of', 'own_law_acts', 'resolved', 'shown'),
+    'similar_names',
     *('table_of_events', 'events_of_table', 'load_presets'),
 }
 #: What the page uses by name.

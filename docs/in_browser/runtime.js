@@ -399,6 +399,10 @@ function $record(kind, names) {
   kind.prototype._asdict = function mapping() { return { ...this }; };
   kind.prototype[Symbol.iterator] = function* entries() { for (const name of names) yield this[name]; };
 }
+/** Let methods of a class be called on what it has made, too. */
+function $shared(kind, names) {
+  for (const name of names) kind.prototype[name] = function called(...given) { return this.constructor[name](...given); };
+}
 function $enumeration(name, members) {
   const kind = (value) => value;
   for (const [word, value] of Object.entries(members)) kind[word] = value;
@@ -434,6 +438,7 @@ function* zip(...given) {
     yield next.map(({ value }) => value);
   }
 }
+const pairwise = (rows) => { const found = [...$iterable(rows)]; return found.slice(1).map((one, n) => [found[n], one]); };
 function* chain(...given) { for (const rows of given) yield* $iterable(rows); }
 function* repeat(value) { for (;;) yield value; }
 const enumerate = (rows) => [...$iterable(rows)].map((one, n) => [n, one]);
@@ -530,9 +535,10 @@ function $format(value, how, quoted = false) {
 }
 const $exponent = (text) => text.replace(/e([+-])(\d)$/, 'e$10$2');
 
-// What the page does without: laws of one's own, names of a structure, and tables of numpy
+// What the page does without: laws of one's own, names of a structure or misspelt, tables of numpy
 
 const table_of_events = () => { throw new Error('no table of events'); };
 const events_of_table = table_of_events;
 const own_law_acts = () => { throw new Error('no law of its own'); };
 const resolved = (changes) => changes;
+const similar_names = () => '';

@@ -52,8 +52,8 @@ COMPARISONS = {
 BITS = (ast.BitOr, ast.BitAnd, ast.BitXor, ast.RShift)
 #: Functions that every browser has; the others of `math` are in the runtime.
 DIRECT = {
-    *('sin', 'cos', 'tan', 'atan2', 'sqrt', 'expm1', 'exp', 'log', 'log2', 'floor', 'ceil'),
-    *('hypot', 'trunc'),
+    *('sin', 'cos', 'tan', 'asin', 'acos', 'atan', 'atan2', 'sinh', 'cosh', 'tanh', 'sqrt'),
+    *('exp', 'expm1', 'log', 'log1p', 'log2', 'log10', 'floor', 'ceil', 'hypot', 'trunc'),
 }
 #: Words of JavaScript that are names in Python.
 RESERVED = {
@@ -352,8 +352,15 @@ class Translator:
         methods = ''.join(
             text for key, text in self.written.items() if isinstance(key, tuple) and key[0] is cls
         )
+        shared = [
+            node.name
+            for node in unit.tree.body
+            if (cls, getattr(node, 'name', '')) in self.written
+            and any(ast.unparse(one) == 'classmethod' for one in node.decorator_list)
+        ]
+        after_it = f'$shared({name}, [{", ".join(map(_quoted, shared))}]);\n' if shared else ''
         if not self.fields_of(cls):
-            return f'{head} {{\n{methods}}}\n'
+            return f'{head} {{\n{methods}}}\n{after_it}'
         names = [field for field, _ in self.fields_of(cls)]
         arguments = ', '.join(
             local(field)
@@ -367,7 +374,7 @@ class Translator:
         listed = ', '.join(map(_quoted, names))
         return (
             f'{head} {{\n  constructor({arguments}) {{\n{start}{made}{after}  }}\n{methods}}}\n'
-            f'$record({name}, [{listed}]);\n'
+            f'$record({name}, [{listed}]);\n{after_it}'
         )
 
     @staticmethod
@@ -390,7 +397,8 @@ class Translator:
             for target in targets:
                 if isinstance(target, ast.Name) and target.id in self.attributes.keys() - own:
                     value = self.literal(getattr(unit.thing, target.id), unit.file)
-                    text += f'{unit.name}.prototype.{target.id} = {value};\n'
+                    name = unit.name
+                    text += f'{name}.prototype.{target.id} = {name}.{target.id} = {value};\n'
         return text
 
     def check_attributes(self) -> None:
