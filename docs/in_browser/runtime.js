@@ -167,11 +167,11 @@ const np = {
   zeros_like: (one) => Matrix.each(() => 0, one),
   broadcast_to: (one, shape) => Matrix.each((value) => value, one, new Matrix(shape, new Array(shape.reduce((a, b) => a * b, 1)).fill(0))),
   where: (test, yes, no) => Matrix.each((which, one, other) => (which ? one : other), test, yes, no),
-  searchsorted: (rows, values) => values.map((value) => {
+  searchsorted: (rows, values, { side = 'left' } = {}) => values.map((value) => {
     let [low, high] = [0, rows.length];
     while (low < high) {
       const middle = (low + high) >> 1;
-      if (rows.entries[middle] <= value) low = middle + 1;
+      if (rows.entries[middle] < value || (side === 'right' && rows.entries[middle] === value)) low = middle + 1;
       else high = middle;
     }
     return low;

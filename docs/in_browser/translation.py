@@ -55,6 +55,8 @@ DIRECT = {
     *('sin', 'cos', 'tan', 'asin', 'acos', 'atan', 'atan2', 'sinh', 'cosh', 'tanh', 'sqrt'),
     *('exp', 'expm1', 'log', 'log1p', 'log2', 'log10', 'floor', 'ceil', 'hypot', 'trunc'),
 }
+#: Functions of the runtime that take arguments by name.
+NAMED = 'max', 'min', 'searchsorted'
 #: Words of JavaScript that are names in Python.
 RESERVED = {
     *(
@@ -465,6 +467,8 @@ class Writer:
         self.program, self.unit, self.fast = program, unit, unit.fast
         #: Local names, of functions within functions and of comprehensions the inner ones last
         self.scopes: list[set[str]] = []
+        #: Arguments of functions within this one
+        self.nested: dict[str, list[str]] = {}
 
     def where(self, node: Any) -> str:
         """Return file and line."""
@@ -713,6 +717,8 @@ class Writer:
         raise self.unknown(node)
 
     def write_FunctionDef(self, node: ast.FunctionDef, pad: str) -> str:
+        every = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+        self.nested[node.name] = [one.arg for one in every]
         text = self.function(node, '', keyword='')
         head, _, body = text.partition(' {\n')
         return textwrap.indent(f'{local(node.name)} = {head} => {{\n{body.rstrip()};\n', pad)
@@ -910,6 +916,8 @@ class Writer:
 
     def pattern(self, node: Any) -> str:
         """Return an argument that is taken apart; what is not used has no name."""
+        if isinstance(node, ast.Starred):
+            return f'...{self.target(node.value)}'
         if not isinstance(node, ast.Tuple):
             return self.target(node)
         parts = ['' if ast.unparse(one) == '_' else self.pattern(one) for one in node.elts]
@@ -953,6 +961,8 @@ class Writer:
         if name == 'cls' and self.is_local(name):
             names = self.program.signature(self.unit.thing)
             return self.made('cls', names, node, arguments)
+        if name in self.nested and self.is_local(name):
+            return self.made(local(name), self.nested[name], node, arguments, new=False)
         if not name or self.is_local(name):
             text = self.value(function)
             return self.outside_call(text if self.fast else f'$applied({text})', node, arguments)
@@ -1035,6 +1045,8 @@ class Writer:
         named = [one for one in node.keywords if one.arg != 'strict']
         if any(one.arg is None for one in named):
             return f'{text}({", ".join([*arguments, self.mapping(node)])})'
+        if named and not text.endswith(NAMED):
+            raise self.unknown(node)
         if named:
             rows = ', '.join(f'{one.arg}: {self.value(one.value)}' for one in named)
             arguments = [*arguments, f'new Named({{{rows}}})']

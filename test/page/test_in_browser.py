@@ -1,6 +1,7 @@
 """The rig that a browser computes: its motion against CPython's, and the page from a disk."""
 
 import gzip
+import json
 import sys
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -21,6 +22,7 @@ from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from page.browser import Browser
 from page.compared_rigs import COMPARE, disagreements, preset_cases, random_cases
+from page.translated_examples import EXAMPLES
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 if not (ROOT / 'docs' / 'in_browser').is_dir():
@@ -225,6 +227,15 @@ def test_key_numbers_are_those_of_the_package(bare):
     assert found.pop('type') == expected.pop('type')
     assert found == pytest.approx(expected, rel=1e-12)
     assert found['impacts_per_cycle'] == 2.0
+
+
+@pytest.mark.parametrize('name', EXAMPLES)
+def test_translated_python_does_the_same(bare, name):
+    runtime = (ROOT / 'docs' / 'in_browser' / 'runtime.js').read_text(encoding='utf-8')
+    text = Translator(runtime).program({name: EXAMPLES[name]}, {})
+    found = bare.tab.evaluate(f'(() => {{\n{runtime}\n{text}\nreturn {name}();\n}})()')
+    # As JSON has it: no tuples
+    assert found == json.loads(json.dumps(EXAMPLES[name]()))
 
 
 def test_what_has_no_translation_stops_the_build(tmp_path, monkeypatch):
