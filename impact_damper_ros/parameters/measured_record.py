@@ -36,6 +36,8 @@ from .units import STANDARD_GRAVITY
 Array = NDArray[np.float64]
 
 FORCE_RECORD, BASE_RECORD = 'force', 'base'
+#: Names of the texts of a copy.
+COPY = ('quantity', 'name', 'digest', 'times', 'values')
 #: The column of each kind of record.
 _COLUMNS = {
     FORCE_RECORD: FORCE,
@@ -116,7 +118,7 @@ class MeasuredRecord(NamedTuple):
         whole = np.isfinite(times).all() and (np.abs(values) <= _LARGEST).all()
         if not (whole and len(times) > 1 and times[0] == 0.0 and (np.diff(times) > 0.0).all()):
             raise ValueError(f'the times of the record {shown(copy["name"])} do not rise from 0')
-        kept = tuple((k, copy[k]) for k in ('quantity', 'name', 'digest', 'times', 'values'))
+        kept = tuple((key, copy[key]) for key in COPY)
         return cls(quantity, times, values, str(copy['name']), kept)
 
     def steps(self) -> tuple[list[float], list[float]]:
@@ -127,7 +129,7 @@ class MeasuredRecord(NamedTuple):
 
     def halved(self) -> MeasuredRecord:
         """Return the record of every second sample."""
-        return self._replace(times=self.times[::2], values=self.values[::2])
+        return self._replace(times=self.times[::2], values=self.values[::2], copy=())
 
     def described(self) -> str:
         """Return the record in words."""

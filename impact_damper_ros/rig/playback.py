@@ -5,10 +5,11 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from math import inf
 from typing import Any, NamedTuple
 
-from impact_damper_ros.parameters.measured_record import MeasuredRecord
+from impact_damper_ros.parameters.measured_record import COPY, MeasuredRecord
 from impact_damper_ros.parameters.parameter_spec import number_between
 
 #: Earliest start, s.
@@ -68,5 +69,11 @@ class Playback(NamedTuple):
     @classmethod
     def of_dict(cls, held: Mapping[str, Any], time: float) -> Playback:
         """Return a record that acts at a time, s, from what `as_dict` wrote."""
-        number_between('records.start', held['start'], -_EARLIEST, time)
-        return cls.begun(MeasuredRecord.of_copy(held), float(held['start'])).at(time)
+        start = number_between('records.start', held['start'], -_EARLIEST, time)
+        return _begun(start, *(held[key] for key in COPY)).at(time)
+
+
+@lru_cache(maxsize=8)
+def _begun(start: float, *texts: str) -> Playback:
+    """Return a record that starts at a time, from its copy, which many snapshots have."""
+    return Playback.begun(MeasuredRecord.of_copy(dict(zip(COPY, texts, strict=True))), start)

@@ -293,3 +293,49 @@ def test_altered_snapshots(values, problem):
     rig = Rig(RigParameters(**BENCH), records=[noise('force', 1.0)])
     with pytest.raises(ValueError, match=problem):
         Rig.restore(altered(rig.snapshot(), **values))
+
+
+class Searching(Rig):
+    """A rig that searches each flight, however short."""
+
+    def _is_quiet_to_step(self, *_):
+        return False
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_the_bound_excludes_no_event_that_a_search_finds(seed):
+    """Random rigs of all kinds, with and without friction, elastic to plastic, from 50 Hz on."""
+    random = np.random.default_rng(seed)
+    omega = random.uniform(5.0, 60.0)
+    parameters = RigParameters(
+        primary_mass=1.0,
+        stiffness=omega**2,
+        damping=2.0 * omega * 10.0 ** random.uniform(-3.0, -0.5),
+        damper_mass=10.0 ** random.uniform(-3.0, 0.0),
+        gap=10.0 ** random.uniform(-3.0, -1.0),
+        restitution_1=random.choice([0.0, 0.3, 0.9]),
+        restitution_2=random.uniform(),
+        friction=random.choice([0.0, 0.01, 0.5]),
+        angle=random.choice([0.0, 0.1, 1.5708]),
+        one_sided=bool(random.uniform() < 0.2),
+        force_amplitudes=random.choice([0.0, 1.0]),
+        force_frequencies=random.uniform(3.0, 80.0),
+    )
+    times = np.arange(0.0, 0.6, 1.0 / random.uniform(50.0, 1000.0))
+    sizes = 10.0 ** random.uniform(-1.0, 1.5, size=(2, 1)) * random.normal(size=(2, len(times)))
+    records = [
+        MeasuredRecord(quantity, times, values, 'r.csv')
+        for quantity, values in zip(('force', 'base'), sizes, strict=True)
+    ]
+    rigs = [kind(parameters, records=records) for kind in (Rig, Searching)]
+    one, other = (rig.run(0.7, np.linspace(0.0, 0.7, 20), most_events=5000) for rig in rigs)
+    assert one.outcome == other.outcome
+    assert one.events.tobytes() == other.events.tobytes()
+    assert one.samples.tobytes() == other.samples.tobytes()
+
+
+def test_every_second_sample_has_a_copy_of_its_own():
+    record = noise('force', 1.0).with_copy()
+    half = Rig(RigParameters(**BENCH), records=[record.halved()])
+    (found,) = Rig.restore(half.snapshot()).measured_records
+    assert len(found.values) == 25
