@@ -149,6 +149,7 @@ setup(
         'console_scripts': [
             'compare_run = impact_damper_ros.cli.compare_run:main',
             'design_damper = impact_damper_ros.cli.design_damper:main',
+            'fit_rig = impact_damper_ros.cli.fit_rig:main',
             'recover_run = impact_damper_ros.cli.recover_run:main',
             'replay_run = impact_damper_ros.cli.replay_run:main',
             'rig_page = impact_damper_ros.cli.rig_page:main',

@@ -71,7 +71,7 @@ def node_share(rig: RigParameters, directory: Path) -> float:
     import rclpy
     from node_process import WARM_UP_S, Listener, cpu_seconds, node_command, running
 
-    from impact_damper_ros.report.design_report import rig_yaml
+    from impact_damper_ros.parameters.parameters_file import rig_yaml
 
     path = directory / 'rig.yaml'
     path.write_text(rig_yaml(rig, 'random base'), encoding='utf-8')

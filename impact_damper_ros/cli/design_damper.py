@@ -27,7 +27,7 @@ from impact_damper_ros.design.fitted import load_fitted
 from impact_damper_ros.design.mass_damper import bare_response, mass_damper_response
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
-from impact_damper_ros.parameters.parameters_file import load_parameters, presets
+from impact_damper_ros.parameters.parameters_file import load_parameters, presets, rig_yaml
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RIG_SPECS, RigParameters
 from impact_damper_ros.report import bench_report, design_report as report
@@ -401,7 +401,7 @@ def _write(
     if arguments.rig_out is not None:
         gap = unsure.best[0] if arguments.worst_case else chosen.gap
         built = chosen.rig.replace(gap=gap)
-        write_text(arguments.rig_out, report.rig_yaml(built, rig_line(built)))
+        write_text(arguments.rig_out, rig_yaml(built, rig_line(built)))
     if arguments.figure is not None:
         from impact_damper_ros.report.drawing import save_figure
 

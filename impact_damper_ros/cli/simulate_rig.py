@@ -28,6 +28,7 @@ from impact_damper_ros.orbits.swept_response import SweptResponse, SweptRun
 from impact_damper_ros.outputs import is_stream, write_text
 from impact_damper_ros.parameters.measured_record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.parameters.parameter_spec import ParameterSpec
+from impact_damper_ros.parameters.parameters_file import rig_yaml
 from impact_damper_ros.parameters.random_motion import RandomLines
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
@@ -590,8 +591,6 @@ def main(argv: Sequence[str] | None = None) -> int:
                     'note: the force of the rig acts, too: --set force_amplitudes=0 leaves it out',
                 )
         if arguments.rig_out is not None:
-            from impact_damper_ros.report.design_report import rig_yaml
-
             write_text(arguments.rig_out, rig_yaml(given[0], rig_line(given[0]), *given[1:]))
         try:
             _simulate(arguments, given, law, changes, records)

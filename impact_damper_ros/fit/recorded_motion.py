@@ -29,7 +29,7 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.replay.command import Command, read_command
+from impact_damper_ros.replay.command import Command, parameters_of, read_command
 
 from .measured_motion import MeasuredMotion, ReadingOptions, prepared, read_table_motion
 
@@ -38,8 +38,9 @@ Array = NDArray[np.float64]
 IMU, FLOAT = 'sensor_msgs/msg/Imu', 'std_msgs/msg/Float64'
 #: Types of messages that are read.
 TYPES = (JOINT_STATE, IMU, FLOAT)
-#: Standard deviation of an impact time that a rig itself publishes, s.
-_EXACT = 1e-5
+#: Standard deviation of an impact time that a rig itself publishes, s: it is exact, but need not
+#: bind the fit more than the samples do.
+_EXACT = 1e-4
 _AXES = ('x', 'y', 'z')
 
 
@@ -58,7 +59,9 @@ def beside(topic: str, name: str) -> str:
     return f'{topic.rpartition("/")[0]}/{name}'
 
 
-def read_bag_motion(path: Path, options: ReadingOptions) -> MeasuredMotion:
+def read_bag_motion(
+    path: Path, options: ReadingOptions
+) -> tuple[MeasuredMotion, RigParameters | None]:
     """
     Read a measured motion from a bag.
 
@@ -68,6 +71,13 @@ def read_bag_motion(path: Path, options: ReadingOptions) -> MeasuredMotion:
         A bag directory or a file, MCAP or SQLite.
     options : ReadingOptions
         With `topic` if several topics may be it, and `joint` (an axis of an Imu).
+
+    Returns
+    -------
+    data : MeasuredMotion
+        The motion.
+    rig : RigParameters or None
+        The rig that was recorded, if it is one of this package.
 
     Raises
     ------
@@ -80,7 +90,14 @@ def read_bag_motion(path: Path, options: ReadingOptions) -> MeasuredMotion:
     topic, kind = _chosen(reader, options.topic)
     wanted = [(topic, kind)]
     wanted += [(beside(topic, 'snapshot'), STRING), (beside(topic, 'impacts'), JOINT_STATE)]
-    return motion_of_messages(list(reader.records(wanted)), topic, str(path), options)
+    messages = list(reader.records(wanted))
+    return motion_of_messages(messages, topic, str(path), options), recorded_rig(messages, topic)
+
+
+def recorded_rig(messages: Sequence[RecordedMessage], topic: str) -> RigParameters | None:
+    """Return the rig that the first snapshot beside a topic describes; None without one."""
+    commands = _commands(messages, beside(topic, 'snapshot'), topic)
+    return RigParameters(**parameters_of(commands[0].state['parameters'])) if commands else None
 
 
 def _chosen(reader: RunReader, topic: str) -> tuple[str, str]:
@@ -147,7 +164,7 @@ def motion_of_messages(
         if np.isfinite(end_ns):
             source += ' (up to the first change of its parameters)'
         if series.quantity == 'displacement':
-            rig = RigParameters(**first.state['parameters'])
+            rig = RigParameters(**parameters_of(first.state['parameters']))
             values = values - rig.static_deflection
         times = _impact_times(messages, beside(topic, 'impacts'), offset_ns)
     kept = (series.stamps_ns >= start_ns) & (series.stamps_ns < end_ns)
@@ -263,8 +280,10 @@ def _floats(messages: Sequence[RecordedMessage], unit: str) -> _Series:
 _READERS = {JOINT_STATE: _joint_states, IMU: _imu, FLOAT: _floats}
 
 
-def read_motion(path: Path, options: ReadingOptions) -> MeasuredMotion:
-    """Read a measured motion from a file of columns, or from a bag."""
+def read_motion(
+    path: Path, options: ReadingOptions
+) -> tuple[MeasuredMotion, RigParameters | None]:
+    """Read a measured motion from a file of columns, or from a bag with the rig that it names."""
     if path.is_dir() or path.suffix in ('.mcap', '.db3', '.zstd'):
         return read_bag_motion(path, options)
-    return read_table_motion(path, options)
+    return read_table_motion(path, options), None

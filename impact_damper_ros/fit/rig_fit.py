@@ -43,6 +43,12 @@ FURTHER = ('restitution_2', *EXTRAS)
 #: an acceleration, which jumps there.
 _CONTACT, _AROUND = 1e-3, 0.75
 
+#: Impacts are looked for as if the noise were at least this part of the motion (rms): a record of
+#: a simulation has none, and what the first, rough model leaves would pass for impacts.
+_LEAST_NOISE = 0.01
+#: ... and standard deviations are at least those of this noise, which rounding makes.
+_ROUNDING = 1e-8
+
 IMPACT_TYPE = np.dtype(
     [
         ('time', 'f8'),
@@ -196,7 +202,8 @@ def fit_rig(
     times = np.zeros(0) if measured.impact_times is None else np.asarray(measured.impact_times)
     inside = (times > record.time[0]) & (times < record.time[-1])
     times = times[inside]
-    noise = noise_of(record.motion[measured.used])
+    least = _LEAST_NOISE * float(np.std(record.motion[measured.used]))
+    noise = max(noise_of(record.motion[measured.used]), least)
     rough = noise
     step = float(np.median(np.diff(record.time)))
     masked = max(_CONTACT, _AROUND * step) if record.order else 0.0
@@ -207,7 +214,7 @@ def fit_rig(
     try:
         course = first_course(record, unknowns, noise, times, measured.impact_deviation)
         course = relaxed(course, problem, timed=len(times) > 0)
-        noise = _noise(problem(course), rough)
+        noise = max(_noise(problem(course), rough), least)
     except TooFewImpacts as few:
         return _refused(
             measured,
@@ -220,7 +227,7 @@ def fit_rig(
     if not found.course.flies.any():
         return _refused(measured, ['no flight between two impacts obeys the laws of the damper'])
     chi = found.chi
-    chi *= noise / _noise(found.shooting, noise)
+    chi *= noise / max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
     # Weights of data and of impact times by the noise that the residuals show
     noise *= found.chi
     shooting = problem(found.course)
@@ -265,7 +272,8 @@ def _result(measured: MeasuredMotion, found: Revised, chi: float) -> RigFit:
     shooting, solution = found.shooting, found.solution
     unknowns, u = shooting.unknowns, solution.unknowns
     shared, _ = shooting.parts(u)
-    scale = chi_of(shooting, solution)
+    swing = float(np.std(measured.motion[measured.used]))
+    scale = max(chi_of(shooting, solution), _ROUNDING * swing / shooting.deviation)
     columns = np.arange(shooting.count)
     covariance = System(solution.equations, 1e-11).covariance(columns) * scale**2
     parameters, correlations = estimates_of(unknowns, shared, covariance)
@@ -275,7 +283,7 @@ def _result(measured: MeasuredMotion, found: Revised, chi: float) -> RigFit:
     residuals = np.where(counts, measured.motion - motion, np.nan)
     used = residuals[counts]
     signal = np.asarray(measured.motion)[counts]
-    swing = float(np.linalg.norm(signal - signal.mean()))
+    size = float(np.linalg.norm(signal - signal.mean()))
     return RigFit(
         accepted=judgement.accepted,
         reasons=judgement.reasons,
@@ -283,7 +291,7 @@ def _result(measured: MeasuredMotion, found: Revised, chi: float) -> RigFit:
         parameters=parameters,
         correlations=correlations,
         chi_squared=chi * chi,
-        fit_percent=100.0 * (1.0 - float(np.linalg.norm(used)) / swing) if swing else 0.0,
+        fit_percent=100.0 * (1.0 - float(np.linalg.norm(used)) / size) if size else 0.0,
         whiteness=_whiteness(used),
         deviation=shooting.deviation * scale,
         impacts=_impacts(shooting, u),

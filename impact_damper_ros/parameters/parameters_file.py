@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from os import PathLike
@@ -26,7 +26,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     RigParameters,
 )
 
-from .parameter_spec import ParameterError
+from .parameter_spec import ParameterError, ParameterTable
 from .quoting import named, shown, similar_names
 from .structure import STRUCTURE_SPECS
 
@@ -424,3 +424,26 @@ def load_parameters(
         raise ParameterError(error.name, f'{path}: {place}{error}') from None
     own = RIG_SPECS.keys() | INITIAL_SPECS.keys()
     return parameters, initial, {k: v for k, v in values.items() if k not in own}
+
+
+def rig_yaml(
+    rig: RigParameters,
+    title: str,
+    *others: ParameterTable,
+    notes: Mapping[str, str] | None = None,
+) -> str:
+    """
+    Return a rig, with where it starts and its control if given, as a parameters file.
+
+    Each value has its unit behind it, and what `notes` says of it.
+    """
+    lines = [*(f'# {line}' for line in title.splitlines()), '/**:', '  ros__parameters:']
+    values = {k: v for table in (rig, *others) for k, v in table.as_dict().items()}
+    for name, value in values.items():
+        if isinstance(value, tuple):
+            text = repr(list(value))
+        else:
+            text = repr(value) if isinstance(value, float) else str(value).lower()
+        remarks = '; '.join(filter(None, [ALL_SPECS[name].unit, (notes or {}).get(name, '')]))
+        lines.append(f'    {name}: {text}{f"  # {remarks}" if remarks else ""}')
+    return '\n'.join(lines) + '\n'

@@ -15,13 +15,12 @@ from impact_damper_ros.design.bench_test import Knowledge
 from impact_damper_ros.design.damper_design import Design, Uncertain, shaken_by
 from impact_damper_ros.design.mass_damper import mass_damper_response
 from impact_damper_ros.orbits.branch import Span
-from impact_damper_ros.parameters.parameter_spec import ParameterTable
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, RigParameters
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
 from .bench_report import percent, plan_json
 from .csv_tables import row
 from .drawing import COLORS, blank_figure, finish_panel, legend_below, print_style, unit_axis
-from .formatting import quantity, setting
+from .formatting import quantity
 from .table import Table
 
 if TYPE_CHECKING:
@@ -245,22 +244,6 @@ def design_csv(found: Sequence[Design]) -> str:
         for d in found
     ]
     return ','.join(_CSV) + '\n' + ''.join(map(row, rows))
-
-
-def rig_yaml(rig: RigParameters, title: str, *others: ParameterTable) -> str:
-    """Return a rig, with where it starts and its control if given, as a parameters file."""
-    lines = [f'# {title}', '/**:', '  ros__parameters:']
-    values = {k: v for table in (rig, *others) for k, v in table.as_dict().items()}
-    for name, value in values.items():
-        text = repr(list(value)) if isinstance(value, tuple) else setting_of(value)
-        unit = ALL_SPECS[name].unit
-        lines.append(f'    {name}: {text}{f"  # {unit}" if unit else ""}')
-    return '\n'.join(lines) + '\n'
-
-
-def setting_of(value: Any) -> str:
-    """Return a value as YAML holds it, to the last bit."""
-    return repr(value) if isinstance(value, float) else setting(value)
 
 
 @print_style()

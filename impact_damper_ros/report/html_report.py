@@ -12,21 +12,16 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from errno import ENOTDIR
-from importlib.resources import files
 from itertools import pairwise
-from os import strerror
 from pathlib import Path
 from typing import Any, NamedTuple
-from unicodedata import category
 
 from impact_damper_ros.compare import LogVerdict, RunComparison, StretchComparison, Verdict
-from impact_damper_ros.outputs import write_texts
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.theory.gap_curve import GapCurve
 
-from .charts import PICTURES, Picture, draw_history, draw_run
+from .charts import PICTURES, draw_history, draw_run
 from .comparison_tables import (
     cause_of,
     comparison_table,
@@ -39,8 +34,9 @@ from .comparison_tables import (
     parameter_table,
     ring_down_table,
 )
-from .drawing import inline_svg, page_style
+from .drawing import page_style
 from .formatting import instant, number, quantity
+from .html_page import Shown, on_page, rendered, write_page
 
 #: Stretches that are shown in detail, and those that are listed: more would make the page useless.
 MOST_DETAILED, MOST_LISTED = 12, 300
@@ -94,23 +90,6 @@ def shown_stretches(
     return tuple(sorted(chosen, key=lambda stretch: stretch.number))
 
 
-class _Shown(NamedTuple):
-    """A picture as the template shows it, in its variants for a wide and a narrow page."""
-
-    svg: str
-    narrow: str | None
-    title: str
-    caption: str
-    wide: bool
-
-
-def _shown(picture: Picture, key: str, where: str, narrow: Picture | None = None) -> _Shown:
-    label = f'{picture.title}, {where}'
-    small = None if narrow is None else inline_svg(narrow.figure, f'{key}-narrow', label)
-    drawn = inline_svg(picture.figure, key, label)
-    return _Shown(drawn, small, picture.title, picture.caption, picture.wide)
-
-
 def _tiles(stretch: StretchComparison) -> Iterator[tuple[str, str, str]]:
     """Yield the key numbers."""
     measured, orbit, decay = stretch.measured, stretch.predicted, stretch.decay
@@ -152,7 +131,7 @@ def _findings(stretch: StretchComparison) -> Iterator[str]:
         yield f'missing in the log: {counted(stretch.missing_samples, "sample")}'
 
 
-def _pictures(stretch: StretchComparison) -> tuple[list[_Shown], list[str]]:
+def _pictures(stretch: StretchComparison) -> tuple[list[Shown], list[str]]:
     """Return the charts, and why some are missing."""
     shown, missing = [], []
     for name, draw in PICTURES.items():
@@ -160,7 +139,7 @@ def _pictures(stretch: StretchComparison) -> tuple[list[_Shown], list[str]]:
         if picture is not None:
             key, where = f's{stretch.number}-{name}', f'stretch {stretch.number}'
             narrow = draw_history(stretch, wide=False) if name == 'history' else None
-            shown.append(_shown(picture, key, where, narrow))
+            shown.append(on_page(picture, key, where, narrow))
         elif name in _NEEDED:
             missing.append(_NEEDED[name])
     return shown, missing
@@ -206,7 +185,7 @@ def _overview(comparison: RunComparison, detailed: Sequence[StretchComparison]) 
     if len(rows) < len(stretches):
         left_out = f'{len(stretches) - len(rows)} are not listed here; report.json has all.'
     picture, narrow = draw_run(stretches), draw_run(stretches, wide=False)
-    drawn = [] if picture is None else [_shown(picture, 'run', 'all stretches', narrow)]
+    drawn = [] if picture is None else [on_page(picture, 'run', 'all stretches', narrow)]
     numbers = {stretch.number for stretch in detailed}
     tables = [
         overview_table(rows, numbers, (note + left_out).rstrip()),
@@ -248,22 +227,6 @@ def _head(comparison: RunComparison, command: str) -> dict[str, Any]:
     }
 
 
-def _may_stand(character: str) -> bool:
-    return character.isprintable() or category(character) == 'Zs' or character in '\n\t'
-
-
-def _safe(value: Any) -> Any:
-    """
-    Return a value without control characters.
-
-    What comes from a recording may hold anything. Control characters, such as turn the direction
-    of writing, and lone surrogates are shown as a replacement character. Pictures are no text.
-    """
-    if type(value) is not str:
-        return value
-    return ''.join(c if _may_stand(c) else '\N{REPLACEMENT CHARACTER}' for c in value)
-
-
 def with_gap_curves(
     comparison: RunComparison, most: int, done: Callable[[], object] = bool
 ) -> RunComparison:
@@ -294,12 +257,6 @@ def report_page(
     comparison: RunComparison, *, command: str = '', done: Callable[[], object] = bool
 ) -> str:
     """Return the page; the parameters are those of `write_report`."""
-    import jinja2
-
-    folder = files('impact_damper_ros.report') / 'template'
-    environment = jinja2.Environment(
-        autoescape=True, finalize=_safe, trim_blocks=True, lstrip_blocks=True
-    )
     chosen = shown_stretches(comparison.stretches, MOST_DETAILED)
     before = {b.number: a for a, b in pairwise(comparison.stretches)}
     detailed = []
@@ -308,16 +265,13 @@ def report_page(
         for stretch in chosen:
             detailed.append(_detail(stretch, before.get(stretch.number)))
             done()
-    style = (folder / 'report.css').read_text('utf-8').strip()
-    template = environment.from_string((folder / 'report.html').read_text('utf-8'))
-    page: str = template.render(
+    return rendered(
+        'report.html',
         **_head(comparison, command),
         **overview,
-        style=style,
         badges=_BADGES,
         detailed=detailed,
     )
-    return page.strip() + '\n'
 
 
 def write_report(
@@ -359,8 +313,4 @@ def write_report(
     comparison = with_gap_curves(comparison, most, done)
     page = report_page(comparison, command=command, done=done)
     numbers = json.dumps(comparison.as_dict(), indent=1, allow_nan=False) + '\n'
-    if directory.exists() and not directory.is_dir():
-        raise NotADirectoryError(ENOTDIR, strerror(ENOTDIR), str(directory))
-    directory.mkdir(parents=True, exist_ok=True)
-    write_texts({directory / 'report.json': numbers, directory / 'report.html': page})
-    return directory / 'report.html'
+    return write_page(directory, page, numbers)

@@ -8,7 +8,12 @@ from rosbags.typesys import Stores, get_typestore
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.fit.measured_motion import ReadingOptions
-from impact_damper_ros.fit.recorded_motion import read_motion
+from impact_damper_ros.fit.recorded_motion import read_motion as motion_and_rig
+
+
+def read_motion(path, options):
+    return motion_and_rig(path, options)[0]
+
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TIME = np.arange(300) / 100.0
@@ -74,7 +79,7 @@ def test_a_recording_of_a_rig(tmp_path):
     assert data.quantity == 'displacement'
     assert data.time == pytest.approx(np.arange(401) / 100.0)
     assert data.motion[0] == pytest.approx(0.0, abs=1e-12)
-    assert data.impact_deviation == 1e-5
+    assert data.impact_deviation == 1e-4
     assert len(data.impact_times) > 10
     assert data.base is None
     measured = read_motion(bag, ReadingOptions(joint='damper'))

@@ -1,0 +1,329 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`fit_rig`: a rig fitted to measured data."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shlex
+import sys
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from impact_damper_ros.outputs import check_directory, write_text
+from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
+from impact_damper_ros.parameters.parameters_file import presets, rig_yaml
+from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.parameters.units import UNITS, in_si, split_number
+
+from .command_line import (
+    EXIT_FAILED,
+    CommandError,
+    add_json_option,
+    add_path_option,
+    check_outputs,
+    command_parser,
+    long_work,
+    need_matplotlib,
+    number,
+    outcome,
+    path_of,
+    progress_bar,
+    say,
+    text_stream,
+    write_json,
+)
+from .rig_options import add_set_option, given_rig, hint, rig_line
+
+if TYPE_CHECKING:
+    from impact_damper_ros.bag import RecordedMessage
+    from impact_damper_ros.fit.estimate import Estimate
+    from impact_damper_ros.fit.measured_motion import MeasuredMotion, ReadingOptions
+    from impact_damper_ros.fit.structure import StructureFit
+
+#: What may be fitted besides, see `fit.rig_fit.FURTHER`.
+_FURTHER = ('restitution_2', 'gain', 'bias', 'force_delay', 'impact_delay')
+
+_DESCRIPTION = """\
+Fit a rig to the measured motion of M: stiffness, damping, restitution, friction and gap, each with
+its 95 % interval. DATA is a CSV file whose header has units (t [s], x [mm], accel [g],
+force [N], impact), the export of a phone, .uff, .lvm, or a bag; or --topic takes a live one. With
+--structure frequency and damping come from a ring-down or a sweep without the damper.
+"""
+_EPILOG = """\
+Masses, force and angle are those of --rig, whose stiffness and damping are guesses (within 5 and
+60 %); its gap, restitution and friction do not count. Record a start from rest.
+Exit code: 0 if the model describes the data; 1 if it does not (or a file cannot be written); 2 if
+the input is invalid; 130 on Ctrl-C, 143 on SIGTERM.
+Examples:
+  fit_rig free.csv --structure --rig rig.yaml --rig-out start.yaml
+  fit_rig run.csv --impacts hits.csv --rig start.yaml --rig-out fitted.yaml --report report
+  fit_rig --topic /joint_states --seconds 20 --rig bench_rig
+"""
+
+
+def _size(text: str) -> tuple[float, str]:
+    """Read a displacement, velocity or acceleration with its unit."""
+    size, unit, _ = split_number(text)
+    names = [name for units in QUANTITIES.values() for name in UNITS[units]]
+    if size is None or not size > 0.0 or unit not in names:
+        raise argparse.ArgumentTypeError(
+            f'{shown(text)}: give a size with its unit, such as 16g or 5mm'
+        )
+    quantity = quantity_of(unit)
+    return in_si(size, UNITS[QUANTITIES[quantity]][unit]), quantity
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = command_parser('fit_rig', _DESCRIPTION, _EPILOG)
+    parser.add_argument(
+        'data', type=path_of, nargs='?', metavar='FILE', help='measured data, or a bag'
+    )
+    parser.add_argument(
+        '--rig',
+        type=path_of,
+        metavar='PARAMS',
+        help='parameters file of the rig with masses and force, or a preset: '
+        f'{", ".join(presets())} [of a recording of a rig: that which it names]',
+    )
+    parser.add_argument(
+        '--node', default='', metavar='NAME', help='which rig, if that file describes several'
+    )
+    add_set_option(parser)
+    parser.add_argument(
+        '--structure',
+        action='store_true',
+        help='fit frequency and damping of the structure alone; with --rig its masses are used',
+    )
+    parser.add_argument(
+        '--also',
+        action='append',
+        choices=_FURTHER,
+        default=[],
+        help='what to fit besides: restitution of stop 2, gain or bias of the sensor, delay of '
+        'the force or of the impact times; may be repeated',
+    )
+    data = parser.add_argument_group('the data')
+    add_path_option(data, '--impacts', 'times of impacts, or an accelerometer with their spikes')
+    data.add_argument(
+        '--impact-deviation',
+        type=number(1e-7, 1.0, 's'),
+        metavar='TIME',
+        help='standard deviation of an impact time [0.5ms of a file, else by the sampling]',
+    )
+    data.add_argument('--column', default='', metavar='NAME', help='column of the motion of M')
+    data.add_argument(
+        '--saturation',
+        type=_size,
+        metavar='SIZE',
+        help='size from which on the sensor is saturated, such as 16g [found by itself]',
+    )
+    for name, text in (('from', 'first'), ('to', 'last')):
+        data.add_argument(
+            f'--{name}',
+            dest=f'{name}_time',
+            type=number(-1e12, 1e12, 's'),
+            metavar='TIME',
+            help=f'{text} instant of the data that is used',
+        )
+    data.add_argument('--topic', default='', metavar='NAME', help='topic: of a bag, or live')
+    data.add_argument(
+        '--joint', default='', metavar='NAME', help='joint of a JointState, axis of an Imu'
+    )
+    data.add_argument(
+        '--seconds',
+        type=number(1.0, 3600.0, 's'),
+        metavar='TIME',
+        help='without DATA: how long to listen to --topic [20]',
+    )
+    add_json_option(parser)
+    add_path_option(parser, '--report', 'write an HTML report, and its numbers beside it', 'DIR')
+    add_path_option(parser, '--rig-out', 'write the fitted rig, with its intervals as comments')
+    return parser
+
+
+def _messages(arguments: argparse.Namespace) -> list[RecordedMessage]:
+    """Return the messages of a live topic, and of those beside it."""
+    if find_spec('rclpy') is None:
+        raise CommandError('rclpy is missing: source ROS 2, or install the extra [ros]')
+    from impact_damper_ros.fit.recorded_motion import TYPES, beside
+    from impact_damper_ros.node.topic_listener import TopicError, listened
+
+    seconds, topic = arguments.seconds or 20.0, arguments.topic
+    more = [beside(topic, name) for name in ('snapshot', 'impacts')]
+    try:
+        with progress_bar('listened', seconds, 's') as bar:
+            return [*listened(topic, more, TYPES, seconds, lambda s: bar.update(s - bar.n))]
+    except TopicError as error:
+        raise CommandError(str(error)) from error
+
+
+def _read(
+    arguments: argparse.Namespace, options: ReadingOptions
+) -> tuple[MeasuredMotion, RigParameters | None]:
+    """Return the data, and the rig that their recording names."""
+    from impact_damper_ros.fit.recorded_motion import motion_of_messages, read_motion, recorded_rig
+
+    if arguments.data is None:
+        messages = _messages(arguments)
+        data = motion_of_messages(messages, arguments.topic, 'live', options)
+        return data, recorded_rig(messages, arguments.topic)
+    data, rig = read_motion(arguments.data, options)
+    return data, rig
+
+
+def _data(arguments: argparse.Namespace) -> tuple[MeasuredMotion, RigParameters | None]:
+    from impact_damper_ros.fit.measured_motion import ReadingOptions
+
+    saturation = arguments.saturation
+    options = ReadingOptions(
+        column=arguments.column,
+        saturation=None if saturation is None else saturation[0],
+        impacts=arguments.impact_file,
+        impact_deviation=arguments.impact_deviation,
+        topic=arguments.topic,
+        joint=arguments.joint,
+    )
+    try:
+        data, rig = _read(arguments, options)
+    except OSError as error:
+        name = error.filename or arguments.data
+        raise CommandError(
+            f'{name}: cannot be read ({error.strerror or error}): give the path of a file'
+        ) from error
+    if saturation is not None and saturation[1] != data.quantity:
+        raise ValueError(
+            f'--saturation is an {saturation[1]}, and {data.source} a {data.quantity}: give the '
+            'size of the quantity that was measured'
+        )
+    first, last = arguments.from_time, arguments.to_time
+    if first is not None or last is not None:
+        low, high = -math.inf if first is None else first, math.inf if last is None else last
+        data = data.between(low, high)
+    return data, rig
+
+
+def _start(arguments: argparse.Namespace, recorded: RigParameters | None) -> RigParameters | None:
+    """Return the rig that a fit starts from."""
+    if arguments.rig is not None:
+        given = given_rig(arguments.rig, arguments.set, arguments.node, with_control=False)
+        return given.parameters
+    return recorded
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    # `impacts` is an output of other commands
+    arguments.impact_file = arguments.__dict__.pop('impacts')
+    if arguments.data is None and not arguments.topic:
+        parser.error('give the file of the data, or a live topic with --topic')
+    if arguments.data is not None and arguments.seconds is not None:
+        parser.error('--seconds goes with a live --topic: leave out the file, or --seconds')
+    if arguments.set and arguments.rig is None:
+        parser.error('--set changes the rig of --rig: give it')
+    command = shlex.join(['fit_rig', *(sys.argv[1:] if argv is None else argv)])
+
+    def work() -> int:
+        check_outputs(arguments, arguments.data, arguments.impact_file, arguments.rig)
+        if arguments.report is not None:
+            need_matplotlib()
+            check_directory(arguments.report)
+        run = _structure if arguments.structure else _rig
+        return run(arguments, command)
+
+    return outcome('fit_rig', work)
+
+
+def _finish(
+    arguments: argparse.Namespace, text: str, accepted: bool, rig_text: Callable[[], str]
+) -> int:
+    """Print the text, write the rig of a fit that is accepted, and return the exit code."""
+    print(text, file=text_stream(arguments.json))
+    if not accepted:
+        if arguments.rig_out is not None:
+            say('fit_rig', f'{arguments.rig_out} is not written: the model does not fit')
+        return EXIT_FAILED
+    if arguments.rig_out is not None:
+        write_text(arguments.rig_out, rig_text())
+    return 0
+
+
+def _rig(arguments: argparse.Namespace, command: str) -> int:
+    from impact_damper_ros.fit.rig_fit import fit_rig
+    from impact_damper_ros.report import fit_report
+
+    data, recorded = _data(arguments)
+    start = _start(arguments, recorded)
+    if start is None:
+        raise CommandError(
+            'masses and force are not known: give the parameters file of the rig with --rig, or '
+            '--structure for frequency and damping alone'
+        )
+    # Its gap does not count
+    hint('fit_rig', start.replace(gap=min(start.gap, start.response_amplitude or start.gap)))
+    with long_work('fit_rig', 'still fitting; Ctrl-C ends it'):
+        found = fit_rig(data, start, also=arguments.also)
+    write_json(arguments.json, fit_report.rig_fit_json(found, data))
+    if arguments.report is not None:
+        page = fit_report.write_rig_report(found, data, start, arguments.report, command)
+        print(f'report       {page}', file=text_stream(arguments.json))
+
+    def rig_text() -> str:
+        assert found.rig is not None
+        title = (
+            f'{rig_line(found.rig)}\nfitted to {data.source}: chi squared '
+            f'{found.chi_squared:.3g}, fit {found.fit_percent:.4g} %'
+        )
+        return rig_yaml(found.rig, title, notes=fit_report.fit_notes(found.parameters))
+
+    text = fit_report.rig_fit_text(found, data)
+    return _finish(arguments, text, found.accepted, rig_text)
+
+
+def _structure(arguments: argparse.Namespace, command: str) -> int:
+    from impact_damper_ros.fit.structure import fit_structure
+    from impact_damper_ros.report import fit_report
+
+    data, recorded = _data(arguments)
+    start = _start(arguments, recorded)
+    if arguments.rig_out is not None and start is None:
+        raise CommandError('--rig-out needs the masses: give a parameters file with --rig')
+    with long_work('fit_rig', 'still fitting; Ctrl-C ends it'):
+        found = fit_structure(data)
+    write_json(arguments.json, found.as_dict())
+    if arguments.report is not None:
+        page = fit_report.write_structure_report(found, arguments.report, command)
+        print(f'report       {page}', file=text_stream(arguments.json))
+
+    def rig_text() -> str:
+        assert start is not None
+        estimates = _of_rig(found, start.primary_mass)
+        rig = start.replace(**{name: one.value for name, one in estimates.items()})
+        title = f'{rig_line(rig)}\nstiffness and damping fitted to {data.source}'
+        return rig_yaml(rig, title, notes=fit_report.fit_notes(estimates))
+
+    text = fit_report.structure_text(found)
+    return _finish(arguments, text, found.accepted, rig_text)
+
+
+def _of_rig(found: StructureFit, mass: float) -> dict[str, Estimate]:
+    """Return stiffness and damping of a structure whose mass is known."""
+    from impact_damper_ros.fit.estimate import Estimate
+
+    omega, zeta = math.tau * found.frequency.value, found.damping_ratio.value
+    of_omega = found.frequency.standard_deviation / found.frequency.value
+    of_zeta = found.damping_ratio.standard_deviation / zeta
+    both = of_omega**2 + of_zeta**2 + 2.0 * found.correlation * of_omega * of_zeta
+    stiffness, damping = mass * omega**2, 2.0 * mass * zeta * omega
+    return {
+        'stiffness': Estimate.normal(stiffness, 2.0 * of_omega * stiffness, 'N/m'),
+        'damping': Estimate.normal(damping, math.sqrt(both) * damping, 'N s/m'),
+    }
+
+
+if __name__ == '__main__':
+    sys.exit(main())

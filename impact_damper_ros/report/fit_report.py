@@ -1,0 +1,407 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a fit says: the text, JSON, the notes of a parameters file, and the page."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from impact_damper_ros.fit.estimate import Estimate
+from impact_damper_ros.fit.measured_motion import MeasuredMotion
+from impact_damper_ros.fit.rig_fit import RigFit
+from impact_damper_ros.fit.structure import StructureFit
+from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+
+from .drawing import page_style
+from .fit_figures import rig_pictures, structure_pictures
+from .formatting import NONE, number
+from .html_page import on_page, rendered, write_page
+from .table import Table
+
+#: White residuals are within this of 0, in standard deviations of their correlation.
+_WHITE = 3.0
+_MOST_FLIGHTS = 300
+
+
+def _digits(estimate: Estimate) -> int:
+    """Return the significant digits that a value has, two of them uncertain."""
+    value, deviation = abs(estimate.value), estimate.standard_deviation
+    if not deviation > 0.0 or not math.isfinite(deviation) or value == 0.0:
+        return 4
+    return min(
+        12,
+        max(
+            2, 2 + math.floor(math.log10(value) + 1e-9) - math.floor(math.log10(deviation) + 1e-9)
+        ),
+    )
+
+
+def _row(name: str, estimate: Estimate) -> tuple[str, ...]:
+    digits = _digits(estimate)
+    low, high = estimate.interval
+    share = abs(estimate.standard_deviation / estimate.value) if estimate.value else math.inf
+    return (
+        name,
+        number(estimate.value, digits),
+        number(estimate.standard_deviation, 2),
+        f'{number(low, digits)} to {number(high, digits)}',
+        estimate.unit,
+        f'{number(100.0 * share, 2)} %' if share < 10.0 else NONE,
+        number(estimate.start, 4),
+    )
+
+
+def estimate_table(parameters: dict[str, Estimate]) -> Table:
+    """Return the parameters with their intervals."""
+    head = ('parameter', 'value', '±', '95 % interval', 'unit', 'relative', 'start')
+    table = Table.of_rows(head, [_row(name, one) for name, one in parameters.items()])
+    return Table(
+        table.columns,
+        table.groups,
+        'Parameters',
+        'Value, standard deviation, and the interval that holds the true value in 95 % of all '
+        'cases if the model is right.',
+    )
+
+
+def interval_words(estimate: Estimate) -> str:
+    """Return an interval as a note in a parameters file."""
+    digits = _digits(estimate) + 1
+    low, high = estimate.interval
+    return f'95 %: {low:.{digits}g} to {high:.{digits}g}'
+
+
+def fit_notes(parameters: dict[str, Estimate]) -> dict[str, str]:
+    """Return the interval of each fitted parameter, for a parameters file."""
+    return {name: interval_words(one) for name, one in parameters.items()}
+
+
+def _independent(found: RigFit) -> list[str]:
+    """Return the names of the parameters, one for the restitution that both stops share."""
+    return [n for n in found.parameters if n != 'restitution_2' or not _common(found)]
+
+
+def _common(found: RigFit) -> bool:
+    """Return whether the stops share one restitution."""
+    both = ('restitution_1', 'restitution_2')
+    return all(n in found.parameters for n in both) and found.correlations[both[0]][both[1]] > (
+        0.999999
+    )
+
+
+def _counted_reasons(found: RigFit) -> list[str]:
+    """Return why flights were not used, the commonest reason first."""
+    why = Counter(flight.why_not for flight in found.flights if not flight.used)
+    return [
+        f'{counted(count, "flight")} not used: {reason}' for reason, count in why.most_common()
+    ]
+
+
+def _whiteness_words(found: RigFit) -> str:
+    if math.isnan(found.whiteness):
+        return NONE
+    if abs(found.whiteness) < _WHITE:
+        return f'white ({found.whiteness:+.1f} standard deviations)'
+    return (
+        f'not white: neighbours are correlated by {found.whiteness:+.1f} standard deviations, '
+        'so that intervals are too narrow'
+    )
+
+
+def _size(found: RigFit, data: MeasuredMotion) -> str:
+    used = sum(flight.used for flight in found.flights)
+    return (
+        f'{counted(len(data.time), "sample")} of {data.quantity} from {data.time[0]:.4g} to '
+        f'{data.time[-1]:.4g} s, {counted(len(found.impacts), "impact")}, {used} of '
+        f'{counted(len(found.flights), "flight")} used.'
+    )
+
+
+def rig_fit_text(found: RigFit, data: MeasuredMotion) -> str:
+    """Return a fit as text."""
+    lines = [data.source, _size(found, data), '']
+    if found.parameters:
+        lines += [estimate_table(found.parameters).text('  '), '']
+        lines.append(
+            f'chi squared {number(found.chi_squared, 3)}, fit {number(found.fit_percent, 4)} %, '
+            f'noise {number(found.deviation, 3)} {_UNITS[data.quantity]}, residuals '
+            f'{_whiteness_words(found)}'
+        )
+    lines += _counted_reasons(found)
+    lines += [f'note: {remark}' for remark in found.remarks]
+    if found.accepted:
+        lines.append('accepted: the model describes the record')
+    else:
+        lines.append('NOT accepted:')
+        lines += [f'  - {reason}' for reason in found.reasons]
+    return '\n'.join(lines)
+
+
+_UNITS = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
+
+
+def _number(value: float) -> float | None:
+    """Return a number for JSON, which has no NaN."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _records(table: Any) -> list[dict[str, Any]]:
+    """Return the rows of a structured array for JSON."""
+    return [
+        {
+            name: _number(row[name]) if isinstance(row[name], np.floating) else int(row[name])
+            for name in table.dtype.names
+        }
+        for row in table
+    ]
+
+
+def rig_fit_json(found: RigFit, data: MeasuredMotion) -> dict[str, Any]:
+    """Return a fit for JSON."""
+    return {
+        'accepted': found.accepted,
+        'reasons': found.reasons,
+        'remarks': found.remarks,
+        'parameters': {name: one.as_dict() for name, one in found.parameters.items()},
+        'correlations': found.correlations,
+        'chi_squared': _number(found.chi_squared),
+        'fit_percent': _number(found.fit_percent),
+        'whiteness': _number(found.whiteness),
+        'noise': _number(found.deviation),
+        'quantity': data.quantity,
+        'source': data.source,
+        'impacts': _records(found.impacts),
+        'flights': [
+            {
+                **flight._asdict(),
+                'residual': _number(flight.residual),
+                'gain': _number(flight.gain),
+            }
+            for flight in found.flights
+        ],
+        'checks': [
+            {
+                'name': check.name,
+                'value': _number(check.value),
+                'standard_deviation': _number(check.standard_deviation),
+                'unit': check.unit,
+                'meaning': check.meaning,
+            }
+            for check in found.checks
+        ],
+    }
+
+
+def correlation_table(found: RigFit) -> Table:
+    """Return the correlations of the parameters."""
+    names = _independent(found)
+    rows = [
+        (
+            one,
+            *(number(found.correlations[one][other], 3) for other in names[: k + 1]),
+            *[''] * (len(names) - k - 1),
+        )
+        for k, one in enumerate(names)
+    ]
+    table = Table.of_rows(('', *names), rows)
+    note = 'Two parameters whose correlation is near 1 or −1 are hardly distinguished.'
+    return Table(table.columns, table.groups, 'Correlations', note)
+
+
+def check_table(found: RigFit) -> Table | None:
+    """Return what the model leaves out, and whether the data ask for it."""
+    if not found.checks:
+        return None
+    rows = [
+        (
+            check.name,
+            number(check.value, 3),
+            number(check.standard_deviation, 2),
+            check.unit,
+            number(abs(check.z), 2),
+        )
+        for check in found.checks
+    ]
+    table = Table.of_rows(('further parameter', 'value', '±', 'unit', 'over ±'), rows)
+    note = 'Each is 0 in the model; one far from 0 says where the model fails.'
+    return Table(table.columns, table.groups, 'What the model leaves out', note)
+
+
+def flight_table(found: RigFit) -> Table:
+    """Return the flights between impacts, those that are not used with the reason."""
+    shown: Iterable[Any] = found.flights
+    left = len(found.flights) - _MOST_FLIGHTS
+    note = 'The residual is the root mean square over the noise.'
+    if left > 0:
+        shown = [f for f in found.flights if not f.used][:_MOST_FLIGHTS]
+        note = f'Only those that are not used; report.json has all {len(found.flights)}. {note}'
+    rows = [
+        (
+            f'{flight.start:.4f}',
+            f'{1e3 * (flight.end - flight.start):.1f}',
+            str(flight.reversals),
+            number(flight.residual, 3),
+            'yes' if flight.used else flight.why_not,
+        )
+        for flight in shown
+    ]
+    head = ('from [s]', 'lasts [ms]', 'reversals', 'residual', 'used')
+    table = Table.of_rows(head, rows, texts=0)
+    columns = [*table.columns[:-1], table.columns[-1]._replace(kind='text')]
+    return Table(columns, table.groups, 'Flights', note)
+
+
+def _tiles(chi_squared: float, fit: float, more: Sequence[tuple[str, str, str]]) -> list[Any]:
+    return [
+        ('Chi squared', number(chi_squared, 3), 'residual over noise, squared; 1 is perfect'),
+        ('Fit', f'{number(fit, 4)} %', '1 − residual/motion, rms'),
+        *more,
+    ]
+
+
+def write_rig_report(
+    found: RigFit, data: MeasuredMotion, start: RigParameters, directory: Path, command: str
+) -> Path:
+    """Write the page of a fit of a rig, and its numbers as report.json beside it."""
+    with page_style():
+        pictures = [
+            on_page(picture, f'p{k}', 'the fit')
+            for k, picture in enumerate(rig_pictures(found, data, _independent(found)))
+        ]
+    used = sum(flight.used for flight in found.flights)
+    tiles = _tiles(
+        found.chi_squared,
+        found.fit_percent,
+        [
+            ('Impacts', str(len(found.impacts)), f'{used} of {len(found.flights)} flights used'),
+            ('Noise', f'{number(found.deviation, 3)} {_UNITS[data.quantity]}', 'of a sample'),
+            (
+                'Residuals',
+                _whiteness_words(found).partition(':')[0].partition(' (')[0],
+                'whether neighbours are correlated',
+            ),
+        ],
+    )
+    tables = [correlation_table(found), check_table(found), flight_table(found)]
+    page = rendered(
+        'fit.html',
+        name=_name(data),
+        kicker='a rig fitted to measured data',
+        accepted=found.accepted,
+        size=_size(found, data),
+        reasons=found.reasons,
+        remarks=found.remarks + _counted_reasons(found),
+        tiles=tiles,
+        parameters=estimate_table(found.parameters),
+        pictures=pictures,
+        tables=tables if found.parameters else [],
+        origin='Between impacts M vibrates freely under its force, and m flies: both in closed '
+        'form. The parameters make the record most likely; each flight was computed again by the '
+        'exact engine. Masses and force are those of the start file.',
+        facts=_facts(data, command, start),
+    )
+    numbers = json.dumps(rig_fit_json(found, data), indent=1, allow_nan=False) + '\n'
+    return write_page(directory, page, numbers)
+
+
+def _name(data: MeasuredMotion) -> str:
+    return Path(data.source.partition(' (')[0].partition(', ')[0]).name or data.source
+
+
+def _facts(
+    data: MeasuredMotion, command: str, start: RigParameters | None
+) -> list[tuple[str, str]]:
+    facts = [('Data', data.source), ('Command', command)]
+    if start is not None:
+        facts.append(('Masses', f'M {start.primary_mass:g} kg, m {start.damper_mass:g} kg'))
+    if data.impact_times is not None:
+        facts.append(
+            (
+                'Impact times',
+                f'{len(data.impact_times)}, with a standard deviation of '
+                f'{1e3 * data.impact_deviation:.3g} ms',
+            )
+        )
+    return facts
+
+
+def structure_parameters(found: StructureFit) -> dict[str, Estimate]:
+    """Return the estimates of a structure by name."""
+    parameters = {
+        'natural_frequency': found.frequency,
+        'damping_ratio': found.damping_ratio,
+    }
+    return parameters if found.mass is None else {**parameters, 'primary_mass': found.mass}
+
+
+def structure_text(found: StructureFit) -> str:
+    """Return the fit of a structure as text."""
+    data = found.data
+    what = {
+        'ring-down': 'ring-down',
+        'force': 'response to the force',
+        'base': 'response to the base',
+    }
+    unit = _UNITS[data.quantity]
+    lines = [
+        data.source,
+        f'{what[found.kind]}: {counted(int(data.used.sum()), "sample")} of {data.quantity} from '
+        f'{data.time[0]:.4g} to {data.time[-1]:.4g} s',
+        '',
+        estimate_table(structure_parameters(found)).text('  '),
+        '',
+        f'chi squared {number(found.chi_squared, 3)}, fit {number(found.fit_percent, 4)} %, '
+        f'noise {number(found.noise, 3)} {unit}, largest correlation of the residual '
+        f'{number(found.whiteness, 2)}',
+    ]
+    change = found.damping_change
+    if change is not None:
+        most, least = (100.0 * one.value for one in change[:2])
+        deviations = [100.0 * one.standard_deviation for one in change[:2]]
+        lines.append(
+            f'damping ratio over amplitude: {most:.3g} ± {deviations[0]:.1g} % at '
+            f'{change.amplitudes[0]:.3g} {unit}, {least:.3g} ± {deviations[1]:.1g} % at '
+            f'{change.amplitudes[1]:.3g} {unit}: {change.law}'
+        )
+    if found.accepted:
+        lines.append('accepted: linear, with viscous damping, as far as the data show')
+    else:
+        lines.append('NOT accepted:')
+        lines += [f'  - {reason}' for reason in found.reasons]
+    return '\n'.join(lines)
+
+
+def write_structure_report(found: StructureFit, directory: Path, command: str) -> Path:
+    """Write the page of a fit of a structure, and its numbers as report.json beside it."""
+    with page_style():
+        pictures = [
+            on_page(picture, f'p{k}', 'the fit')
+            for k, picture in enumerate(structure_pictures(found))
+        ]
+    data = found.data
+    page = rendered(
+        'fit.html',
+        name=_name(data),
+        kicker='frequency and damping of a structure',
+        accepted=found.accepted,
+        size=f'{counted(int(data.used.sum()), "sample")} of {data.quantity} from '
+        f'{data.time[0]:.4g} to {data.time[-1]:.4g} s.',
+        reasons=found.reasons,
+        remarks=[],
+        tiles=_tiles(found.chi_squared, found.fit_percent, []),
+        parameters=estimate_table(structure_parameters(found)),
+        pictures=pictures,
+        tables=[],
+        origin='The most likely frequency and damping of one linear mode with white noise of the '
+        'sensor; the intervals are those of the curvature of the likelihood there.',
+        facts=_facts(data, command, None),
+    )
+    numbers = json.dumps(found.as_dict(), indent=1, allow_nan=False) + '\n'
+    return write_page(directory, page, numbers)

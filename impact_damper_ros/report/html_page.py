@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A report as one page of HTML: its frame, its pictures, its text made safe, its file.
+
+A page needs nothing but itself: no network, no script, no other file. It has the same bytes for
+the same result.
+"""
+
+from __future__ import annotations
+
+from errno import ENOTDIR
+from importlib.resources import files
+from os import strerror
+from pathlib import Path
+from typing import Any, NamedTuple
+from unicodedata import category
+
+from impact_damper_ros.outputs import write_texts
+
+from .charts import Picture
+from .drawing import inline_svg
+
+
+class Shown(NamedTuple):
+    """A picture as the template shows it, in its variants for a wide and a narrow page."""
+
+    svg: str
+    narrow: str | None
+    title: str
+    caption: str
+    wide: bool
+
+
+def on_page(picture: Picture, key: str, where: str, narrow: Picture | None = None) -> Shown:
+    """Return a picture for a page; `key` tells its ids from those of others."""
+    label = f'{picture.title}, {where}'
+    small = None if narrow is None else inline_svg(narrow.figure, f'{key}-narrow', label)
+    drawn = inline_svg(picture.figure, key, label)
+    return Shown(drawn, small, picture.title, picture.caption, picture.wide)
+
+
+def _may_stand(character: str) -> bool:
+    return character.isprintable() or category(character) == 'Zs' or character in '\n\t'
+
+
+def _safe(value: Any) -> Any:
+    """
+    Return a value without control characters.
+
+    What comes from a recording may hold anything. Control characters, such as turn the direction
+    of writing, and lone surrogates are shown as a replacement character. Pictures are no text.
+    """
+    if type(value) is not str:
+        return value
+    return ''.join(c if _may_stand(c) else '\N{REPLACEMENT CHARACTER}' for c in value)
+
+
+def rendered(template: str, /, **content: Any) -> str:
+    """Return a page from one of the templates."""
+    import jinja2
+
+    folder = files('impact_damper_ros.report') / 'template'
+
+    def source(name: str) -> str:
+        return (folder / name).read_text('utf-8')
+
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(source),
+        autoescape=True,
+        finalize=_safe,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page: str = environment.get_template(template).render(
+        **content, style=source('report.css').strip()
+    )
+    return page.strip() + '\n'
+
+
+def write_page(directory: Path, page: str, numbers: str) -> Path:
+    """Write report.html, and the numbers as report.json beside it, both whole or neither."""
+    if directory.exists() and not directory.is_dir():
+        raise NotADirectoryError(ENOTDIR, strerror(ENOTDIR), str(directory))
+    directory.mkdir(parents=True, exist_ok=True)
+    write_texts({directory / 'report.json': numbers, directory / 'report.html': page})
+    return directory / 'report.html'

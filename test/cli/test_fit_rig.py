@@ -1,0 +1,198 @@
+"""`fit_rig`: from files of measured data to a fitted rig, its intervals and its report."""
+
+import importlib.util
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impact_damper_ros import load_parameters
+from impact_damper_ros.cli.fit_rig import main
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.design.fitted import load_fitted
+from impact_damper_ros.parameters.parameters_file import rig_yaml
+
+TWIN = Path(__file__).parents[2] / 'examples' / 'twin'
+
+
+def measured():
+    spec = importlib.util.spec_from_file_location('measure', TWIN / 'measure.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+TRUE = measured().TRUE
+FITTED = ('stiffness', 'damping', 'restitution_1', 'restitution_2', 'friction', 'gap')
+
+
+def test_the_files_of_the_tutorial_are_those_of_its_program(tmp_path):
+    rng = np.random.default_rng(20)
+    module = measured()
+    module.sys.argv = ['measure.py', str(tmp_path)]
+    module.main()
+    for name in ('free.csv', 'start.csv', 'hits.csv'):
+        made, there = (
+            np.array([row.replace(',', '.').replace(';', ',').split(',') for row in rows], float)
+            if name == 'free.csv'
+            else np.genfromtxt(rows, delimiter=',')
+            for rows in (
+                (folder / name).read_text('utf-8').splitlines()[1:] for folder in (tmp_path, TWIN)
+            )
+        )
+        # To the last digit that is written
+        np.testing.assert_allclose(made, there, atol=1.1e-3)
+    assert rng.random() > 0.0
+
+
+@pytest.fixture(scope='module')
+def structure(tmp_path_factory):
+    place = tmp_path_factory.mktemp('structure')
+    arguments = [str(TWIN / 'free.csv'), '--structure', '--rig', str(TWIN / 'rig.yaml')]
+    outputs = ['--rig-out', str(place / 'start.yaml'), '--json', str(place / 'free.json')]
+    assert main([*arguments, *outputs, '--report', str(place / 'report')]) == 0
+    return place
+
+
+def test_the_structure(structure):
+    found = json.loads((structure / 'free.json').read_text('utf-8'))
+    assert found['accepted'] is True
+    assert found['reasons'] == []
+    for name, true in (
+        ('natural_frequency', TRUE.omega / np.pi / 2),
+        ('damping_ratio', TRUE.zeta),
+    ):
+        one = found['parameters'][name]
+        assert abs(one['value'] - true) < 3.5 * one['standard_deviation']
+        assert one['interval'][0] < one['value'] < one['interval'][1]
+    rig, _, _ = load_parameters(structure / 'start.yaml')
+    assert rig.stiffness == pytest.approx(TRUE.stiffness, rel=1e-3)
+    assert rig.damping == pytest.approx(TRUE.damping, rel=0.01)
+    ranges = load_fitted(structure / 'start.yaml').ranges
+    low, high = ranges['damping']
+    assert low < rig.damping < high
+    page = (structure / 'report' / 'report.html').read_text('utf-8')
+    assert '<script' not in page
+    assert 'Over the amplitude' in page
+    assert json.loads((structure / 'report' / 'report.json').read_text('utf-8')) == found
+
+
+@pytest.fixture(scope='module')
+def fitted(structure):
+    arguments = [str(TWIN / 'start.csv'), '--impacts', str(TWIN / 'hits.csv')]
+    outputs = ['--rig-out', str(structure / 'fitted.yaml'), '--json', str(structure / 'fit.json')]
+    more = ['--rig', str(structure / 'start.yaml'), '--report', str(structure / 'fit')]
+    assert main([*arguments, *more, *outputs, '--impact-deviation', '0.3ms']) == 0
+    return structure
+
+
+def test_the_rig_is_found(fitted):
+    found = json.loads((fitted / 'fit.json').read_text('utf-8'))
+    assert found['accepted'] is True
+    assert set(found) >= {
+        *('accepted', 'reasons', 'parameters', 'correlations', 'chi_squared', 'fit_percent'),
+        *('impacts', 'flights'),
+    }
+    assert list(found['parameters']) == list(FITTED)
+    for name in FITTED:
+        one = found['parameters'][name]
+        assert abs(one['value'] - getattr(TRUE, name)) < 3.5 * one['standard_deviation'], name
+    assert found['parameters']['stiffness']['start'] == pytest.approx(TRUE.stiffness, rel=1e-3)
+    assert found['parameters']['gap']['interval'][1] - TRUE.gap < 1e-4
+    assert found['correlations']['gap']['gap'] == pytest.approx(1.0)
+    assert len(found['flights']) == len(found['impacts']) - 1
+    assert found['fit_percent'] > 98.0
+
+
+def test_the_fitted_rig_is_a_parameters_file_with_intervals(fitted):
+    rig, _, _ = load_parameters(fitted / 'fitted.yaml')
+    found = json.loads((fitted / 'fit.json').read_text('utf-8'))['parameters']
+    for name in FITTED:
+        assert getattr(rig, name) == found[name]['value']
+    assert rig.force_amplitudes == (1.5,)
+    ranges = load_fitted(fitted / 'fitted.yaml').ranges
+    for name, ends in ranges.items():
+        assert ends == pytest.approx(found[name]['interval'], rel=1e-3)
+    assert simulate_rig([str(fitted / 'fitted.yaml'), '--duration', '2']) == 0
+
+
+def test_the_page_has_all(fitted):
+    page = (fitted / 'fit' / 'report.html').read_text('utf-8')
+    for words in ('✓ accepted', 'Data and model', 'Intervals', 'Correlations', 'Flights'):
+        assert words in page
+    assert '<script' not in page
+    assert 'http://' not in page.replace('http://www.w3.org', '')
+
+
+def test_two_dampers_in_one_record_are_refused(tmp_path, structure, capsys):
+    """The second half is that of a softer stop."""
+    states, rig = tmp_path / 'states.csv', tmp_path / 'rig.yaml'
+    rig.write_text(rig_yaml(TRUE, 'the rig on the bench'))
+    change = ['--change', '6s:restitution_1=0.3', '--change', '6s:restitution_2=0.3']
+    command = [str(rig), '--duration', '12', '--states', str(states), '--rate', '200', *change]
+    assert simulate_rig(command) == 0
+    table = np.genfromtxt(states, delimiter=',', names=True)
+    place = table['x'] + np.random.default_rng(4).normal(0.0, 5e-5, len(table))
+    pairs = zip(table['time'], place, strict=True)
+    rows = '\n'.join(f'{t:.3f},{1e3 * x:.4f}' for t, x in pairs)
+    (tmp_path / 'two.csv').write_text(f't [s],x [mm]\n{rows}\n')
+    arguments = [str(tmp_path / 'two.csv'), '--rig', str(structure / 'start.yaml')]
+    outputs = ['--rig-out', str(tmp_path / 'out.yaml'), '--json', str(tmp_path / 'out.json')]
+    assert main([*arguments, *outputs]) == 1
+    assert not (tmp_path / 'out.yaml').exists()
+    found = json.loads((tmp_path / 'out.json').read_text('utf-8'))
+    assert found['accepted'] is False
+    assert found['reasons']
+    said = capsys.readouterr()
+    assert 'NOT accepted' in said.out
+    assert found['reasons'][0] in said.out
+    assert 'out.yaml is not written: the model does not fit' in said.err
+
+
+def test_a_recording_of_a_rig_names_it(tmp_path, capsys):
+    bag = tmp_path / 'run'
+    assert simulate_rig(['bench_rig', '--duration', '8', '--bag', str(bag)]) == 0
+    result = tmp_path / 'fit.json'
+    assert main([str(bag), '--json', str(result)]) == 0
+    found = json.loads(result.read_text('utf-8'))
+    rig, _, _ = load_parameters('bench_rig')
+    for name in FITTED:
+        one = found['parameters'][name]
+        assert one['value'] == pytest.approx(getattr(rig, name), rel=1e-6), name
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'problem'),
+    [
+        ([], 'give the file of the data, or a live topic with --topic'),
+        (['no.csv', '--rig', 'bench_rig'], 'no.csv: cannot be read (No such file'),
+        (['free.csv'], 'masses and force are not known: give the parameters file'),
+        (['free.csv', '--set', 'gap=1'], '--set changes the rig of --rig: give it'),
+        (['free.csv', '--seconds', '5'], '--seconds goes with a live --topic'),
+        (['free.csv', '--structure', '--rig-out', 'o.yaml'], '--rig-out needs the masses'),
+        (['free.csv', '--structure', '--from', '9s'], '0 samples from 9 to inf s: give a longer'),
+        (['free.csv', '--structure', '--saturation', '16g'], '--saturation is an acceleration'),
+        (['free.csv', '--structure', '--saturation', '16'], 'give a size with its unit'),
+        (['free.csv', '--structure', '--column', 'y'], "no column 'y' for the motion among"),
+        (['free.csv', '--rig', 'rig.yaml', '--also', 'mass'], "invalid choice: 'mass'"),
+        (['start.csv', '--structure', '--json', 'start.csv'], 'is, or is in, what is read'),
+    ],
+)
+def test_refusals(arguments, problem, tmp_path, monkeypatch, capsys):
+    for name in ('free.csv', 'start.csv', 'rig.yaml'):
+        shutil.copy(TWIN / name, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    try:
+        code = main(arguments)
+    except SystemExit as error:
+        code = error.code
+    assert code == 2
+    assert problem in capsys.readouterr().err
+
+
+def test_a_forced_motion_is_no_ring_down(capsys):
+    assert main([str(TWIN / 'start.csv'), '--structure']) == 1
+    assert 'NOT accepted' in capsys.readouterr().out
