@@ -15,6 +15,7 @@ EXAMPLES = (
     'examples/gap_control',
     'examples/gallery',
     'examples/controllers',
+    'examples/twin',
 )
 
 setup(

@@ -77,6 +77,8 @@ class Reader:
         self.names = {'__name__': '__main__'}
         self.printed = ''
         self.live = []
+        # What a reader has in the checkout
+        (place / 'examples').symlink_to(ROOT / 'examples')
         tools = place / 'bin'
         tools.mkdir()
         for name in COMMANDS:
