@@ -178,7 +178,8 @@ def recording(tmp_path_factory):
 @pytest.fixture
 def place(tmp_path, monkeypatch, recording):
     """Go to a directory like that of the sources, with a recording in it."""
-    (tmp_path / 'config').symlink_to(ROOT / 'config')
+    for folder in ('config', 'examples'):
+        (tmp_path / folder).symlink_to(ROOT / folder)
     (tmp_path / BAG).parent.mkdir()
     for bag in (BAG, MADE):
         (tmp_path / bag).symlink_to(recording)
