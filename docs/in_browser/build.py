@@ -173,6 +173,7 @@ def build(place: Path, home: str = '../', with_theory: Collection[str] | None = 
     for name in ('icon.svg', 'style.css', 'vendor/uplot/uPlot.min.css'):
         shutil.copy(STATIC / name, place)
     shutil.copy(STATIC / 'vendor' / 'uplot' / 'uPlot.iife.min.js', place)
+    shutil.copy(STATIC / 'vendor' / 'uplot' / 'LICENSE', place / 'uPlot.LICENSE')
     known = presets.load_presets()
     asked = known if with_theory is None else with_theory
     table = json.dumps({name: theory_of(known[name]) for name in asked}, allow_nan=False)
