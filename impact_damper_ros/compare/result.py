@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.orbits.ring_down import RingDown
+from impact_damper_ros.orbits.swept_response import SweptResponse
 from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.rows import Events
@@ -354,6 +355,8 @@ class StretchComparison(LoggedStretch):
     decay: Decay | None = None
     #: Of a rig without force on a base at rest: what each of its cycles loses.
     ring_down: RingDown | None = None
+    #: Of a rig whose force or base is swept: its response at each step.
+    response: SweptResponse | None = None
     #: How it compares.
     verdict: Verdict
     #: The verdict in words, with numbers.
@@ -450,6 +453,8 @@ def as_plain(value: Any, without: Collection[str] = ()) -> Any:
         return {name: as_plain(getattr(value, name), without) for name in names}
     if isinstance(value, Enum):
         return value.value
+    if isinstance(value, SweptResponse):
+        value = {name: column.tolist() for name, column in value._asdict().items()}
     if isinstance(value, Transmissibility):
         value = value._asdict()
     if isinstance(value, Mapping):

@@ -17,6 +17,7 @@ from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind, Peri
 from impact_damper_ros.orbits.ring_down import is_free, recorded_ring_down
 from impact_damper_ros.orbits.search import find_orbits
 from impact_damper_ros.orbits.solved_orbits import counted_from_zero
+from impact_damper_ros.orbits.swept_response import SweptResponse, swept_response
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.replay.rows import Samples
 
@@ -211,7 +212,7 @@ def _why_no_theory(stretch: RecordedStretch) -> str:
     if rig.multisine_level > 0.0:
         return 'the force is a multisine: it has no period within the range searched'
     if rig.sweep_mode != 'off':
-        return 'the frequency of the force is swept'
+        return f'the frequency of the {rig.swept} is swept'
     if is_free(rig):
         return 'no force acts, and the base is at rest: the rig is left to itself'
     if rig.first_harmonic[0] == 0.0 or rig.first_harmonic[1] == 0.0:
@@ -257,6 +258,9 @@ class _Comparison:
         self.stretch = stretch
         self.cycle = _cycle(stretch)
         self.ring_down = recorded_ring_down(stretch.flights)
+        self.response: SweptResponse | None = None
+        if stretch.parameters.sweep_mode != 'off' and len(stretch.flights):
+            self.response = swept_response(stretch.flights)
         self.reason = _why_no_theory(stretch)
         self.motion: PeriodicMotion | None = None
         self.orbit: PeriodicOrbit | None = None
@@ -367,6 +371,7 @@ class _Comparison:
             energy=energy,
             decay=decay,
             ring_down=self.ring_down,
+            response=self.response,
             verdict=judgement.verdict,
             sentence=judgement.sentence,
             findings=(*judgement.findings, *_unbalanced(energy)),

@@ -29,6 +29,7 @@ from impact_damper_ros.replay.rows import Events
 from .drawing import COLORS, IMPACTS, MOTION_LINES, draw_stop, unit_axis
 from .formatting import number, quantity
 from .ring_down_figure import draw_decay, draw_loss
+from .swept_response_figure import draw_response
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -686,11 +687,25 @@ def _draw_loss(stretch: StretchComparison) -> Picture | None:
     return _picture(axes, 'Loss of a cycle over amplitude', caption)
 
 
+def _draw_response(stretch: StretchComparison) -> Picture | None:
+    """Draw the largest |X| at each frequency of a sweep."""
+    found = stretch.response
+    if found is None or len(found.time) < 2:
+        return None
+    axes = _panel('frequency [Hz]', '')
+    draw_response(axes, found, found.x, found.x_without)
+    unit_axis(axes.yaxis, 'largest |X|', 'm', float(found.x.max()))
+    caption = 'The largest |X| late in the time of each frequency, on the ways up and down, and '
+    caption += 'the settled amplitude without damper.'
+    return _picture(axes, 'Response over frequency', caption, 2)
+
+
 #: Charts of a stretch by the name that begins their ids, in the order of the page.
 PICTURES: dict[str, Callable[[StretchComparison], Picture | None]] = {
     'history': draw_history,
     'decay': _draw_decay,
     'loss': _draw_loss,
+    'response': _draw_response,
     'portrait': _draw_primary_portrait,
     'relative': _draw_damper_portrait,
     'section': _draw_section,

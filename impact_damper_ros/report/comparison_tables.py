@@ -13,8 +13,10 @@ from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
+from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .formatting import NONE, Unit, instant, number, quantity, setting, unit_for
+from .swept_response_figure import level_of
 from .table import Column, Table
 from .transmissibility_text import TRANSMISSIBILITY_NAMES
 
@@ -22,6 +24,8 @@ from .transmissibility_text import TRANSMISSIBILITY_NAMES
 _MOST_CHANGES, _MOST_IMPACTS = 4, 8
 #: Rows of a ring-down.
 _RING_DOWN_ROWS = 12
+#: Most steps of a sweep that are listed.
+_MOST_STEPS = 64
 
 _AT_IMPACTS: tuple[tuple[str, str, str], ...] = (
     ('phases', 'phase', 'cycles'),
@@ -234,6 +238,41 @@ def ring_down_table(stretch: StretchComparison) -> Table | None:
     return Table(columns, [('', rows)], 'Ring-down', f'{note}.')
 
 
+def response_table(stretch: StretchComparison) -> Table | None:
+    """Return what M does at the steps of a sweep; None if there is none."""
+    found, rig = stretch.response, stretch.parameters
+    if found is None:
+        return None
+    level, unit = level_of(rig, found.level)
+    length = unit_for('m', float(found.x.max()))
+    step = math.ceil(len(found.time) / _MOST_STEPS)
+    rows = [
+        (
+            'up' if found.upwards[k] else 'down',
+            number(found.frequency[k] / math.tau, 4),
+            number(level[k], 3),
+            number(length.factor * found.x[k], 4),
+            number(length.factor * found.x_without[k], 4),
+            number(found.acceleration[k] / STANDARD_GRAVITY, 3),
+            number(found.impacts[k], 3),
+        )
+        for k in range(0, len(found.time), step)
+    ]
+    columns = [
+        Column('way', 'text'),
+        Column('[Hz]'),
+        Column(f'level [{unit}]'),
+        Column(f'|X| [{length.name}]'),
+        Column(f'without damper [{length.name}]'),
+        Column('|X″| [g]'),
+        Column('impacts per cycle'),
+    ]
+    note = 'The largest values at each frequency, late in its time; without damper the settled |X|'
+    if step > 1:
+        note += f'; one in {step} of {len(found.time)} steps'
+    return Table(columns, [('', rows)], 'Response over frequency', f'{note}.')
+
+
 def impact_table(stretch: StretchComparison) -> Table | None:
     """Return the impacts of the last period, measured and predicted; None if it has no period."""
     orbit = stretch.predicted
@@ -354,6 +393,7 @@ def stretch_tables(stretch: StretchComparison, before: StretchComparison | None)
     tables = (
         impact_table(stretch),
         ring_down_table(stretch),
+        response_table(stretch),
         comparison_table(stretch),
         energy_table(stretch),
         multiplier_table(stretch),

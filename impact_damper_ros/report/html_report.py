@@ -32,6 +32,7 @@ from .comparison_tables import (
     overall_table,
     overview_table,
     parameter_table,
+    response_table,
     ring_down_table,
 )
 from .drawing import page_style
@@ -165,7 +166,12 @@ def _detail(stretch: StretchComparison, before: StretchComparison | None) -> dic
         'missing': f'Not drawn: {"; ".join(missing)}.' if missing and pictures else '',
         'impacts': impact_table(stretch),
         'columns': [
-            [ring_down_table(stretch), comparison_table(stretch), multiplier_table(stretch)],
+            [
+                ring_down_table(stretch),
+                response_table(stretch),
+                comparison_table(stretch),
+                multiplier_table(stretch),
+            ],
             [energy_table(stretch), parameter_table(stretch, before)],
         ],
         'reasons': [('Kind of motion', evidence), ('Prediction', stretch.solver)],

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 #: Ratio of neighbouring largest values from which on a step is a jump.
 _JUMP = 1.3
-#: Most jumps that are listed.
-_MOST_JUMPS = 8
+#: Most jumps that are listed, and points that are marked.
+_MOST_JUMPS, _MOST_MARKERS = 8, 100
 
 
-def _level(rig: RigParameters, level: Array) -> tuple[Array, str]:
+def level_of(rig: RigParameters, level: Array) -> tuple[Array, str]:
     """Return the level in the unit of a test, and that."""
     if rig.swept == 'force':
         return level, 'N'
@@ -40,7 +40,7 @@ def _level(rig: RigParameters, level: Array) -> tuple[Array, str]:
 
 def _columns(rig: RigParameters, found: SweptResponse) -> dict[str, Array]:
     """Return the columns of the table with their headers."""
-    level, unit = _level(rig, found.level)
+    level, unit = level_of(rig, found.level)
     g = STANDARD_GRAVITY
     moved = rig.swept == 'base'
     columns = {
@@ -79,7 +79,7 @@ def _jumps(found: SweptResponse) -> list[int]:
 
 def swept_text(rig: RigParameters, found: SweptResponse) -> str:
     """Return the result in words."""
-    level, unit = _level(rig, found.level)
+    level, unit = level_of(rig, found.level)
     low, high = (f'{value:.4g}' for value in (level.min(), level.max()))
     ends = found.frequency.min() / math.tau, found.frequency.max() / math.tau
     lines = [
@@ -109,6 +109,33 @@ def swept_text(rig: RigParameters, found: SweptResponse) -> str:
     return '\n'.join(lines)
 
 
+def draw_response(axes: Any, found: SweptResponse, values: Array, alone: Array) -> None:
+    """Draw largest values of a sweep over frequency, up and down, and those without damper."""
+    hertz = found.frequency / math.tau
+    order = np.argsort(hertz)
+    look = {'color': COLORS['quiet'], 'lw': 1.2, 'ls': '--', 'label': 'without damper'}
+    axes.plot(hertz[order], alone[order], **look)
+    for name, chosen, color, marker in (
+        ('up', found.upwards, COLORS['primary'], '^'),
+        ('down', ~found.upwards, COLORS['special'], 'v'),
+    ):
+        if not chosen.any():
+            continue
+        axes.plot(
+            hertz[chosen],
+            values[chosen],
+            color=color,
+            lw=1.2,
+            marker=marker if chosen.sum() < _MOST_MARKERS else None,
+            ms=3,
+            label=f'with damper, {name}',
+        )
+    for number, k in enumerate(_jumps(found)):
+        look = {'color': '0.2', 'lw': 2.6, 'alpha': 0.45, 'label': '' if number else 'jump'}
+        axes.plot(hertz[k - 1 : k + 1], values[k - 1 : k + 1], **look)
+    axes.set_yscale('log')
+
+
 @print_style()
 def swept_figure(rig: RigParameters, found: SweptResponse, title: str = '') -> Figure:
     """Draw the largest values over frequency, up and down, with and without damper."""
@@ -127,34 +154,11 @@ def swept_figure(rig: RigParameters, found: SweptResponse, title: str = '') -> F
     figure = blank_figure(6.3, 1.2 + 2.0 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True)
     order = np.argsort(hertz)
-    jumps = _jumps(found)
     for panel, (values, alone, label), letter in zip(axes, panels, 'abc', strict=False):
-        look = {'color': COLORS['quiet'], 'lw': 1.2, 'ls': '--', 'label': 'without damper'}
-        panel.plot(hertz[order], alone[order], **look)
-        for name, chosen, color, marker in (
-            ('up', found.upwards, COLORS['primary'], '^'),
-            ('down', ~found.upwards, COLORS['special'], 'v'),
-        ):
-            if not chosen.any():
-                continue
-            few = chosen.sum() < 100
-            panel.plot(
-                hertz[chosen],
-                values[chosen],
-                color=color,
-                lw=1.2,
-                marker=marker if few else None,
-                ms=3,
-                label=f'with damper, {name}',
-            )
-        for k in jumps:
-            look = {'color': '0.2', 'lw': 2.6, 'alpha': 0.45}
-            label_once = 'jump' if k == jumps[0] else None
-            panel.plot(hertz[k - 1 : k + 1], values[k - 1 : k + 1], **look, label=label_once)
-        panel.set_yscale('log')
+        draw_response(panel, found, values, alone)
         finish_panel(panel, letter, 'Frequency [Hz]' if panel is axes[-1] else '', label)
     if rig.swept == 'base' and rig.base_quantity == 'acceleration':
-        level, _ = _level(rig, found.level)
+        level, _ = level_of(rig, found.level)
         axes[-1].plot(hertz[order], level[order], color='0.2', lw=1.0, ls=':', label='base')
     axes[-1].legend(frameon=False, fontsize=7)
     axes[0].legend(frameon=False, fontsize=7)

@@ -14,6 +14,7 @@ from .comparison_tables import (
     energy_table,
     impact_table,
     overall_table,
+    response_table,
     ring_down_table,
     run_tables,
     stretch_tables,
@@ -40,7 +41,7 @@ def _stretch_text(stretch: StretchComparison) -> str:
     lines += [f'  motion     {kind}', f'             {stretch.evidence}']
     if stretch.missing_samples:
         lines.append(f'  missing    {counted(stretch.missing_samples, "sample")}')
-    of = impact_table, ring_down_table, comparison_table, energy_table
+    of = impact_table, ring_down_table, response_table, comparison_table, energy_table
     for table in (make(stretch) for make in of):
         if table is not None:
             lines += table.described('  ').splitlines()

@@ -1,5 +1,6 @@
 """The command, on bags of the live node and on bags written without ROS, whole and faulty."""
 
+import csv
 import json
 import math
 import re
@@ -137,6 +138,39 @@ def test_what_has_no_theory_is_measured(tmp_path, capsys, settings, kind, reason
     assert stretch['measured']['impacts'] > 20
     energy = stretch['energy']
     assert abs(energy['residual']) < energy['tolerance'] < 1e-4 * abs(energy['force'])
+
+
+def test_the_response_of_a_recorded_sweep_is_that_of_simulate_rig(tmp_path, capsys):
+    bag, response, report = (tmp_path / name for name in ('bag', 'response.csv', 'report'))
+    words = ['bench_rig', '--duration', '36', '--bag', str(bag), '--quiet']
+    for setting in (
+        *('force_amplitudes=0', 'base_amplitudes=0.06g', 'sweep_mode=up_down', 'sweep_low=4Hz'),
+        *('sweep_high=6Hz', 'sweep_step=0.5Hz', 'sweep_dwell=4'),
+    ):
+        words += ['--set', setting]
+    assert simulate_rig([*words, '--response', str(response)]) == 0
+    assert main([str(bag), '--json', '-', '--report', str(report)]) == 0
+    said = capsys.readouterr()
+    assert 'Response over frequency' in said.err
+    assert 'the frequency of the base is swept' in said.err
+    (stretch,) = json.loads(said.out)['stretches']
+    found = stretch['response']
+    rows = list(csv.DictReader(response.read_text().splitlines()))
+    for name, column, scale in (
+        ('frequency', 'frequency [Hz]', 1.0 / math.tau),
+        ('x', 'x [mm]', 1e3),
+        ('relative', 'x - b [mm]', 1e3),
+        ('acceleration_without', 'acceleration without damper [g]', 1.0 / 9.80665),
+        ('impacts', 'impacts per cycle', 1.0),
+    ):
+        expected = [float(row[column]) for row in rows]
+        assert [scale * value for value in found[name]] == pytest.approx(expected, rel=1e-8), name
+    assert found['upwards'] == [row['way'] == 'up' for row in rows]
+    assert len(rows) == 9
+    page = (report / 'report.html').read_text()
+    assert 'Response over frequency' in page
+    energy = stretch['energy']
+    assert abs(energy['residual']) < energy['tolerance']
 
 
 def test_a_recording_of_ros2_bag(messages, tmp_path):
