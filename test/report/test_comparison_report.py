@@ -123,8 +123,8 @@ def test_all_plots_are_there(page):
         shown = [svg.get('aria-label') for svg in part.iter('svg') if svg not in small]
         # For a phone there is another picture of what is as wide as the page.
         assert [svg.get('aria-label') for svg in small] == [f'Time history, stretch {n}']
-        # A rig under force has no ring-down
-        assert len(shown) == len(PICTURES) - len({'decay', 'loss', *missing})
+        # A rig under a steady force has no ring-down and no sweep
+        assert len(shown) == len(PICTURES) - len({'decay', 'loss', 'response', *missing})
         assert all(f'stretch {n}' in label for label in shown)
         captions = [text_of(caption) for caption in part.iter('figcaption')]
         assert any(c.startswith('Time history.') for c in captions)
