@@ -8,10 +8,10 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import count
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
@@ -95,6 +95,9 @@ from .shaker_options import (
     with_random_lines,
     with_sweep_levels,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: The force on M is that of the harmonics and of a controller.
 STATE_COLUMNS = (*Sample._fields, 'force', 'primary_acceleration')
@@ -453,6 +456,11 @@ def _simulate(
     duration = arguments.duration
     rig = _rig(given, law, records)
     swept = _swept_run(arguments, rig, records)
+    if arguments.transmissibility is not None and (records or swept is not None):
+        raise CommandError(
+            '--transmissibility is that of a base of many lines alone: leave it out, or the '
+            'records and the sweep'
+        )
     response = None if records or swept is not None else _response(arguments, rig)
     summary = _Summary(rig, duration, response)
     sampled = RecordSamples(rig, duration) if records else None
@@ -485,21 +493,14 @@ def _simulate(
         beside = sampled.beside(compared)
         if not arguments.quiet:
             print(record_text(beside, records), file=sys.stderr)
-        if arguments.figure is not None:
-            from impact_damper_ros.report.drawing import save_figure
-
-            figure = record_figure(beside, records, rig_line(rig.parameters))
-            save_figure(figure, arguments.figure)
+        _draw(arguments, record_figure, beside, records, rig_line(rig.parameters))
     if swept is not None:
         _write_sweep(arguments, rig.parameters, swept.response())
     if response is not None:
         found = response.response()
         if arguments.transmissibility is not None:
             write_text(arguments.transmissibility, response_table(found))
-        if arguments.figure is not None:
-            from impact_damper_ros.report.drawing import save_figure
-
-            save_figure(response_figure(found, rig_line(rig.parameters)), arguments.figure)
+        _draw(arguments, response_figure, found, rig_line(rig.parameters))
 
 
 def _rig(given: GivenRig, law: OwnLaw | None, records: Sequence[MeasuredRecord]) -> Rig:
@@ -528,16 +529,27 @@ def _write_sweep(arguments: argparse.Namespace, rig: RigParameters, found: Swept
         print(swept_text(rig, found), file=sys.stderr)
     if arguments.response is not None:
         write_text(arguments.response, swept_table(rig, found))
+    _draw(arguments, swept_figure, rig, found, rig_line(rig))
+
+
+def _draw(arguments: argparse.Namespace, figure_of: Callable[..., Figure], *args: object) -> None:
+    """Draw the figure that is asked for, if any."""
     if arguments.figure is not None:
         from impact_damper_ros.report.drawing import save_figure
 
-        save_figure(swept_figure(rig, found, rig_line(rig)), arguments.figure)
+        save_figure(figure_of(*args), arguments.figure)
 
 
 def _response(arguments: argparse.Namespace, rig: Rig) -> ResponseSamples | None:
     """Return what samples the response to a base of many lines; None for any other rig."""
     wanted = arguments.transmissibility is not None or arguments.figure is not None
-    if sum(map(bool, rig.parameters.base_motion.amplitudes)) < 2 and not wanted:
+    if sum(map(bool, rig.parameters.base_motion.amplitudes)) < 2:
+        if wanted:
+            raise CommandError(
+                '--transmissibility is that of a base of many lines, and --figure draws it, a '
+                'record or a sweep: give --base-psd, --base-record, --force-record or --set '
+                'sweep_mode=up, or leave both out'
+            )
         return None
     try:
         return ResponseSamples(rig, arguments.duration)

@@ -112,8 +112,13 @@ def test_too_short_for_an_average(table, tmp_path, capsys):
     assert simulate('--duration', 1, *options) == 2
     assert 'repeats after 40 s: give a --duration of at least 40 s' in capsys.readouterr().err
     assert not (tmp_path / 't.csv').exists()
-    assert simulate('--duration', 1, '--transmissibility', tmp_path / 't.csv') == 2
-    assert 'the base moves by 0 lines' in capsys.readouterr().err
+    for option, name in (('--transmissibility', 't.csv'), ('--figure', 'f.png')):
+        assert simulate('--duration', 1, option, tmp_path / name) == 2
+        assert 'give --base-psd, --base-record, --force-record' in capsys.readouterr().err
+    record = ('--force-record', CONFIG / 'force_record.csv')
+    assert simulate(*record, '--transmissibility', tmp_path / 't.csv') == 2
+    assert 'leave it out, or the records' in capsys.readouterr().err
+    assert not list(tmp_path.glob('[ft].*'))
 
 
 def test_records_of_force_and_base(tmp_path, capsys):
