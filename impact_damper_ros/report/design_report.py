@@ -16,6 +16,7 @@ from impact_damper_ros.design.damper_design import Design, Uncertain, shaken_by
 from impact_damper_ros.design.mass_damper import mass_damper_response
 from impact_damper_ros.orbits.branch import Span
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .bench_report import percent, plan_json
 from .csv_tables import row
@@ -60,7 +61,7 @@ def design_table(found: Sequence[Design]) -> Table:
     """Return the designs as a table for people."""
     head = (
         *('m/M', 'm', 'best gap', 'largest |X|', 'over none', 'from rest'),
-        *('gap to build', 'its |X|', 'over none', 'at a stop', 'impulse'),
+        *('gap to build', 'its |X|', 'over none', 'at a stop', 'impulse', "X''"),
     )
     rows = [
         (
@@ -75,6 +76,7 @@ def design_table(found: Sequence[Design]) -> Table:
             percent(d.x_max / d.bare),
             f'{d.impact_speed:.3g} m/s',
             f'{d.impulse:.3g} N s',
+            f'{d.acceleration / STANDARD_GRAVITY:.3g} g',
         )
         for d in found
     ]
@@ -118,8 +120,9 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
     cases = ' and '.join(_uncertain_words(unsure))
     here_worst = float(np.interp(design.gap, unsure.gaps, unsure.worst))
     sure = (
-        f'Sure: with {cases}, a gap of {1e3 * gap:.4g} mm has the best worst case from rest, '
-        f'{percent(worst)}; with {half} it is {percent(here_worst)}.'
+        f'How sure: with {cases}, a gap of {1e3 * gap:.4g} mm has the best worst case from rest, '
+        f'{percent(worst)}; with {half} it is {percent(here_worst)}. --rig-out has {half}, with '
+        f'--worst-case {1e3 * gap:.4g} mm.'
     )
     lines += [
         textwrap.fill(sure, 98, initial_indent='  ', subsequent_indent='  '),
@@ -197,6 +200,7 @@ def design_json(
                 else dict(zip(('gap', 'x_max'), d.starts_by_itself, strict=True)),
                 'impulse': d.impulse,
                 'impact_speed': d.impact_speed,
+                'acceleration': d.acceleration,
                 'gap_range': _span_json(d.gap_range),
                 'level_range': _span_json(d.level_range),
                 'frequency_range': _span_json(d.frequency_range),
@@ -226,8 +230,8 @@ def design_json(
 
 _CSV = (
     *('mass_ratio', 'damper_mass', 'best_gap', 'best_x_max', 'reached_from_rest', 'gap', 'x_max'),
-    *('without_damper', 'impact_speed', 'impulse', 'gap_low', 'gap_high', 'level_low'),
-    *('level_high', 'frequency_low', 'frequency_high'),
+    *('without_damper', 'impact_speed', 'impulse', 'acceleration', 'gap_low', 'gap_high'),
+    *('level_low', 'level_high', 'frequency_low', 'frequency_high'),
 )
 
 
@@ -237,7 +241,7 @@ def design_csv(found: Sequence[Design]) -> str:
         (
             *(d.mass_ratio, d.rig.damper_mass, d.rig.gap, d.orbit.x_max),
             *(str(d.reached_from_rest).lower(), d.gap, d.x_max, d.bare),
-            *(d.impact_speed, d.impulse, d.gap_range.low, d.gap_range.high),
+            *(d.impact_speed, d.impulse, d.acceleration, d.gap_range.low, d.gap_range.high),
             *(d.level_range.low, d.level_range.high),
             *(d.frequency_range.low, d.frequency_range.high),
         )

@@ -89,6 +89,23 @@ def test_ranges_are_where_the_motion_is_lost():
     assert design.level_range.low == pytest.approx(design.rig.gap / span.high)
 
 
+def test_speed_impulse_and_acceleration_are_those_of_a_rig_that_runs():
+    design = best_design(structure(friction=0.01))
+    rig = Rig(design.rig)
+    settle(rig)
+    cycle = math.tau / design.rig.first_harmonic[1]
+    times = rig.time + np.linspace(0.0, cycle, 4001)
+    run = rig.run(float(times[-1]), times)
+    hits = run.impacts()
+    speed = np.abs(hits['damper_velocity_before'] - hits['primary_velocity_before'])
+    assert design.impact_speed == pytest.approx(speed.max(), rel=1e-6)
+    assert design.impulse == pytest.approx(hits['impulse'].max(), rel=1e-6)
+    # Differences of X', but for those across an impact
+    rates = np.abs(np.diff(run.samples['primary_velocity']) / np.diff(times))
+    ordinary = np.sort(rates)[: -len(hits)]
+    assert design.acceleration == pytest.approx(ordinary.max(), rel=5e-3)
+
+
 def test_levels_scale_the_motion():
     rig = structure(gap=0.015)
     twice = at_level(rig, 2.0).replace(gap=0.03)
