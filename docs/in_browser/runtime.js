@@ -417,6 +417,15 @@ const specs_of = (kind) => kind.specs;
 
 const $isClass = (one) => /^class\b/.test(Function.prototype.toString.call(one));
 const $bound = (one, name) => (typeof one[name] === 'function' ? one[name].bind(one) : one[name]);
+/** The result of a function for some arguments, of which the last ones are kept with it. */
+function $remembered(place, action, given) {
+  place.kept ??= [];
+  const known = place.kept.find((one) => $same(one.given, given));
+  if (known) return known.result;
+  const result = action(...given);
+  place.kept = [{ given, result }, ...place.kept.slice(0, 15)];
+  return result;
+}
 const $applied = (action) => ($isClass(action) ? (...given) => new action(...given) : action); // eslint-disable-line new-cap
 
 /** Arguments by name of a function of Python. */

@@ -170,6 +170,8 @@ class Translator:
             )
         }
         self.units: dict[int, Unit] = {}
+        #: Functions that keep their results
+        self.remembering: set[int] = set()
         self.constants: dict[str, str] = {}
         self.taken: dict[str, Any] = {}
         #: Names of attributes, each with where it is used first
@@ -189,7 +191,10 @@ class Translator:
             if name not in self.runtime:
                 raise TranslationError(f'{where}: {name} is not in the runtime')
             return name
+        remembers = hasattr(thing, 'cache_parameters')
         thing = inspect.unwrap(thing) if callable(thing) else thing
+        if remembers:
+            self.remembering.add(id(thing))
         module = getattr(thing, '__module__', None)
         made = isinstance(thing, attrgetter)
         if (
@@ -312,8 +317,16 @@ class Translator:
                 if isinstance(unit.thing, type):
                     self.class_parts(unit)
                 elif id(unit.thing) not in self.written:
-                    writer = Writer(self, unit)
-                    self.written[id(unit.thing)] = writer.function(unit.tree, unit.name)
+                    name = unit.name
+                    text = ''
+                    if id(unit.thing) in self.remembering:
+                        name = f'${unit.name}'
+                        text = (
+                            f'function {unit.name}(...given) {{\n'
+                            f'  return $remembered({unit.name}, {name}, given);\n}}\n'
+                        )
+                    text += Writer(self, unit).function(unit.tree, name)
+                    self.written[id(unit.thing)] = text
             if before == (len(self.written), len(self.units), len(self.constants)):
                 break
         self.check_attributes()
