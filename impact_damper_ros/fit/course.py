@@ -85,10 +85,8 @@ class Course:
         return counts
 
     def kept(self, keep: Flags) -> Course:
-        """Return the course without some impacts; flights that grow together have no reversal."""
+        """Return the course without some impacts; flights join as the first of them is."""
         index = np.flatnonzero(keep)
-        whole = np.diff(index) == 1
-        empty, none = np.zeros(0), np.zeros(0, bool)
         begins = self.begins[index].copy()
         begins[0] = True
         return Course(
@@ -100,8 +98,8 @@ class Course:
             self.stop[index],
             begins,
             self.measured[index],
-            [self.reversals[k] if one else empty for k, one in zip(index, whole, strict=False)],
-            [self.held[k] if one else none for k, one in zip(index, whole, strict=False)],
+            [self.reversals[k] for k in index[:-1]],
+            [self.held[k] for k in index[:-1]],
         )
 
     def inserted(self, after: int, rows: Array, stops: Counts, reversals: list[Array]) -> Course:

@@ -25,7 +25,9 @@ from .vibration import Array
 
 #: Weight of the squares of the conditions where steps are judged.
 _WEIGHT = 100.0
-_TRIES = 12
+_TRIES = 4
+#: Parts of a step that are tried before it is damped.
+_PARTS = (1.0, 0.5, 0.25, 0.1, 0.03)
 #: Steps go on until no condition is larger than this, in standard deviations of the data.
 _EXACT = 1e-3
 _LEAST_DAMPING, _FIRST_DAMPING = 1e-11, 1e-9
@@ -138,8 +140,8 @@ def solve(
     """
     Minimise the residuals where the conditions hold; `soft` is a deviation of the laws.
 
-    Instants move by at most a sample in a step. A step that makes residuals and conditions larger
-    is damped.
+    Instants move by at most a sample in a step. Of a step that makes residuals and conditions
+    larger a part is taken, or it is damped.
     """
     longest = float(np.median(np.diff(shooting.record.time)))
     instants = np.zeros(len(u), bool)
@@ -156,20 +158,27 @@ def solve(
                 damping = max(10.0 * damping, 1e-7)
                 continue
             step[instants] = np.clip(step[instants], -longest, longest)
-            tried = u + step
-            if _allowed(shooting, tried):
-                other = _merit(*shooting.residual(tried, soft))
-                if other <= merit * (1.0 + 1e-9):
-                    taken = tried, other
-                    break
-            damping = max(10.0 * damping, 1e-7)
+            for part in _PARTS:
+                tried = u + part * step
+                if _allowed(shooting, tried):
+                    other = _merit(*shooting.residual(tried, soft))
+                    if other <= merit * (1.0 + 1e-9):
+                        taken = tried, other
+                        break
+            if taken is not None:
+                break
+            damping = max(100.0 * damping, 1e-6)
         if taken is None:
             break
         gain = merit - taken[1]
         u, merit = taken
         damping = max(damping / 30.0, _LEAST_DAMPING)
         equations = shooting.equations(u, soft)
-        if gain < least_gain and np.abs(equations.condition).max(initial=0.0) < _EXACT:
+        if (
+            gain < least_gain
+            and part == 1.0
+            and np.abs(equations.condition).max(initial=0.0) < _EXACT
+        ):
             settled = True
             break
     return Solution(u, equations, settled)

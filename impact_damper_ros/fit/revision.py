@@ -30,16 +30,24 @@ MOST_ROUNDS = 14
 #: A fall of the sum of squares beyond which the laws of a flight are not believed.
 MOST_GAIN = 20.0
 #: Largest law, in standard deviations of the data, that counts as exact.
-EXACT = 1e-2
+EXACT = 5e-2
 #: Rise of chi that undoes a round, and how often that is done.
 _WORSE, _MOST_UNDONE = 1.15, 3
 #: For how long a flight is replayed beyond its end, in natural periods.
 _MARGIN = 0.15
-#: A replay ends at the impact if it is there within this many samples, or deviations of the time.
-_SAMPLES, _DEVIATIONS = 1.2, 4.0
+#: A replay ends at the impact if it is there within this many samples or this part of a period,
+#: or within this many deviations of a measured time.
+_SAMPLES, _PART, _DEVIATIONS = 1.2, 0.025, 4.0
 #: Times of one impact are this close between rounds, in natural periods.
 _SAME = 0.05
 _FLAT = 0.1
+#: Median of the square of a normal variable; residuals of a flight that are too large, in standard
+#: deviations of their sum of squares.
+_MEDIAN, _LARGE = 0.4549, 6.0
+#: Fall of the sum of squares for which a flight is cut before any replay, and how often.
+_CONTRADICTION, _MOST_RELEASES = 100.0, 6
+#: Least friction of the replay, m/s^2.
+_LEAST_GRIP = 1e-9
 
 
 class Revised(NamedTuple):
@@ -114,8 +122,8 @@ class _Round:
         self.course, self.shooting, self.memory = course.copy(), shooting, memory
         self.gains, self.tolerance = gains, tolerance
         self.unknowns = shooting.unknowns
-        self.rig = self.unknowns.rig_of(course.shared)
-        self.replay = FlightReplay(self.rig)
+        # With a little friction the engine reports reversals, which a fit may need
+        self.replay = FlightReplay(self.unknowns.rig_of(course.shared, _LEAST_GRIP))
         self.margin = _MARGIN * 2.0 * np.pi / shooting.rate
         self.largest = float(np.abs(course.velocity).max())
         self.inserted: dict[int, Passage] = {}
@@ -166,6 +174,8 @@ class _Round:
         begins = np.zeros(len(course), bool)
         begins[0] = True
         for k in range(len(course) - 1):
+            if k in self.removed:
+                continue
             found = self._passage(k, k + 1, self.tolerance)
             end = float(course.time[k + 1])
             if (
@@ -213,13 +223,14 @@ class _Round:
         course.reversals[k] = np.array([course.time[k] + event.time for event in events])
         vibration = self.shooting.vibration(course.shared)
         grip = self.unknowns.value(course.shared, 'grip')
-        flat = []
+        flat, was_held = [], bool(course.held[k].any())
         for event in events:
             x, v = np.array([event.x]), np.array([event.primary_velocity_before])
             at = np.array([course.time[k] + event.time])
             rate = vibration.acceleration(at, x, v, np.zeros(1))[0] - self.unknowns.slope
             limit = _FLAT * self.shooting.rate * self.largest + grip
-            flat.append(bool(abs(rate) < limit))
+            # One that was held stays so a little longer, or rounds would alternate
+            flat.append(bool(abs(rate) < (2.0 * limit if was_held else limit)))
         course.held[k] = np.array(flat, bool)
 
     def _spare(self, k: int, found: Passage) -> bool:
@@ -253,6 +264,7 @@ class _Round:
         """Return the course with impacts inserted and removed."""
         course = self.course
         keep = np.ones(len(course), bool)
+        keep[list(self.removed)] = False
         for k in sorted(self.inserted, reverse=True):
             hits = self.inserted[k].impacts
             rows = np.array(
@@ -280,17 +292,7 @@ class _Round:
             ]
             course = course.inserted(k, rows, stops, turns)
             keep = np.insert(keep, k + 1, np.ones(len(rows), bool))
-        if self.removed and not self.inserted:
-            for k in self.removed:
-                # The reversals of the flight that passes the impact
-                keep[k] = False
-            before = self.course
-            joined = {k - 1: (before.reversals[k - 1], before.held[k - 1]) for k in self.removed}
-            index = np.flatnonzero(keep)
-            course = course.kept(keep)
-            for number, k in enumerate(index[:-1]):
-                if int(k) in joined:
-                    course.reversals[number], course.held[number] = joined[int(k)]
+        course = course.kept(keep)
         times = self.shooting.impact_times
         limit = max(6.0 * self.shooting.impact_deviation, 1e-9)
         course.measured = matched(course.time, times, limit)
@@ -319,6 +321,26 @@ def _why(found: Passage, gain: float) -> str:
     return 'the engine does not arrive as measured'
 
 
+def _gains(shooting: Shooting, solution: Solution) -> Array:
+    """
+    Return how much each flight costs: its laws, or residuals of its own that are too large.
+
+    A flight of n samples has n squares, with a deviation of sqrt(2 n).
+    """
+    gains = gains_of_release(shooting, solution)
+    n = len(shooting.record.time)
+    residual = solution.equations.residual[:n]
+    counts = shooting.motion(solution.unknowns)[1]
+    flight = np.searchsorted(shooting.course_of(solution.unknowns).time, shooting.record.time) - 1
+    inside = counts & (flight >= 0) & (flight < len(gains))
+    sums = np.bincount(flight[inside], residual[inside] ** 2, len(gains))
+    sizes = np.bincount(flight[inside], minlength=len(gains))
+    level = max(1.0, float(np.median(residual[inside] ** 2)) / _MEDIAN) if inside.any() else 1.0
+    excess = sums / level - sizes
+    too_large = excess > _LARGE * np.sqrt(2.0 * np.maximum(sizes, 1))
+    return np.maximum(gains, np.where(too_large, excess, 0.0))
+
+
 def _to_release(gains: Array, limit: float) -> dict[int, float]:
     """Return the flights whose laws are not believed, the worst ones of neighbours."""
     chosen: dict[int, float] = {}
@@ -335,49 +357,88 @@ def revised(course: Course, problem: Problem, *, report: bool = False) -> Revise
     shooting = problem(course)
     step = float(np.median(np.diff(shooting.record.time)))
     timed = len(shooting.impact_times) > 0
-    tolerance = _DEVIATIONS * shooting.impact_deviation if timed else _SAMPLES * step
-    memory = _Memory(_SAME * 2.0 * np.pi / shooting.rate)
-    least_chi, undone = np.inf, 0
+    period = 2.0 * np.pi / shooting.rate
+    tolerance = max(_SAMPLES * step, _PART * period)
+    if timed:
+        tolerance = _DEVIATIONS * shooting.impact_deviation
+    memory = _Memory(_SAME * period)
+    course, least_chi = _first_fit(course, problem)
+    undone = 0
     gains_now: dict[int, float] = {}
-    best: Revised | None = None
-    unchanged = False
+    kept: Revised | None = None
     for number in range(MOST_ROUNDS):
-        saved = course.copy()
         turn = _Round(course, shooting, memory, gains_now, tolerance)
         proposed = turn.revise()
-        same = number > 0 and not turn.log and proposed.structure == course.structure
+        if kept and not turn.log and proposed.structure == course.structure:
+            return kept._replace(
+                unchanged=kept.solution.broken < EXACT, rounds=number, why_cut=turn.why_cut
+            )
         shooting = problem(proposed)
-        u = shooting.start()
-        if not same:
-            u = solve(shooting, u, soft=1.0, most=12).unknowns
-        solution = solve(shooting, u)
-        course = shooting.course_of(solution.unknowns)
-        gains = gains_of_release(shooting, solution)
-        gains_now = _to_release(gains, MOST_GAIN)
+        u = solve(shooting, shooting.start(), soft=1.0, most=12).unknowns
+        shooting, solution, gains = _without_contradictions(problem, shooting, u, turn.why_cut)
+        proposed = shooting.course
         chi = chi_of(shooting, solution)
         laws = np.abs(solution.equations.condition)
-        if laws.max(initial=0.0) > 1.0 and not gains_now:
-            worst = shooting.law_flights[int(laws.argmax())]
-            gains_now = {int(worst): 1e3 * float(laws.max())} if worst >= 0 else {}
         if report:
             print(
                 f'  {number}: chi {chi:.3f} laws {laws.max(initial=0.0):.1e} '
-                f'{int(course.flies.sum())}/{len(course) - 1} flights',
-                {k: round(v) for k, v in gains_now.items()},
+                f'{int(proposed.flies.sum())}/{len(proposed) - 1} flights, '
+                f'gain {gains.max(initial=0.0):.1f}',
                 turn.log,
                 flush=True,
             )
-        best = Revised(course, shooting, solution, gains, False, number + 1, turn.why_cut)
-        if chi > _WORSE * max(1.0, least_chi) and turn.risky and undone < _MOST_UNDONE and number:
-            course, shooting, gains_now = saved, problem(saved), {}
+        worse = chi > _WORSE * max(1.0, least_chi)
+        if worse and turn.risky and undone < _MOST_UNDONE:
+            shooting, gains_now = problem(course), {}
             memory.cuts += [(time, 2) for time in turn.risky]
             undone += 1
-            if report:
-                print('     undone')
             continue
+        course = shooting.course_of(solution.unknowns)
         least_chi = min(least_chi, chi)
-        if same and not gains_now and solution.broken < EXACT:
-            unchanged = True
+        gains_now = _to_release(gains, MOST_GAIN)
+        if laws.max(initial=0.0) > 1.0 and not gains_now:
+            flight = int(shooting.law_flights[int(laws.argmax())])
+            gains_now = {flight: 1e3 * float(laws.max())} if flight >= 0 else {}
+        kept = Revised(course, shooting, solution, gains, False, number + 1, turn.why_cut)
+    assert kept is not None
+    return kept
+
+
+def _without_contradictions(
+    problem: Problem, shooting: Shooting, u: Array, why_cut: dict[int, str]
+) -> tuple[Shooting, Solution, Array]:
+    """
+    Fit a course, and cut flights that contradict all others before anything is replayed.
+
+    They would spoil the parameters, and with these the replay of every other flight.
+    """
+    solution = solve(shooting, u)
+    gains = _gains(shooting, solution)
+    for _ in range(_MOST_RELEASES):
+        chosen = _to_release(gains, _CONTRADICTION)
+        if not chosen:
             break
-    assert best is not None
-    return best._replace(unchanged=unchanged)
+        course = shooting.course_of(solution.unknowns)
+        for k, gain in chosen.items():
+            course.begins[k + 1] = True
+            course.reversals[k], course.held[k] = np.zeros(0), np.zeros(0, bool)
+            why_cut[k + 1] = f'its laws cost {gain:.0f} in the sum of squares'
+        shooting = problem(course)
+        u = solve(shooting, shooting.start(), soft=1.0, most=12).unknowns
+        solution = solve(shooting, u)
+        gains = _gains(shooting, solution)
+    return shooting, solution, gains
+
+
+def _first_fit(course: Course, problem: Problem) -> tuple[Course, float]:
+    """Return the course with exact laws if they fit, or as it is, and the chi of it."""
+    shooting = problem(course)
+    u = shooting.start()
+    used = max(1, int(shooting.motion(u)[1].sum()))
+    residual = shooting.residual(u)[0][: len(shooting.record.time)]
+    chi = float(np.sqrt(residual @ residual / used))
+    shooting, solution, _ = _without_contradictions(problem, shooting, u, {})
+    exact = chi_of(shooting, solution)
+    if exact < _WORSE * chi and solution.broken < 1.0:
+        return shooting.course_of(solution.unknowns), min(exact, chi)
+    return course, min(exact, chi)

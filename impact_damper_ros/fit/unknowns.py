@@ -91,10 +91,10 @@ class Unknowns(NamedTuple):
         """Return the coefficient of restitution of an alpha."""
         return 1.0 / (self.share * alpha) - 1.0
 
-    def rig_of(self, shared: Array) -> RigParameters:
+    def rig_of(self, shared: Array, least_grip: float = 0.0) -> RigParameters:
         """Return the rig of shared unknowns; values that no rig has are put to the nearest."""
         first, second = self.alpha_columns()
-        grip = max(self.value(shared, 'grip'), 0.0)
+        grip = max(self.value(shared, 'grip'), least_grip)
         delay = self.value(shared, 'force_delay')
         changes = {}
         if delay:

@@ -1,15 +1,34 @@
 """Rigs on a bench with random parameters, and what sensors show of them."""
 
 import math
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from impact_damper_ros import InitialConditions, Rig, RigParameters
+from impact_damper_ros import EventKind, InitialConditions, Rig, RigParameters
+from impact_damper_ros.fit.course import Course
+from impact_damper_ros.fit.first_course import matched
+from impact_damper_ros.fit.gauss_newton import System
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
+from impact_damper_ros.fit.partition import Record
+from impact_damper_ros.fit.shooting import Shooting
+from impact_damper_ros.fit.unknowns import Unknowns
+from impact_damper_ros.fit.vibration import ORDERS
 
 #: Standard deviation of a measured impact time, s.
 DEVIATION = 5e-4
+#: Longest record, s.
+LONGEST = 60.0
 COLUMN = {'displacement': 'x', 'velocity': 'primary_velocity'}
+
+
+class Measurement(NamedTuple):
+    """A record, the noise in it, and all events of the rig."""
+
+    record: MeasuredMotion
+    deviation: float
+    events: np.ndarray
 
 
 def random_rig(rng: np.random.Generator) -> RigParameters:
@@ -48,7 +67,7 @@ def guess_of(rig: RigParameters, rng: np.random.Generator) -> RigParameters:
     )
 
 
-def measured(
+def measure(
     rig: RigParameters,
     rng: np.random.Generator,
     *,
@@ -59,10 +78,10 @@ def measured(
     timed: bool = True,
     missing: float = 0.0,
     false: float = 0.0,
-) -> MeasuredMotion:
+) -> Measurement:
     """Return a record from rest over some impacts, with noise over the amplitude."""
     start = InitialConditions(initial_damper_velocity=float(rng.uniform(-0.3, 0.3)))
-    hits = Rig(rig, start).run(60.0).impacts()['time']
+    hits = Rig(rig, start).run(LONGEST).impacts()['time']
     end = hits[min(impacts, len(hits) - 1)] + 0.05
     time = np.arange(int(end * rate)) / rate
     run = Rig(rig, start).run(time[-1], time)
@@ -80,9 +99,10 @@ def measured(
         wrong = rng.uniform(time[0], time[-1], round(false * len(times)))
         times = np.sort(np.concatenate([times[rng.uniform(size=len(times)) >= missing], wrong]))
     used = np.ones(len(time), bool)
-    return MeasuredMotion(
+    record = MeasuredMotion(
         time, motion, quantity, used, impact_times=times, impact_deviation=DEVIATION
     )
+    return Measurement(record, deviation, run.events)
 
 
 def _acceleration(rig, time, x, v, samples, events):
@@ -100,6 +120,50 @@ def _acceleration(rig, time, x, v, samples, events):
     at = np.searchsorted(events['time'], time, side='right') - 1
     mode = np.where(at >= 0, events['mode'][np.maximum(at, 0)], 3)
     return np.where(mode >= 3, joint, free)
+
+
+def bounds_of(rig: RigParameters, measurement: Measurement) -> dict[str, float]:
+    """
+    Return the Cramer-Rao bounds of the deviations of `true_values`.
+
+    Those of an estimate that knows all impacts and reversals, and which of the measured times are
+    whose; flights in which m sticks count for nothing, as in the fit.
+    """
+    record, deviation, events = measurement
+    hits = events[events['kind'] == EventKind.IMPACT]
+    turns = events['time'][events['kind'] == EventKind.REVERSAL]
+    sticks = events['time'][np.isin(events['kind'], (EventKind.STICK, EventKind.REST))]
+    unknowns = Unknowns(rig, False, ())
+    alpha = 1.0 / (unknowns.share * (1.0 + rig.restitution_1))
+    shared = unknowns.start(
+        rig.stiffness, rig.damping, np.full(2, alpha), rig.friction * rig.gravity, rig.gap
+    )
+    spans = list(pairwise(hits['time'].tolist()))
+    begins = np.array([True, *(((sticks > low) & (sticks < high)).any() for low, high in spans)])
+    reversals = [
+        np.zeros(0) if cut else turns[(turns > low) & (turns < high)]
+        for (low, high), cut in zip(spans, begins[1:], strict=True)
+    ]
+    times = np.zeros(0) if record.impact_times is None else record.impact_times
+    course = Course(
+        shared,
+        hits['time'],
+        hits['x'],
+        hits['primary_velocity_after'],
+        hits['damper_velocity_after'],
+        np.where(hits['stop'] == 1, 1, -1),
+        begins,
+        matched(hits['time'], times, 6.0 * DEVIATION),
+        reversals,
+        [np.zeros(len(turn), bool) for turn in reversals],
+    )
+    weight = np.ones(len(record.time))
+    samples = Record(record.time, record.motion, weight, ORDERS[record.quantity])
+    shooting = Shooting(samples, deviation, unknowns, course, times, DEVIATION)
+    covariance = System(shooting.equations(shooting.start()), 1e-12).covariance(np.arange(5))
+    own = np.sqrt(np.diag(covariance))
+    scale = (1.0, 1.0, (1.0 + rig.restitution_1) / alpha, 1.0 / rig.gravity, 1.0)
+    return dict(zip(true_values(rig), (own * scale).tolist(), strict=True))
 
 
 def true_values(rig: RigParameters) -> dict[str, float]:

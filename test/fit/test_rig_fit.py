@@ -5,13 +5,13 @@ import pytest
 
 from impact_damper_ros.fit.rig_fit import FitOptionError, fit_rig
 
-from .random_rigs import errors, guess_of, measured, random_rig, true_values
+from .random_rigs import errors, guess_of, measure, random_rig, true_values
 
 
 def fitted(seed, also=(), **options):
     rng = np.random.default_rng(seed)
     rig = random_rig(rng)
-    record = measured(rig, rng, **options)
+    record = measure(rig, rng, **options).record
     return rig, record, fit_rig(record, guess_of(rig, rng), also=also)
 
 
