@@ -23,7 +23,7 @@ MOST_CHI = 1.1
 #: Least part of the flights that must be used, and least number of them.
 LEAST_USED, LEAST_FLIGHTS = 0.85, 10
 #: A further parameter beyond this many standard deviations is one that the model lacks.
-MOST_Z = 5.0
+MOST_Z = 4.0
 #: Correlations beyond this are reported.
 CORRELATED = 0.9
 #: A standard deviation beyond this part of the value is poor.

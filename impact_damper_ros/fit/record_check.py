@@ -57,7 +57,7 @@ def faults_of(measured: MeasuredMotion, rig: RigParameters) -> list[str]:
 def _faults_of_signal(measured: MeasuredMotion, rig: RigParameters, motion: Array) -> list[str]:
     swing, noise = float(np.std(motion)), noise_of(motion)
     if swing == 0.0:
-        return [f'{measured.quantity} is {motion[0]!r} at all times: connect the sensor']
+        return [f'{measured.quantity} is {float(motion[0])!r} at all times: connect the sensor']
     if swing < _LEAST_SIGNAL * noise:
         return [
             f'{measured.quantity} is mostly noise: it varies by {swing:.3g}, and its noise is '

@@ -1,0 +1,150 @@
+"""What cannot be fitted is refused, with a reason that names it; no number without an interval."""
+
+import numpy as np
+import pytest
+
+from impact_damper_ros import InitialConditions, Rig
+from impact_damper_ros.fit.measured_motion import MeasuredMotion
+from impact_damper_ros.fit.rig_fit import fit_rig
+
+from fit.random_rigs import guess_of, measure, random_rig
+
+
+@pytest.fixture(scope='module')
+def bench():
+    """Return a rig, the start of a fit, and its record."""
+    rng = np.random.default_rng(108)
+    rig = random_rig(rng)
+    return rig, guess_of(rig, rng), measure(rig, rng, impacts=60).record
+
+
+def refused(record, start):
+    fit = fit_rig(record, start)
+    assert not fit.accepted
+    assert fit.reasons
+    return fit
+
+
+def test_a_constant_signal(bench):
+    _, start, record = bench
+    fit = refused(record._replace(motion=np.full(len(record.time), 0.25)), start)
+    assert fit.reasons == ['displacement is 0.25 at all times: connect the sensor']
+    assert not fit.parameters
+    assert fit.rig is None
+
+
+def test_millimetres_for_metres(bench):
+    _, start, record = bench
+    fit = refused(record._replace(motion=1e3 * record.motion), start)
+    assert 'check the units' in fit.reasons[0]
+
+
+def test_noise_alone(bench):
+    _, start, record = bench
+    noise = np.random.default_rng(1).normal(0.0, 1e-3, len(record.time))
+    assert 'mostly noise' in refused(record._replace(motion=noise), start).reasons[0]
+
+
+def test_a_gap_in_time(bench):
+    _, start, record = bench
+    used = record.used & ~((record.time > 2.0) & (record.time < 2.5))
+    reason = refused(record._replace(used=used), start).reasons[0]
+    assert 'gap of' in reason
+    assert 'from 2 s' in reason
+
+
+def test_times_that_do_not_rise(bench):
+    _, start, record = bench
+    time = record.time.copy()
+    time[[40, 41]] = time[[41, 40]]
+    assert 'time does not rise after' in refused(record._replace(time=time), start).reasons[0]
+
+
+def test_too_few_impacts(bench):
+    rig, start, _ = bench
+    # The loose mass is held at first: the record ends before its fourth impact
+    end = Rig(rig).run(60.0).impacts()['time'][3]
+    time = np.arange(0.0, end, 0.005)
+    x = Rig(rig).run(time[-1], time).samples['x']
+    x = x + np.random.default_rng(2).normal(0.0, 0.01 * x.std(), len(x))
+    record = MeasuredMotion(time, x, 'displacement', np.ones(len(time), bool))
+    assert 'impacts' in refused(record, start).reasons[0]
+
+
+def test_a_force_that_is_not_the_recorded_one(bench):
+    rig, start, record = bench
+    force = 1.5 * rig.force_amplitudes[0]
+    wave = force * np.sin(rig.force_frequencies[0] * record.time + rig.force_phases[0])
+    reason = refused(record._replace(force=wave), start).reasons[0]
+    assert 'recorded force differs' in reason
+    # Without a record of the force the motion shows it
+    other = start.replace(force_amplitudes=(1.1 * rig.force_amplitudes[0],))
+    reasons = refused(record, other).reasons
+    assert any('force' in reason for reason in reasons), reasons
+
+
+def test_two_rigs_in_one_record(bench):
+    rig, start, record = bench
+    rng = np.random.default_rng(5)
+    other = rig.replace(gap=1.4 * rig.gap, restitution_1=0.9, restitution_2=0.9)
+    second = measure(other, rng, impacts=60).record
+    time = np.concatenate([record.time, record.time[-1] + 0.005 + second.time])
+    motion = np.concatenate([record.motion, second.motion])
+    mixed = MeasuredMotion(time, motion, 'displacement', np.ones(len(time), bool))
+    refused(mixed, start)
+
+
+def test_restitution_that_falls_with_speed_is_named():
+    """A law of impact that the model does not have, with the motion of a rig that has it."""
+    rng = np.random.default_rng(105)
+    rig = random_rig(rng)
+    start = guess_of(rig, rng)
+    law = lambda speed: max(0.2, rig.restitution_1 + 0.15 - 0.6 * speed)  # noqa: E731
+    record = _with_law(rig, law, rng, end=8.0)
+    fit = refused(record, start)
+    checks = {check.name: check for check in fit.checks}
+    slope = checks['restitution over impact speed']
+    assert slope.value < -4.0 * slope.standard_deviation
+    assert any('restitution depends on the speed' in reason for reason in fit.reasons), fit.reasons
+
+
+def _with_law(rig, law, rng, end):
+    """Return the record of a rig whose restitution is a law of the speed of approach."""
+    now, state, samples = 0.0, InitialConditions(initial_damper_velocity=0.1), []
+    hits, rate = [], 200.0
+    while now < end:
+        run = Rig(_from(rig, now), state)
+        found = run.run(end - now).impacts()
+        until = float(found['time'][0]) if len(found) else end - now
+        ticks = np.arange(np.ceil(now * rate - 1e-9), np.floor((now + until) * rate) + 1) / rate
+        ticks = ticks[(ticks >= now) & (ticks < now + until)]
+        samples.append(Rig(_from(rig, now), state).run(until, ticks - now).samples['x'])
+        if not len(found):
+            break
+        hit = found[0]
+        approach = hit['damper_velocity_before'] - hit['primary_velocity_before']
+        restitution, mu = law(abs(approach)), rig.mass_ratio
+        before, damper = hit['primary_velocity_before'], hit['damper_velocity_before']
+        share = mu * (1.0 + restitution) / (1.0 + mu)
+        after = before + share * (damper - before)
+        state = InitialConditions(
+            initial_primary_position=float(hit['x']),
+            initial_primary_velocity=float(after),
+            initial_damper_offset=float(np.clip(hit['y'], -0.5 * rig.gap, 0.5 * rig.gap)),
+            initial_damper_velocity=float(after - restitution * approach),
+        )
+        now += until
+        hits.append(now)
+    x = np.concatenate(samples)
+    time = np.arange(len(x)) / rate
+    x = x + rng.normal(0.0, 0.01 * np.sqrt(2.0) * x.std(), len(x))
+    times = np.array(hits) + rng.normal(0.0, 5e-4, len(hits))
+    return MeasuredMotion(
+        time, x, 'displacement', np.ones(len(x), bool), impact_times=times, impact_deviation=5e-4
+    )
+
+
+def _from(rig, time):
+    """Return the rig whose force begins later."""
+    phases = [p + w * time for w, p in zip(rig.force_frequencies, rig.force_phases, strict=True)]
+    return rig.replace(force_phases=tuple(phases))
