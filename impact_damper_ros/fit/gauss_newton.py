@@ -68,25 +68,20 @@ class System:
     """The linear system of one step."""
 
     def __init__(self, equations: Equations, damping: float) -> None:
-        residual_rates, condition_rates = equations.residual_rates, equations.condition_rates
-        both = residual_rates.power(2).sum(0) + 1e-6 * condition_rates.power(2).sum(0)
-        scale = np.sqrt(np.asarray(both).ravel())
+        rates, laws = equations.residual_rates, equations.condition_rates
+        size, count = rates.shape[1], len(equations.condition)
+        squares = np.bincount(rates.indices, rates.data**2, size)
+        scale = np.sqrt(squares + 1e-6 * np.bincount(laws.indices, laws.data**2, size))
         scale[scale == 0.0] = 1.0
-        self.scale = scale
-        into = sparse.diags_array(1.0 / scale)
-        self._rates = (residual_rates @ into).tocsr()
-        self._laws = (condition_rates @ into).tocsr()
-        size, count = len(scale), len(equations.condition)
-        hessian = self._rates.T @ self._rates
-        diagonal = damping * (hessian.diagonal() + 1e-4)
-        whole = sparse.block_array(
-            [
-                [hessian + sparse.diags_array(diagonal), self._laws.T],
-                [self._laws, sparse.diags_array(np.full(count, -_GIVE))],
-            ],
-            format='csc',
-        )
-        self._size, self._count = size, count
+        self.scale, self._size, self._count = scale, size, count
+        self._rates, self._laws = _scaled(rates, scale), _scaled(laws, scale)
+        hessian, below = (self._rates.T @ self._rates).tocoo(), self._laws.tocoo()
+        diagonal = damping * (squares / scale**2 + 1e-4)
+        both = np.arange(size + count)
+        row = np.concatenate([hessian.row, below.row + size, below.col, both])
+        column = np.concatenate([hessian.col, below.col, below.row + size, both])
+        entries = [hessian.data, below.data, below.data, diagonal, np.full(count, -_GIVE)]
+        whole = sparse.csc_array((np.concatenate(entries), (row, column)), shape=(len(both),) * 2)
         self._factors = splu(whole)
 
     def step(self, equations: Equations) -> tuple[Array, Array]:
@@ -123,6 +118,12 @@ class System:
         right[self._size + rows, np.arange(len(rows))] = 1.0
         found: Array = self._factors.solve(right)[self._size + rows]
         return found
+
+
+def _scaled(rates: sparse.csr_array, scale: Array) -> sparse.csr_array:
+    """Return a matrix whose columns are divided by scales."""
+    data = rates.data / scale[rates.indices]
+    return sparse.csr_array((data, rates.indices, rates.indptr), shape=rates.shape)
 
 
 def _allowed(shooting: Shooting, u: Array) -> bool:

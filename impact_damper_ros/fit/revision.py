@@ -41,6 +41,8 @@ _SAMPLES, _PART, _DEVIATIONS = 1.2, 0.025, 4.0
 #: Times of one impact are this close between rounds, in natural periods.
 _SAME = 0.05
 _FLAT = 0.1
+#: Fall of the sum of squares at which a fit with soft laws ends.
+_ROUGH = 1.0
 #: Median of the square of a normal variable; residuals of a flight that are too large, in standard
 #: deviations of their sum of squares.
 _MEDIAN, _LARGE = 0.4549, 6.0
@@ -366,6 +368,7 @@ def revised(course: Course, problem: Problem, *, report: bool = False) -> Revise
     undone = 0
     gains_now: dict[int, float] = {}
     kept: Revised | None = None
+    seen: set[object] = set()
     for number in range(MOST_ROUNDS):
         turn = _Round(course, shooting, memory, gains_now, tolerance)
         proposed = turn.revise()
@@ -373,8 +376,11 @@ def revised(course: Course, problem: Problem, *, report: bool = False) -> Revise
             return kept._replace(
                 unchanged=kept.solution.broken < EXACT, rounds=number, why_cut=turn.why_cut
             )
+        if kept and (proposed.structure, tuple(gains_now)) in seen:
+            break  # rounds alternate
+        seen.add((proposed.structure, tuple(gains_now)))
         shooting = problem(proposed)
-        u = solve(shooting, shooting.start(), soft=1.0, most=12).unknowns
+        u = solve(shooting, shooting.start(), soft=1.0, most=12, least_gain=_ROUGH).unknowns
         shooting, solution, gains = _without_contradictions(problem, shooting, u, turn.why_cut)
         proposed = shooting.course
         chi = chi_of(shooting, solution)
@@ -424,7 +430,7 @@ def _without_contradictions(
             course.reversals[k], course.held[k] = np.zeros(0), np.zeros(0, bool)
             why_cut[k + 1] = f'its laws cost {gain:.0f} in the sum of squares'
         shooting = problem(course)
-        u = solve(shooting, shooting.start(), soft=1.0, most=12).unknowns
+        u = solve(shooting, shooting.start(), soft=1.0, most=12, least_gain=_ROUGH).unknowns
         solution = solve(shooting, u)
         gains = _gains(shooting, solution)
     return shooting, solution, gains
