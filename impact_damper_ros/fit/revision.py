@@ -382,6 +382,8 @@ def revised(course: Course, problem: Problem, *, report: bool = False) -> Revise
         shooting = problem(proposed)
         u = solve(shooting, shooting.start(), soft=1.0, most=12, least_gain=_ROUGH).unknowns
         shooting, solution, gains = _without_contradictions(problem, shooting, u, turn.why_cut)
+        cut_again = shooting.course.begins & ~proposed.begins
+        memory.cuts += [(time, 1) for time in shooting.course.time[cut_again].tolist()]
         proposed = shooting.course
         chi = chi_of(shooting, solution)
         laws = np.abs(solution.equations.condition)
