@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The recordings that the page lists, plays, downloads and compares.
+The recordings that the page lists, plays, downloads, compares and fits.
 
 Only the bags directly in one directory are accessible, by name; no request contains a path. Names
 are those that can be printed: what is not UTF-8 in one of a file is shown as an escape.
@@ -29,7 +29,9 @@ from impact_damper_ros.parameters.quoting import printable
 
 _SUFFIXES = ('.mcap', '.mcap.zstd', '.db3', '.db3.zstd')
 _MOST_LISTED = 500
-#: Longest comparison, s.
+#: What is made of a recording: the command that writes a report, and the word for it.
+_WORK = {'compare': ('compare_run', 'comparison'), 'fit': ('fit_rig', 'fit')}
+#: Longest comparison or fit, s.
 _PATIENCE_S = 1800.0
 
 
@@ -59,7 +61,7 @@ class Recordings:
         # The directory of the reports, and these by the name of their bag
         self._directory: Path | None = None
         self._reports: dict[str, Path] = {}
-        #: Comparisons that are under way, with their processes once those run
+        #: Comparisons and fits under way by recording, with their processes once those run
         self._comparing: dict[str, asyncio.subprocess.Process | None] = {}
         # What has been read of each bag, and the files that it was read of
         self._known: dict[Path, tuple[object, dict[str, Any]]] = {}
@@ -115,7 +117,9 @@ class Recordings:
     def start_comparison(self, name: str) -> None:
         """Note that a bag is being compared; LookupError if it is already, or two others are."""
         if name in self._comparing or len(self._comparing) > 1:
-            raise LookupError('it is being compared already, or two others are: wait for them')
+            raise LookupError(
+                'it is being compared or fitted already, or two others are: wait for them'
+            )
         self._comparing[name] = None
 
     def cancel_comparison(self, name: str) -> None:
@@ -124,22 +128,24 @@ class Recordings:
         if process is not None and process.returncode is None:
             process.terminate()
 
-    async def compare(self, path: Path) -> dict[str, Any]:
-        """Compare a bag with theory in a child process; return the message for the pages."""
+    async def compare(self, path: Path, work: str = 'compare') -> dict[str, Any]:
+        """Compare a bag with theory, or fit a rig to it; return the message for the pages."""
         name = printable(path.name)
         try:
-            ok, text = await self._compare(path, name)
+            ok, text = await self._compare(path, name, *_WORK[work])
         finally:
             self._comparing.pop(name, None)
         url = f'/reports/{quote(name, safe="")}/report.html' if ok else ''
-        return {'type': 'compare_done', 'recording': name, 'ok': ok, 'url': url, 'text': text}
+        done = {'type': 'compare_done', 'recording': name, 'work': work}
+        return {**done, 'ok': ok, 'url': url, 'text': text}
 
-    async def _compare(self, path: Path, name: str) -> tuple[bool, str]:
+    async def _compare(self, path: Path, name: str, command: str, word: str) -> tuple[bool, str]:
+        """Run a command on a bag in a child process; return whether it has written a report."""
         if self._directory is None:
             self._directory = Path(tempfile.mkdtemp(prefix='impact_damper_reports_'))
         directory = Path(tempfile.mkdtemp(dir=self._directory))
         process = await asyncio.create_subprocess_exec(
-            *('nice', '-n', '5', sys.executable, '-m', 'impact_damper_ros.cli.compare_run'),
+            *('nice', '-n', '5', sys.executable, '-m', f'impact_damper_ros.cli.{command}'),
             *(str(path), '--report', str(directory)),
             env=_environment(),
             stdin=asyncio.subprocess.DEVNULL,
@@ -154,7 +160,7 @@ class Recordings:
             await process.wait()
             raise
         if process.returncode in (-signal.SIGTERM, 128 + signal.SIGTERM):
-            return False, f'the comparison of {name} was cancelled'
+            return False, f'the {word} of {name} was cancelled'
         self._reports[name] = directory / 'report.html'
         text = printable(output.decode(errors='replace'))[-4000:]
         return self._reports[name].is_file(), text

@@ -309,7 +309,7 @@ class PageServer:
                 raise RequestError(
                     f'{counted(_MOST_WHAT_IFS, "what-if")} of other pages run already: clear one'
                 )
-        if kind != 'compare':
+        if kind not in ('compare', 'fit'):
             return await source.handle(message)
         name = message['recording']
         if not message['on']:
@@ -322,7 +322,7 @@ class PageServer:
             raise RequestError(str(error)) from error
 
         async def work() -> None:
-            self._send(await self.recordings.compare(path))
+            self._send(await self.recordings.compare(path, kind))
 
         self._spawn(work(), self._tasks)
         return {'ok': True, 'reason': ''}

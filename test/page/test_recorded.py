@@ -501,7 +501,7 @@ async def test_a_comparison_is_cancelled_and_made_anew(tmp_path):
         await page.next('hello')
         ask = {'type': 'compare', 'recording': 'run', 'on': True}
         assert await page.ask(**ask) == (True, '')
-        assert 'being compared already' in (await page.ask(**ask))[1]
+        assert 'being compared or fitted already' in (await page.ask(**ask))[1]
         assert 'no recording none' in (await page.ask(**{**ask, 'recording': 'none'}))[1]
         while server.recordings._comparing.get('run') is None:
             await asyncio.sleep(0.01)
@@ -537,3 +537,18 @@ async def test_a_recording_that_is_not_there(runs, tmp_path):
 async def test_the_newest_recording_of_a_directory_is_played(runs):
     async with serving(runs) as server, opened(server) as page:
         assert (await page.next('hello'))['bag'] == 'run'
+
+
+@in_loop
+async def test_a_rig_is_fitted_to_a_recording(tmp_path):
+    bag = str(tmp_path / 'run')
+    assert simulate_rig(['bench_rig', '--duration', '6', '--bag', bag, '--quiet']) == 0
+    async with serving(tmp_path) as server, opened(server, '/ws?bag=run') as page:
+        await page.next('hello')
+        assert await page.ask(type='fit', recording='run', on=True) == (True, '')
+        done = await page.next('compare_done')
+        assert done['ok'], done['text']
+        assert done['work'] == 'fit'
+        assert 'accepted: the model describes the record' in done['text']
+        report = await get(server, done['url'])
+        assert 'a rig fitted to measured data' in report.body.decode()

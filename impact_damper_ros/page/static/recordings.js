@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The recordings: play, download, compare with theory.
+// The recordings: play, download, compare with theory, fit a rig.
 
 import { byId, element, mark, toast, write } from './dom.js';
 import { bytes, clock } from './format.js';
@@ -16,7 +16,7 @@ export class Recordings {
   constructor(connection, play) {
     this.connection = connection;
     this.play = play;
-    // Comparisons under way, and when they began, ms.
+    // Comparisons and fits under way, and when they began, ms.
     this.busy = new Map();
     setInterval(() => { if (this.busy.size) this.show(this.list); }, 1000);
     this.list = [];
@@ -46,8 +46,10 @@ export class Recordings {
     const compare = row.querySelector('[data-compare]');
     const begun = this.busy.get(one.name);
     const busy = begun !== undefined;
+    // One thing at a time is made of a recording.
+    row.querySelector('[data-fit]').hidden = busy;
     write(compare, busy ? `Cancel (${Math.round((performance.now() - begun) / 1000)} s)` : 'Compare');
-    mark(compare, 'aria-label', busy ? `Cancel the comparison of ${one.name}` : `Compare ${one.name} with theory`);
+    mark(compare, 'aria-label', busy ? `Cancel the work on ${one.name}` : `Compare ${one.name} with theory`);
     return row;
   }
 
@@ -66,23 +68,27 @@ export class Recordings {
         }),
         element('button', {
           type: 'button', 'data-compare': '', 'data-steers': '', 'aria-label': `Compare ${name} with theory`, onclick: () => this.compare(name),
+        }),
+        element('button', {
+          type: 'button', 'data-fit': '', 'data-steers': '', text: 'Fit', 'aria-label': `Fit a rig to ${name}`, title: 'Stiffness, damping, restitution, friction and gap from the motion of M', onclick: () => this.compare(name, 'fit'),
         })),
     );
   }
 
-  async compare(name) {
+  /** Compare a recording with theory, or fit a rig to it; or cancel what is under way. */
+  async compare(name, type = 'compare') {
     const on = !this.busy.has(name);
     if (on) this.busy.set(name, performance.now());
     this.show(this.list);
-    const { ok, reason } = await this.connection.ask({ type: 'compare', recording: name, on });
+    const { ok, reason } = await this.connection.ask({ type, recording: name, on });
     if (ok) return;
     this.busy.delete(name);
     this.show(this.list);
-    toast(`No comparison of ${name}: ${reason}`, 'bad');
+    toast(`No ${type === 'fit' ? 'fit' : 'comparison'} of ${name}: ${reason}`, 'bad');
   }
 
   /** A comparison has ended; its report opens in the page. */
-  done({ recording, ok, url, text }) {
+  done({ recording, work, ok, url, text }) {
     const asked = this.busy.delete(recording);
     this.show(this.list);
     if (!asked) return;
@@ -91,7 +97,7 @@ export class Recordings {
       return;
     }
     byId('recordings').close();
-    byId('report-title').textContent = `${recording}: comparison with theory`;
+    byId('report-title').textContent = `${recording}: ${work === 'fit' ? 'a rig fitted to it' : 'comparison with theory'}`;
     // Only pages of this server are opened, whatever the message says.
     const place = new URL(url, location.href);
     if (place.origin !== location.origin) return;

@@ -1,0 +1,70 @@
+"""`fit_rig --topic`: a live rig over DDS."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+from node.rig_client import SOURCE, SimProcess
+
+from impact_damper_ros import Rig, load_parameters
+from impact_damper_ros.cli.fit_rig import main
+from impact_damper_ros.fit.measured_motion import NO_OPTIONS
+from impact_damper_ros.fit.recorded_motion import TYPES, beside, motion_of_messages, recorded_rig
+from impact_damper_ros.node.topic_listener import TopicError, listened
+
+RIG, _, _ = load_parameters('bench_rig')
+FILE = SOURCE / 'config' / 'bench_rig.yaml'
+
+
+@pytest.fixture(scope='module')
+def node(tmp_path_factory):
+    process = SimProcess(
+        tmp_path_factory.mktemp('node'), ('__ns:=/bench',), parameters_file=FILE, state_rate=100.0
+    )
+    yield process
+    process.kill()
+
+
+@pytest.mark.usefixtures('node')
+def test_what_comes_over_the_network_is_the_motion_of_the_rig():
+    topic = '/bench/joint_states'
+    more = [beside(topic, name) for name in ('snapshot', 'impacts')]
+    messages = listened(topic, more, TYPES, 4.0)
+    assert recorded_rig(messages, topic) == RIG
+    data = motion_of_messages(messages, topic, 'live', NO_OPTIONS)
+    assert data.quantity == 'displacement'
+    there = data.time[data.used]
+    assert len(there) > 20
+    exact = Rig(RIG).run(float(there[-1]), there).samples['x']
+    # Stamps are whole nanoseconds
+    np.testing.assert_allclose(data.motion[data.used], exact, atol=1e-8)
+    assert len(data.impact_times) > 3
+
+
+@pytest.mark.usefixtures('node')
+def test_a_live_rig_is_fitted(tmp_path, capsys):
+    result = tmp_path / 'fit.json'
+    words = ['--topic', '/bench/joint_states', '--seconds', '5', '--json', str(result)]
+    code = main(words)
+    found = json.loads(result.read_text('utf-8'))
+    assert 'live, /bench/joint_states' in found['source']
+    if code == 0:
+        for name, one in found['parameters'].items():
+            true = getattr(RIG, name)
+            assert one['value'] == pytest.approx(true, rel=1e-3, abs=1e-4), name
+    else:
+        # A machine that stood still has lost samples
+        assert found['reasons']
+    said = capsys.readouterr().out
+    assert ('NOT accepted' in said) == (code == 1)
+
+
+@pytest.mark.usefixtures('node')
+def test_a_topic_that_nobody_publishes(monkeypatch, capsys):
+    monkeypatch.setattr('impact_damper_ros.node.topic_listener.PATIENCE_S', 2.0)
+    with pytest.raises(TopicError, match=r'nobody publishes /none as .*; topics of these types: '):
+        listened('/none', [], TYPES, 1.0)
+    assert main(['--topic', '/none', '--seconds', '1']) == 2
+    assert 'nobody publishes /none' in capsys.readouterr().err
