@@ -192,7 +192,8 @@ def test_plan(rig: RigParameters, runs: Sequence[Knowledge]) -> str:
     steps = [
         'Weigh m, and know the modal mass M or the force. Record X, the force or the motion of '
         'the base, and the instants of the impacts (an accelerometer on M, or a microphone).',
-        'Without m, or with m clamped: let M ring down. This gives frequency and damping.',
+        'Without m, or with m clamped: let M ring down. fit_rig FREE.csv --structure gives its '
+        'frequency and damping.',
         f'With m, from rest, the shaker switched on at once at {hertz:.4g} Hz: {seconds:g} s at '
         f'{rate:g} samples a second. Then again at another level and with other gaps:',
     ]
@@ -219,7 +220,20 @@ def test_plan(rig: RigParameters, runs: Sequence[Knowledge]) -> str:
         f'4. Swept slowly from {0.8 * hertz:.4g} to {1.2 * hertz:.4g} Hz and back at constant '
         'level. design_damper --check says what that shows: where it does not, the model fails.'
     )
-    texts.append(textwrap.fill(last, _WIDTH, initial_indent='  ', subsequent_indent='     '))
+    fit = (
+        '5. fit_rig START.csv --impacts HITS.csv --rig RIG.yaml --rig-out fitted.yaml fits R, '
+        'friction and gap to a start; design_damper --fitted fitted.yaml goes on from there.'
+    )
+    texts += [
+        textwrap.fill(
+            text,
+            _WIDTH,
+            initial_indent='  ',
+            subsequent_indent='     ',
+            break_on_hyphens=False,
+        )
+        for text in (last, fit)
+    ]
     return '\n'.join(['Test plan:', *texts])
 
 

@@ -105,7 +105,7 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
     half = f'{1e3 * design.gap:.4g} mm'
     lines = [
         f'Chosen: {percent(design.mass_ratio)} of the mass, {_mass(design)}, for R = '
-        f'{rig.restitution_1:g}.',
+        f'{rig.restitution_1:.4g}.',
         f'  Best at this level and frequency: a gap of {half} in all, which leaves '
         f'{quantity(design.x_max, "m", 3)} of {quantity(design.bare, "m", 3)}, '
         f'{percent(design.x_max / design.bare)}.',
@@ -117,7 +117,8 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
             if rig.gap > 2.0 * design.bare
             else f'{other_gap}from rest the rig comes to another motion: m needs a push.'
         )
-    cases = ' and '.join(_uncertain_words(unsure))
+    *first, last = _uncertain_words(unsure)
+    cases = f'{", ".join(first)} and {last}' if first else last
     here_worst = float(np.interp(design.gap, unsure.gaps, unsure.worst))
     sure = (
         f'How sure: with {cases}, a gap of {1e3 * gap:.4g} mm has the best worst case from rest, '
@@ -142,17 +143,23 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
     return '\n'.join(lines)
 
 
+def _ends(low: float, high: float) -> str:
+    """Return two numbers with as many digits as tell them apart, at least four."""
+    digits = next((n for n in range(4, 17) if f'{low:.{n}g}' != f'{high:.{n}g}'), 17)
+    return f'{low:.{digits}g} to {high:.{digits}g}'
+
+
 def _uncertain_words(unsure: Uncertain) -> list[str]:
     """Return what is uncertain, and how much."""
     bounces = [ends for name, ends in unsure.ranges.items() if name.startswith('restitution')]
     found = []
     if bounces:
         low, high = min(low for low, _ in bounces), max(high for _, high in bounces)
-        found.append(f'R from {low:.4g} to {high:.4g}')
+        found.append(f'R from {_ends(low, high)}')
     for name, (low, high) in unsure.ranges.items():
         if not name.startswith('restitution'):
             unit = ALL_SPECS[name].unit
-            found.append(f'{name} from {low:.4g} to {high:.4g}{unit and f" {unit}"}')
+            found.append(f'{name} from {_ends(low, high)}{unit and f" {unit}"}')
     low, high = unsure.levels[0], unsure.levels[-1]
     return [*found, f'the level from {low:g} to {high:g} times this one']
 
