@@ -132,8 +132,8 @@ def test_an_independent_integration(quantity, relative, more):
     got = [sample[n] for n in ('x', 'primary_velocity', 'z', 'damper_velocity')]
     assert len(events) > 8
     assert found.events['stop'].tolist() == [stop for _, stop in events]
-    assert found.events['time'] == pytest.approx([time for time, _ in events], abs=2e-9)
-    assert got == pytest.approx(expected, abs=2e-8)
+    assert found.events['time'] == pytest.approx([time for time, _ in events], abs=1e-10)
+    assert got == pytest.approx(expected, abs=1e-10)
 
 
 def test_the_base_is_the_integral():
