@@ -18,49 +18,55 @@ from node.rig_client import RigParametersClient, until
 
 CONFIG = Path(__file__).parents[2] / 'config'
 BENCH = CONFIG / 'bench_rig.yaml'
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @pytest.mark.parametrize('quantity', ['force', 'base'])
-def test_a_record_acts_from_the_start_and_from_a_reset(launch, client, namespace, quantity):
+def test_a_record_acts_from_the_start_and_from_a_reset(
+    launch, client, namespace, quantity, tmp_path
+):
     """Its copy is in each snapshot; `every_bag_is_replayed` replays the recording."""
-    record = {f'{quantity}_record': CONFIG / f'{quantity}_record.csv'}
+    states = client.listen(JointState, f'{namespace}/joint_states')
+    snapshots = client.listen(String, f'{namespace}/snapshot', LATCHED)
     process = launch(
         f'__ns:={namespace}',
         parameters_file=BENCH,
         force_amplitudes='[0.0]',
         predict_motion=False,
         record=True,
-        **record,
+        **{f'{quantity}_record': CONFIG / f'{quantity}_record.csv'},
     )
-    states = client.listen(JointState, f'{namespace}/joint_states')
-    snapshots = client.listen(String, f'{namespace}/snapshot', LATCHED)
 
-    def moved(since, count):
-        places = [m.position[6] for m in states[since:] if not m.header.frame_id]
-        return len([x for x in places if abs(x) > 1e-5]) > count
+    def wait_for_states(count):
+        enough = len(states) + count
+        until(lambda: len(states) > enough or not process.running(), lambda: process.output)
 
-    until(lambda: moved(0, 200) or not process.running(), lambda: process.output)
+    def resets():
+        held = [json.loads(message.data) for message in list(snapshots)]
+        return [each['state'] for each in held if each['reason'] == 'reset']
+
+    wait_for_states(50)
     parameters = RigParametersClient(client, f'{namespace}/sim_node')
     assert not parameters.set(gap=0.02)
     assert 'fixed while the node runs' in parameters.set(**{f'{quantity}_record': 'none'})
-    here = len(states)
     assert client.call(Trigger, f'{namespace}/sim_node/reset').success
-    until(lambda: moved(here, 100), lambda: process.output)
-    held = json.loads(snapshots[-1].data)
-    until(lambda: json.loads(snapshots[-1].data)['reason'] == 'reset')
-    held = json.loads(snapshots[-1].data)['state']
+    held = until(resets)[-1]
+    wait_for_states(200)
+    assert process.stop() == 0, process.output
     (copy,) = held['records']
     assert (copy['quantity'], copy['name']) == (quantity, f'{quantity}_record.csv')
     # Anew from the reset on, and the base from rest
     assert copy['start'] == held['time']
     assert held['recorded']['base_speed'] == 0.0
-    # The rig goes on from the snapshot as the node does.
+    # The snapshot is enough to go on.
     (record,) = Rig.restore(held).measured_records
     table = np.loadtxt(CONFIG / f'{quantity}_record.csv', delimiter=',', skiprows=2)
     scale = 9.80665 if quantity == 'base' else 1.0
     assert record.values.tolist() == (table[:, 1] * scale).tolist()
-    assert process.stop() == 0, process.output
+    found = replayed(tmp_path)
+    for since in (0.0, held['time']):
+        then = (found[:, 0] >= since) & (found[:, 0] < since + 1.0)
+        assert np.abs(found[then, 1] - found[then, 9]).max() > 1e-4
 
 
 def test_a_bad_record_is_refused_at_the_start(launch, tmp_path):
@@ -86,15 +92,16 @@ def test_random_lines_of_a_file(launch, client, namespace, tmp_path):
     heard = client.listen(JointState, f'{namespace}/joint_states')
     until(lambda: len(heard) > 150 or not process.running(), lambda: process.output)
     assert process.stop() == 0, process.output
-    (bag,) = process_bags(tmp_path)
-    again = tmp_path / 'again.csv'
-    assert replay_run([str(bag), '--states', str(again)]) == 0
-    expected, found = (np.loadtxt(path, delimiter=',', skiprows=1) for path in (states, again))
+    expected, found = np.loadtxt(states, delimiter=',', skiprows=1), replayed(tmp_path)
     until_then = found[:, 0] <= 0.5
     here = np.isin(expected[:, 0], found[until_then, 0])
     assert here.sum() > 50
     assert found[until_then, 1].tolist() == expected[here, 1].tolist()
 
 
-def process_bags(directory):
-    return [path.parent for path in directory.rglob('metadata.yaml')]
+def replayed(directory):
+    """Return the samples of the one recording in a directory, by `replay_run`."""
+    (description,) = directory.rglob('metadata.yaml')
+    path = directory / 'again.csv'
+    assert replay_run([str(description.parent), '--states', str(path)]) == 0
+    return np.loadtxt(path, delimiter=',', skiprows=1)
