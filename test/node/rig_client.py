@@ -248,8 +248,8 @@ class RigParametersClient:
             f'{self.node}/set_parameters',
             SetParameters.Request(parameters=_messages(values)),
         )
-        assert all(bool(r.reason) != r.successful for r in response.results)
-        reasons = [result.reason for result in response.results]
+        assert all(r.reason or r.successful for r in response.results)
+        reasons = ['' if result.successful else result.reason for result in response.results]
         return reasons[0] if len(values) == 1 else reasons
 
     def service(self, name, request):
@@ -263,8 +263,9 @@ class RigParametersClient:
             f'{self.node}/set_parameters_atomically',
             SetParametersAtomically.Request(parameters=_messages(values)),
         )
-        assert bool(response.result.reason) != response.result.successful
-        return response.result.reason
+        # A change of the base that waits is accepted with a reason.
+        assert response.result.reason or response.result.successful
+        return '' if response.result.successful else response.result.reason
 
     def set_base(self, **values):
         """Set all or none; return whether that was done, and what is said of it."""
