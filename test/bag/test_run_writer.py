@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import signal
 import struct
-import subprocess
-import sys
 import textwrap
 import threading
 from pathlib import Path
@@ -18,6 +16,7 @@ from bag.samples import wait_until
 from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
+from running import Running
 
 from impact_damper_ros.bag import RecordingError, RunReader, RunWriter, Topic, run_writer
 from impact_damper_ros.bag.run_writer import create_run_directory
@@ -243,17 +242,10 @@ def test_kill_loses_nothing_that_was_flushed(tmp_path):
     """A process that writes at 200 Hz is killed with -9 while it goes on."""
     script = textwrap.dedent(WRITER_PROCESS)
     bag = tmp_path / 'bag'
-    search = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
-    process = subprocess.Popen(
-        [sys.executable, '-c', f'import sys\nsys.path[:0] = {search!r}\n{script}', str(bag)]
-    )
-    try:
-        wait_until(lambda: process.poll() is not None or list(bag.glob('*.mcap')))
-        (file,) = bag.glob('*.mcap')
-        wait_until(lambda: process.poll() is not None or len(salvaged(file)) >= 420)
-    finally:
-        process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
+    with Running(tmp_path, '-c', script, bag, path=[Path(__file__).parents[1]]) as process:
+        (file,) = process.until(lambda: list(bag.glob('*.mcap')))
+        process.until(lambda: len(salvaged(file)) >= 420)
+    assert process.code == -signal.SIGKILL
     assert not (bag / 'metadata.yaml').exists()
 
     run = RunReader(bag)

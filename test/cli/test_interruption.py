@@ -5,17 +5,14 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
+from running import SOURCE as ROOT, Running
 
-import impact_damper_ros
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.cli.command_line import outcome
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS
-
-ROOT = Path(impact_damper_ros.__file__).parents[1]
 
 # A real signal, at an instant that does not depend on how fast the machine is.
 SIGNAL_AT_IMPORT = """
@@ -42,35 +39,28 @@ def signal_at_import(tmp_path):
     return written
 
 
-def started(command, *words, path=None, module=False):
+def started(directory, command, *words, path=(), module=False):
     """Start a command as its console script does, or as a module."""
     script = f'import sys; sys.argv[0] = {command!r}; '
     script += f'from impact_damper_ros.cli.{command} import main; sys.exit(main())'
     start = ['-m', f'impact_damper_ros.cli.{command}'] if module else ['-c', script]
-    return subprocess.Popen(
-        [sys.executable, *start, *map(str, words)],
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(map(str, filter(None, [path, ROOT])))},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+    return Running(directory, *start, *words, path=path)
 
 
 @pytest.mark.parametrize('module', [False, True])
 @pytest.mark.parametrize('command', ['recover_run', 'sim_node'])
 def test_a_command_that_still_imports_ends_without_a_traceback(command, module, signal_at_import):
     path = signal_at_import('default_int_handler')
-    process = started(command, '--version', path=path, module=module)
-    assert process.communicate(timeout=60)[0] == ''
-    assert process.returncode == -signal.SIGINT
+    with started(path, command, '--version', path=[path], module=module) as process:
+        assert (process.wait(), process.output) == (-signal.SIGINT, '')
 
 
 def test_an_ignored_ctrl_c_stays_ignored(signal_at_import):
     """As in a background job of a shell script."""
     words = ['paper', '--duration', 1, '--quiet']
-    process = started('simulate_rig', *words, path=signal_at_import('SIG_IGN'))
-    assert (process.communicate(timeout=60)[0], process.returncode) == ('', 0)
+    path = signal_at_import('SIG_IGN')
+    with started(path, 'simulate_rig', *words, path=[path]) as process:
+        assert (process.wait(), process.output) == (0, '')
 
 
 def test_to_import_a_command_leaves_the_signals_of_a_program_alone():
@@ -89,17 +79,10 @@ def test_a_run_that_is_stopped_keeps_what_it_has_and_what_was_there(tmp_path, nu
     bag, table, part = (tmp_path / name for name in ('bag', 'impacts.csv', 'impacts.csv.part'))
     table.write_text('older, and complete\n')
     words = ['paper', '--duration', 1e6, '--bag', bag, '--impacts', table, '--quiet']
-    process = started('simulate_rig', *words)
-    try:
-        deadline = time.monotonic() + 100.0
-        while not part.is_file() or part.stat().st_size < 10_000:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        process.send_signal(number)
-        said = process.communicate(timeout=100)[0]
-    finally:
-        process.kill()
-    assert (process.returncode, said) == (
+    with started(tmp_path, 'simulate_rig', *words) as process:
+        process.until(lambda: part.is_file() and part.stat().st_size > 10_000)
+        code = process.stop(number)
+    assert (code, process.output) == (
         128 + number,
         f'simulate_rig: interrupted; what was simulated is in {part} and {bag}\n',
     )

@@ -1,16 +1,13 @@
 """`set_rig` on a running node, over DDS."""
 
-import os
 import re
-import signal
-import subprocess
-import sys
 from contextlib import nullcontext
 
 import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
-from node.rig_client import LIVELY, SOURCE, SimProcess
+from node.rig_client import LIVELY, SimProcess
+from running import Running
 
 from impact_damper_ros.cli import set_rig
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
@@ -104,27 +101,18 @@ def test_a_gap_in_millimetres_is_noted(capsys):
 
 @pytest.mark.usefixtures('node')
 @pytest.mark.parametrize('values', [False, True])
-def test_diagnostics_are_watched(values):
+def test_diagnostics_are_watched(values, tmp_path):
     """Until Ctrl-C, as a process; after a change that is made first."""
     words = ['-m', 'impact_damper_ros.cli.set_rig', 'gap=0.012', '--watch']
-    process = subprocess.Popen(
-        [sys.executable, *words, *(['--values'] if values else [])],
-        env={**os.environ, 'PYTHONPATH': str(SOURCE)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    lines = []
-    try:
-        for line in process.stdout:
-            lines.append(line.rstrip())
-            if 'predicted motion' in line and sum('rig   ' in text for text in lines) > 1:
-                break
-        process.send_signal(signal.SIGINT)
-        assert process.wait(30) == 130
-    finally:
-        process.kill()
-        process.communicate()
+    with Running(tmp_path, *words, *(['--values'] if values else []), errors=True) as process:
+
+        def watched():
+            printed = process.output
+            return 'predicted motion' in printed and printed.count('rig   ') > 1
+
+        process.until(watched)
+        assert process.stop() == 130
+    lines = process.output.splitlines()
     assert lines[0].startswith('parameter  value')
     assert lines[1].startswith('gap        0.012')
     assert any(re.fullmatch(r'bench/sim_node: recording +OK +off', line) for line in lines)

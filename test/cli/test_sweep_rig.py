@@ -1,15 +1,12 @@
 """The command, as users run it: killed, interrupted, on a full disk, with wrong inputs."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from running import Running, alive, until
 
 import impact_damper_ros
 from impact_damper_ros.cli.sweep_rig import main
@@ -28,15 +25,11 @@ def run(*arguments, params=PAPER):
     return main([str(params), *map(str, arguments)])
 
 
-def started(*arguments):
+def started(directory, *arguments):
     """Start the command in a process of its own."""
-    return subprocess.Popen(
-        [sys.executable, '-m', 'impact_damper_ros.cli.sweep_rig', str(PAPER), *arguments],
-        env={**os.environ, 'PYTHONPATH': str(ROOT)},
-        stdin=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    directory.mkdir(exist_ok=True)
+    words = ('-m', 'impact_damper_ros.cli.sweep_rig', PAPER, *arguments)
+    return Running(directory, *words, errors=True)
 
 
 def rigs_in(part):
@@ -45,25 +38,14 @@ def rigs_in(part):
     return sum(len(rows) for rows, _ in map(json.loads, whole))
 
 
-def wait_for_rigs(journal, count):
+def wait_for_rigs(process, journal, count):
     """Wait until some rigs are on disk; return how many are."""
-    deadline = time.monotonic() + 200.0
-    while time.monotonic() < deadline:
-        if journal.exists() and (done := rigs_in(journal)) >= count:
-            return done
-        time.sleep(0.01)
-    raise AssertionError('no rigs came')
+    process.until(lambda: journal.exists() and rigs_in(journal) >= count)
+    return rigs_in(journal)
 
 
 def children_of(pid):
     return [int(one) for one in Path(f'/proc/{pid}/task/{pid}/children').read_text().split()]
-
-
-def is_running(pid):
-    try:
-        return ') Z' not in Path(f'/proc/{pid}/stat').read_text()
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 def test_sweep_with_figure_and_findings(tmp_path, capsys):
@@ -143,18 +125,11 @@ def test_killed_sweep_loses_nothing_and_goes_on(tmp_path):
     """Kill -9 in the middle; the workers end too; the same command completes the table."""
     whole, table = tmp_path / 'whole.parquet', tmp_path / 'killed.parquet'
     journal = tmp_path / 'killed.parquet.part'
-    process = started(*LONG, '--jobs', '2', '-o', str(table))
-    try:
-        done = wait_for_rigs(journal, 3)
+    with started(tmp_path / 'place', *LONG, '--jobs', '2', '-o', table) as process:
+        done = wait_for_rigs(process, journal, 3)
         workers = children_of(process.pid)
-    finally:
-        process.kill()
-        process.communicate()
     assert len(workers) >= 2
-    deadline = time.monotonic() + 100.0
-    while any(map(is_running, workers)):
-        assert time.monotonic() < deadline, 'a worker outlives the sweep'
-        time.sleep(0.01)
+    until(lambda: not any(map(alive, workers)), 'a worker outlives the sweep')
     assert not table.exists()
     kept = rigs_in(journal)
     assert done <= kept < 60
@@ -165,20 +140,18 @@ def test_killed_sweep_loses_nothing_and_goes_on(tmp_path):
 
 
 def test_an_interrupted_sweep_says_how_to_go_on(tmp_path):
-    table = tmp_path / 'cut.parquet'
-    process = started(*LONG, '--jobs', '2', '-o', str(table))
-    try:
-        wait_for_rigs(tmp_path / 'cut.parquet.part', 1)
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=100)
-    finally:
-        process.kill()
-    assert process.returncode == 128 + signal.SIGINT
+    place = tmp_path / 'place'
+    place.mkdir()
+    table = place / 'cut.parquet'
+    with started(tmp_path / 'output', *LONG, '--jobs', '2', '-o', table) as process:
+        wait_for_rigs(process, place / 'cut.parquet.part', 1)
+        assert process.stop() == 128 + signal.SIGINT
+    said = process.errors
     assert 'interrupted' in said
     assert 'of 60 rigs are in' in said
     assert 'give the same command again to resume' in said
     assert 'Traceback' not in said
-    assert [path.name for path in tmp_path.iterdir()] == ['cut.parquet.part']
+    assert [path.name for path in place.iterdir()] == ['cut.parquet.part']
 
 
 def test_another_command_on_the_same_output_is_refused(tmp_path, capsys):

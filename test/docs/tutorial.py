@@ -17,15 +17,14 @@ import shlex
 import signal
 import subprocess
 import sys
-import time
 
+from running import DEADLINE_S, Running
 from setup_file import COMMANDS, ROOT
 
 #: What goes on in the background, with what it prints once it has started.
 LIVE = {'sim_node': 'real time', 'rig_page': 'the page is at'}
 #: Of others: ROS 2 as installed, and the set-up.
 FOREIGN = ('make', 'pip', 'ros2', 'source')
-PATIENCE_S = 200.0
 #: A node's clock runs ahead of the reader's, who also waits for plain Python.
 _FASTER = 'real_time_factor'
 _LONG = 'Rig(rig), cycles=22_000', 'Rig(rig, compiled=None), cycles=22_000'
@@ -108,12 +107,9 @@ class Reader:
                 if str(getattr(module, '__file__', '')).startswith(f'{self.place}{os.sep}'):
                     del sys.modules[name]
             for process in self.live:
-                process.send_signal(signal.SIGINT)
+                process.send(signal.SIGINT)
             for process in self.live:
-                try:
-                    process.wait(PATIENCE_S)
-                finally:
-                    process.kill()
+                process.wait()
 
     def _saved(self, text):
         name = re.match(r'# (\w+\.\w+)\n', text)
@@ -148,34 +144,21 @@ class Reader:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=PATIENCE_S,
+            timeout=DEADLINE_S,
             check=False,
         )
         assert done.returncode == 0, done.stdout
         self.printed = done.stdout
 
     def _start(self, words):
-        said = self.place / f'{words[0]}.txt'
         words += ['--port', '0'] if words[0] == 'rig_page' else ['-p', f'{_FASTER}:=3.0']
-        with said.open('wb') as output:
-            process = subprocess.Popen(
-                words,
-                cwd=self.place,
-                env=self.environment,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                executable=str(self.place / 'bin' / words[0]),
-            )
+        program = self.place / 'bin' / words[0]
+        process = Running(self.place, program, *words[1:], environment=self.environment)
         self.live.append(process)
-        deadline = time.monotonic() + PATIENCE_S
-        while LIVE[words[0]] not in said.read_text():
-            assert process.poll() is None, said.read_text()
-            assert time.monotonic() < deadline, said.read_text()
-            time.sleep(0.05)
+        process.until(lambda: LIVE[words[0]] in process.output)
         if words[0] == 'rig_page':
             # No block of a page uses it; while it is live, it takes time from those
-            process.send_signal(signal.SIGINT)
+            process.send(signal.SIGINT)
 
     def _text(self, shown):
         found = differences(shown, self.printed)

@@ -2,13 +2,13 @@
 
 import cmath
 import math
-import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from running import Running
 
 CONTROLLERS = Path(__file__).parents[2] / 'examples' / 'controllers'
 sys.path.append(str(CONTROLLERS))
@@ -28,17 +28,12 @@ RIG = specification.RIG
 
 
 @contextmanager
-def busy_processors(count=2):
+def busy_processors(directory, count=2):
     """Keep processors busy meanwhile."""
-    processes = [
-        subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(count)
-    ]
-    try:
+    with ExitStack() as stack:
+        for _ in range(count):
+            stack.enter_context(Running(directory, '-c', 'while True: pass'))
         yield
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
 
 
 def recorded(bag, seconds):
@@ -82,7 +77,7 @@ def test_two_runs_in_lock_step_are_the_same_bits(tmp_path):
     gaps = {'narrow': 0.1, 'wide': 0.2, 'threshold': 0.03, 'hysteresis': 0.001, 'memory': 0.05}
     runs = []
     for name in ('idle', 'busy'):
-        with busy_processors(0 if name == 'idle' else 2):
+        with busy_processors(tmp_path, 0 if name == 'idle' else 2):
             bag = lock_step.run_in_lock_step(
                 CONTROLLERS / 'on_off_gap.py', seconds, tmp_path / name, rig, gaps
             )

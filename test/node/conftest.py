@@ -4,6 +4,7 @@ import itertools
 
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from running import until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -12,7 +13,7 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
-from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, until
+from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess
 
 _numbers = itertools.count(1)
 

@@ -1,13 +1,8 @@
 """What the integration tests need: the node as a process, and a plain rclpy client."""
 
 import math
-import os
-import signal
-import subprocess
-import sys
 import threading
 import time
-from pathlib import Path
 
 import rclpy
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -24,12 +19,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile
+from running import Running, until
 from std_srvs.srv import SetBool, Trigger
 
-import impact_damper_ros
-
-#: Generous: the tests wait for conditions, not for times, also on a machine with much else to do.
-DEADLINE_S = 100.0
 #: After which a request is made again whose answer may have been lost.
 ASK_AGAIN_S = 1.0
 #: A small rig at its resonance of 5 Hz, whose damper rattles within the first second.
@@ -56,25 +48,14 @@ SERVICES = {
     'step_to_impact': Trigger,
 }
 
-SOURCE = Path(impact_damper_ros.__file__).parents[1]
-
 
 def stamp_ns(stamp):
     return stamp.sec * 10**9 + stamp.nanosec
 
 
-def until(condition, what='nothing happened', deadline=DEADLINE_S):
-    """Wait for a condition and return its value."""
-    end = time.monotonic() + deadline
-    while not (value := condition()):
-        assert time.monotonic() < end, what() if callable(what) else what
-        time.sleep(0.005)
-    return value
-
-
-class SimProcess:
+class SimProcess(Running):
     """
-    One `sim_node` as a process of its own.
+    One `sim_node`.
 
     Parameters
     ----------
@@ -102,43 +83,7 @@ class SimProcess:
             text = str(value).lower() if isinstance(value, bool) else str(value)
             arguments += ['-p', f'{name}:={text}']
         directory.mkdir(exist_ok=True)
-        self._output = directory / 'output.txt'
-        path = os.pathsep.join(filter(None, [str(SOURCE), os.environ.get('PYTHONPATH')]))
-        with self._output.open('ab') as output:
-            self._process = subprocess.Popen(
-                [sys.executable, *program, *arguments],
-                cwd=directory,
-                env={**os.environ, 'PYTHONPATH': path},
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-            )
-
-    @property
-    def pid(self):
-        return self._process.pid
-
-    @property
-    def output(self):
-        return self._output.read_text()
-
-    def running(self):
-        return self._process.poll() is None
-
-    def send(self, number):
-        self._process.send_signal(number)
-
-    def wait(self):
-        """Return the exit code."""
-        return self._process.wait(DEADLINE_S)
-
-    def stop(self, number=signal.SIGINT):
-        self.send(number)
-        return self.wait()
-
-    def kill(self):
-        self._process.kill()
-        self._process.wait()
+        super().__init__(directory, *program, *arguments)
 
 
 class RigClient:

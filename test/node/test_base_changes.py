@@ -4,11 +4,12 @@ import math
 import re
 
 import pytest
+from running import until
 from sensor_msgs.msg import JointState
 
 from impact_damper_ros import RigParameters
 from impact_damper_ros.cli.set_rig import main as set_rig
-from node.rig_client import RigParametersClient, stamp_ns, until
+from node.rig_client import RigParametersClient, stamp_ns
 from node.test_absurd_rigs import HAMMERING
 from node.test_engine import Bench, done
 

@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Wrench, WrenchStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
+from running import until
 from sensor_msgs.msg import JointState
 
 from impact_damper_ros import GapControlParameters, Order, Rig, RigParameters
@@ -24,7 +25,7 @@ from impact_damper_ros.node.commands import (
 )
 from impact_damper_ros.node.external_control import ExternalControl
 from impact_damper_ros.parameters.rig_parameters import NodeSettings
-from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, stamp_ns, until
+from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, stamp_ns
 
 SPACE = '/plant'
 RIG = RigParameters(**{name: json.loads(str(value)) for name, value in LIVELY.items()})

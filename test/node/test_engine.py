@@ -14,6 +14,7 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
+from running import DEADLINE_S, until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -41,7 +42,7 @@ from impact_damper_ros.parameters.rig_parameters import (
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
-from node.rig_client import DEADLINE_S, stamp_ns, until
+from node.rig_client import stamp_ns
 
 TYPES = {
     'states': JointState,
@@ -503,13 +504,14 @@ def test_the_pace_changes_while_the_rig_runs(clock):
 def test_several_pauses_do_not_add_up_to_a_delay():
     """Each pause falls somewhere between two ticks; stamps are not late by that part of it."""
     with Bench(factor=1.0, rate=2.0, clock=False).started() as bench:
-        began_ns = time.time_ns()
         for _ in range(8):
             done(bench.ask('pause', True))
             time.sleep(0.05)
+            asked_ns = time.time_ns()
             done(bench.ask('pause', False))
-        (stamp, time_ns) = [(s['stamp_offset_ns'], s['time_ns']) for s in bench.snapshots()][-1]
-        assert abs(stamp + time_ns - time.time_ns()) < 0.25 * (time.time_ns() - began_ns)
+            (*_, last) = bench.snapshots()
+            resumed_ns = last['stamp_offset_ns'] + last['time_ns']
+            assert asked_ns - 10**6 < resumed_ns < time.time_ns() + 10**6
 
 
 @pytest.mark.parametrize('clock', [True, False])
@@ -523,16 +525,19 @@ def test_a_slip_moves_wall_stamps_on(clock):
         until(lambda: bench.engine.status().pacing.slips)
         count = len(bench.samples())
         until(lambda: len(bench.samples()) > count + 3)
-        late_ns = time.time_ns() - stamp_ns(bench.samples()[-1].header.stamp)
         after_ns = bench.engine._stamps.offset_ns
-        slips = bench.engine.status().pacing.slips
+
+        def late_ns():
+            return time.time_ns() - stamp_ns(bench.samples()[-1].header.stamp)
+
+        # Stamps are those of the wall again, but for moments of a busy machine
+        until(lambda: clock or late_ns() < CATCH_UP_NS)
     stamps = [stamp_ns(m.header.stamp) for m in bench.samples()]
     slipped = [s for s in bench.snapshots() if s['reason'] == 'slip']
     if clock:
         assert {b - a for a, b in pairwise(stamps)} == {10_000_000}
         assert (slipped, bench.troubles, after_ns) == ([], [], before_ns)
         return
-    assert late_ns < CATCH_UP_NS or slips > 1
     assert len(slipped) >= 1
     assert 'they are moved on' in bench.troubles[0]
     first = slipped[0]

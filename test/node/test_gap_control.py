@@ -3,11 +3,12 @@
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
+from running import until
 from sensor_msgs.msg import JointState
 
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.cli.replay_run import main as replay_run
-from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
+from node.rig_client import LIVELY, RigParametersClient, stamp_ns
 
 CONTROL = {
     'gap_min': 0.002,

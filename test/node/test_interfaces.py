@@ -6,12 +6,13 @@ import re
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
+from running import until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
-from node.rig_client import RigParametersClient, stamp_ns, until
+from node.rig_client import RigParametersClient, stamp_ns
 
 
 def snapshot_after(rig, count, condition=lambda _: True):

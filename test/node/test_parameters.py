@@ -8,6 +8,7 @@ import rclpy
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter as RosParameter
+from running import until
 
 from impact_damper_ros import load_parameters
 from impact_damper_ros.cli.simulate_rig import main
@@ -16,7 +17,6 @@ from impact_damper_ros.node.parameters import descriptor
 from impact_damper_ros.node.sim_node import SimNode
 from impact_damper_ros.parameters.parameters_file import values_given
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
-from node.rig_client import until
 
 
 def test_every_parameter_is_declared_and_described(rig):

@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
+from running import until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
@@ -19,7 +20,7 @@ from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
-from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
+from node.rig_client import LIVELY, RigParametersClient, stamp_ns
 
 
 class Bag:

@@ -6,11 +6,11 @@ import threading
 from pathlib import Path
 
 import pytest
+from running import until
 from sensor_msgs.msg import JointState
 
 from impact_damper_ros.node.pacing import ORDINARY, take_priority
 from impact_damper_ros.node.parameters import NodeParameters
-from node.rig_client import until
 
 
 def in_a_thread(action):

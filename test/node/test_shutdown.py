@@ -4,11 +4,12 @@ import signal
 import time
 
 import pytest
+from running import until
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag import RunReader
-from node.rig_client import LIVELY, until
+from node.rig_client import LIVELY
 
 
 def run_directory(process_directory):

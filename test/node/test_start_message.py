@@ -4,10 +4,11 @@ import subprocess
 import sys
 
 from diagnostic_msgs.msg import DiagnosticArray
+from running import until
 
 from impact_damper_ros.node.parameters import parameters_from_overrides
 from impact_damper_ros.node.sim_node import given_text, start_message
-from node.rig_client import LIVELY, until
+from node.rig_client import LIVELY
 
 
 def start_text(recording='', **values):

@@ -10,12 +10,13 @@ from xml.etree import ElementTree
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from running import SOURCE, until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
-from node.rig_client import LIVELY, SOURCE, RigParametersClient, until
+from node.rig_client import LIVELY, RigParametersClient
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TYPES = {'joint_states': JointState, 'impacts': JointState, 'gap_control': JointState}

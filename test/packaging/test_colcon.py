@@ -3,15 +3,14 @@
 import os
 import shlex
 import shutil
-import signal
 import stat
 import subprocess
 import sys
-import time
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from running import Running
 from setup_file import COMMANDS
 
 ROOT = Path(__file__).parents[2]
@@ -53,28 +52,18 @@ def prefix(tmp_path_factory):
     return build(tmp_path_factory.mktemp('workspace'))
 
 
-def installed(prefix: Path, *command: str, **options) -> subprocess.Popen:
+def installed(prefix: Path, *command: str) -> Running:
     """Start a command in the environment that the installed setup file makes."""
     if ' ' in sys.executable:
         pytest.skip('the setup files of colcon do not stand a space in the path of Python')
     script = f'. {shlex.quote(str(prefix.parent / "setup.sh"))} && exec {shlex.join(command)}'
     environment = {k: v for k, v in os.environ.items() if k != 'PYTHONPATH'}
-    return subprocess.Popen(
-        ['/bin/sh', '-c', script],
-        cwd=prefix,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        **options,
-    )
+    return Running(prefix, '/bin/sh', '-c', script, environment=environment)
 
 
-def output_of(process: subprocess.Popen) -> str:
-    output, _ = process.communicate(timeout=100)
-    assert process.returncode == 0, output
-    return output
+def output_of(process: Running) -> str:
+    assert process.wait() == 0, process.output
+    return process.output
 
 
 def test_built_as_an_ament_package(prefix):
@@ -146,20 +135,14 @@ def test_installed_node_runs_and_stops(prefix):
     need('rclpy')
     params = prefix / 'share' / NAME / 'config' / 'bench_rig.yaml'
     command = str(prefix / 'lib' / NAME / 'sim_node')
-    node = installed(prefix, command, '--ros-args', '--params-file', str(params), '-r', '__ns:=/b')
-    try:
-        client = str(prefix / 'lib' / NAME / 'set_rig')
-        deadline = time.monotonic() + 150.0
-        while (asked := installed(prefix, client, '--node', '/b/sim_node', 'gap=0.02')).wait(
-            100.0
-        ):
-            assert node.poll() is None, node.communicate()[0]
-            assert time.monotonic() < deadline, asked.communicate()[0]
-        node.send_signal(signal.SIGINT)
-        output, _ = node.communicate(timeout=100)
-        assert node.returncode == 0, output
-        assert 'gap' in asked.communicate()[0]
-        assert 'Traceback' not in output
-    finally:
-        node.kill()
-        node.wait()
+    client = str(prefix / 'lib' / NAME / 'set_rig')
+    words = ('--ros-args', '--params-file', str(params), '-r', '__ns:=/b')
+    with installed(prefix, command, *words) as node:
+
+        def answered():
+            asked = installed(prefix, client, '--node', '/b/sim_node', 'gap=0.02')
+            return asked if asked.wait() == 0 else None
+
+        assert 'gap' in node.until(answered).output
+        assert node.stop() == 0, node.output
+        assert 'Traceback' not in node.output

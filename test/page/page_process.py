@@ -1,14 +1,12 @@
 """The server of the page as a process."""
 
 import contextlib
-import os
 import re
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
-from node.rig_client import DEADLINE_S, SOURCE, until
+from running import Running
 
 #: The command, to which every request comes from another machine. A test has no other one.
 ELSEWHERE = """
@@ -20,9 +18,9 @@ raise SystemExit(main())
 """
 
 
-class PageProcess:
+class PageProcess(Running):
     """
-    The server as a process of its own.
+    The server of the page.
 
     It may have `files` open, and with `elsewhere` takes all pages for those of another machine.
     """
@@ -30,29 +28,15 @@ class PageProcess:
     def __init__(self, directory, *arguments, files=None, elsewhere=False):
         directory.mkdir(exist_ok=True)
         self.recordings = directory / 'runs'
-        self._output = directory / 'page.txt'
-        path = os.pathsep.join(filter(None, [str(SOURCE), os.environ.get('PYTHONPATH')]))
         program = ['-c', ELSEWHERE] if elsewhere else ['-m', 'impact_damper_ros.cli.rig_page']
         command = [sys.executable, *program, '--port', '0']
         if files is not None:
             command = ['sh', '-c', f'ulimit -n {files}; exec "$@"', 'sh', *command]
-        with self._output.open('wb') as output:
-            self._process = subprocess.Popen(
-                [*command, '--recordings', str(self.recordings), *map(str, arguments)],
-                cwd=directory,
-                env={**os.environ, 'PYTHONPATH': path},
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-            )
-        self.address = until(self._printed_address, lambda: self.printed)
-        self.port = int(re.search(r':(\d+)/', self.address)[1])
-        self.place = Path('/proc', str(self._process.pid))
-
-    @property
-    def printed(self):
-        """What it has printed."""
-        return self._output.read_text()
+        super().__init__(directory, *command, '--recordings', self.recordings, *arguments)
+        address = r'http://\S+:(\d+)/\S*'
+        found = self.until(lambda: re.search(address, self.output))
+        self.address, self.port = found[0], int(found[1])
+        self.place = Path('/proc', str(self.pid))
 
     def nodes(self):
         """Return the numbers of the nodes that it has started and that run."""
@@ -64,17 +48,6 @@ class PageProcess:
                         found.append(int(number))
         return found
 
-    def _printed_address(self):
-        assert self._process.poll() is None, self.printed
-        found = re.search(r'http://\S+:\d+/\S*', self.printed)
-        return found and found[0]
-
     def close(self, number=signal.SIGTERM):
         """End the process with a signal; return its exit code."""
-        self._process.send_signal(number)
-        try:
-            return self._process.wait(DEADLINE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-            raise
+        return self.stop(number)

@@ -11,7 +11,8 @@ pytest.importorskip('tornado', reason='the page needs Tornado')
 pytest.importorskip('rclpy', reason='a live rig needs ROS')
 
 import numpy as np
-from node.rig_client import SOURCE, RigClient, RigParametersClient, SimProcess, until
+from node.rig_client import RigClient, RigParametersClient, SimProcess
+from running import SOURCE, until
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 

@@ -9,7 +9,7 @@ pytest.importorskip('tornado', reason='the page needs Tornado')
 pytest.importorskip('rclpy', reason='a live rig needs ROS')
 
 import chromium
-from node.rig_client import DEADLINE_S, until
+from running import DEADLINE_S, until
 
 from page.browser import Browser
 from page.page_process import PageProcess
@@ -24,7 +24,7 @@ def test_a_node_that_dies_is_reported_and_started_again(tmp_path):
         (node,) = server.nodes()
         os.kill(node, signal.SIGKILL)
         page.wait("document.querySelector('#toast').textContent.includes('by signal 9')")
-        assert 'rig_page: the node has ended by signal 9: it is started again' in server.printed
+        assert 'rig_page: the node has ended by signal 9: it is started again' in server.output
         until(lambda: server.nodes() and server.nodes() != [node])
         frames = page.run('impactDamper.received.frames')
         page.wait(f'impactDamper.received.frames > {frames} + 20', DEADLINE_S)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, until
+from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess
+from running import until
 
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 
@@ -143,7 +144,7 @@ def test_connections_without_end_do_not_stop_those_that_are_there(tmp_path):
     async def watch():
         async with opened(server) as page:
             await page.until(lambda: page.frames)
-            before = server.printed
+            before = server.output
             idle.extend(socket.create_connection(('127.0.0.1', server.port)) for _ in range(200))
             seen = page.frames[-1].end
             await page.until(lambda: page.frames[-1].end > seen + 3.0)
@@ -151,7 +152,7 @@ def test_connections_without_end_do_not_stop_those_that_are_there(tmp_path):
             # As soon as there is room again
             async with opened(server) as other:
                 await other.until(lambda: other.frames)
-            assert server.printed == before
+            assert server.output == before
 
     try:
         asyncio.run(watch())

@@ -2,11 +2,10 @@
 
 import json
 import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from running import Running
 from small_disk import mounted
 
 from impact_damper_ros import RigParameters
@@ -125,11 +124,8 @@ with PartFile(Path(sys.argv[1]), json.loads(sys.argv[2])) as part:
 
 def test_a_file_whose_writer_is_killed_is_whole(tmp_path):
     path = tmp_path / 'a.part'
-    arguments = [sys.executable, '-c', WRITER, str(path), json.dumps(INPUTS)]
-    with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as process:
-        while int(process.stdout.readline()) < 5:
-            pass
-        process.kill()
+    with Running(tmp_path, '-c', WRITER, path, json.dumps(INPUTS)) as process:
+        process.until(lambda: '\n5\n' in process.output)
     rows, _ = held(path)
     assert set(rows) == set(range(len(rows)))
     assert len(rows) > 5

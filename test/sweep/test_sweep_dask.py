@@ -3,14 +3,12 @@
 import json
 import os
 import signal
-import subprocess
-import sys
-import time
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import pytest
+from running import DEADLINE_S, Running
 
 import impact_damper_ros
 from impact_damper_ros import InitialConditions, RigParameters
@@ -38,22 +36,10 @@ GRID = Grid(
 )
 
 
-def start(stack, module, *arguments):
+def start(stack, folder, module, *arguments):
     """Start a process of the cluster; it ends with the test."""
-    process = subprocess.Popen(
-        [sys.executable, '-m', f'distributed.cli.{module}', '--no-dashboard', *arguments],
-        env=ENVIRONMENT,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-
-    def end():
-        process.kill()
-        process.wait()
-
-    stack.callback(end)
-    return process
+    program = ('-m', f'distributed.cli.{module}', '--no-dashboard')
+    return stack.enter_context(Running(folder, *program, *arguments, environment=ENVIRONMENT))
 
 
 @pytest.fixture(scope='module')
@@ -63,25 +49,25 @@ def cluster(tmp_path_factory):
     with ExitStack() as stack:
         found = folder / 'scheduler.json'
         here = ('--host', '127.0.0.1')
-        start(stack, 'dask_scheduler', *here, '--port', '0', '--scheduler-file', str(found))
+        scheduler = start(
+            stack, folder, 'dask_scheduler', *here, '--port', '0', '--scheduler-file', str(found)
+        )
         worker = ('--nthreads', '1', '--no-nanny', '--memory-limit', '0')
         workers = [
             start(
                 stack,
+                folder,
                 'dask_worker',
                 *('--scheduler-file', str(found), *here, *worker),
                 *('--local-directory', str(folder / f'worker_{i}')),
             )
             for i in range(2)
         ]
-        deadline = time.monotonic() + 100.0
-        while not (found.exists() and found.read_text()):
-            assert time.monotonic() < deadline, 'the scheduler did not start'
-            time.sleep(0.02)
+        scheduler.until(lambda: found.exists() and found.read_text())
         address = json.loads(found.read_text())['address']
         assert address.startswith('tcp://127.0.0.1:')
         with Client(address, set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=100)
+            client.wait_for_workers(2, timeout=DEADLINE_S)
         yield address, workers
 
 
@@ -105,24 +91,12 @@ def test_an_interrupted_sweep_ends_in_two_lines(cluster, tmp_path):
     words = [PAPER, '--vary', 'gap=3:13:2000', '--set', 'gravity=0', '--quiet']
     path = tmp_path / 'cut.parquet'
     words += ['--scheduler', cluster[0], '-o', str(path)]
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'impact_damper_ros.cli.sweep_rig', *words],
-        env=ENVIRONMENT,
-        stdin=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        deadline = time.monotonic() + 100.0
-        while not (part_path(path).exists() and part_path(path).read_text().count('\n') > 1):
-            assert time.monotonic() < deadline, 'no rigs came'
-            time.sleep(0.01)
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=100)
-    finally:
-        process.kill()
-    assert process.returncode == 128 + signal.SIGINT
-    reported, ended = said.splitlines()
+    program = ('-m', 'impact_damper_ros.cli.sweep_rig')
+    with Running(tmp_path, *program, *words, environment=ENVIRONMENT) as process:
+        part = part_path(path)
+        process.until(lambda: part.exists() and part.read_text().count('\n') > 1)
+        assert process.stop() == 128 + signal.SIGINT
+    reported, ended = process.output.splitlines()
     assert 'of 2000 rigs are in' in reported
     assert ended == 'sweep_rig: interrupted'
 

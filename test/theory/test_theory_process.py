@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from running import Running, alive, until
 
 from impact_damper_ros import Rig, RigParameters, find_orbits
 from impact_damper_ros.theory.background import BackgroundCall
@@ -18,28 +19,22 @@ from theory.observed import motion_on
 
 HORIZONTAL = RigParameters(gravity=0.0)
 THREE = RigParameters(gravity=0.0, gap=18.0, force_frequencies=1.02)
-DEADLINE_S = 300.0
 
 
 def state_of(rig):
     return Rig(rig).snapshot()
 
 
-def alive(pid):
-    """Return whether a process runs; a zombie does not."""
-    try:
-        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
 def poll_until(process, condition):
     """Poll until a condition holds."""
-    end = time.monotonic() + DEADLINE_S
-    while not condition():
-        process.poll()
-        assert time.monotonic() < end, vars(process)
-        time.sleep(0.005)
+
+    def holds():
+        value = condition()
+        if not value:
+            process.poll()
+        return value
+
+    until(holds, lambda: vars(process))
 
 
 def answer(process):
@@ -154,11 +149,12 @@ def test_a_process_that_crashes(start):
 
 def test_a_search_that_does_not_end():
     call = BackgroundCall(searches.endless, patience=0.2)
-    end = time.monotonic() + DEADLINE_S
-    while not call.end:
+
+    def ended():
         call.poll()
-        assert time.monotonic() < end
-        time.sleep(0.01)
+        return call.end
+
+    until(ended)
     assert call.end == 'not finished within 0.2 s of computing'
     call.close()
 
@@ -178,31 +174,24 @@ time.sleep(1000.0)
 """
 
 
-def of_a_program(executable):
+def of_a_program(directory, executable):
     """Return a program that starts a process, and what it prints of that."""
     folder = str(Path(__file__).parents[1])
-    program = subprocess.Popen(
-        [sys.executable, '-c', ALONE, folder, executable], stdout=subprocess.PIPE, text=True
-    )
-    return program, program.stdout.readline().strip()
+    program = Running(directory, '-c', ALONE, folder, executable)
+    return program, program.until(lambda: program.output.endswith('\n') and program.output.strip())
 
 
-def test_no_process_outlives_its_program():
-    program, pid = of_a_program('')
-    assert alive(int(pid))
-    program.kill()
-    program.communicate()
-    end = time.monotonic() + DEADLINE_S
-    while alive(int(pid)):
-        assert time.monotonic() < end
-        time.sleep(0.01)
+def test_no_process_outlives_its_program(tmp_path):
+    program, pid = of_a_program(tmp_path, '')
+    with program:
+        assert alive(int(pid))
+    until(lambda: not alive(int(pid)))
 
 
-def test_a_process_that_cannot_be_started():
-    program, end = of_a_program('/no/such/program')
-    program.kill()
-    program.communicate()
-    assert end.startswith('the process cannot be started: ')
+def test_a_process_that_cannot_be_started(tmp_path):
+    program, end = of_a_program(tmp_path, '/no/such/program')
+    with program:
+        assert end.startswith('the process cannot be started: ')
 
 
 PRIORITY = """
