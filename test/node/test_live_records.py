@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from running import until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -14,7 +15,7 @@ from impact_damper_ros import Rig
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.parameters.parameters_file import load_parameters
-from node.rig_client import RigParametersClient, until
+from node.rig_client import RigParametersClient
 
 CONFIG = Path(__file__).parents[2] / 'config'
 BENCH = CONFIG / 'bench_rig.yaml'
