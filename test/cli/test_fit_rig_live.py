@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
-from node.rig_client import SOURCE, SimProcess
+from node.rig_client import SimProcess
+from running import SOURCE
 
 from impact_damper_ros import Rig, load_parameters
 from impact_damper_ros.cli.fit_rig import main

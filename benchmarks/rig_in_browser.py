@@ -1,7 +1,7 @@
 """
 The rig that a browser computes: how far it agrees with CPython, its size, and how soon it moves.
 
-    python benchmarks/in_browser.py [--rigs N] [--json FILE]
+    python benchmarks/rig_in_browser.py [--rigs N] [--json FILE]
 
 Random rigs with a change on the way, and all presets, run in Chromium and in CPython and are
 compared event for event: kind, stop, mode, and the instant to a millionth of the run. Where they
