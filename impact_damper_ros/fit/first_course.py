@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+
 from .course import Course
 from .first_guess import regressed
 from .partition import Edges, Record, fit_vibration, jumps_between, partition
@@ -16,20 +18,29 @@ from .vibration import Array, Vibration
 #: and how much more in the first round, in which K and C are guesses.
 PENALTY, _PENALTY_MEASURED, _FIRST_ROUND = 24.0, 6.0, 3.0
 _ROUNDS = 4
+#: Longest delay of impact times that is looked for, as a phase of M, rad.
+_LONGEST_LAG = 1.0
+#: Least first guess of the gap, in the swing of M at impacts.
+_LEAST_GAP = 1e-2
 #: Changes of K, and of C, after which the impacts are looked for again.
 _CHANGE, _CHANGE_DAMPING = 1e-3, 2e-2
 
 
-class TooFewImpacts(Exception):  # noqa: N818
-    """Fewer impacts than a fit needs; `count` of them."""
-
-    def __init__(self, count: int) -> None:
-        super().__init__(f'{count} impacts')
-        self.count = count
+#: Least impacts that a fit is made from, and least flights from stop to stop.
+LEAST_IMPACTS, _LEAST_CROSSINGS = 6, 4
 
 
-#: Least impacts that a fit is made from.
-LEAST_IMPACTS = 6
+class UnfitRecordError(Exception):
+    """A record to which no rig can be fitted; the text says why, and what to do."""
+
+
+def check_impacts(count: int) -> None:
+    """Raise `UnfitRecordError` if there are too few impacts."""
+    if count < LEAST_IMPACTS:
+        raise UnfitRecordError(
+            f'{count} impacts were found in the record, and a fit needs {LEAST_IMPACTS} at '
+            'least: record a motion in which the damper hits its stops, for longer'
+        )
 
 
 def matched(times: Array, measured: Array, limit: float) -> NDArray[np.int64]:
@@ -56,6 +67,37 @@ def _penalties(record: Record, measured: Array, deviation: float) -> Array:
     return cuts
 
 
+def _lag(record: Record, rig: RigParameters, deviation: float, measured: Array) -> float:
+    """Return by how much measured instants come later than the impacts that the motion shows."""
+    if not len(measured):
+        return 0.0
+    vibration = Vibration.of(
+        rig, rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
+    )
+    for _ in range(2):
+        edges = partition(record, vibration, deviation, PENALTY)
+        guess = rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
+        vibration = Vibration.of(rig, *fit_vibration(record, rig, edges, guess, deviation))
+    shown = jumps_between(record, vibration, edges, np.zeros(0))
+    strong = shown.time[np.abs(shown.jump) > np.median(np.abs(shown.jump))]
+    apart = (measured[None, :] - strong[:, None]).ravel()
+    near = np.sort(apart[np.abs(apart) < _LONGEST_LAG / rig.omega])
+    if len(near) < LEAST_IMPACTS:
+        return 0.0
+    # The shortest interval with half as many differences as there are impacts
+    size = min(len(near), max(LEAST_IMPACTS, len(strong) // 2))
+    at = int(np.argmin(near[size - 1 :] - near[: len(near) - size + 1]))
+    return float(np.median(near[at : at + size]))
+
+
+def _offset(record: Record, rig: RigParameters) -> float:
+    """Return the mean over whole periods of the force: the offset of a sensor, nearly."""
+    period = 2.0 * np.pi / max(rig.first_harmonic[1], 1e-3 * rig.omega)
+    whole = np.floor((record.time[-1] - record.time[0]) / period) * period
+    last = (record.time >= record.time[-1] - whole) & (record.weight > 0.0)
+    return float(record.motion[last].mean()) if last.any() else 0.0
+
+
 def first_course(
     record: Record,
     unknowns: Unknowns,
@@ -68,11 +110,17 @@ def first_course(
 
     Raises
     ------
-    TooFewImpacts
-        If there are fewer than `LEAST_IMPACTS`.
+    UnfitRecordError
+        If there are too few impacts, or flights from stop to stop.
     """
     rig = unknowns.rig
+    bias = unknowns.column('bias')
+    offset = _offset(record, rig) if bias >= 0 else 0.0
+    record = record._replace(motion=record.motion - offset)
     stiffness, damping = rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
+    delay = unknowns.column('impact_delay')
+    lag = _lag(record, rig, deviation, measured) if delay >= 0 else 0.0
+    measured = measured - lag
     cuts = _penalties(record, measured, impact_deviation)
     edges: Edges = np.array([0, len(record.time)])
     for number in range(_ROUNDS):
@@ -87,12 +135,21 @@ def first_course(
         ):
             break
     jumps = jumps_between(record, Vibration.of(rig, stiffness, damping), edges, measured)
-    if len(jumps.time) < LEAST_IMPACTS:
-        raise TooFewImpacts(len(jumps.time))
+    check_impacts(len(jumps.time))
     stops = np.where(jumps.jump >= 0.0, 1, -1)
+    if (crossings := int((np.diff(stops) != 0).sum())) < _LEAST_CROSSINGS:
+        raise UnfitRecordError(
+            f'{crossings} flights from one stop to the other were found in the record, and the '
+            f'gap shows in {_LEAST_CROSSINGS} at least: shake harder, or record for longer'
+        )
     rate = float(np.sqrt(stiffness / rig.primary_mass))
     alphas, grip, gap = regressed(unknowns, jumps, stops, rate)
+    gap = max(gap, _LEAST_GAP * float(np.ptp(jumps.x)))
     shared = unknowns.start(stiffness, damping, alphas, grip, gap)
+    if bias >= 0:
+        shared[bias] = offset
+    if delay >= 0:
+        shared[delay] = lag
     ratio = rig.primary_mass / rig.damper_mass
     alpha = np.where(stops == 1, alphas[0], alphas[1])
     begins = np.zeros(len(stops), bool)

@@ -47,6 +47,8 @@ def regressed(
             rate * (z * span + 0.5 * push * span**2 - np.diff(jumps.x)),
         ]
     )[np.tile(crossing, 2)]
+    if not unknowns.normal > 0.0:
+        matrix[:, size] = 0.0  # so that least squares give no friction
     weight = np.ones(len(wanted))
     found = np.zeros(size + 2)
     for _ in range(_ROUNDS):

@@ -30,6 +30,8 @@ def faults_of(measured: MeasuredMotion, rig: RigParameters) -> list[str]:
     source = measured.source or 'the record'
     if rig.one_sided:
         return ['one_sided is true: rigs with one stop are not fitted, their gap has no meaning']
+    if rig.sweep_mode != 'off':
+        return [f'sweep_mode is {rig.sweep_mode}: fit the steps of a sweep one by one, with off']
     if len(motion) < _LEAST_SAMPLES:
         return [f'{source} has {len(motion)} samples that count: give {_LEAST_SAMPLES} at least']
     if not np.isfinite(motion).all():

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from .course import Course, Flags
-from .first_course import LEAST_IMPACTS, TooFewImpacts
+from .first_course import check_impacts
 from .gauss_newton import System, solve
 from .reversals import expected_reversals
 from .shooting import Shooting
@@ -42,8 +42,7 @@ def relaxed(course: Course, problem: Problem, *, timed: bool) -> Course:
             weak[[0, -1]] = False
             if weak.any():
                 course, broken = course.kept(~weak), broken[~weak]
-                if len(course) < LEAST_IMPACTS:
-                    raise TooFewImpacts(len(course))
+                check_impacts(len(course))
         shooting = problem(course)
         vibration = shooting.vibration(course.shared)
         expected = expected_reversals(course, shooting.unknowns, vibration)

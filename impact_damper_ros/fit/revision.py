@@ -237,7 +237,7 @@ class _Round:
 
     def _spare(self, k: int, found: Passage) -> bool:
         """Return whether impacts of the engine may have been missed by the data."""
-        times = self.shooting.impact_times
+        times = self.shooting.times_of_impacts(self.course.shared)
         if not len(times):
             return True
         course = self.course
@@ -295,7 +295,7 @@ class _Round:
             course = course.inserted(k, rows, stops, turns)
             keep = np.insert(keep, k + 1, np.ones(len(rows), bool))
         course = course.kept(keep)
-        times = self.shooting.impact_times
+        times = self.shooting.times_of_impacts(course.shared)
         limit = max(6.0 * self.shooting.impact_deviation, 1e-9)
         course.measured = matched(course.time, times, limit)
         _rising(course)

@@ -25,7 +25,7 @@ from .acceptance import judged
 from .alternatives import Alternative, alternatives
 from .course import Course
 from .estimate import Estimate
-from .first_course import LEAST_IMPACTS, TooFewImpacts, first_course
+from .first_course import UnfitRecordError, first_course
 from .gauss_newton import System, solve
 from .measured_motion import MeasuredMotion
 from .parameter_estimates import Correlations, estimates_of
@@ -215,14 +215,8 @@ def fit_rig(
         course = first_course(record, unknowns, noise, times, measured.impact_deviation)
         course = relaxed(course, problem, timed=len(times) > 0)
         noise = max(_noise(problem(course), rough), least)
-    except TooFewImpacts as few:
-        return _refused(
-            measured,
-            [
-                f'{few.count} impacts were found in the record, and a fit needs {LEAST_IMPACTS} '
-                'at least: record a motion in which the damper hits its stops, for longer'
-            ],
-        )
+    except UnfitRecordError as error:
+        return _refused(measured, [str(error)])
     found = revised(course, problem, report=report)
     if not found.course.flies.any():
         return _refused(measured, ['no flight between two impacts obeys the laws of the damper'])

@@ -208,6 +208,10 @@ class Shooting:
             course.reversals[k] = states[turns[self._flight[turns] == k], _T].copy()
         return course
 
+    def times_of_impacts(self, shared: Array) -> Array:
+        """Return the measured instants of impacts on the clock of the motion."""
+        return self.impact_times - self.unknowns.value(shared, 'impact_delay')
+
     def parts(self, u: Array) -> tuple[Array, Array]:
         """Return the shared unknowns and the states (n, 5)."""
         return u[: self.count], u[self.count :].reshape(-1, 5)
@@ -380,7 +384,8 @@ class Shooting:
         rates[:, 1], rates[:, 2] = x_rate * scale, v_rate * scale
         ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
         own = rates[:, 3:]
-        own[:, self.unknowns.column('grip')] = by_push * ratio * self.direction[node] * scale
+        if (column := self.unknowns.column('grip')) >= 0:
+            own[:, column] = by_push * ratio * self.direction[node] * scale
         for column, step in self._varied.items():
             other = shared.copy()
             other[column] += step
@@ -514,12 +519,13 @@ class Shooting:
         start = vibration.acceleration(before[:, _T], before[:, _X], before[:, _V], push)
         last = vibration.acceleration(after[:, _T], x, v, push)
         ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
-        direction, grip_at = self.direction[ends - 1], 10 + self.unknowns.column('grip')
+        direction, column = self.direction[ends - 1], self.unknowns.column('grip')
+        grip_at = [10 + column] if column >= 0 else []
         for row, order in ((0, 0), (1, 1)):
             (by_x, by_v), by_push = _rates_of(vibration, span, order)
             end[:, row, _T] = -(by_x * before[:, _V] + by_v * start)
             end[:, row, _X], end[:, row, _V] = by_x, by_v
-            end[:, row, grip_at] = by_push * ratio * direction
+            end[:, row, grip_at] = (by_push * ratio * direction)[:, None]
         end[:, 0, 5 + _T], end[:, 1, 5 + _T] = v, last
         for column, step in self._varied.items():
             other = shared.copy()
@@ -528,14 +534,14 @@ class Shooting:
             end[:, 0, 10 + column] = (varied[0] - x) / step
             end[:, 1, 10 + column] = (varied[1] - v) / step
         end[:, 2, _T], end[:, 2, 5 + _T], end[:, 2, _W] = -pull, pull, 1.0
-        end[:, 2, grip_at] = -direction * span
+        end[:, 2, grip_at] = -(direction * span)[:, None]
         end[:, 3] = -end[:, 0]
         end[:, 3, _T] -= w
         end[:, 3, 5 + _T] += w
         end[:, 3, _W] += span
         end[:, 3, _X] += 1.0
         end[:, 3, _Y] += 1.0
-        end[:, 3, grip_at] -= 0.5 * direction * span**2
+        end[:, 3, grip_at] -= (0.5 * direction * span**2)[:, None]
         columns = np.empty((n, 10 + count), np.int64)
         columns[:, :5] = count + 5 * (ends - 1)[:, None] + np.arange(5)
         columns[:, 5:10] = count + 5 * ends[:, None] + np.arange(5)

@@ -8,11 +8,11 @@ comes from an approach at alpha J. Friction enters as an acceleration gamma g co
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
+from impact_damper_ros.motion.state import incline
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .vibration import Array
@@ -43,7 +43,8 @@ class Unknowns(NamedTuple):
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns."""
         alphas = ('alpha_1', 'alpha_2') if self.separate else ('alpha_1',)
-        return ('stiffness', 'damping', *alphas, 'grip', 'gap', *self.extras)
+        grip = ('grip',) if self.normal > 0.0 else ()
+        return ('stiffness', 'damping', *alphas, *grip, 'gap', *self.extras)
 
     def column(self, name: str) -> int:
         """Return where an unknown stands; -1 if it is not one."""
@@ -65,7 +66,8 @@ class Unknowns(NamedTuple):
     ) -> Array:
         """Return the shared unknowns of a guess."""
         extras = [1.0 if name == 'gain' else 0.0 for name in self.extras]
-        return np.array([stiffness, damping, *alphas[: 1 + self.separate], grip, gap, *extras])
+        grips = [grip] if self.normal > 0.0 else []
+        return np.array([stiffness, damping, *alphas[: 1 + self.separate], *grips, gap, *extras])
 
     @property
     def share(self) -> float:
@@ -75,12 +77,12 @@ class Unknowns(NamedTuple):
     @property
     def normal(self) -> float:
         """The acceleration g cos(angle) that presses m to its support, m/s^2."""
-        return self.rig.gravity * math.cos(self.rig.angle)
+        return self.rig.gravity * incline(self.rig.angle)[1]
 
     @property
     def slope(self) -> float:
         """The acceleration g sin(angle) of m along the axis, m/s^2."""
-        return self.rig.gravity * math.sin(self.rig.angle)
+        return self.rig.gravity * incline(self.rig.angle)[0]
 
     @property
     def air(self) -> float:

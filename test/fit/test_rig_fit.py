@@ -51,3 +51,51 @@ def test_a_rig_is_found_from_its_motion(seed, options):
 def test_names_that_cannot_be_fitted_are_refused():
     with pytest.raises(FitOptionError, match='restitution_2, gain, bias'):
         fitted(105, impacts=10, also=('mass',))
+
+
+def test_sensor_clocks_and_both_stops_are_fitted_where_asked_for():
+    rng = np.random.default_rng(104)
+    rig = random_rig(rng)
+    rig = rig.replace(restitution_2=rig.restitution_1 - 0.1)
+    record = measure(rig, rng, impacts=60).record
+    changed = {'gain': 1.02, 'bias': 2e-4, 'force_delay': 1e-3, 'impact_delay': 3e-3}
+    start = guess_of(rig, rng)
+    later = tuple(
+        p + w * 1e-3 for w, p in zip(start.force_frequencies, start.force_phases, strict=True)
+    )
+    fit = fit_rig(
+        record._replace(
+            motion=changed['gain'] * record.motion + changed['bias'],
+            impact_times=record.impact_times + changed['impact_delay'],
+        ),
+        start.replace(force_phases=later),
+        also=('restitution_2', *changed),
+    )
+    assert fit.accepted, fit.reasons
+    for name, value in {**changed, **true_values(rig), 'restitution_2': rig.restitution_2}.items():
+        estimate = fit.parameters[name]
+        assert abs(estimate.value - value) < 4.0 * estimate.standard_deviation, name
+    assert fit.parameters['gain'].standard_deviation < 0.02
+    # The rig has the force at the time at which it came
+    assert fit.rig.force_phases == pytest.approx(rig.force_phases, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {'angle': 0.02, 'base_amplitudes': (0.6,), 'force_amplitudes': (0.0,)},
+        {'angle': np.pi / 2, 'gravity': 0.5},
+    ],
+)
+def test_inclined_and_vertical_rigs_and_a_base_that_moves(changes):
+    rng = np.random.default_rng(108)
+    rig = random_rig(rng)
+    changes = {'base_frequencies': rig.force_frequencies, **changes}
+    rig = rig.replace(**changes)
+    record = measure(rig, rng, impacts=60).record
+    fit = fit_rig(record, guess_of(rig, rng))
+    assert fit.accepted, fit.reasons
+    vertical = rig.angle > 1.0
+    assert ('friction' in fit.parameters) != vertical
+    for name, estimate in fit.parameters.items():
+        assert abs(estimate.value - getattr(rig, name)) < 4.0 * estimate.standard_deviation, name
