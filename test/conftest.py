@@ -38,6 +38,7 @@ LONGEST = (
     'oracle/test_oracle.py',
     'cli/test_sweep_rig.py',
     'page/test_live_page.py',
+    'page/test_in_browser.py',
 )
 
 # Properties of random rigs: the same few ones each time, or, to look for rigs that break them,
