@@ -205,8 +205,8 @@ def test_plan(rig: RigParameters, runs: Sequence[Knowledge]) -> str:
     settled = runs[0]
     told = [run for run in runs[1:] if math.isfinite(run.deviations[0])]
     note = (
-        '(Standard deviations if the speeds at the impacts and the places of m are known to 1 % '
-        'of the approach speed and of the gap.)'
+        '(Standard deviations if frequency and damping are known, and the speeds at the impacts '
+        'and the places of m to 1 % of the approach speed and of the gap.)'
     )
     if told and not math.isfinite(settled.deviations[0]):
         note = (
