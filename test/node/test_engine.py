@@ -39,7 +39,6 @@ from impact_damper_ros.parameters.rig_parameters import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
 )
-from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
 from node.rig_client import stamp_ns
@@ -450,7 +449,6 @@ def test_single_steps_of_a_paused_rig(clock, tmp_path):
     as_others_record(bench, tmp_path / 'bag')
     replay = Replay(RecordedRun(tmp_path / 'bag'))
     assert sum(len(part.samples) for part in replay) == len(samples)
-    assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
 
 
 def test_steps_that_are_refused_or_ended():
@@ -611,7 +609,6 @@ def test_a_rig_that_takes_ever_so_long_answers_and_ends(name, tmp_path):
     assert log.error is None
     replay = Replay(RecordedRun(tmp_path / 'bag'))
     count = sum(len(part.samples) for part in replay)
-    assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
     assert (count > 40, replay.findings.resets) == (True, 2)
 
 
@@ -698,7 +695,6 @@ def test_changes_between_two_far_ticks_are_replayed(tmp_path):
     assert log.error is None
     replay = Replay(RecordedRun(tmp_path / 'bag'))
     assert sum(len(part.samples) for part in replay) >= 5
-    assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
 
 
 @pytest.mark.parametrize('last', ['change', 'pace', 'reset', 'slip'])
@@ -728,7 +724,6 @@ def test_what_comes_with_the_end_of_a_recording_is_in_it(last, tmp_path):
     assert log.error is None
     replay = Replay(RecordedRun(tmp_path / 'bag'))
     assert sum(len(part.samples) for part in replay) > 3
-    assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
     assert replay.findings.resets == (last == 'reset')
     assert replay.findings.changes == (last == 'change')
 
@@ -760,7 +755,6 @@ def test_an_order_between_the_start_of_a_recording_and_a_slip_is_replayed(tmp_pa
     assert log.error is None
     replay = Replay(RecordedRun(tmp_path / 'bag'))
     samples = np.concatenate([part.samples for part in replay])
-    assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
     # Until the watchdog parks it
     assert 0.3 in np.round(samples['stop_1'] - samples['x'], 9)
 
