@@ -47,7 +47,7 @@ _CONTACT, _AROUND = 1e-3, 0.75
 #: a simulation has none, and what the first, rough model leaves would pass for impacts.
 _LEAST_NOISE = 0.01
 #: ... and standard deviations are at least those of this noise, which rounding makes.
-_ROUNDING = 1e-8
+_ROUNDING = 1e-6
 
 IMPACT_TYPE = np.dtype(
     [
@@ -223,7 +223,7 @@ def fit_rig(
     chi = found.chi
     chi *= noise / max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
     # Weights of data and of impact times by the noise that the residuals show
-    noise *= found.chi
+    noise = max(noise * found.chi, _ROUNDING * least / _LEAST_NOISE)
     shooting = problem(found.course)
     solution = solve(shooting, shooting.start())
     found = found._replace(
