@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from impact_damper_ros import EventKind, InitialConditions, Mode, Rig, RigParameters
-from impact_damper_ros.motion.first_event import falling_root, keeps_sign
+from impact_damper_ros.motion.first_event import falling_root, falls, gathers_speed, keeps_sign
 from impact_damper_ros.motion.flight import (
     CONTACT_1,
     CONTACT_2,
@@ -102,6 +102,29 @@ def test_what_keeps_its_sign_does():
             assert keeps_sign(*ends, 1.0, 24.0)
     assert certain > 300
     assert unsure < certain
+
+
+def test_what_falls_or_gathers_speed_does():
+    """Waves beside the bound of their second derivative, at any phase; as above."""
+    rng = np.random.default_rng(2)
+    s = np.linspace(0.0, 1.0, 401)
+    falling, gathering = [0, 0], [0, 0]
+    waves = rng.uniform((0.5, 0.0, -1.5), (9.0, math.tau, 1.5), (6000, 3))
+    for frequency, phase, offset in waves:
+        turn = frequency * s + phase
+        wave, rate = offset + np.cos(turn), -frequency * np.sin(turn)
+        bound = frequency**2
+        below, above = (wave < 0.0).all(), (wave > 0.0).all()
+        if falls(wave[0], wave[-1], 1.0, bound):
+            assert below
+            falling[0] += 1
+        falling[1] += below
+        if gathers_speed(wave[0], rate[0], wave[-1], rate[-1], 1.0, bound):
+            assert above
+            gathering[0] += 1
+        gathering[1] += above and rate[0] > 0.0
+    assert falling[0] > 0.2 * falling[1]
+    assert gathering[0] > 0.2 * gathering[1]
 
 
 @pytest.mark.parametrize('slopes', [(-1.0, -1.2), (-1e-9, -2.0), (0.0, -1.5), (-3.0, -0.1)])
