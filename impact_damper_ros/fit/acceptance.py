@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from .alternatives import Alternative
+from .contradictions import MOST_GAIN
 from .estimate import Estimate
 from .first_course import LEAST_IMPACTS
 from .parameter_estimates import Correlations
-from .revision import EXACT, MOST_GAIN, Revised
+from .revision import EXACT, Revised
 
 #: Largest root of chi squared, by the noise that fourth differences show.
 MOST_CHI = 1.1

@@ -106,7 +106,7 @@ def _of_m(shooting: Shooting, solution: Solution) -> Iterator[_Column]:
     unknowns, u = shooting.unknowns, solution.unknowns
     shared, _ = shooting.parts(u)
     ends = shooting.ends
-    jump = np.zeros(shooting.nodes)
+    jump = np.zeros(shooting.count_of_nodes)
     jump[shooting.impacts] = shooting.jumps(u)
     alpha = shared[shooting.alpha_column]
     speed = np.abs(alpha * jump)[ends]

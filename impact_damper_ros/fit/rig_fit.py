@@ -214,10 +214,13 @@ def fit_rig(
     try:
         course = first_course(record, unknowns, noise, times, measured.impact_deviation)
         course = relaxed(course, problem, timed=len(times) > 0)
-        noise = max(_noise(problem(course), rough), least)
+        noise = _noise(problem(course), rough)
+        found = revised(course, problem, report=report)
     except UnfitRecordError as error:
         return _refused(measured, [str(error)])
-    found = revised(course, problem, report=report)
+    except (RuntimeError, np.linalg.LinAlgError) as error:
+        # What SuperLU raises for a matrix that has no inverse
+        return _refused(measured, [f'the equations of the fit have no unique solution ({error})'])
     if not found.course.flies.any():
         return _refused(measured, ['no flight between two impacts obeys the laws of the damper'])
     chi = found.chi

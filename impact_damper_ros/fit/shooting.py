@@ -28,12 +28,12 @@ from scipy import sparse
 from impact_damper_ros.orbits.response import free_response
 
 from .course import Course
+from .node_motion import NodeMotion
+from .nodes import T, V, W, X, Y
 from .partition import Record
 from .unknowns import Unknowns
 from .vibration import Array, Vibration
 
-#: Unknowns of a node: instant, X, X' and Z' just after it, and Y.
-_T, _X, _V, _W, _Y = range(5)
 #: Conditions of a flight: X, X', Z', Y at its end, and the last law.
 _AT_X, _AT_V, _AT_W, _AT_Y, _LAST = range(5)
 #: Step of derivatives by K, C and the delay, in natural units.
@@ -60,7 +60,7 @@ class Equations(NamedTuple):
     condition_rates: sparse.csr_array
 
 
-class Shooting:
+class Shooting(NodeMotion):
     """
     The equations of one course.
 
@@ -92,14 +92,10 @@ class Shooting:
         impact_deviation: float,
         masked: float = 0.0,
     ) -> None:
-        self.record, self.deviation, self.unknowns = record, deviation, unknowns
-        self.course, self.impact_times = course, impact_times
-        self.impact_deviation = impact_deviation
-        self.count = len(unknowns.names)
+        self.deviation, self.impact_deviation = deviation, impact_deviation
         self.rate = float(np.sqrt(course.shared[0] / unknowns.rig.primary_mass))
         # Displacement that the measured quantity has for the same noise
         self.length = deviation / self.rate**record.order
-        self._lay_out()
         weight = record.weight / deviation
         if masked:
             nearest = np.searchsorted(course.time, record.time)
@@ -107,215 +103,25 @@ class Shooting:
             after = course.time[np.minimum(nearest, len(course) - 1)]
             near = np.minimum(np.abs(record.time - before), np.abs(record.time - after))
             weight = weight * (near > masked)
-        self._weight = weight
-
-    def _lay_out(self) -> None:
-        """Find what each node is: impact or reversal, and how m moves after it."""
-        course = self.course
-        kind, impact_of, held_at, flight = [], [], [], []
-        for k in range(len(course)):
-            kind.append(int(course.stop[k]))
-            impact_of.append(k)
-            held_at.append(np.nan)
-            flight.append(k)
-            if k < len(course) - 1:
-                for time, held in zip(course.reversals[k], course.held[k], strict=True):
-                    kind.append(0)
-                    impact_of.append(-1)
-                    held_at.append(float(time) if held else np.nan)
-                    flight.append(k)
-        self.kind, self._impact_of = np.array(kind), np.array(impact_of)
-        self._held_at = np.array(held_at)
-        #: Flight after each node, by the number of its first impact
-        self._flight = np.array(flight)
-        self.nodes = n = len(kind)
-        self.impacts = np.flatnonzero(self.kind)
-        self.size = self.count + 5 * n
-        direction = np.empty(n)
-        last = np.empty(n)
-        for i in range(n):
-            direction[i] = -kind[i] if kind[i] else -direction[i - 1]
-            last[i] = kind[i] or last[i - 1]
-        self.direction, self._last = direction, last
-        #: Whether the flight that ends at each node counts; nodes that begin a part, end none
-        counts = np.zeros(n, bool)
-        counts[1:] = course.flies[self._flight[:-1]]
-        self.ends = np.flatnonzero(counts)
-        begins = np.zeros(n, bool)
-        begins[self.impacts] = course.begins
-        self.firsts = np.flatnonzero(begins)
-        counts_after = np.zeros(n, bool)
-        counts_after[:-1] = counts[1:]
-        self._counts_after = counts_after
-        #: Nodes without any flight, which stay where they are
-        self.lone = np.flatnonzero(~counts & ~counts_after)
-        lawless = np.append(course.lawless, False)[self._flight]
-        #: Whether the flight that ends at each node obeys no law of m
-        self._lawless_ends = np.append(False, lawless[:-1])[self.ends]
-        self._holds = self._find_holds(counts, counts_after, lawless)
-        self._hold_values = np.zeros(len(self._holds))
-
-    def _find_holds(
-        self,
-        counts: NDArray[np.bool_],
-        counts_after: NDArray[np.bool_],
-        lawless: NDArray[np.bool_],
-    ) -> NDArray[np.int64]:
-        """Return nodes and coordinates that nothing else determines."""
-        holds = [(node, what) for node in self.lone for what in (_T, _X, _V, _W)]
-        begins = ~counts & counts_after & lawless
-        holds += [(node, _W) for node in np.flatnonzero(begins)]
-        ends = counts & ~counts_after & np.append(False, lawless[:-1])
-        holds += [(node, _V) for node in np.flatnonzero(ends)]
-        return np.array(holds, np.int64).reshape(-1, 2)
-
-    @property
-    def alpha_column(self) -> NDArray[np.int64]:
-        """Where the alpha of the stop hit at each node stands."""
-        first, second = self.unknowns.alpha_columns()
-        return np.where(self.kind == -1, second, first)
-
-    # ------------------------------------------------------------------ from and to the course
-    def start(self) -> Array:
-        """Return the unknowns of the course; states at reversals are those of the flights."""
-        course, n = self.course, self.nodes
-        states = np.zeros((n, 5))
-        at = self.impacts
-        states[at, _T], states[at, _X] = course.time, course.x
-        states[at, _V], states[at, _W] = course.velocity, course.damper_velocity
-        gap = self.unknowns.value(course.shared, 'gap')
-        states[at, _Y] = 0.5 * gap * course.stop
-        states[self.kind == 0, _T] = np.concatenate([*course.reversals, np.zeros(0)])
-        vibration = self.vibration(course.shared)
-        grip = self.unknowns.value(course.shared, 'grip')
-        for i in np.flatnonzero(self.kind == 0):
-            before, node = states[i - 1 : i], np.array([i - 1])
-            ends = self._flown(vibration, grip, before, states[i : i + 1, _T], node)
-            states[i, _X:] = np.concatenate(ends)
-        self._hold_values = states[self._holds[:, 0], self._holds[:, 1]]
-        return np.concatenate([course.shared, states.ravel()])
-
-    def course_of(self, u: Array) -> Course:
-        """Return the course with the numbers of unknowns."""
-        shared, states = self.parts(u)
-        course = self.course.copy()
-        course.shared = shared.copy()
-        at = states[self.impacts]
-        course.time, course.x = at[:, _T].copy(), at[:, _X].copy()
-        course.velocity, course.damper_velocity = at[:, _V].copy(), at[:, _W].copy()
-        turns = np.flatnonzero(self.kind == 0)
-        for k in range(len(course) - 1):
-            course.reversals[k] = states[turns[self._flight[turns] == k], _T].copy()
-        return course
-
-    def times_of_impacts(self, shared: Array) -> Array:
-        """Return the measured instants of impacts on the clock of the motion."""
-        return self.impact_times - self.unknowns.value(shared, 'impact_delay')
-
-    def parts(self, u: Array) -> tuple[Array, Array]:
-        """Return the shared unknowns and the states (n, 5)."""
-        return u[: self.count], u[self.count :].reshape(-1, 5)
-
-    def vibration(self, shared: Array) -> Vibration:
-        """Return the vibration of M of shared unknowns."""
-        unknowns = self.unknowns
-        delay = unknowns.value(shared, 'force_delay')
-        return Vibration.of(unknowns.rig, float(shared[0]), float(shared[1]), delay)
-
-    # ------------------------------------------------------------------ motion
-    def _pushes(self, grip: float, node: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the constant accelerations of M and of m after nodes."""
-        own = self.direction[node] * grip + self._last[node] * self.unknowns.air
-        ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
-        return ratio * own, self.unknowns.slope - own
-
-    def _flown(
-        self,
-        vibration: Vibration,
-        grip: float,
-        before: Array,
-        time: Array,
-        node: NDArray[np.int64],
-    ) -> tuple[Array, Array, Array, Array]:
-        """Return X, X', Z' and Y at times in the flights after nodes, from the states there."""
-        span = time - before[:, _T]
-        push, pull = self._pushes(grip, node)
-        x, v = vibration.later(before[:, _T], before[:, _X], before[:, _V], push, span)
-        w = before[:, _W] + pull * span
-        moved = (before[:, _W] + 0.5 * pull * span) * span
-        return x, v, w, before[:, _Y] + before[:, _X] + moved - x
-
-    def _measured(
-        self,
-        vibration: Vibration,
-        grip: float,
-        states: Array,
-        node: NDArray[np.int64],
-        time: Array,
-    ) -> Array:
-        """Return the measured quantity at times in the flights after nodes."""
-        at = states[node]
-        push, _ = self._pushes(grip, node)
-        x, v = vibration.later(at[:, _T], at[:, _X], at[:, _V], push, time - at[:, _T])
-        if self.record.order == 0:
-            return x
-        if self.record.order == 1:
-            return v
-        return vibration.acceleration(time, x, v, push)
-
-    def motion(self, u: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the fitted signal at all samples, NaN where there is none, and which count."""
-        shared, states = self.parts(u)
-        node, inside = self._node_of_samples(states)
-        vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
-        signal = self._measured(vibration, grip, states, node, self.record.time)
-        signal = self._sensed(shared, signal)
-        return np.where(inside, signal, np.nan), inside & (self._weight > 0.0)
-
-    def _sensed(self, shared: Array, signal: Array) -> Array:
-        """Return what the sensor shows of a signal."""
-        value = self.unknowns.value
-        return value(shared, 'gain') * signal + value(shared, 'bias')
-
-    def _node_of_samples(self, states: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Return the node before each sample, and whether its flight counts."""
-        found = np.searchsorted(states[:, _T], self.record.time, side='right') - 1
-        node = np.clip(found, 0, self.nodes - 1)
-        return node, (found >= 0) & self._counts_after[node]
-
-    def before_nodes(self, u: Array) -> tuple[Array, Array, Array, Array]:
-        """Return X, X', Z' and Y just before all nodes but the first."""
-        shared, states = self.parts(u)
-        grip, node = self.unknowns.value(shared, 'grip'), np.arange(self.nodes - 1)
-        return self._flown(self.vibration(shared), grip, states[:-1], states[1:, _T], node)
-
-    def jumps(self, u: Array) -> Array:
-        """Return the jump of X' at each impact; 0 where a part begins."""
-        jump = np.zeros(len(self.course))
-        inner = self.impacts[~self.course.begins]
-        jump[~self.course.begins] = (
-            self.parts(u)[1][inner, _V] - self.before_nodes(u)[1][inner - 1]
-        )
-        return jump
+        super().__init__(record, unknowns, course, impact_times, weight)
 
     def jump_rates(self, u: Array) -> sparse.csr_array:
         """Return derivatives of the jumps; 0 where a part begins."""
         end, columns, _ = self._end_rates(u)
         hit = np.flatnonzero(self.kind[self.ends])
         rates = -end[hit, 1]
-        rates[:, 5 + _V] += 1.0
+        rates[:, 5 + V] += 1.0
         inner = _sparse(rates, columns[hit], self.size)
         place = sparse.csr_array(
-            (np.ones(len(hit)), (self._impact_of[self.ends[hit]], np.arange(len(hit)))),
+            (np.ones(len(hit)), (self.impact_of[self.ends[hit]], np.arange(len(hit)))),
             shape=(len(self.course), len(hit)),
         )
         return sparse.csr_array(place @ inner)
 
-    # ------------------------------------------------------------------ equations
     @property
     def freedom(self) -> int:
         """Number of unknowns less that of the conditions."""
-        conditions = 5 * len(self.ends) + len(self.firsts) + len(self._holds)
+        conditions = 5 * len(self.ends) + len(self.firsts) + len(self.holds)
         return self.size - conditions + len(self._void_rows)
 
     @cached_property
@@ -372,15 +178,15 @@ class Shooting:
         vibration, grip = self.vibration(shared), value(shared, 'grip')
         at, time = states[node], record.time
         push, _ = self._pushes(grip, node)
-        span = time - at[:, _T]
-        start = vibration.acceleration(at[:, _T], at[:, _X], at[:, _V], push)
+        span = time - at[:, T]
+        start = vibration.acceleration(at[:, T], at[:, X], at[:, V], push)
         matrix, by_push = _rates_of(vibration, span, record.order)
         x_rate, v_rate = matrix
         signal = self._measured(vibration, grip, states, node, time)
         weight = np.where(inside, self._weight, 0.0)
         scale = weight * value(shared, 'gain')
         rates = np.zeros((len(time), 3 + self.count))
-        rates[:, 0] = -(x_rate * at[:, _V] + v_rate * start) * scale
+        rates[:, 0] = -(x_rate * at[:, V] + v_rate * start) * scale
         rates[:, 1], rates[:, 2] = x_rate * scale, v_rate * scale
         ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
         own = rates[:, 3:]
@@ -396,7 +202,7 @@ class Shooting:
         if (column := self.unknowns.column('bias')) >= 0:
             own[:, column] = weight
         columns = np.empty((len(time), 3 + self.count), np.int64)
-        columns[:, :3] = self.count + 5 * node[:, None] + np.array([_T, _X, _V])
+        columns[:, :3] = self.count + 5 * node[:, None] + np.array([T, X, V])
         columns[:, 3:] = np.arange(self.count)
         return _sparse(rates, columns, self.size)
 
@@ -409,14 +215,14 @@ class Shooting:
     def _times(self, u: Array) -> Array:
         shared, states = self.parts(u)
         delay = self.unknowns.value(shared, 'impact_delay')
-        fitted = states[self.impacts[self._timed], _T] + delay
+        fitted = states[self.impacts[self._timed], T] + delay
         measured = self.impact_times[self.course.measured[self._timed]]
         left: Array = (fitted - measured) / max(self.impact_deviation, 1e-12)
         return left
 
     def _time_rates(self) -> sparse.csr_array:
         nodes = self.impacts[self._timed]
-        columns = [self.count + 5 * nodes + _T]
+        columns = [self.count + 5 * nodes + T]
         if (delay := self.unknowns.column('impact_delay')) >= 0:
             columns.append(np.full(len(nodes), delay))
         shape = (len(nodes), len(columns))
@@ -431,19 +237,19 @@ class Shooting:
         rows[impact, _AT_V] = rows[impact, _AT_Y] = True
         rows[~impact & ~self._held, _LAST] = True
         rows.ravel()[self._void_rows] = False
-        others = np.zeros(len(self.firsts) + len(self._holds), bool)
+        others = np.zeros(len(self.firsts) + len(self.holds), bool)
         return np.concatenate([rows.ravel(), others])
 
     @cached_property
     def _held(self) -> NDArray[np.bool_]:
-        held: NDArray[np.bool_] = np.isfinite(self._held_at[self.ends])
+        held: NDArray[np.bool_] = np.isfinite(self.held_at[self.ends])
         return held
 
     @cached_property
     def law_flights(self) -> NDArray[np.int64]:
         """The flight to which each condition belongs if it is a law, else -1."""
-        flights = np.repeat(self._flight[self.ends - 1], 5)
-        others = np.full(len(self.firsts) + len(self._holds), -1)
+        flights = np.repeat(self.flight[self.ends - 1], 5)
+        others = np.full(len(self.firsts) + len(self.holds), -1)
         return np.where(self._law_rows, np.concatenate([flights, others]), -1)
 
     @cached_property
@@ -462,25 +268,25 @@ class Shooting:
         ends = self.ends
         grip, gap = self.unknowns.value(shared, 'grip'), self.unknowns.value(shared, 'gap')
         after, impact = states[ends], self.kind[ends] != 0
-        before = states[ends - 1], after[:, _T], ends - 1
+        before = states[ends - 1], after[:, T], ends - 1
         x, v, w, y = self._flown(self.vibration(shared), grip, *before)
-        jump = after[:, _V] - v
+        jump = after[:, V] - v
         alpha = shared[self.alpha_column[ends]]
         ratio = self.unknowns.rig.primary_mass / self.unknowns.rig.damper_mass
         values = np.empty((len(ends), 5))
-        values[:, _AT_X] = x - after[:, _X]
-        values[:, _AT_V] = np.where(impact, w - v - alpha * jump, v - after[:, _V])
-        thrown = after[:, _W] - v - (alpha - ratio) * jump
-        values[:, _AT_W] = np.where(impact, thrown, w - after[:, _W])
-        values[:, _AT_Y] = y - after[:, _Y]
+        values[:, _AT_X] = x - after[:, X]
+        values[:, _AT_V] = np.where(impact, w - v - alpha * jump, v - after[:, V])
+        thrown = after[:, W] - v - (alpha - ratio) * jump
+        values[:, _AT_W] = np.where(impact, thrown, w - after[:, W])
+        values[:, _AT_Y] = y - after[:, Y]
         values[:, _LAST] = np.where(
             impact,
-            after[:, _Y] - 0.5 * gap * self.kind[ends],
-            np.where(self._held, after[:, _T] - self._held_at[ends], w - v),
+            after[:, Y] - 0.5 * gap * self.kind[ends],
+            np.where(self._held, after[:, T] - self.held_at[ends], w - v),
         )
         values /= self._units
-        firsts = states[self.firsts, _Y] - 0.5 * gap * self.kind[self.firsts]
-        held = states[self._holds[:, 0], self._holds[:, 1]] - self._hold_values
+        firsts = states[self.firsts, Y] - 0.5 * gap * self.kind[self.firsts]
+        held = states[self.holds[:, 0], self.holds[:, 1]] - self._hold_values
         rows = values.ravel()
         rows[self._void_rows] = 0.0
         return np.concatenate([rows, firsts / self.length, held / self._hold_units])
@@ -489,7 +295,7 @@ class Shooting:
     def _void_rows(self) -> NDArray[np.int64]:
         """Conditions of flights that obey no law; zero, they demand nothing."""
         rows = np.zeros((len(self.ends), 5), bool)
-        void = self._lawless_ends & (self.kind[self.ends] != 0)
+        void = self.lawless_ends & (self.kind[self.ends] != 0)
         rows[void, _AT_V] = rows[void, _AT_Y] = True
         return np.flatnonzero(rows.ravel())
 
@@ -497,7 +303,7 @@ class Shooting:
     def _hold_units(self) -> Array:
         speed = self.length * self.rate
         units = np.array([1.0 / self.rate, self.length, speed, speed, self.length])
-        return units[self._holds[:, 1]]
+        return units[self.holds[:, 1]]
 
     def _end_rates(self, u: Array) -> tuple[Array, NDArray[np.int64], tuple[Array, Array]]:
         """
@@ -511,36 +317,36 @@ class Shooting:
         before, after = states[ends - 1], states[ends]
         n = len(ends)
         vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
-        flown = before, after[:, _T], ends - 1
+        flown = before, after[:, T], ends - 1
         x, v, w, _ = self._flown(vibration, grip, *flown)
         push, pull = self._pushes(grip, ends - 1)
-        span = after[:, _T] - before[:, _T]
+        span = after[:, T] - before[:, T]
         end = np.zeros((n, 4, 10 + count))
-        start = vibration.acceleration(before[:, _T], before[:, _X], before[:, _V], push)
-        last = vibration.acceleration(after[:, _T], x, v, push)
+        start = vibration.acceleration(before[:, T], before[:, X], before[:, V], push)
+        last = vibration.acceleration(after[:, T], x, v, push)
         ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
         direction, column = self.direction[ends - 1], self.unknowns.column('grip')
         grip_at = [10 + column] if column >= 0 else []
         for row, order in ((0, 0), (1, 1)):
             (by_x, by_v), by_push = _rates_of(vibration, span, order)
-            end[:, row, _T] = -(by_x * before[:, _V] + by_v * start)
-            end[:, row, _X], end[:, row, _V] = by_x, by_v
+            end[:, row, T] = -(by_x * before[:, V] + by_v * start)
+            end[:, row, X], end[:, row, V] = by_x, by_v
             end[:, row, grip_at] = (by_push * ratio * direction)[:, None]
-        end[:, 0, 5 + _T], end[:, 1, 5 + _T] = v, last
+        end[:, 0, 5 + T], end[:, 1, 5 + T] = v, last
         for column, step in self._varied.items():
             other = shared.copy()
             other[column] += step
             varied = self._flown(self.vibration(other), grip, *flown)
             end[:, 0, 10 + column] = (varied[0] - x) / step
             end[:, 1, 10 + column] = (varied[1] - v) / step
-        end[:, 2, _T], end[:, 2, 5 + _T], end[:, 2, _W] = -pull, pull, 1.0
+        end[:, 2, T], end[:, 2, 5 + T], end[:, 2, W] = -pull, pull, 1.0
         end[:, 2, grip_at] = -(direction * span)[:, None]
         end[:, 3] = -end[:, 0]
-        end[:, 3, _T] -= w
-        end[:, 3, 5 + _T] += w
-        end[:, 3, _W] += span
-        end[:, 3, _X] += 1.0
-        end[:, 3, _Y] += 1.0
+        end[:, 3, T] -= w
+        end[:, 3, 5 + T] += w
+        end[:, 3, W] += span
+        end[:, 3, X] += 1.0
+        end[:, 3, Y] += 1.0
         end[:, 3, grip_at] -= (0.5 * direction * span**2)[:, None]
         columns = np.empty((n, 10 + count), np.int64)
         columns[:, :5] = count + 5 * (ends - 1)[:, None] + np.arange(5)
@@ -557,32 +363,32 @@ class Shooting:
         ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
         rates = np.zeros((n, 5, 10 + count))
         rates[:, _AT_X] = end[:, 0]
-        rates[:, _AT_X, 5 + _X] -= 1.0
-        jump = after[:, _V] - v
+        rates[:, _AT_X, 5 + X] -= 1.0
+        jump = after[:, V] - v
         by_jump = -end[:, 1]
-        by_jump[:, 5 + _V] += 1.0
+        by_jump[:, 5 + V] += 1.0
         alpha = shared[self.alpha_column[ends]]
         hit = np.flatnonzero(impact)
         alpha_at = 10 + self.alpha_column[ends][hit]
         rates[:, _AT_V] = end[:, 1]
-        rates[:, _AT_V, 5 + _V] -= 1.0
+        rates[:, _AT_V, 5 + V] -= 1.0
         rates[hit, _AT_V] = (end[:, 2] - end[:, 1] - alpha[:, None] * by_jump)[hit]
         rates[hit, _AT_V, alpha_at] -= jump[hit]
         rates[:, _AT_W] = end[:, 2]
-        rates[:, _AT_W, 5 + _W] -= 1.0
+        rates[:, _AT_W, 5 + W] -= 1.0
         thrown = -end[:, 1] - (alpha - 1.0 / ratio)[:, None] * by_jump
         rates[hit, _AT_W] = thrown[hit]
-        rates[hit, _AT_W, 5 + _W] += 1.0
+        rates[hit, _AT_W, 5 + W] += 1.0
         rates[hit, _AT_W, alpha_at] -= jump[hit]
         rates[:, _AT_Y] = end[:, 3]
-        rates[:, _AT_Y, 5 + _Y] -= 1.0
+        rates[:, _AT_Y, 5 + Y] -= 1.0
         free = np.flatnonzero(~impact & ~self._held)
         held = np.flatnonzero(~impact & self._held)
         gap_at = 10 + self.unknowns.column('gap')
-        rates[hit, _LAST, 5 + _Y] = 1.0
+        rates[hit, _LAST, 5 + Y] = 1.0
         rates[hit, _LAST, gap_at] = -0.5 * self.kind[ends][hit]
         rates[free, _LAST] = (end[:, 2] - end[:, 1])[free]
-        rates[held, _LAST, 5 + _T] = 1.0
+        rates[held, _LAST, 5 + T] = 1.0
         rates /= self._units[:, :, None]
         width = 10 + count
         columns = np.broadcast_to(at[:, None], (n, 5, width)).reshape(-1, width)
@@ -597,15 +403,15 @@ class Shooting:
     def _other_rates(self) -> tuple[Array, NDArray[np.int64]]:
         """Return derivatives of the conditions of nodes that begin a part, or stay."""
         count, width = self.count, 10 + self.count
-        m, k = len(self.firsts), len(self._holds)
+        m, k = len(self.firsts), len(self.holds)
         rates, columns = np.zeros((m + k, width)), np.zeros((m + k, width), np.int64)
-        node = np.concatenate([self.firsts, self._holds[:, 0]])
+        node = np.concatenate([self.firsts, self.holds[:, 0]])
         columns[:, 5:10] = count + 5 * node[:, None] + np.arange(5)
         columns[:, :5] = columns[:, 5:10]
         columns[:, 10:] = np.arange(count)
-        rates[:m, 5 + _Y] = 1.0 / self.length
+        rates[:m, 5 + Y] = 1.0 / self.length
         rates[:m, 10 + self.unknowns.column('gap')] = -0.5 * self.kind[self.firsts] / self.length
-        rates[m + np.arange(k), 5 + self._holds[:, 1]] = 1.0 / self._hold_units
+        rates[m + np.arange(k), 5 + self.holds[:, 1]] = 1.0 / self._hold_units
         return rates, columns
 
 

@@ -122,22 +122,16 @@ def _acceleration(rig, time, x, v, samples, events):
     return np.where(mode >= 3, joint, free)
 
 
-def bounds_of(rig: RigParameters, measurement: Measurement) -> dict[str, float]:
-    """
-    Return the Cramer-Rao bounds of the deviations of `true_values`.
-
-    Those of an estimate that knows all impacts and reversals, and which of the measured times are
-    whose; flights in which m sticks count for nothing, as in the fit.
-    """
-    record, deviation, events = measurement
+def true_course(unknowns: Unknowns, measurement: Measurement) -> tuple[Record, Course]:
+    """Return the samples of a record, and the course of the motion as the events have it."""
+    record, _, events = measurement
+    rig = unknowns.rig
     hits = events[events['kind'] == EventKind.IMPACT]
     turns = events['time'][events['kind'] == EventKind.REVERSAL]
     sticks = events['time'][np.isin(events['kind'], (EventKind.STICK, EventKind.REST))]
-    unknowns = Unknowns(rig, False, ())
-    alpha = 1.0 / (unknowns.share * (1.0 + rig.restitution_1))
-    shared = unknowns.start(
-        rig.stiffness, rig.damping, np.full(2, alpha), rig.friction * rig.gravity, rig.gap
-    )
+    alphas = 1.0 / (unknowns.share * (1.0 + np.array([rig.restitution_1, rig.restitution_2])))
+    grip = rig.friction * unknowns.normal
+    shared = unknowns.start(rig.stiffness, rig.damping, alphas, grip, rig.gap)
     spans = list(pairwise(hits['time'].tolist()))
     begins = np.array([True, *(((sticks > low) & (sticks < high)).any() for low, high in spans)])
     reversals = [
@@ -147,10 +141,10 @@ def bounds_of(rig: RigParameters, measurement: Measurement) -> dict[str, float]:
     times = np.zeros(0) if record.impact_times is None else record.impact_times
     course = Course(
         shared,
-        hits['time'],
-        hits['x'],
-        hits['primary_velocity_after'],
-        hits['damper_velocity_after'],
+        hits['time'].copy(),
+        hits['x'].copy(),
+        hits['primary_velocity_after'].copy(),
+        hits['damper_velocity_after'].copy(),
         np.where(hits['stop'] == 1, 1, -1),
         begins,
         matched(hits['time'], times, 6.0 * DEVIATION),
@@ -158,12 +152,26 @@ def bounds_of(rig: RigParameters, measurement: Measurement) -> dict[str, float]:
         [np.zeros(len(turn), bool) for turn in reversals],
     )
     weight = np.ones(len(record.time))
-    samples = Record(record.time, record.motion, weight, ORDERS[record.quantity])
-    shooting = Shooting(samples, deviation, unknowns, course, times, DEVIATION)
+    return Record(record.time, record.motion, weight, ORDERS[record.quantity]), course
+
+
+def bounds_of(rig: RigParameters, measurement: Measurement) -> dict[str, float]:
+    """
+    Return the Cramer-Rao bounds of the deviations of `true_values`.
+
+    Those of an estimate that knows all impacts and reversals, and which of the measured times are
+    whose; flights in which m sticks count for nothing, as in the fit.
+    """
+    unknowns = Unknowns(rig, False, ())
+    samples, course = true_course(unknowns, measurement)
+    times = measurement.record.impact_times
+    times = np.zeros(0) if times is None else times
+    shooting = Shooting(samples, measurement.deviation, unknowns, course, times, DEVIATION)
     covariance = System(shooting.equations(shooting.start()), 1e-12).covariance(np.arange(5))
-    own = np.sqrt(np.diag(covariance))
-    scale = (1.0, 1.0, (1.0 + rig.restitution_1) / alpha, 1.0 / rig.gravity, 1.0)
-    return dict(zip(true_values(rig), (own * scale).tolist(), strict=True))
+    scale = (1.0, 1.0, (1.0 + rig.restitution_1) / course.shared[2], 1.0 / rig.gravity, 1.0)
+    return dict(
+        zip(true_values(rig), (np.sqrt(np.diag(covariance)) * scale).tolist(), strict=True)
+    )
 
 
 def true_values(rig: RigParameters) -> dict[str, float]:

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Flights that contradict all others: by the test of Lagrange multipliers, or by their residuals.
+
+They are cut before anything is replayed, since they would spoil the parameters, and with these the
+replay of every other flight.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .gauss_newton import Solution, gains_of_release, solve
+from .relaxation import Problem
+from .shooting import Shooting
+from .vibration import Array
+
+#: A fall of the sum of squares beyond which the laws of a flight are not believed.
+MOST_GAIN = 20.0
+#: Fall of the sum of squares at which a fit with soft laws ends, and most steps of it.
+_ROUGH, _ROUGH_STEPS = 1.0, 12
+#: Median of the square of a normal variable; residuals of a flight that are too large, in standard
+#: deviations of their sum of squares.
+_MEDIAN, _LARGE = 0.4549, 6.0
+#: Fall of the sum of squares for which a flight is cut before any replay, and how often.
+_CONTRADICTION, _MOST_RELEASES = 100.0, 6
+
+
+def gains_of(shooting: Shooting, solution: Solution) -> Array:
+    """
+    Return how much each flight costs: its laws, or residuals of its own that are too large.
+
+    A flight of n samples has n squares, with a deviation of sqrt(2 n).
+    """
+    gains = gains_of_release(shooting, solution)
+    n = len(shooting.record.time)
+    residual = solution.equations.residual[:n]
+    counts = shooting.motion(solution.unknowns)[1]
+    flight = np.searchsorted(shooting.course_of(solution.unknowns).time, shooting.record.time) - 1
+    inside = counts & (flight >= 0) & (flight < len(gains))
+    sums = np.bincount(flight[inside], residual[inside] ** 2, len(gains))
+    sizes = np.bincount(flight[inside], minlength=len(gains))
+    level = max(1.0, float(np.median(residual[inside] ** 2)) / _MEDIAN) if inside.any() else 1.0
+    excess = sums / level - sizes
+    too_large = excess > _LARGE * np.sqrt(2.0 * np.maximum(sizes, 1))
+    return np.maximum(gains, np.where(too_large, excess, 0.0))
+
+
+def to_release(gains: Array, limit: float) -> dict[int, float]:
+    """Return the flights whose laws are not believed, the worst ones of neighbours."""
+    chosen: dict[int, float] = {}
+    order = np.argsort(gains)[::-1][:3]
+    top = float(gains[order[0]]) if len(order) else 0.0
+    for k in map(int, order):
+        if gains[k] > max(limit, 0.5 * top) and not {k - 1, k + 1} & set(chosen):
+            chosen[k] = float(gains[k])
+    return chosen
+
+
+def _solved(shooting: Shooting) -> Solution:
+    """Return the fit of a course, made roughly with soft laws first."""
+    rough = solve(shooting, shooting.start(), soft=1.0, most=_ROUGH_STEPS, least_gain=_ROUGH)
+    return solve(shooting, rough.unknowns)
+
+
+def without_contradictions(
+    problem: Problem, shooting: Shooting, why_cut: dict[int, str], *, softly: bool
+) -> tuple[Shooting, Solution, Array]:
+    """
+    Fit a course, and cut flights that contradict all others; `softly` at first with soft laws.
+
+    Returns the equations of the course, their solution and what each flight costs.
+    """
+    solution = _solved(shooting) if softly else solve(shooting, shooting.start())
+    gains = gains_of(shooting, solution)
+    for _ in range(_MOST_RELEASES):
+        chosen = to_release(gains, _CONTRADICTION)
+        if not chosen:
+            break
+        course = shooting.course_of(solution.unknowns)
+        for k, gain in chosen.items():
+            course.begins[k + 1] = True
+            course.reversals[k], course.held[k] = np.zeros(0), np.zeros(0, bool)
+            why_cut[k + 1] = f'its laws cost {gain:.0f} in the sum of squares'
+        shooting = problem(course)
+        solution = _solved(shooting)
+        gains = gains_of(shooting, solution)
+    return shooting, solution, gains

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Motion between the nodes of a course, from the states at the nodes and the shared unknowns."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .course import Course
+from .nodes import Nodes, T, V, W, X, Y
+from .partition import Record
+from .unknowns import Unknowns
+from .vibration import Array, Vibration
+
+
+class NodeMotion(Nodes):
+    """
+    The motion of one course as a function of the unknowns.
+
+    Parameters
+    ----------
+    record : Record
+        The measured motion.
+    unknowns : Unknowns
+        What is shared.
+    course : Course
+        The motion; its numbers are the first guess.
+    impact_times : ndarray
+        Measured instants of impacts.
+    weight : ndarray
+        Of each sample, 0 where it is not used.
+    """
+
+    def __init__(
+        self,
+        record: Record,
+        unknowns: Unknowns,
+        course: Course,
+        impact_times: Array,
+        weight: Array,
+    ) -> None:
+        super().__init__(course)
+        self.record, self.unknowns, self.impact_times = record, unknowns, impact_times
+        self._weight = weight
+        self.count = len(unknowns.names)
+        self.size = self.count + 5 * self.count_of_nodes
+        self._hold_values = np.zeros(len(self.holds))
+
+    @property
+    def alpha_column(self) -> NDArray[np.int64]:
+        """Where the alpha of the stop hit at each node stands."""
+        first, second = self.unknowns.alpha_columns()
+        return np.where(self.kind == -1, second, first)
+
+    def start(self) -> Array:
+        """Return the unknowns of the course; states at reversals are those of the flights."""
+        course, n = self.course, self.count_of_nodes
+        states = np.zeros((n, 5))
+        at = self.impacts
+        states[at, T], states[at, X] = course.time, course.x
+        states[at, V], states[at, W] = course.velocity, course.damper_velocity
+        gap = self.unknowns.value(course.shared, 'gap')
+        states[at, Y] = 0.5 * gap * course.stop
+        states[self.kind == 0, T] = np.concatenate([*course.reversals, np.zeros(0)])
+        vibration = self.vibration(course.shared)
+        grip = self.unknowns.value(course.shared, 'grip')
+        for i in np.flatnonzero(self.kind == 0):
+            before, node = states[i - 1 : i], np.array([i - 1])
+            ends = self._flown(vibration, grip, before, states[i : i + 1, T], node)
+            states[i, X:] = np.concatenate(ends)
+        self._hold_values = states[self.holds[:, 0], self.holds[:, 1]]
+        return np.concatenate([course.shared, states.ravel()])
+
+    def course_of(self, u: Array) -> Course:
+        """Return the course with the numbers of unknowns."""
+        shared, states = self.parts(u)
+        course = self.course.copy()
+        course.shared = shared.copy()
+        at = states[self.impacts]
+        course.time, course.x = at[:, T].copy(), at[:, X].copy()
+        course.velocity, course.damper_velocity = at[:, V].copy(), at[:, W].copy()
+        turns = np.flatnonzero(self.kind == 0)
+        for k in range(len(course) - 1):
+            course.reversals[k] = states[turns[self.flight[turns] == k], T].copy()
+        return course
+
+    def times_of_impacts(self, shared: Array) -> Array:
+        """Return the measured instants of impacts on the clock of the motion."""
+        return self.impact_times - self.unknowns.value(shared, 'impact_delay')
+
+    def parts(self, u: Array) -> tuple[Array, Array]:
+        """Return the shared unknowns and the states (n, 5)."""
+        return u[: self.count], u[self.count :].reshape(-1, 5)
+
+    def vibration(self, shared: Array) -> Vibration:
+        """Return the vibration of M of shared unknowns."""
+        unknowns = self.unknowns
+        delay = unknowns.value(shared, 'force_delay')
+        return Vibration.of(unknowns.rig, float(shared[0]), float(shared[1]), delay)
+
+    def _pushes(self, grip: float, node: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the constant accelerations of M and of m after nodes."""
+        own = self.direction[node] * grip + self.last_stop[node] * self.unknowns.air
+        ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
+        return ratio * own, self.unknowns.slope - own
+
+    def _flown(
+        self,
+        vibration: Vibration,
+        grip: float,
+        before: Array,
+        time: Array,
+        node: NDArray[np.int64],
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return X, X', Z' and Y at times in the flights after nodes, from the states there."""
+        span = time - before[:, T]
+        push, pull = self._pushes(grip, node)
+        x, v = vibration.later(before[:, T], before[:, X], before[:, V], push, span)
+        w = before[:, W] + pull * span
+        moved = (before[:, W] + 0.5 * pull * span) * span
+        return x, v, w, before[:, Y] + before[:, X] + moved - x
+
+    def _measured(
+        self,
+        vibration: Vibration,
+        grip: float,
+        states: Array,
+        node: NDArray[np.int64],
+        time: Array,
+    ) -> Array:
+        """Return the measured quantity at times in the flights after nodes."""
+        at = states[node]
+        push, _ = self._pushes(grip, node)
+        x, v = vibration.later(at[:, T], at[:, X], at[:, V], push, time - at[:, T])
+        if self.record.order == 0:
+            return x
+        if self.record.order == 1:
+            return v
+        return vibration.acceleration(time, x, v, push)
+
+    def motion(self, u: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the fitted signal at all samples, NaN where there is none, and which count."""
+        shared, states = self.parts(u)
+        node, inside = self._node_of_samples(states)
+        vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
+        signal = self._measured(vibration, grip, states, node, self.record.time)
+        signal = self._sensed(shared, signal)
+        return np.where(inside, signal, np.nan), inside & (self._weight > 0.0)
+
+    def _sensed(self, shared: Array, signal: Array) -> Array:
+        """Return what the sensor shows of a signal."""
+        value = self.unknowns.value
+        return value(shared, 'gain') * signal + value(shared, 'bias')
+
+    def _node_of_samples(self, states: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the node before each sample, and whether its flight counts."""
+        found = np.searchsorted(states[:, T], self.record.time, side='right') - 1
+        node = np.clip(found, 0, self.count_of_nodes - 1)
+        return node, (found >= 0) & self.counts_after[node]
+
+    def before_nodes(self, u: Array) -> tuple[Array, Array, Array, Array]:
+        """Return X, X', Z' and Y just before all nodes but the first."""
+        shared, states = self.parts(u)
+        grip, node = self.unknowns.value(shared, 'grip'), np.arange(self.count_of_nodes - 1)
+        return self._flown(self.vibration(shared), grip, states[:-1], states[1:, T], node)
+
+    def jumps(self, u: Array) -> Array:
+        """Return the jump of X' at each impact; 0 where a part begins."""
+        jump = np.zeros(len(self.course))
+        inner = self.impacts[~self.course.begins]
+        jump[~self.course.begins] = self.parts(u)[1][inner, V] - self.before_nodes(u)[1][inner - 1]
+        return jump

@@ -1,0 +1,51 @@
+"""The equations of the fit: the engine's motion obeys them, and their derivatives are right."""
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.fit.shooting import Shooting
+from impact_damper_ros.fit.unknowns import EXTRAS, Unknowns
+
+from .random_rigs import DEVIATION, measure, random_rig, true_course
+
+
+@pytest.mark.parametrize('quantity', ['displacement', 'velocity', 'acceleration'])
+def test_the_exact_motion_obeys_all_laws_and_derivatives_are_those_of_differences(quantity):
+    rng = np.random.default_rng(101)
+    rig = random_rig(rng).replace(air_force=0.02, angle=0.01)
+    measurement = measure(rig, rng, impacts=30, quantity=quantity)
+    unknowns = Unknowns(rig, True, EXTRAS)
+    record, course = true_course(unknowns, measurement)
+    times = measurement.record.impact_times
+    shooting = Shooting(record, measurement.deviation, unknowns, course, times, DEVIATION)
+    u = shooting.start()
+    # In standard deviations of the data
+    assert np.abs(shooting.residual(u)[1]).max() < 1e-6
+    if quantity != 'acceleration':
+        data = shooting.residual(u)[0][: len(record.time)]
+        assert np.sqrt(np.mean(data**2)) == pytest.approx(1.0, abs=0.15)
+    # Also with parts that begin anew, reversals that are held, and flights of M alone
+    course.begins[[5, 6, 20]] = True
+    course.lawless[[10, 11]] = True
+    for k in range(12, 18):
+        course.held[k][:] = True
+    shooting = Shooting(record, measurement.deviation, unknowns, course, times, DEVIATION)
+    u = shooting.start()
+    speed = rig.gap * shooting.rate
+    sizes = np.concatenate(
+        [
+            np.abs(course.shared) + 1e-3,
+            np.tile(
+                [1.0 / shooting.rate, rig.gap, speed, speed, rig.gap], shooting.count_of_nodes
+            ),
+        ]
+    )
+    u += 1e-4 * sizes * rng.normal(size=len(u))
+    for soft in (0.0, 7.0):
+        equations = shooting.equations(u, soft)
+        for _ in range(3):
+            way, step = sizes * rng.normal(size=len(u)), 1e-6
+            after, before = (shooting.residual(u + sign * step * way, soft) for sign in (1, -1))
+            for k, rates in enumerate((equations.residual_rates, equations.condition_rates)):
+                wanted = (after[k] - before[k]) / (2.0 * step)
+                np.testing.assert_allclose(rates @ way, wanted, atol=3e-6 * np.abs(wanted).max())
