@@ -214,7 +214,7 @@ def fit_rig(
     try:
         course = first_course(record, unknowns, noise, times, measured.impact_deviation)
         course = relaxed(course, problem, timed=len(times) > 0)
-        noise = _noise(problem(course), rough)
+        noise = max(_noise(problem(course), rough), least)
         found = revised(course, problem, report=report)
     except UnfitRecordError as error:
         return _refused(measured, [str(error)])
