@@ -22,7 +22,12 @@ FILE = SOURCE / 'config' / 'bench_rig.yaml'
 @pytest.fixture(scope='module')
 def node(tmp_path_factory):
     process = SimProcess(
-        tmp_path_factory.mktemp('node'), ('__ns:=/bench',), parameters_file=FILE, state_rate=100.0
+        tmp_path_factory.mktemp('node'),
+        ('__ns:=/bench',),
+        parameters_file=FILE,
+        state_rate=100.0,
+        # Stamps are those of the rig, also where the machine stands still for a moment
+        publish_clock=True,
     )
     yield process
     process.kill()
