@@ -9,6 +9,7 @@ fit worse is undone.
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,8 @@ MOST_ROUNDS = 14
 EXACT = 5e-2
 #: Rise of chi that undoes a round, and how often that is done.
 _WORSE, _MOST_UNDONE = 1.15, 3
+#: Rounds that may begin with one course; what is cut twice at an instant stays cut.
+_MOST_REPEATS = 3
 #: A replay ends at the impact if it is there within this many samples or this part of a period,
 #: or within this many deviations of a measured time.
 _SAMPLES, _PART, _DEVIATIONS = 1.2, 0.025, 4.0
@@ -92,7 +95,7 @@ def revised(course: Course, problem: Problem, *, report: bool = False) -> Revise
     undone = 0
     gains_now: dict[int, float] = {}
     kept: Revised | None = None
-    seen: set[object] = set()
+    seen: Counter[object] = Counter()
     for number in range(MOST_ROUNDS):
         turn = ReplayedCourse(course, shooting, memory, gains_now, tolerance)
         proposed = turn.revise()
@@ -100,9 +103,10 @@ def revised(course: Course, problem: Problem, *, report: bool = False) -> Revise
             return kept._replace(
                 unchanged=kept.solution.broken < EXACT, rounds=number, why_cut=turn.why_cut
             )
-        if kept and (proposed.structure, tuple(gains_now)) in seen:
+        state = proposed.structure, tuple(gains_now)
+        seen[state] += 1
+        if kept and seen[state] > _MOST_REPEATS:
             break  # rounds alternate
-        seen.add((proposed.structure, tuple(gains_now)))
         shooting = problem(proposed)
         shooting, solution, gains = without_contradictions(
             problem, shooting, turn.why_cut, softly=True
