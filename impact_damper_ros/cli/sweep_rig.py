@@ -35,7 +35,7 @@ from impact_damper_ros.sweep import (
     sweep,
 )
 from impact_damper_ros.sweep.execution import MOST_JOBS
-from impact_damper_ros.sweep.grid import Follow
+from impact_damper_ros.sweep.grid import Follow, unit_from_text
 from impact_damper_ros.sweep.part_file import part_path
 from impact_damper_ros.sweep.table import FORMATS, check_format
 
@@ -219,6 +219,7 @@ def _grid(arguments: argparse.Namespace) -> Grid:
         *(parameters, initial, control, '' if law is None else law.name),
         follow=arguments.follow,
         settling=settling,
+        units=dict(zip(axes, map(unit_from_text, arguments.vary), strict=True)),
         **axes,
     )
 

@@ -370,6 +370,13 @@ class StretchComparison(LoggedStretch):
     #: For plots.
     curves: StretchCurves = field(default_factory=StretchCurves)
 
+    def __repr__(self) -> str:
+        """Return extent, motion and verdict in a line."""
+        return (
+            f'<StretchComparison {self.number}: {self.start:.6g} to {self.end:.6g} s, '
+            f'{self.kind.value}, {self.verdict.value}>'
+        )
+
     @property
     def stops(self) -> tuple[int, ...]:
         """Stops hit in a measured period; empty if the motion is not periodic."""
@@ -423,6 +430,12 @@ class RunComparison:
     faults: tuple[str, ...] = ()
     #: Other facts about the recording.
     remarks: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return recording and verdicts in a line."""
+        verdicts = ', '.join(stretch.verdict.value for stretch in self.stretches[:6])
+        more = ', ...' * (len(self.stretches) > 6)
+        return f'<RunComparison of {self.bag}: {verdicts}{more}; log {self.log.text}>'
 
     @property
     def exit_code(self) -> int:

@@ -152,6 +152,23 @@ def _vibration(stretch: RecordedStretch, *, joined: bool) -> float | None:
     return float((np.abs(amplitudes[active]) / stiffness[active]).sum()) + rest
 
 
+def _free_vibration(stretch: RecordedStretch, *, joined: bool) -> float:
+    """Return the amplitude at the end of what has not died out beside the steady X, m."""
+    rig, flights = stretch.parameters, stretch.flights
+    mass = rig.primary_mass + (rig.damper_mass if joined else 0.0)
+    last, tau = np.array([len(flights) - 1]), flights.spans[-1:]
+    steady, speed = (flights.laws.push / flights.laws.stiffness)[last], 0.0
+    for number, amplitude in enumerate(rig.harmonics[0]):
+        if amplitude:
+            force, rate = flights.line(number, last)
+            dynamic = rig.stiffness - mass * rate**2 + 1j * rig.damping * rate
+            moved = force * np.exp(1j * rate * tau) / dynamic
+            steady, speed = steady + moved.imag, speed + rate * moved.real
+    end = flights.rows[-1:]
+    x, velocity = end['x'] - steady, end['primary_velocity_after'] - speed
+    return float(np.hypot(x, velocity / math.sqrt(rig.stiffness / mass))[0])
+
+
 def _judged_vibration(stretch: RecordedStretch, x_max: float, cycle: float) -> _Judgement:
     """Judge a motion without impacts by the rig that is run on from its end."""
     rig = stretch.parameters
@@ -163,10 +180,8 @@ def _judged_vibration(stretch: RecordedStretch, x_max: float, cycle: float) -> _
         text = 'm slides without impacts: theory does not cover such a motion'
         return _Judgement(Verdict.NO_PREDICTION, text)
     section = later.section
-    scale = expected * np.array([1.0, math.tau / cycle])
     hits = later.impacts if later.period is None else []
-    last = section[-1] if not hits else section[0]
-    left = float(np.abs((section[0] - last)[:2] / scale).max()) if expected else math.inf
+    left = _free_vibration(stretch, joined=joined) / expected if expected else math.inf
     how = 'with m on it' if joined else 'without m'
     text = (
         f'M vibrates {how}: largest |X| {x_max:.7g} m, predicted {expected:.7g} m; the free '

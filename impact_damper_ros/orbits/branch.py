@@ -12,9 +12,11 @@ from itertools import groupby
 from operator import attrgetter
 from typing import NamedTuple
 
+from impact_damper_ros.parameters.quoting import counted, shown, similar_names
+
 from .orbit import PeriodicOrbit
 from .search import SAME
-from .solution_curve import Piece
+from .solution_curve import Piece, number_of
 
 
 class SpecialKind(Enum):
@@ -94,6 +96,20 @@ class SpecialPoint:
     reason: str = ''
 
 
+#: Numbers of a motion by which it may be the best.
+_MEASURES = ('x_max', 'amplitude_ratio', 'impacts', 'cycles', 'period', 'residual')
+
+
+def _measure(name: str) -> Callable[[PeriodicOrbit], float]:
+    """Return the reader of a number of motions; raise ValueError where they have none."""
+    if name not in _MEASURES:
+        close = similar_names(name, _MEASURES)
+        hint = f'did you mean {close}? There are {", ".join(_MEASURES)}' if close else ''
+        hint = hint or f'give one of {", ".join(_MEASURES)}'
+        raise ValueError(f'measure is {shown(name)}: {hint}, or a function of the motion')
+    return attrgetter(name)
+
+
 #: Error of the place of the best motion, as a share of a step of the branch.
 _NARROW = 1e-6
 
@@ -122,6 +138,18 @@ class Branch:
     ended: str
     began: str = ''
     _pieces: tuple[Piece, ...] = field(default=(), repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        """Return the branch in a line."""
+        if not self.points:
+            return f'<Branch: no motions, {self.name} varied; {self.ended}>'
+        low, high = min(self.values), max(self.values)
+        special = ', '.join(f'{p.kind.value} at {p.value:.6g}' for p in self.special[:4])
+        more = f' and {len(self.special) - 4} more' if len(self.special) > 4 else ''
+        return (
+            f'<Branch: {counted(len(self.points), "motion")}, {self.name} from {low:.6g} to '
+            f'{high:.6g}; {special or "no special points"}{more}>'
+        )
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -158,14 +186,14 @@ class Branch:
             first, *others = steps
             yield status, slice(first, first + len(others) + 2)
 
-    def at(self, values: Sequence[float]) -> list[tuple[PeriodicOrbit, ...]]:
+    def at(self, values: Sequence[float | str]) -> list[tuple[PeriodicOrbit, ...]]:
         """
         Return the motions of the branch at some values of the parameter.
 
         Parameters
         ----------
-        values : sequence of float
-            The values.
+        values : sequence of float or str
+            The values, in SI units or with one, as ``'20 mm'``.
 
         Returns
         -------
@@ -174,7 +202,7 @@ class Branch:
             reach, several where it turns.
         """
         motions: list[tuple[PeriodicOrbit, ...]] = []
-        for value in values:
+        for value in (number_of(self.name, value) for value in values):
             at_value: list[PeriodicOrbit] = []
             for piece in self._pieces:
                 low, high = sorted(piece.values)
@@ -202,11 +230,15 @@ class Branch:
         BranchPoint or None
             The best of the points, refined between its neighbours; None if no motion of the
             branch is stable and viable. `change_at` says what limits it.
+
+        Raises
+        ------
+        ValueError
+            If motions have no such number.
         """
         from scipy.optimize import minimize_scalar
 
-        size: Callable[[PeriodicOrbit], float]
-        size = attrgetter(measure) if isinstance(measure, str) else measure
+        size = _measure(measure) if isinstance(measure, str) else measure
         fit = [point for point in self.points if _performed(point.orbit)]
         if not fit:
             return None

@@ -45,7 +45,7 @@ from .branch import (
     SpecialPoint,
 )
 from .orbit import PeriodicOrbit
-from .solution_curve import LOCATED, CurvePoint, Path, Piece, SolutionCurve, Steps
+from .solution_curve import LOCATED, CurvePoint, Path, Piece, SolutionCurve, Steps, range_of
 from .solved_orbits import performed
 
 #: How far a multiplier may be from where it should be at a special point, and at a guess of one.
@@ -352,8 +352,8 @@ def _with_special_points(branch: Branch, between: Sequence[Piece]) -> Branch:
 def follow(
     orbit: PeriodicOrbit,
     path: Path,
-    low: float,
-    high: float,
+    low: float | str,
+    high: float | str,
     *,
     start: float | None = None,
     largest_step: float = 0.05,
@@ -369,8 +369,9 @@ def follow(
     path : str or callable
         The parameter that varies: a number of `RigParameters`, the first entry of an array, or
         'restitution' for both coefficients; or a function that returns the rig at a number.
-    low, high : float
-        Range of the parameter. The branch may turn within it.
+    low, high : float or str
+        Range of the parameter, in SI units or with one, as ``'20 mm'``. The branch may turn
+        within it.
     start : float, optional
         Where a function returns the rig of the motion; `low` or `high`, if not given.
     largest_step : float, optional
@@ -399,6 +400,7 @@ def follow(
     >>> round(branch.best('x_max').value, 3)
     58.128
     """
+    low, high = range_of(path, low, high)
     along = Steps(path, low, high, start, largest_step, most_points)
     down, up = (_one_way(orbit, along, upwards) for upwards in (False, True))
     if not down.points or down.ended == CLOSES:
@@ -422,8 +424,8 @@ def _one_way(orbit: PeriodicOrbit, along: Steps, upwards: bool) -> Branch:
 def switch_branch(
     special: SpecialPoint,
     path: Path,
-    low: float,
-    high: float,
+    low: float | str,
+    high: float | str,
     *,
     mirrored: bool = False,
     largest_step: float = 0.05,
@@ -455,6 +457,7 @@ def switch_branch(
     """
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')
+    low, high = range_of(path, low, high)
     along = Steps(path, low, high, special.value, largest_step, most_points)
     value = along.value(special.orbit.parameters)
     if value != special.value:

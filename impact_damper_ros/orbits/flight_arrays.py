@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind
 from impact_damper_ros.motion.state import STICK
+from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Events, Outcome, Rig
 from impact_damper_ros.rig.runaway import RunawayError
@@ -235,6 +236,14 @@ class Flights:
     def __len__(self) -> int:
         return len(self.rows) - 1
 
+    def __repr__(self) -> str:
+        """Return from when to when they are, and how many impacts they have."""
+        start, end = self.rows['time'][[0, -1]] if len(self.rows) else (0.0, 0.0)
+        return (
+            f'<Flights: {len(self)} from {start:.6g} to {end:.6g} s, '
+            f'{counted(len(self.impacts), "impact")}>'
+        )
+
     def __getitem__(self, chosen: slice) -> Flights:
         begin, end, _ = chosen.indices(len(self))
         columns = (getattr(self, f.name)[begin : end + 1] for f in fields(self)[3:])
@@ -296,7 +305,7 @@ class Flights:
     def _harmonics(self) -> tuple[tuple[float, ...], ...]:
         return self.rig.harmonics
 
-    def _line(self, number: int, index: NDArray[np.intp]) -> tuple[NDArray[np.complex128], Array]:
+    def line(self, number: int, index: NDArray[np.intp]) -> tuple[NDArray[np.complex128], Array]:
         """Return the phasor of a harmonic where flights begin, N, and its frequency, rad/s."""
         assert self.drive is not None
         amplitude: Any
@@ -315,7 +324,7 @@ class Flights:
         """Return b, b' and b'' in flights, times (s) after their beginnings."""
         base = np.zeros((3, len(index)))
         for number in range(*self.rig.base_rows.indices(len(self._harmonics[0]))):
-            force, driven = self._line(number, index)
+            force, driven = self.line(number, index)
             # The force is K b + C b'
             line = force / (self.rig.stiffness + 1j * self.rig.damping * driven)
             line *= np.exp(1j * driven * tau)
@@ -337,7 +346,7 @@ class Flights:
         for j, amplitude in enumerate(self._harmonics[0]):
             if amplitude == 0.0:
                 continue
-            turned, driven = self._line(j, index)
+            turned, driven = self.line(j, index)
             place, speed = forced_response(decay, damped, driven, tau)
             x = x + share * (turned * place).imag
             velocity = velocity + share * (turned * speed).imag

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, Self
 
 from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .arguments import single_harmonic
@@ -16,6 +17,9 @@ from .arguments import single_harmonic
 #: A multiplier whose modulus is nearer to 1 is on the unit circle: round-off leaves half of the
 #: digits of a double one.
 NEUTRAL = 1e-6
+
+#: Stops that are named in a line.
+_SHOWN = 12
 
 #: What a motion has one of for each impact, beside the stop and the phase.
 AT_IMPACTS = (
@@ -203,6 +207,15 @@ class PeriodicOrbit(Rhythm):
     residual: float
     residual_history: tuple[float, ...]
     events: tuple[OrbitEvent, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return the motion in a line."""
+        stops = ','.join(map(str, self.stops[:_SHOWN])) + ',...' * (self.impacts > _SHOWN)
+        viable = 'viable' if self.viable else f'not viable: {self.reason}'
+        return (
+            f'<PeriodicOrbit: stops {stops} in {counted(self.cycles, "cycle")}, '
+            f'{self.stability}, {viable}; largest |X| {self.x_max:.6g} m>'
+        )
 
     @property
     def stable(self) -> bool:

@@ -165,6 +165,13 @@ class Period:
     tolerance: float
     floor: float
 
+    def __repr__(self) -> str:
+        """Return the period in a line."""
+        return (
+            f'<Period: {self.cycles} cycles, {self.rows} rows; the last two differ by '
+            f'{self.level:.1e}>'
+        )
+
     @property
     def level(self) -> float:
         """Distance of the last two periods."""

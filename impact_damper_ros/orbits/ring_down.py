@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 from impact_damper_ros.rig.rig import Rig
@@ -64,6 +65,11 @@ class Cycles:
 
     time: Array
     velocity: Array
+
+    def __repr__(self) -> str:
+        """Return how many there are, and from which velocity on."""
+        first = f' from {self.velocity[0]:.6g} m/s' if len(self.velocity) else ''
+        return f'<Cycles: {len(self.loss)}{first}>'
 
     @property
     def loss(self) -> Array:
@@ -149,6 +155,13 @@ class RingDown:
     parameters: RigParameters
     amplitude: float
     runs: tuple[Cycles, ...]
+
+    def __repr__(self) -> str:
+        """Return the ring-downs in a line."""
+        return (
+            f'<RingDown: {counted(len(self.loss), "cycle")} of '
+            f'{counted(len(self.runs), "release")}, from {self.amplitude:.6g} m down>'
+        )
 
     @cached_property
     def velocity(self) -> Array:

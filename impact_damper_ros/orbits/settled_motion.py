@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impact_damper_ros.motion.event import EVENT_TYPE, Event, EventKind, events_of_table
+from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Events, Outcome, Rig
 
@@ -155,6 +156,15 @@ class SettledMotion:
     _last: Events
     _drive: Drive
     _active: float
+
+    def __repr__(self) -> str:
+        """Return the motion in a line."""
+        text = f'<SettledMotion: {self.kind.value}'
+        if self.rhythm is not None:
+            text += f', {counted(self.rhythm.impacts, "impact")} in '
+            text += counted(self.rhythm.cycles, 'cycle')
+        text += f' after {counted(self.cycles, "cycle")}; largest |X| {self.x_max:.6g} m'
+        return f'{text}; {self.reason}>' if self.reason else f'{text}>'
 
     @property
     def end(self) -> float:

@@ -21,7 +21,7 @@ from impact_damper_ros.parameters.parameter_spec import (
     number_between,
     whole_number,
 )
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import shown, similar_names
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
 
 from .arguments import OrbitError, check_forcing, single_harmonic
@@ -42,10 +42,12 @@ _VARIABLE = [
 
 
 def _check_name(name: str) -> None:
-    if not isinstance(name, str) or name not in (*_VARIABLE, BOTH_RESTITUTIONS):
+    known = (*_VARIABLE, BOTH_RESTITUTIONS)
+    if name not in known:
+        close = similar_names(name, known)
+        hint = f'did you mean {close}? There are ' if close else 'give one of '
         raise OrbitError(
-            f'{shown(name)} cannot be varied: give one of {", ".join(_VARIABLE)}, or '
-            f'{BOTH_RESTITUTIONS}'
+            f'{shown(name)} cannot be varied: {hint}{", ".join(_VARIABLE)}, or {BOTH_RESTITUTIONS}'
         )
 
 
@@ -65,6 +67,14 @@ def value_of(parameters: RigParameters, name: str) -> float:
     return float(value[0] if isinstance(value, tuple) else value)
 
 
+def number_of(name: str, value: float | str) -> float:
+    """Return a value of a parameter that may be a text with a unit, in SI."""
+    if not isinstance(value, str):
+        return value
+    spec = PARAMETER_SPECS.get('restitution_1' if name == BOTH_RESTITUTIONS else name)
+    return float(value) if spec is None else spec.in_si(value)
+
+
 def with_value(parameters: RigParameters, name: str, value: float) -> RigParameters:
     """Return the rig with one parameter, as `value_of` names it, changed."""
     if name == BOTH_RESTITUTIONS:
@@ -77,6 +87,14 @@ def with_value(parameters: RigParameters, name: str, value: float) -> RigParamet
 
 #: A parameter by its name, or the rig as a function of a number.
 Path = str | Callable[[float], RigParameters]
+
+
+def range_of(path: Path, low: float | str, high: float | str) -> tuple[float, float]:
+    """Return the ends of a range, each of which may be a text with a unit, in SI."""
+    name = path if isinstance(path, str) else ''
+    if name:
+        _check_name(name)
+    return number_of(name, low), number_of(name, high)
 
 
 @dataclass(frozen=True)
@@ -92,8 +110,10 @@ class Steps:
 
     def __post_init__(self) -> None:
         """Check the range."""
-        if not callable(self.path):
+        if isinstance(self.path, str):
             _check_name(self.path)
+        elif not callable(self.path):
+            raise OrbitError(f'path is {shown(self.path)}: give a name, or a function of a number')
         text = f'{self.name} from {self.low:.9g} to {self.high:.9g}'
         if not -math.inf < self.low < self.high < math.inf:
             raise OrbitError(f'{text} is no range: give two numbers, the low end first')

@@ -15,7 +15,7 @@ from itertools import islice
 from math import inf, isfinite, nan
 from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias
 
-from .quoting import shown
+from .quoting import named, shown, similar_names
 from .units import UNITS, USUAL, in_si, split_number
 
 Value: TypeAlias = float | bool | int | str | tuple[float, ...]
@@ -343,6 +343,14 @@ class ParameterTable:
     __slots__ = ()
     #: What they are the parameters of.
     _owner: ClassVar[str] = ''
+    #: What to do with names that are none of them.
+    _remedies: ClassVar[dict[str, str]] = {}
+
+    def __new__(cls, **values: Any) -> Self:
+        """Refuse unknown names; Python's own message names no remedy."""
+        for name in values:
+            cls._check_name(name)
+        return object.__new__(cls)
 
     def __post_init__(self) -> None:
         """Replace every value by its checked one."""
@@ -363,8 +371,7 @@ class ParameterTable:
             If a name is unknown or the changed table is not admissible.
         """
         for name in changes:
-            if name not in specs_of(type(self)):
-                raise ParameterError(name, f'{name} is not a parameter of {self._owner}')
+            self._check_name(name)
         table = object.__new__(type(self))
         for name, spec in specs_of(type(self)).items():
             # What is kept has been checked.
@@ -372,6 +379,21 @@ class ParameterTable:
             object.__setattr__(table, name, value)
         table._check()
         return table
+
+    @classmethod
+    def _check_name(cls, name: str) -> None:
+        """Raise `ParameterError` if there is no such parameter."""
+        if name not in specs_of(cls):
+            close = similar_names(name, specs_of(cls))
+            hint = f'did you mean {close}?' if close else f'give one of {", ".join(specs_of(cls))}'
+            hint = cls._remedies.get(name, hint)
+            raise ParameterError(name, f'{named(name)} is not a parameter of {cls._owner}: {hint}')
+
+    def __repr__(self) -> str:
+        """Return the values that are not the defaults, as they are given."""
+        values = ((name, getattr(self, name)) for name in specs_of(type(self)))
+        own = [f'{name}={v!r}' for name, v in values if v != specs_of(type(self))[name].default]
+        return f'{type(self).__name__}({", ".join(own)})'
 
     def as_dict(self) -> dict[str, Any]:
         """Return name and value of every parameter."""

@@ -35,7 +35,7 @@ MOST_STEPS = 100_000
 _MOST_FORCE = 1e12
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
 class RigParameters(ParameterTable):
     """
     One rig: a primary mass on spring and dashpot, a loose mass in its gap, and the force.
@@ -51,6 +51,7 @@ class RigParameters(ParameterTable):
     """
 
     _owner = 'the rig'
+    _remedies = dict.fromkeys(STRUCTURE_SPECS, 'give it to RigParameters.of_structure or replace')
 
     primary_mass: float = number(1.0, 1e-6, 1e9, 'kg', 'Primary mass M.')
     stiffness: float = number(1.0, 1e-6, 1e15, 'N/m', 'Stiffness K of the spring under M.')
@@ -478,7 +479,7 @@ class RigParameters(ParameterTable):
         return self.primary_mass * self.gravity * math.sin(self.angle) / self.stiffness
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
 class InitialConditions(ParameterTable):
     """
     Where the rig starts, and where a reset puts it.
@@ -526,7 +527,7 @@ class InitialConditions(ParameterTable):
             )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
 class GapControlParameters(ParameterTable):
     """
     How the stops are moved, or that they are not.
@@ -669,7 +670,7 @@ class GapControlParameters(ParameterTable):
         return self.gap_control_stops == 'independent'
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
 class NodeSettings(ParameterTable):
     """How the node runs a rig, publishes and records it."""
 

@@ -40,6 +40,7 @@ from impact_damper_ros.motion.state import (
     starting_fields,
 )
 from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
     PARAMETER_SPECS,
@@ -49,7 +50,7 @@ from impact_damper_ros.parameters.rig_parameters import (
 )
 
 from .loop import run_compiled
-from .rig import later_time, most_of, own_law_of, times_between
+from .rig import Outcome, later_time, most_of, own_law_of, times_between
 from .runaway import MOST_IN_PERIOD
 
 #: Rigs between two moments at which a run can be interrupted.
@@ -88,6 +89,14 @@ class EnsembleResult(NamedTuple):
     event_counts: npt.NDArray[np.int64]
     time_in_mode: npt.NDArray[np.float64]
     actuator_energies: npt.NDArray[np.float64]
+
+    def __repr__(self) -> str:
+        """Return what it holds in a line."""
+        whole = int((self.outcomes == Outcome.COMPLETE).sum())
+        return (
+            f'<EnsembleResult: {counted(len(self.times), "rig")}, {whole} complete, '
+            f'{counted(self.samples.shape[-1], "sample")} each>'
+        )
 
 
 #: Parameters that are numbers of each rig.

@@ -82,7 +82,7 @@ from impact_damper_ros.motion.transition import (
 from impact_damper_ros.parameters.base_motion import angles_after, wait_for_change
 from impact_damper_ros.parameters.measured_record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.parameters.parameter_spec import ParameterError, as_float, whole_number
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import counted, shown
 from impact_damper_ros.parameters.rig_parameters import (
     GapControlParameters,
     InitialConditions,
@@ -194,6 +194,14 @@ class RunResult(NamedTuple):
     events: Events
     event_count: int
     time_in_mode: npt.NDArray[np.float64]
+
+    def __repr__(self) -> str:
+        """Return what it holds in a line."""
+        reached = 'complete' if not self.reason else self.reason
+        return (
+            f'<RunResult: {reached} at {self.time:.9g} s, {counted(len(self.samples), "sample")}, '
+            f'{counted(self.event_count, "event")}>'
+        )
 
     def impacts(self, stop: int = 0) -> Events:
         """Return the impacts among the events; those with one stop, if one is given."""
@@ -1205,6 +1213,16 @@ class Rig:
             tuple(self._unreported),
             self._sweep,
             tuple(self._playbacks.values()),
+        )
+
+    def __repr__(self) -> str:
+        """Return time and state of the rig in a line."""
+        sample, control = self.sample(), ''
+        if self.control.active:
+            control = f', gap control {self.law}'
+        return (
+            f'<Rig at {self.time:.9g} s: X = {sample.x:.6g} m, Y = {sample.z - sample.x:.6g} m, '
+            f'mode {self.mode.name.lower()}{control}>'
         )
 
     def snapshot(self) -> dict[str, Any]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from impact_damper_ros.orbits.branch import Branch, SpecialKind, SpecialPoint
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import MotionKind
-from impact_damper_ros.parameters.rig_parameters import RIG_SPECS
+from impact_damper_ros.orbits.solved_orbits import transmissibility
+from impact_damper_ros.orbits.transmissibility import Transmissibility
+from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
+from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 from impact_damper_ros.report.branch_figure import SPECIAL_MARKS
 from impact_damper_ros.report.drawing import (
     BLUE,
@@ -26,6 +29,7 @@ from impact_damper_ros.report.drawing import (
     print_style,
     save_figure,
 )
+from impact_damper_ros.report.transmissibility_text import TRANSMISSIBILITIES
 
 from .best import Optimum
 from .branches import branches_of
@@ -42,6 +46,8 @@ Array = NDArray[np.float64]
 
 _SYMBOLS = {
     'air_force': 'Air force p',
+    'base_amplitudes': 'Amplitude of the base b₀',
+    'base_frequencies': 'Frequency of the base Ω',
     'angle': 'Angle θ',
     'damper_mass': 'Damper mass m',
     'damping': 'Damping C',
@@ -60,7 +66,7 @@ _SYMBOLS = {
     'stiffness': 'Stiffness K',
 }
 _MEASURES = {
-    'acceleration_transmissibility': 'Transmissibility, rms X″ / rms b″',
+    'acceleration_transmissibility': 'Transmissibility,\nrms X″ / rms b″',
     'chatter_share': 'Share of time in chatter',
     'impacts': 'Impacts in a period, N',
     'impacts_per_cycle': 'Impacts per cycle',
@@ -69,9 +75,9 @@ _MEASURES = {
     'lyapunov_uncertainty': 'Uncertainty of the Lyapunov exponent [1/s]',
     'period': 'Period, cycles of the force',
     'rest_share': 'Share of time at rest on a stop',
-    'relative_transmissibility': 'Transmissibility, rms (X − b) / rms b',
+    'relative_transmissibility': 'Transmissibility,\nrms (X − b) / rms b',
     'stick_share': 'Share of time sticking',
-    'transmissibility': 'Transmissibility, rms X / rms b',
+    'transmissibility': 'Transmissibility,\nrms X / rms b',
     'x_max': 'Largest |X| [m]',
     'x_max_ratio': 'Largest |X| / A',
     'x_mean': 'Mean X [m]',
@@ -84,7 +90,7 @@ def _symbol(name: str) -> str:
     return _SYMBOLS[name].rsplit(' ', 1)[-1] if name in _SYMBOLS else name.replace('_', ' ')
 
 
-def _axis_label(axis: Axis) -> str:
+def _axis_label(axis: Axis, rig: RigParameters) -> str:
     """Return the label of an axis: the parameters that are varied, with their unit."""
     names = [
         _SYMBOLS.get(one.name, one.name.replace('_', ' ').capitalize())
@@ -92,15 +98,35 @@ def _axis_label(axis: Axis) -> str:
         for one in axis.varied
     ]
     first = names[0] + ''.join(f' = {name.rsplit(" ", 1)[-1]}' for name in names[1:])
-    unit = axis.varied[0].spec.unit
+    unit = axis.shown_unit(rig)
     return f'{first} [{unit}]' if unit else first
 
 
-def _place_text(axis: Axis, value: float) -> str:
+def _place_text(axis: Axis, value: float, rig: RigParameters) -> str:
     """Return a value of an axis for a legend, with symbol and unit."""
-    first = axis.varied[0]
-    number = ('no', 'yes')[int(value)] if first.spec.kind == 'bool' else f'{value:.5g}'
-    return f'{_symbol(first.name)} = {number} {first.spec.unit}'.rstrip()
+    return f'{_symbol(axis.varied[0].name)} = {axis.shown(value, rig)}'
+
+
+def _scale_axis(drawn: Any, axis: Axis) -> None:
+    """Put ticks of an axis that is drawn in SI at round numbers of its own unit."""
+    from matplotlib.ticker import AutoLocator, LogLocator, NullLocator
+
+    factor, kind = axis.factor, LogLocator if axis.logarithmic else AutoLocator
+    if factor == 1.0:
+        return
+
+    class Scaled(kind):  # type: ignore[misc, valid-type]
+        """The ticks of the other unit."""
+
+        def tick_values(self, vmin: float, vmax: float) -> Any:
+            return factor * super().tick_values(vmin / factor, vmax / factor)
+
+        def __call__(self) -> Any:
+            return self.tick_values(*self.axis.get_view_interval())
+
+    drawn.set_major_locator(Scaled(subs=(1.0, 2.0, 5.0)) if axis.logarithmic else Scaled())
+    drawn.set_minor_locator(NullLocator())
+    drawn.set_major_formatter(lambda value, _: f'{value / factor:.6g}')
 
 
 def _best_text(optimum: Optimum) -> str:
@@ -108,13 +134,16 @@ def _best_text(optimum: Optimum) -> str:
     return f'{optimum.value:.4g} {MEASURES[optimum.measure].unit}'.rstrip()
 
 
-def _set_axes(axes: Any, across: Axis, up: Axis) -> None:
+def _set_axes(axes: Any, grid: Grid) -> None:
     """Label both axes of a map, and scale them as the sweep does."""
-    axes.set(xlabel=_axis_label(across), ylabel=_axis_label(up))
+    rig, (across, up) = grid.setup.parameters, grid.axes
+    axes.set(xlabel=_axis_label(across, rig), ylabel=_axis_label(up, rig))
     if across.logarithmic:
         axes.set_xscale('log')
     if up.logarithmic:
         axes.set_yscale('log')
+    for drawn, axis in ((axes.xaxis, across), (axes.yaxis, up)):
+        _scale_axis(drawn, axis)
     axes.tick_params(direction='out')
 
 
@@ -147,8 +176,26 @@ def _grids(grid: Grid, column: Array) -> list[tuple[str, Array]]:
 #: Parameters of the rig in the order in which a figure states them.
 _STATED = """
     primary_mass stiffness damping damper_mass gap restitution_1 restitution_2 angle friction
-    gravity air_force force_amplitudes force_frequencies
+    gravity air_force force_amplitudes force_frequencies base_amplitudes base_frequencies
 """
+#: Groups of parameters that are stated of a rig that has them.
+_IF: dict[str, Callable[[RigParameters], bool]] = {
+    'force': lambda rig: any(rig.force_amplitudes),
+    'base': lambda rig: rig.base_motion.moves,
+}
+
+
+def _stated(grid: Grid, name: str) -> str:
+    """Return a parameter with its value, as a figure states it."""
+    rig = grid.setup.parameters
+    values = np.atleast_1d(getattr(rig, name))[:4]
+    unit = unit_of(name, rig.as_dict())
+    text = f'{", ".join(f"{value:.6g}" for value in values)} {unit.replace("^2", "²")}'.rstrip()
+    if name == 'base_amplitudes' and rig.base_quantity == 'acceleration':
+        text += f' = {", ".join(f"{value / STANDARD_GRAVITY:.4g}" for value in values)} g'
+    if name.endswith('_frequencies'):
+        text += f' = {", ".join(f"{value / math.tau:.4g}" for value in values)} Hz'
+    return f'{_symbol(name)} = {text}'
 
 
 def _fixed_text(grid: Grid) -> str:
@@ -159,13 +206,10 @@ def _fixed_text(grid: Grid) -> str:
         left_out.add('gravity')
     if rig.air_force == 0.0:
         left_out.add('air_force')
-    parts = []
-    for name in _STATED.split():
-        if name not in left_out:
-            values = np.atleast_1d(getattr(rig, name))[:4]
-            text = ', '.join(f'{value:.6g}' for value in values)
-            unit = RIG_SPECS[name].unit.replace('^2', '²')
-            parts.append(f'{_symbol(name)} = {text} {unit}'.rstrip())
+    for group, acts in _IF.items():
+        if not acts(rig):
+            left_out |= {f'{group}_amplitudes', f'{group}_frequencies'}
+    parts = [_stated(grid, name) for name in _STATED.split() if name not in left_out]
     if rig.multisine_level:
         parts.append(f'multisine of {rig.multisine_level:.6g} N rms')
     if rig.one_sided:
@@ -174,6 +218,30 @@ def _fixed_text(grid: Grid) -> str:
         parts.append(f'gap control: {control.gap_control}')
     half = (len(parts) + 1) // 2
     return ',  '.join(parts[:half]) + '\n' + ',  '.join(parts[half:])
+
+
+#: Places at which the motion without the damper is drawn.
+_FINE = 400
+
+
+def _without_damper(grid: Grid, measure: str) -> tuple[Array, Array] | None:
+    """Return a measure of M alone along the axis of a sweep, in closed form; None if unknown."""
+    axis, measures = grid.axes[0], dict(zip(TRANSMISSIBILITIES, range(3), strict=True))
+    known = measure in measures or measure in ('x_max', 'x_max_ratio', 'x_rms')
+    if not (known and axis.real and len(axis) > 1):
+        return None
+    ends = axis.values[0], axis.values[-1]
+    values = (np.geomspace if axis.logarithmic else np.linspace)(*ends, _FINE)
+    found = np.full(len(values), np.nan)
+    for place, value in enumerate(values.tolist()):
+        rig = grid.setup.vary(grid.settings((value,))).parameters
+        if measure in measures:
+            found[place] = Transmissibility.without_damper(rig)[measures[measure]]
+        elif rig.periodic_force:
+            size = rig.response_amplitude
+            sizes = {'x_max': size, 'x_max_ratio': 1.0, 'x_rms': size / math.sqrt(2.0)}
+            found[place] = sizes[measure]
+    return values, np.where(np.isfinite(found), found, np.nan)
 
 
 # The light scheme of Paul Tol, distinguishable with any colour vision; grey means failed
@@ -205,7 +273,7 @@ def basin_figure(table: pd.DataFrame) -> Figure:
         norm=BoundaryNorm(np.arange(-1.5, len(_COLORS) + 1.0), colors.N),
         rasterized=True,
     )
-    _set_axes(axes, across, up)
+    _set_axes(axes, grid)
     found = attractors_of(table)
     handles = [
         Patch(
@@ -234,13 +302,16 @@ _LOOKS: dict[str, dict[str, Any]] = {
 }
 _INK = '0.1'
 #: What theory says of a motion, by the measure that is drawn.
-_THEORY = {
+_THEORY: dict[str, Callable[[PeriodicOrbit], float]] = {
     'x_max': lambda orbit: orbit.x_max,
     'x_max_ratio': lambda orbit: orbit.amplitude_ratio,
     'largest_multiplier': lambda orbit: abs(orbit.multipliers[0]),
     'impacts_per_cycle': lambda orbit: orbit.impacts / orbit.cycles,
     'period': lambda orbit: orbit.cycles,
     'impacts': lambda orbit: orbit.impacts,
+    'transmissibility': lambda orbit: transmissibility(orbit).absolute,
+    'relative_transmissibility': lambda orbit: transmissibility(orbit).relative,
+    'acceleration_transmissibility': lambda orbit: transmissibility(orbit).acceleration,
 }
 
 
@@ -343,8 +414,10 @@ def _special_look(kind: SpecialKind) -> dict[str, Any]:
     }
 
 
-def _draw_optimum(axes: Any, axis: Axis, optimum: Optimum) -> None:
+def _draw_optimum(axes: Any, grid: Grid, optimum: Optimum) -> None:
     """Draw the best rig and the edges of its motion."""
+    rig, (axis,) = grid.setup.parameters, grid.axes
+    place = _place_text(axis, optimum.values[0], rig)
     axes.plot(
         *(optimum.values[0], optimum.value),
         marker='*',
@@ -353,7 +426,7 @@ def _draw_optimum(axes: Any, axis: Axis, optimum: Optimum) -> None:
         markeredgecolor='white',
         markeredgewidth=0.6,
         linestyle='none',
-        label=f'{optimum.best}: {_best_text(optimum)} at {_place_text(axis, optimum.values[0])}',
+        label=f'{optimum.best}: {_best_text(optimum)} at {place}',
         zorder=6,
     )
     for edge in optimum.edges:
@@ -362,7 +435,7 @@ def _draw_optimum(axes: Any, axis: Axis, optimum: Optimum) -> None:
             color='0.5',
             linewidth=0.8,
             linestyle=':',
-            label=f'edge at {_place_text(axis, edge.value)} ({edge.reason})',
+            label=f'edge at {_place_text(axis, edge.value, rig)} ({edge.reason})',
         )
 
 
@@ -394,6 +467,9 @@ def bifurcation_figure(
                 axes.vlines(
                     values, series - half, series + half, color=look['color'], linewidth=0.5
                 )
+    alone = _without_damper(grid, measure)
+    if alone is not None and np.isfinite(alone[1]).any():
+        middle.plot(*alone, color='0.5', linewidth=1.0, label='without the damper', zorder=1.5)
     limits = middle.get_ylim()
     if exponents:
         panels[2].axhline(0.0, color='0.3', linewidth=0.7)
@@ -406,7 +482,7 @@ def bifurcation_figure(
     if branches and measure == 'largest_multiplier':
         middle.set_ylim(limits)
     if optimum is not None:
-        _draw_optimum(middle, axis, optimum)
+        _draw_optimum(middle, grid, optimum)
     failed = ~table.ok.to_numpy(bool).reshape(-1, len(values)).any(axis=0)
     for axes in panels:
         for value in values[failed]:
@@ -417,11 +493,13 @@ def bifurcation_figure(
             axes.set_xticks([0.0, 1.0], ['no', 'yes'])
         else:
             axes.margins(x=0.02)
+        _scale_axis(axes.xaxis, axis)
     upper.set_ylim(0.0, 1.0)
     finish_panel(upper, 'a', '', 'Phase of the impacts [cycles]')
-    finish_panel(middle, 'b', '' if exponents else _axis_label(axis), _MEASURES[measure])
+    label = _axis_label(axis, grid.setup.parameters)
+    finish_panel(middle, 'b', '' if exponents else label, _MEASURES[measure])
     if exponents:
-        finish_panel(panels[2], 'c', _axis_label(axis), 'Lyapunov exponent\n[1/cycle]')
+        finish_panel(panels[2], 'c', label, 'Lyapunov exponent\n[1/cycle]')
     own = middle.get_legend_handles_labels()[0]
     if handles:
         # The sweep on the left, theory on the right
@@ -526,12 +604,16 @@ def _legend(table: pd.DataFrame, grid: Grid, optimum: Optimum | None) -> list[An
     handles: list[Any] = []
     axes = grid.axes
     if optimum is not None:
-        at = ', '.join(map(_place_text, axes, optimum.values))
+        rig = grid.setup.parameters
+        places = zip(axes, optimum.values, strict=True)
+        at = ', '.join(_place_text(axis, value, rig) for axis, value in places)
         among = 'all' if grid.setup.control.active else 'those that repeat'
         label = f'{optimum.best} of {among}: {_best_text(optimum)} at {at}'
         handles.append(entry(label, **{**_STAR, 'markersize': 10}))
         handles += [
-            entry(f'edge at {_place_text(axes[edge.axis], edge.value)} ({edge.reason})', **_EDGE)
+            entry(
+                f'edge at {_place_text(axes[edge.axis], edge.value, rig)} ({edge.reason})', **_EDGE
+            )
             for edge in optimum.edges
         ]
     handles += [
@@ -552,7 +634,6 @@ def _legend(table: pd.DataFrame, grid: Grid, optimum: Optimum | None) -> list[An
 def surface_figure(table: pd.DataFrame, measure: str, optimum: Optimum | None) -> Figure:
     """Draw a measure as colours over two axes."""
     grid = Grid.from_inputs(table.attrs['inputs'])
-    across, up = grid.axes
     values = _numbers(table[measure])
     values[~np.isfinite(values)] = np.nan
     scale, scheme = _scale(values, measure)
@@ -571,7 +652,7 @@ def surface_figure(table: pd.DataFrame, measure: str, optimum: Optimum | None) -
                 place[edge.axis] = [edge.value]
                 axes.plot(*place, zorder=5, **_EDGE)
             axes.plot(*([value] for value in optimum.values), clip_on=False, zorder=6, **_STAR)
-        _set_axes(axes, across, up)
+        _set_axes(axes, grid)
         if turn:
             axes.set_ylabel('')
         if direction:

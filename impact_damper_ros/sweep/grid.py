@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple, Self, get_args
@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 import impact_damper_ros
+from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
-from impact_damper_ros.parameters.quoting import named, shown, similar_names
+from impact_damper_ros.parameters.quoting import counted, named, shown, similar_names
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
@@ -24,6 +25,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     InitialConditions,
     RigParameters,
 )
+from impact_damper_ros.parameters.units import UNITS, split_number
 
 from .steady_state import Settling
 
@@ -58,6 +60,10 @@ class Varied(NamedTuple):
     def spec(self) -> ParameterSpec:
         """Kind, unit, range and meaning."""
         return _SPECS[self.name]
+
+    def si_unit(self, rig: RigParameters) -> str:
+        """Return its SI unit; the rig says what the amplitudes of its base are."""
+        return QUANTITIES[rig.base_quantity] if self.name == 'base_amplitudes' else self.spec.unit
 
 
 def _parts(text: str) -> tuple[str, int | None]:
@@ -99,7 +105,23 @@ class Axis:
     """One axis of a grid: the parameters that take its values, usually one, and these, rising."""
 
     varied: tuple[Varied, ...]
-    values: tuple[float, ...]
+    values: tuple[float, ...]  # SI
+    unit: str = ''  # in which they were given; empty for SI
+
+    @property
+    def factor(self) -> float:
+        """Factor from its unit to SI."""
+        return UNITS[self.varied[0].spec.unit][self.unit] if self.unit else 1.0
+
+    def shown_unit(self, rig: RigParameters) -> str:
+        """Return the unit in which values are shown; the rig says what those of a base are."""
+        return self.unit or self.varied[0].si_unit(rig)
+
+    def shown(self, value: float, rig: RigParameters, digits: int = 5) -> str:
+        """Return a value in the unit of the axis."""
+        if self.varied[0].spec.kind == 'bool':
+            return ('no', 'yes')[int(value)]
+        return f'{value / self.factor:.{digits}g} {self.shown_unit(rig)}'.rstrip()
 
     @property
     def name(self) -> str:
@@ -129,14 +151,18 @@ class Axis:
         return len(self.values)
 
 
-def _axis(names: str, given: npt.ArrayLike, rig: RigParameters) -> Axis:
-    """Return an axis, after all checks of its names and values."""
+def _axis(names: str, given: npt.ArrayLike, rig: RigParameters, unit: str) -> Axis:
+    """Return an axis, after all checks of its names and values; the unit is that of numbers."""
     varied = tuple(_varied(name, rig) for name in names.split('='))
     if len(set(varied)) < len(varied):
         raise GridError(f'{names}: the same name is given twice')
     if len({one.name in INITIAL_SPECS for one in varied}) > 1:
         raise GridError(f'{names}: parameters and initial conditions cannot share values')
     values: list[Any] = np.atleast_1d(np.array(given)).tolist()
+    if any(isinstance(value, str) for value in values):
+        # A list of texts and numbers is an array of texts
+        unit = _common_unit(varied[0].spec, map(str, values))
+        values = [_number(str(value), names, varied[0].spec) for value in values]
     if not values:
         raise GridError(f'{names}: there are no values: give at least one')
     for one in varied:
@@ -156,7 +182,14 @@ def _axis(names: str, given: npt.ArrayLike, rig: RigParameters) -> Axis:
     repeated = next((a for a, b in pairwise(values) if a == b), None)
     if repeated is not None:
         raise GridError(f'{names}: the value {repeated!r} is given twice')
-    return Axis(varied, tuple(values))
+    return Axis(varied, tuple(values), unit)
+
+
+def _common_unit(spec: ParameterSpec, texts: Iterable[str]) -> str:
+    """Return the unit that values have, if all have the same one; else none."""
+    units = {split_number(text)[1] for text in texts}
+    (unit,) = units if len(units) == 1 else ('',)
+    return unit if unit in UNITS.get(spec.unit, ()) and unit != spec.unit else ''
 
 
 class RigSetup(NamedTuple):
@@ -210,11 +243,14 @@ class Grid:
         Whether each rig starts from the last state of the one before, along the first axis.
     settling : Settling, optional
         How long each rig may take to settle, and how closely it is watched.
+    units : mapping of str to str, optional
+        Units in which figures and texts show axes, by their names; values that are texts with a
+        unit have their own.
     **axes : array_like
-        The values of each parameter, initial condition or parameter of the control; the first
-        axis is the one that is followed. An entry of an array, and parameters that share their
-        values, are named as on the command line: ``**{'force_frequencies[1]': ...}``,
-        ``**{'restitution_1=restitution_2': ...}``.
+        The values of each parameter, initial condition or parameter of the control, in SI units
+        or with one, as ``['5 mm', '10 mm']``; the first axis is the one that is followed. An
+        entry of an array, and parameters that share their values, are named as on the command
+        line: ``**{'force_frequencies[1]': ...}``, ``**{'restitution_1=restitution_2': ...}``.
 
     Raises
     ------
@@ -240,17 +276,28 @@ class Grid:
         *,
         follow: Follow = 'none',
         settling: Settling | None = None,
+        units: Mapping[str, str] | None = None,
         **axes: npt.ArrayLike,
     ) -> None:
         control = control or GapControlParameters()
         if not control.active:
             # Its other parameters have no effect
             control = GapControlParameters()
+        units = units or {}
+        built = tuple(
+            _axis(names, values, parameters, units.get(names, ''))
+            for names, values in axes.items()
+        )
+        for axis in built:
+            if axis.varied[0].name == 'base_amplitudes' and axis.unit:
+                sizes = list(parameters.base_amplitudes)
+                sizes[axis.varied[0].entry or 0] = axis.values[0]
+                quantity = quantity_of(axis.unit)
+                parameters = parameters.replace(base_amplitudes=sizes, base_quantity=quantity)
         setup = RigSetup(
             parameters, initial or InitialConditions(), control, law, settling or Settling()
         )
         object.__setattr__(self, 'setup', setup)
-        built = tuple(_axis(names, values, parameters) for names, values in axes.items())
         object.__setattr__(self, 'axes', built)
         object.__setattr__(self, 'follow', follow)
         self._check()
@@ -285,6 +332,14 @@ class Grid:
             raise GridError(
                 f'the sweep has {self.size} rigs: give ranges that make at most {_MOST_RIGS}'
             )
+
+    def __repr__(self) -> str:
+        """Return size and axes in a line."""
+        axes = ', '.join(
+            f'{axis.name} {axis.values[0]:.6g} to {axis.values[-1]:.6g} ({len(axis)})'
+            for axis in self.axes
+        )
+        return f'<Grid: {counted(self.size, "rig")}; {axes}>'
 
     @property
     def directions(self) -> tuple[str, ...]:
@@ -347,6 +402,8 @@ class Grid:
             'follow': self.follow,
             'settling': asdict(settling),
         }
+        if units := {'='.join(map(str, a.varied)): a.unit for a in self.axes if a.unit}:
+            inputs['units'] = units
         if control.active:
             inputs['gap_control'] = control.as_dict()
         if law:
@@ -374,6 +431,7 @@ class Grid:
             inputs.get('law', ''),
             follow=inputs['follow'],
             settling=Settling(**inputs['settling']),
+            units=inputs.get('units'),
             **inputs['axes'],
         )
 
@@ -418,6 +476,14 @@ def _spaced(low: float, high: float, count: str, spacing: str, where: str) -> li
     progression = np.geomspace if spacing == 'log' else np.linspace
     values: list[float] = progression(low, high, int(number)).tolist()
     return values
+
+
+def unit_from_text(text: str) -> str:
+    """Return the unit of a range, as `range_from_text` reads it; empty for SI or none."""
+    names, _, values = text.rpartition('=')
+    spec = _SPECS[_parts(names.split('=')[0])[0]]
+    ends = values.split(':')[:2] if ':' in values else values.strip().strip('[]').split(',')
+    return _common_unit(spec, (part for part in ends if part.strip()))
 
 
 def range_from_text(text: str) -> tuple[str, list[float]]:

@@ -21,6 +21,7 @@ from impact_damper_ros.orbits.settled_motion import (
     relative_states,
     settle,
 )
+from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.parameter_spec import (
     ParameterError,
     number_between,
@@ -148,6 +149,7 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     begin = FlightStart.of(rig)
     result = _run(rig, found.end, cycle, np.arange(1.0, cycles + 1.0), most)
     integrals, largest = begin.flights(rig, result.events).measured()
+    alone = Transmissibility.without_damper(rig.parameters)
     end = found.end + cycles * cycle
     # The events before and after complete a chatter that is cut at either end
     after = _run(rig, end, cycle, np.array([1.0]), most - result.event_count)
@@ -180,6 +182,8 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
             name: _known(value)
             for name, value in zip(TRANSMISSIBILITIES, integrals.transmissibility, strict=True)
         },
+        'transmissibility_without_damper': _known(alone.absolute),
+        'relative_transmissibility_without_damper': _known(alone.relative),
         'impacts_per_cycle': len(impacts) / cycles,
         'lyapunov_exponent': _known(found.exponent.value),
         'lyapunov_uncertainty': _known(found.exponent.uncertainty),

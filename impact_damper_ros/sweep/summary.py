@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from itertools import groupby
 from operator import attrgetter
@@ -53,16 +52,17 @@ def attractor_text(attractor: dict[str, Any]) -> str:
     return text
 
 
-def _cautions(optimum: Optimum, names: Sequence[str]) -> list[str]:
+def _cautions(optimum: Optimum, grid: Grid) -> list[str]:
     """Return a sentence on each parameter that loses the motion, and one on the start."""
     texts = []
     for axis, edges in groupby(optimum.edges, key=attrgetter('axis')):
+        along, rig = grid.axes[axis], grid.setup.parameters
         ends = ' and '.join(
-            f'{"up" if edge.value >= optimum.values[axis] else "down"} to {edge.value:.6g} '
-            f'({edge.reason})'
+            f'{"up" if edge.value >= optimum.values[axis] else "down"} to '
+            f'{along.shown(edge.value, rig, 6)} ({edge.reason})'
             for edge in edges
         )
-        texts.append(f'the motion is kept with {names[axis]} {ends}')
+        texts.append(f'the motion is kept with {along.name} {ends}')
     if optimum.anew is not None and optimum.start == FOLLOWED:
         much = f'{optimum.measure} is {optimum.anew:.5g}'
         if abs(optimum.anew - optimum.value) > max(_OTHER * abs(optimum.value), optimum.scatter):
@@ -72,11 +72,17 @@ def _cautions(optimum: Optimum, names: Sequence[str]) -> list[str]:
 
 def summary_of(table: pd.DataFrame, optimum: Optimum | None) -> dict[str, Any]:
     """Return counts, attractors and optimum of a sweep, for JSON."""
-    names = [axis.name for axis in Grid.from_inputs(table.attrs['inputs']).axes]
+    grid = Grid.from_inputs(table.attrs['inputs'])
     found = None
     if optimum is not None:
-        cautions = _cautions(optimum, names)
-        found = {**asdict(optimum), 'names': names, 'cautions': cautions}
+        pairs = list(zip(grid.axes, optimum.values, strict=True))
+        rig = grid.setup.parameters
+        found = {
+            **asdict(optimum),
+            'names': [axis.name for axis in grid.axes],
+            'at': [f'{axis.name} = {axis.shown(value, rig, 7)}' for axis, value in pairs],
+            'cautions': _cautions(optimum, grid),
+        }
     return {
         'rigs': len(table),
         'failed': int((~table.ok).sum()),
@@ -108,10 +114,7 @@ def summary_text(path: Path, summary: dict[str, Any]) -> str:
         lines.append(f'  and {len(attractors) - _MOST_SHOWN} more attractors')
     optimum = summary['optimum']
     if optimum is not None and not attractors:
-        at = ', '.join(
-            f'{name} = {value:.7g}'
-            for name, value in zip(optimum['names'], optimum['values'], strict=True)
-        )
+        at = ', '.join(optimum['at'])
         start = f', {FOLLOWED}' if optimum['start'] == FOLLOWED else ''
         edge = ', at the end of a range' if optimum['at_edge'] else ''
         scatter = f' +- {optimum["scatter"]:.1g}' if optimum['scatter'] else ''

@@ -80,6 +80,8 @@ transmissibility | double | - | rms X over rms b of a moving base, each about it
 relative_transmissibility | double | - | rms (X - b) over rms b.
 acceleration_transmissibility | double | - | rms X'' over rms b'', without the blows of the
     impacts themselves.
+transmissibility_without_damper | double | - | rms X over rms b of M alone, in closed form.
+relative_transmissibility_without_damper | double | - | rms (X - b) over rms b of M alone.
 impacts_per_cycle | double | - | Impacts per cycle of the force.
 lyapunov_exponent | double | 1/s | Largest Lyapunov exponent: of a motion that repeats ln|largest
     multiplier| over its period; else the mean growth of a deviation over the time measured; null
@@ -154,7 +156,7 @@ def columns_of(grid: Grid) -> list[Column]:
         Column(
             str(one),
             'bool' if one.spec.kind == 'bool' else 'double',
-            one.spec.unit,
+            one.si_unit(grid.setup.parameters),
             one.spec.description,
         )
         for axis in grid.axes

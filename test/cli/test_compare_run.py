@@ -440,3 +440,14 @@ def test_a_mass_at_rest_in_space_does_not_drift(tmp_path, capsys):
     text = capsys.readouterr().out
     assert 'M vibrates without m' in text
     assert 'does not keep its place' not in text
+
+
+@pytest.mark.parametrize('offset', ['0', '5m'])
+def test_free_vibration_left_where_m_hits_a_stop_later(offset, tmp_path, capsys):
+    """It is that of M at the end, e^(-zeta omega t) of the whole, wherever m is on its way."""
+    words = ['--set', 'friction=0', '--set', 'gap=20', '--set', 'initial_damper_velocity=0.5']
+    words += ['--set', f'initial_damper_offset={offset}', '--duration', '6', '--quiet']
+    assert simulate_rig(['bench_rig', *words, '--bag', str(tmp_path / 'bag')]) == 0
+    main([str(tmp_path / 'bag')])
+    found = re.search(r'vibration left is (\S+) of it; .* hits stop 1', capsys.readouterr().out)
+    assert float(found[1]) == pytest.approx(math.exp(-0.01 * 31.416 * 6.0), rel=0.03)

@@ -120,7 +120,7 @@ def test_grids_that_cannot_be():
             lambda: grid_of('gap=1:2:1500', 'friction=1:2:1500'),
         ),
         ('follow is .*: give one of none, up, down, both', lambda: Grid(RIG, gap=1, follow='in')),
-        ('gap takes numbers, not', lambda: Grid(RIG, gap=['a'])),
+        ("gap: 'a' is not a number", lambda: Grid(RIG, gap=['a'])),
         ('gap is 0.0 m: give a number', lambda: Grid(RIG, gap=[0.0])),
     ):
         with pytest.raises(GridError, match=match):

@@ -136,7 +136,7 @@ def test_optimum_at_a_cliff_names_its_edge_and_start(hysteresis, tmp_path):
     summary = summary_of(hysteresis, found)
     said = summary_text(tmp_path / 'sweep.parquet', summary)
     assert f', {found.start}' in said
-    assert f'the motion is kept with gap up to {edge.value:.6g} (Neimark-Sacker)' in said
+    assert f'the motion is kept with gap up to {edge.value:.6g} m (Neimark-Sacker)' in said
     assert (
         f'from the initial conditions the same rig has another motion: x_max is {found.anew:.5g}'
         in said

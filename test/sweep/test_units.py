@@ -1,0 +1,126 @@
+"""Units of a sweep: as they were given, in its figures and texts; its table is in SI."""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+
+from impact_damper_ros import RigParameters, Transmissibility
+from impact_damper_ros.cli.sweep_rig import main
+from impact_damper_ros.sweep import Grid, range_from_text, sweep
+from impact_damper_ros.sweep.figures import bifurcation_figure, surface_figure
+from impact_damper_ros.sweep.grid import GridError, unit_from_text
+
+TABLE = RigParameters.of_structure(
+    primary_mass=5.0,
+    natural_frequency=10.0,
+    damping_ratio=0.02,
+    mass_ratio=0.05,
+    gap=1.0,
+    force_amplitudes=0.0,
+    base_amplitudes='0.2 g',
+    base_frequencies='10 Hz',
+)
+
+
+@pytest.mark.parametrize(
+    ('text', 'unit'),
+    [
+        ('base_frequencies=7Hz:13Hz:5', 'Hz'),
+        ('gap=4mm,8mm', 'mm'),
+        ('gap=4mm,0.8cm', ''),
+        ('gap=0.004:0.008:3', ''),
+        ('gap=4 m:8 m:3', ''),
+        ('base_amplitudes=1mm:2mm:2', 'mm'),
+        ('one_sided=true,false', ''),
+    ],
+)
+def test_unit_of_a_range(text, unit):
+    assert unit_from_text(text) == unit
+
+
+def test_units_go_with_the_inputs():
+    grid = Grid(TABLE, base_frequencies=['9 Hz', '11 Hz'])
+    again = Grid.from_inputs(json.loads(json.dumps(grid.inputs())))
+    assert again == grid
+    (axis,) = again.axes
+    assert axis.unit == 'Hz'
+    assert axis.values == pytest.approx((18.0 * math.pi, 22.0 * math.pi))
+    assert axis.shown(axis.values[0], TABLE) == '9 Hz'
+
+
+def test_the_unit_of_a_base_is_its_quantity():
+    """0.1 to 0.3 mm of a base that was given in g."""
+    names, values = range_from_text('base_amplitudes=0.1mm:0.3mm:3')
+    grid = Grid(TABLE, units={names: 'mm'}, **{names: values})
+    rigs = [grid.setup.vary(grid.settings(grid.values(row))).parameters for row in range(3)]
+    assert [rig.base_motion.size for rig in rigs] == pytest.approx([1e-4, 2e-4, 3e-4])
+    table = sweep(grid, jobs=1)
+    assert table.attrs['units']['base_amplitudes'] == 'm'
+    assert table.x_max.to_numpy() == pytest.approx(
+        [rig.response_amplitude for rig in rigs], rel=1e-6
+    )
+
+
+def labels_of(axis):
+    """Return the numbers at an axis of a figure that is drawn."""
+    return [float(label.get_text()) for label in axis.get_ticklabels() if label.get_text()]
+
+
+def drawn(figure):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure).draw()
+    return figure
+
+
+def test_figure_of_a_frequency_in_hertz():
+    """Round numbers of hertz, M alone in closed form, and the base in the title."""
+    pytest.importorskip('matplotlib')
+    table = sweep(Grid(TABLE, base_frequencies=['8 Hz', '10 Hz', '12 Hz']), jobs=1)
+    figure = drawn(bifurcation_figure(table, 'transmissibility', None))
+    axes = figure.axes[1]
+    assert figure.axes[-1].get_xlabel() == 'Frequency of the base Ω [Hz]'
+    assert {8.0, 10.0, 12.0} <= set(labels_of(figure.axes[-1].xaxis))
+    (alone,) = [line for line in axes.lines if line.get_label() == 'without the damper']
+    rates, heights = alone.get_data()
+    assert rates[-1] == pytest.approx(24.0 * math.pi)
+    peak = Transmissibility.without_damper(TABLE).absolute
+    assert np.max(heights) == pytest.approx(peak, rel=1e-3)
+    title = figure.get_suptitle()
+    assert 'b₀ = 1.96133 m/s² = 0.2 g' in title
+    assert 'F =' not in title
+    row = table.iloc[1]
+    assert row.transmissibility == pytest.approx(row.transmissibility_without_damper, rel=1e-6)
+
+
+def test_figure_of_two_axes():
+    pytest.importorskip('matplotlib')
+    gaps, sizes = np.geomspace(4.0, 20.0, 3), ['0.1 mm', '0.3 mm']
+    grid = Grid(TABLE, base_amplitudes=sizes, gap=[f'{gap} mm' for gap in gaps])
+    figure = drawn(surface_figure(sweep(grid, jobs=1), 'x_max', None))
+    axes = figure.axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (
+        'Amplitude of the base b₀ [mm]',
+        'Gap d [mm]',
+    )
+    assert {5.0, 10.0, 20.0} <= set(labels_of(axes.yaxis))
+    assert 'Ω = 62.8319 rad/s = 10 Hz' in figure.get_suptitle()
+
+
+def test_command(tmp_path, capsys):
+    path = tmp_path / 'table.csv'
+    words = ['bench_rig', '--set', 'force_amplitudes=0', '--set', 'base_amplitudes=0.05g']
+    words += ['--vary', 'base_frequencies=4Hz:6Hz:5', '--set', 'gap=1', '-o', str(path)]
+    assert main([*words, '--no-search', '--measure', 'x_max']) == 0
+    assert 'at base_frequencies = 6 Hz' in capsys.readouterr().err
+    lines = [line for line in path.read_text().splitlines() if not line.startswith('#')]
+    rows = list(csv.DictReader(lines))
+    assert float(rows[0]['base_frequencies']) == pytest.approx(8.0 * math.pi)
+
+
+def test_a_unit_of_something_else():
+    with pytest.raises(GridError, match="'kg' is no unit of it"):
+        Grid(TABLE, gap=['1 kg'])
