@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from impact_damper_ros.bag.rig_topics import rig_nodes
+from impact_damper_ros.parameters.description import unit_hint
 from impact_damper_ros.parameters.quoting import named, printable
 from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,
@@ -26,7 +27,7 @@ from impact_damper_ros.report.formatting import setting
 from impact_damper_ros.report.table import Column, Table
 
 from .command_line import EXIT_FAILED, CommandError, command_parser, outcome, say
-from .rig_options import hint, values_of
+from .rig_options import values_of
 
 #: Time in which the rigs of the network become known, and in which one must answer, s;
 #: and longest time for which the diagnostics of one are awaited.
@@ -244,6 +245,11 @@ def watch(node: Any, name: str, *, values: bool) -> None:
         rclpy.spin_once(node, timeout_sec=0.2)
 
 
+def _unit_note(values: Mapping[str, Any]) -> str:
+    """Return whether a parameter of a rig may have been given in another unit, in words."""
+    return unit_hint(RigParameters(**{name: values[name] for name in PARAMETER_SPECS}))
+
+
 def _set(arguments: argparse.Namespace) -> int:
     if arguments.values and not arguments.watch:
         raise CommandError('--values is for diagnostics that are watched: give --watch, too')
@@ -252,14 +258,16 @@ def _set(arguments: argparse.Namespace) -> int:
         if arguments.watch and not arguments.settings:
             watch(node, rig.name, values=arguments.values)
         present = rig.values()
+        known = _unit_note(present)
         given = values_of(arguments.settings, present, '', 'set_rig')
         if given:
             if waits := rig.set(given):
                 say('set_rig', waits)
             present = rig.values()
         print(listed(given or present, present))
-        if given:
-            hint('set_rig', RigParameters(**{n: present[n] for n in PARAMETER_SPECS}))
+        # A note that held before is not repeated at each change of something else
+        if (note := _unit_note(present)) and note != known:
+            say('set_rig', f'note: {note}')
         if arguments.watch:
             watch(node, rig.name, values=arguments.values)
     return 0

@@ -6,7 +6,13 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
 
+from impact_damper_ros.parameters.parameters_file import presets
+from impact_damper_ros.parameters.quoting import shown
+
+from .command_line import EXIT_INPUT, outcome, say
 from .completion import complete
 
 
@@ -21,13 +27,27 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _missing_file(words: Sequence[str]) -> str:
+    """Return that a parameters file is missing, which ROS reports by a traceback; else nothing."""
+    for option, name in pairwise(words):
+        if option == '--params-file' and not Path(name).is_file():
+            known = presets()
+            example = known.get(name, known['bench_rig'])
+            return (
+                f'--params-file {shown(name)}: there is no such file; give the path of a '
+                f'parameters file, such as {example}'
+            )
+    return ''
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node."""
     complete(_parser())
+    if missing := _missing_file(sys.argv[1:] if argv is None else argv):
+        say('sim_node', missing)
+        return EXIT_INPUT
     # Only now, as ROS takes a second to import
     from impact_damper_ros.node.sim_node import main as run
-
-    from .command_line import outcome
 
     # The latter reports an output that cannot be written.
     return run(argv) or outcome('sim_node', lambda: 0)

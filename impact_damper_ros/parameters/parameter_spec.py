@@ -348,8 +348,10 @@ class ParameterTable:
 
     def __new__(cls, **values: Any) -> Self:
         """Refuse unknown names; Python's own message names no remedy."""
+        known = {one.name for one in fields(cls)}  # type: ignore[arg-type]
         for name in values:
-            cls._check_name(name)
+            if name not in known:
+                cls._check_name(name)
         return object.__new__(cls)
 
     def __post_init__(self) -> None:

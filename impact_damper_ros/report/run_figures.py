@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 _BAND: dict[str, Any] = {'color': '#e69f00', 'alpha': 0.4, 'linewidth': 0}
 #: Depth of a stop in the figure, as a share of the gap.
 _DEPTH = 0.15
+#: Width of a letter of a label, as a share of that of the panel.
+_LETTER = 0.0075
 #: Changes that are written out; more of them are only marked.
 _MOST_LABELS = 6
 
@@ -80,18 +82,28 @@ def _draw_closeup(
 def _mark_changes(axes: Any, changes: Sequence[tuple[float, str]], most: int) -> None:
     """Mark the instants of changes; write them out if there are not too many."""
     start, end = axes.get_xlim()
-    for number, (instant, text) in enumerate(changes):
+    # A label is put into the first row in which it does not run into another one
+    rows: list[list[tuple[float, float]]] = []
+    for instant, text in changes:
         axes.axvline(instant, color='black', linewidth=0.7, linestyle='--', alpha=0.7)
-        if len(changes) <= most:
-            late = instant > start + 0.8 * (end - start)
-            axes.annotate(
-                text,
-                (instant, 1.0),
-                xycoords=('data', 'axes fraction'),
-                xytext=(-4 if late else 4, -11 - 11 * (number % 2)),
-                textcoords='offset points',
-                ha='right' if late else 'left',
-            )
+        if len(changes) > most:
+            continue
+        width = (len(text) + 2) * _LETTER * (end - start)
+        late = instant + width > end
+        extent = (instant - width, instant) if late else (instant, instant + width)
+        free = (all(b <= extent[0] or extent[1] <= a for a, b in row) for row in rows)
+        place = next((number for number, is_free in enumerate(free) if is_free), len(rows))
+        rows += [[] for _ in range(place + 1 - len(rows))]
+        rows[place].append(extent)
+        axes.annotate(
+            text,
+            (instant, 1.0),
+            xycoords=('data', 'axes fraction'),
+            xytext=(-4 if late else 4, -11 - 11 * place),
+            textcoords='offset points',
+            ha='right' if late else 'left',
+            bbox={'facecolor': 'white', 'alpha': 0.8, 'linewidth': 0, 'pad': 0.5},
+        )
 
 
 def _legend(figure: Figure) -> None:

@@ -209,3 +209,14 @@ def test_files_that_hold_no_rig(text, place, capsys):
         words += ['--impacts', '2'] if command == 'solve_periodic' else []
         assert run(command, words) == 2
         assert capsys.readouterr().err.startswith(f'{command}: rig.yaml')
+
+
+@pytest.mark.parametrize('name', ['nowhere.yaml', 'bench_rig', '/'])
+def test_a_node_without_its_parameters_file(name, capsys):
+    """A sentence with the remedy, before ROS is loaded."""
+    from impact_damper_ros.cli.sim_node import main as sim_node
+
+    assert sim_node(['--ros-args', '-p', 'gap:=0.02', '--params-file', name]) == 2
+    text = capsys.readouterr().err
+    assert f"--params-file '{name}': there is no such file" in text
+    assert text.rstrip().endswith('bench_rig.yaml')

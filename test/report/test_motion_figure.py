@@ -14,14 +14,14 @@ from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.report.run_figures import Closeup, RunRows, draw_motion
 
 
-def figure(closeups):
+def figure(closeups, changes=()):
     time = np.linspace(0.0, 4.0, 401)
     x = 0.003 * np.sin(6.0 * time)
     samples, impacts = np.zeros(len(time), SAMPLE_TYPE), np.zeros(3, EVENT_TYPE)
     samples['time'], samples['x'], samples['z'] = time, x, 2.0 * x
     samples['stop_1'], samples['stop_2'] = x + 0.012, x - 0.012
     impacts['time'], impacts['stop'] = (0.5, 1.5, 2.5), (1, 2, 1)
-    return draw_motion(RunRows(samples, impacts), closeups)
+    return draw_motion(RunRows(samples, impacts), closeups, changes)
 
 
 def test_a_figure_leaves_the_style_of_others_alone(tmp_path):
@@ -54,3 +54,18 @@ def test_the_bands_are_in_the_legend():
     box = legend.get_window_extent()
     assert box.x0 >= 0.0
     assert box.x1 <= width
+
+
+def test_labels_of_changes_do_not_run_into_each_other():
+    """Seven changes in a second, and one at the end of the run."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    names = 'gap', 'friction', 'restitution_1', 'restitution_2', 'damper_mass', 'stiffness', 'gap'
+    changes = [(1.0 + 0.12 * k, f'{name} 0.025') for k, name in enumerate(names)]
+    drawn = figure([], [*changes, (3.95, 'damper_mass 0.05')])
+    FigureCanvasAgg(drawn).draw()
+    boxes = [text.get_window_extent() for text in drawn.axes[0].texts]
+    assert len(boxes) == 8
+    assert not any(one.overlaps(two) for i, one in enumerate(boxes) for two in boxes[:i])
+    (left, _), (right, _) = drawn.axes[0].get_window_extent().get_points()
+    assert all(left <= box.x0 < box.x1 <= right for box in boxes)
