@@ -6,8 +6,7 @@ import math
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rigs import VERTICAL
-from running import until
-from theory.test_theory_process import alive
+from running import alive, until
 
 from impact_damper_ros import RigParameters, find_orbits
 from impact_damper_ros.node.motion_report import SETTLED_DRIFT, TOLERANCE, X_MAX_TOLERANCE
