@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 from node.rig_client import LIVELY, SimProcess
-from running import Running
+from running import DEADLINE_S, Running
 
 from impact_damper_ros.cli import set_rig
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
@@ -18,6 +18,12 @@ def node(tmp_path_factory):
     process = SimProcess(tmp_path_factory.mktemp('node'), ('__ns:=/bench',), **LIVELY)
     yield process
     process.kill()
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch):
+    """Wait for a node as long as its start takes on a machine with much else to do."""
+    monkeypatch.setattr(set_rig, 'PATIENCE_S', DEADLINE_S)
 
 
 def rows_of(said):
@@ -132,7 +138,7 @@ def test_no_rig_and_several(node, tmp_path, monkeypatch, capsys):
     assert set_rig.main(['--node', '/nobody']) == 1
     assert '/nobody does not answer: does it run?' in capsys.readouterr().err
     for name in ('DISCOVERY_S', 'PATIENCE_S'):
-        monkeypatch.setattr(set_rig, name, 100.0)
+        monkeypatch.setattr(set_rig, name, DEADLINE_S)
     other = SimProcess(tmp_path / 'other', ('__ns:=/other',), **LIVELY)
     try:
         assert set_rig.main(['gap=0.01']) == 2
