@@ -45,14 +45,17 @@ def test_what_comes_over_the_network_is_the_motion_of_the_rig():
     more = [beside(topic, name) for name in ('snapshot', 'impacts')]
 
     def whole():
-        """Return what came, once the snapshot was among it, which may be found later."""
+        """Return what came, if the snapshot was among it, and not many samples were lost."""
         messages = listened(topic, more, TYPES, 3.0)
-        found = {message.topic for message in messages}
-        return messages if found >= {topic, *more} else None
+        if not {message.topic for message in messages} >= {topic, *more}:
+            return None
+        try:
+            return messages, motion_of_messages(messages, topic, 'live', NO_OPTIONS)
+        except ValueError:
+            return None
 
-    messages = until(whole)
+    messages, data = until(whole)
     assert recorded_rig(messages, topic) == RIG
-    data = motion_of_messages(messages, topic, 'live', NO_OPTIONS)
     assert data.quantity == 'displacement'
     there = data.time[data.used]
     exact = Rig(RIG).run(float(there[-1]), there).samples['x']
@@ -66,6 +69,11 @@ def test_a_live_rig_is_fitted(tmp_path, capsys):
     result = tmp_path / 'fit.json'
     words = ['--topic', '/bench/joint_states', '--seconds', '5', '--rig', str(FILE)]
     code = main([*words, '--json', str(result)])
+    said = capsys.readouterr()
+    if code == 2:
+        # Of a machine that stood still many samples are lost
+        assert 'are missing among' in said.err or 'a step of' in said.err
+        return
     found = json.loads(result.read_text('utf-8'))
     assert 'live, /bench/joint_states' in found['source']
     if code == 0:
@@ -75,8 +83,7 @@ def test_a_live_rig_is_fitted(tmp_path, capsys):
     else:
         # A machine that stood still has lost samples
         assert found['reasons']
-    said = capsys.readouterr().out
-    assert ('NOT accepted' in said) == (code == 1)
+    assert ('NOT accepted' in said.out) == (code == 1)
 
 
 @pytest.mark.usefixtures('node')
