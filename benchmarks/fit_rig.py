@@ -39,7 +39,7 @@ from fit.random_rigs import (
     true_values,
 )
 
-from impact_damper_ros import InitialConditions, Rig, RigParameters
+from impact_damper_ros import InitialConditions, Rig
 from impact_damper_ros.fit.rig_fit import fit_rig
 
 #: Draws the seeds of the rigs.
@@ -52,13 +52,15 @@ WITHIN = 1.959964
 def seeds(count: int) -> list[int]:
     """Return the seeds of the first rigs that have enough impacts."""
     drawn = np.random.default_rng(SEED).integers(2**31, size=2 * count)
-    able = (seed for seed in map(int, drawn) if rattles(random_rig(np.random.default_rng(seed))))
-    return list(islice(able, count))
+    return list(islice(filter(rattles, map(int, drawn)), count))
 
 
-def rattles(rig: RigParameters) -> bool:
-    """Return whether a rig that starts from rest has the impacts within the longest record."""
-    running, count = Rig(rig, InitialConditions(initial_damper_velocity=0.1)), 0
+def rattles(seed: int) -> bool:
+    """Return whether a rig has the impacts within the longest record, from its start there."""
+    rng = np.random.default_rng(seed)
+    rig = random_rig(rng)
+    start = InitialConditions(initial_damper_velocity=float(rng.uniform(-0.3, 0.3)))
+    running, count = Rig(rig, start), 0
     while count <= IMPACTS and running.time < LONGEST:
         count += len(running.run(running.time + 5.0).impacts())
     return count > IMPACTS

@@ -16,8 +16,11 @@ from running import SOURCE, until
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
+from impact_damper_ros import Rig
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.orbits.flight_arrays import run_flights
+from impact_damper_ros.orbits.ring_down import cycles_of
 from impact_damper_ros.page.knobs import ALL_SPECS
 from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.page.recorded import load_recording
@@ -745,6 +748,23 @@ def test_single_steps_of_a_paused_rig(opened, parameters):
     page.wait('!impactDamper.requests.stepping')
     page.click('#step-to-impact')
     page.expect('#toast').to_contain_text('No impact so far')
+
+
+def test_losses_of_a_ring_down(opened, parameters):
+    preset = load_presets()['ring_down']
+    exact = cycles_of(run_flights(Rig(preset.rig, preset.initial), 3.0))
+    page = opened()
+    page.expect('#map-title').to_have_text('Impact map')
+    page.click('#presets-open')
+    page.click('#presets [data-name=ring_down]')
+    page.expect('#map-title').to_have_text('Ring-down')
+    cycles = 'impactDamper.drawing.ringDown.cycles'
+    page.wait(f'{cycles}.length > 12')
+    seen = page.run(f'{cycles}.slice(0, 12).map(one => [one.amplitude, one.loss])')
+    expected = [exact.velocity[:12] / preset.rig.omega, exact.loss[:12]]
+    assert np.transpose(seen) == pytest.approx(np.array(expected), rel=2e-3, abs=1e-3)
+    assert parameters.set(force_amplitudes=[1.0]) == ''
+    page.expect('#map-title').to_have_text('Impact map')
 
 
 # Nodes and servers that come and go

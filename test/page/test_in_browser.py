@@ -285,6 +285,8 @@ def test_presets_and_their_theory(opened, size):
     page.wait('Math.abs(impactDamper.history.state.x) > 0.005')
     page.wait("location.hash.includes('preset=ring_down')")
     page.expect('#curve-line').to_have_text('')
+    page.expect('#map-title').to_have_text('Ring-down')
+    page.wait('impactDamper.drawing.ringDown.cycles.length > 3')
     # The link starts the same rig, also after it has been loaded anew.
     page.tab.reload()
     page.wait(MOVES)
