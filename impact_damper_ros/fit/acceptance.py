@@ -21,8 +21,9 @@ from .revision import EXACT, Revised
 
 #: Largest root of chi squared, by the noise that fourth differences show.
 MOST_CHI = 1.1
-#: Least part of the flights that must be used, and least number of them.
-LEAST_USED, LEAST_FLIGHTS = 0.85, 10
+#: Least part of the flights that must be used, and least number of them. In fits that leave out
+#: more, the course of m is often a wrong one.
+LEAST_USED, LEAST_FLIGHTS = 0.93, 10
 #: A further parameter beyond this many standard deviations is one that the model lacks.
 MOST_Z = 4.0
 #: Correlations beyond this are reported.
