@@ -32,3 +32,16 @@ BENCH = RigParameters(
     force_amplitudes=(1.2,),
     force_frequencies=(31.416,),
 )
+#: A structure of 5 kg, 10 Hz and 2 % with a damper, on a table at 0.2 g
+TABLE = RigParameters.of_structure(
+    primary_mass=5.0,
+    natural_frequency=10.0,
+    damping_ratio=0.02,
+    mass_ratio=0.05,
+    gap=0.018,
+    restitution_1=0.6,
+    restitution_2=0.6,
+    force_amplitudes=0.0,
+    base_amplitudes='0.2 g',
+    base_frequencies='10 Hz',
+)

@@ -300,7 +300,7 @@ class Translator:
 
     def program(self, roots: dict[str, Any], attached: dict[str, Any]) -> str:
         """
-        Return what some functions and classes, by name, and all that they need are.
+        Return the source of some functions and classes, by name, and of all that they need.
 
         `attached` are constants of other names, as `Class.name`.
         """

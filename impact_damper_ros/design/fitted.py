@@ -28,7 +28,7 @@ _INTERVAL = re.compile(
 
 class FittedRig(NamedTuple):
     """
-    What a fit knows of a rig.
+    The values of a fitted rig and their intervals.
 
     Attributes
     ----------

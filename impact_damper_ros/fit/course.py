@@ -23,7 +23,7 @@ Counts = NDArray[np.int64]
 @dataclass
 class Course:
     """
-    Impacts of m, with what lies between them.
+    The impacts of m, and the flights between them.
 
     Attributes
     ----------

@@ -75,7 +75,7 @@ def noise_between(residuals: Array, time: Array, impacts: Array) -> float:
     """
     Return the noise of residuals from fourth differences that do not span an impact.
 
-    NaN where there are too few; residuals may have gaps of NaN.
+    It is NaN where there are too few; the residuals may have gaps of NaN.
     """
     differences = np.diff(residuals, 4)
     first = np.searchsorted(impacts, time)

@@ -133,7 +133,7 @@ def motion_of_messages(
     topic : str
         Name of the topic of the motion.
     source : str
-        Where they come from, for messages.
+        The name of their source, for messages.
     options : ReadingOptions
         See there.
 

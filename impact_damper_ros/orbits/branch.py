@@ -287,7 +287,7 @@ class Branch:
         value : float
             The parameter at the motion.
         orbit : PeriodicOrbit
-            The motion: the branch may pass the same value with another one.
+            The motion there; the branch may pass the same value again with another motion.
         """
         count = len(self.points)
         scale = max(map(abs, self.values))

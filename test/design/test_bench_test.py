@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from rigs import TABLE
 
-from impact_damper_ros import Rig, RigParameters, load_parameters, settle
+from impact_damper_ros import Rig, load_parameters, settle
 from impact_damper_ros.design.bench_test import (
     bench_test,
     flight_laws,
@@ -19,18 +20,7 @@ from impact_damper_ros.design.bench_test import (
 
 @pytest.fixture(scope='module')
 def rig():
-    return RigParameters.of_structure(
-        primary_mass=5.0,
-        natural_frequency=10.0,
-        damping_ratio=0.02,
-        mass_ratio=0.05,
-        restitution_1=0.6,
-        restitution_2=0.6,
-        gap=0.0215,
-        force_amplitudes=0.0,
-        base_amplitudes='0.2 g',
-        base_frequencies='10 Hz',
-    )
+    return TABLE.replace(gap=0.0215)
 
 
 @pytest.mark.parametrize('values', [{}, {'friction': 0.05}, {'friction': 0.02, 'angle': 0.1}])

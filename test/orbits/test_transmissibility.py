@@ -6,6 +6,7 @@ import math
 import re
 
 import pytest
+from rigs import TABLE
 
 from impact_damper_ros import Rig, RigParameters, find_orbits, settle, transmissibility
 from impact_damper_ros.cli.compare_run import main as compare_run
@@ -27,21 +28,6 @@ LOCKED = {
     'base_amplitudes': 1e-3,
     'base_quantity': 'displacement',
 }
-
-
-#: A structure of 5 kg, 10 Hz, 2 % with a damper, on a table at 0.2 g.
-TABLE = RigParameters.of_structure(
-    primary_mass=5.0,
-    natural_frequency=10.0,
-    damping_ratio=0.02,
-    mass_ratio=0.05,
-    restitution_1=0.6,
-    restitution_2=0.6,
-    gap=0.018,
-    force_amplitudes=0.0,
-    base_amplitudes='0.2 g',
-    base_frequencies='10 Hz',
-)
 
 
 def expected(rate, mass=2.1):
