@@ -139,7 +139,7 @@ def test_a_link_of_the_lecture_moves_a_rig_in_the_browser(site):
         ('gap_max', 'reference/control.html#gap_max'),
         ('restitution_2', 'reference/parameters.html#restitution_2'),
         ('robot_description', 'reference/node.html#robot_description'),
-        ('lyapunov_exponent', 'reference/sweeps.html#lyapunov_exponent'),
+        ('lyapunov_exponent', 'reference/sweep_measures.html#lyapunov_exponent'),
     ],
 )
 def test_a_row_of_a_table_has_an_address(site, name, anchor):
