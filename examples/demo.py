@@ -37,7 +37,8 @@ from impact_damper_ros.report.run_figures import Closeup, RunRows, draw_motion
 
 #: Seconds of the rig per second of the demonstration, so that each stage has time to settle.
 SPEED = 3.0
-PATIENCE_S = 30.0
+#: After which a node that neither ends nor publishes hangs, s.
+PATIENCE_S = 120.0
 BENCH = preset_file(Path('bench_rig'))
 CLOSEUP_CYCLES = 3
 
@@ -102,19 +103,25 @@ class Listener:
     def _take_impact(self, _message: Any) -> None:
         self.impacts += 1
 
-    def listen_until(self, time: float, bar: Any) -> None:
-        """Listen until the time of the rig, which may lag behind the clock on a busy machine."""
+    def next_time(self) -> float:
+        """Return the stamp of the next joint states, at most a queue of them old."""
         import rclpy
 
-        while self.time < time:
-            before = self.time
+        before = self.states
+        while self.states == before:
             rclpy.spin_once(self._client, timeout_sec=1.0)
             if self._node.poll() is not None:
                 raise CommandError(f'the node ended with exit code {self._node.returncode}')
             if monotonic() > self._heard + PATIENCE_S:
                 raise CommandError(f'no joint_states arrived for {PATIENCE_S:g} s')
+        return self.time
+
+    def listen_until(self, time: float, bar: Any) -> None:
+        """Listen until the time of the rig, which may lag behind the clock on a busy machine."""
+        while (before := self.time) < time:
+            passed = (self.next_time() - before) / SPEED
             bar.set_postfix_str(f'{self.impacts} impacts', refresh=False)
-            bar.update((self.time - before) / SPEED)
+            bar.update(min(passed, bar.total - bar.n))
 
 
 def perform(node: subprocess.Popen[bytes], duration: float) -> None:
@@ -126,12 +133,16 @@ def perform(node: subprocess.Popen[bytes], duration: float) -> None:
     )
     with ros_node('demo') as client, bar:
         listener = Listener(client, node)
+        listener.next_time()
         rig = RigParameterClient(client, '/sim_node')
-        for number, stage in enumerate(STAGES, 1):
-            if number > 1:
+        begin = 0.0
+        for number, stage in enumerate(STAGES):
+            if number:
                 rig.set({stage.parameter: stage.value})
+                # A stage has its length whatever the one before it and the request took.
+                begin = listener.next_time()
             bar.write(f'  {stage.text}   (set_rig {stage.parameter}={stage.value:g})')
-            listener.listen_until(SPEED * duration * number / len(STAGES), bar)
+            listener.listen_until(begin + SPEED * duration / len(STAGES), bar)
         rig.set({'record': False})
     print(f'\n{listener.states} joint_states and {listener.impacts} impacts arrived over DDS.')
 
