@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from run_alone import RunAlone
 
 # 1..101: above that, the ports of a domain reach into Linux's range of ephemeral ports.
 DOMAINS = 101
@@ -130,6 +131,22 @@ def _check_wheels() -> None:
 _check_wheels()
 _take_interruptions()
 _isolate_ros()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add what `.ci/run` asks for."""
+    parser.addoption(
+        '--again-alone',
+        type=int,
+        metavar='N',
+        help='run up to N tests that failed once more, each alone, after all others',
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Hold failures back where they get a second run; the processes of pytest-xdist do not."""
+    if (most := config.getoption('--again-alone')) and not hasattr(config, 'workerinput'):
+        config.pluginmanager.register(RunAlone(config, most))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
