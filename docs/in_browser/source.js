@@ -253,7 +253,7 @@ class InPage {
   handle({ type: kind, name, values, window: seconds, relative = false }) {
     if (kind === 'view') Object.assign(this, { window: seconds, relative, replace: true });
     else if (kind === 'set') return { values: this.set(read_values(values)) };
-    else if (kind === 'preset') this.load(name);
+    else if (kind === 'begin') this.restart(this.values(), this.parted(read_values(values)));
     else if (kind !== 'service') throw new RequestError(`${kind} needs the installed package`);
     else if (name === 'reset') this.reset();
     else if (name === 'pause') {
@@ -268,8 +268,8 @@ class InPage {
     return {};
   }
 
-  /** Set values, all or none of them; what is wrong with one says the table of parameters. */
-  set(values) {
+  /** Return the parts of the rig with values; what is wrong with one says the table of parameters. */
+  parted(values) {
     const before = this.values();
     for (const name of Object.keys(values)) if (!(name in before)) throw new RequestError(`${name} needs the installed package`);
     const parts = { ...this.parts };
@@ -278,6 +278,13 @@ class InPage {
       if (Object.keys(own).length) parts[part] = parts[part].replace(own);
     }
     if ('initial' in parts && parts.initial !== this.parts.initial) parts.initial.check_within(parts.rig);
+    return parts;
+  }
+
+  /** Set values, all or none of them. */
+  set(values) {
+    const before = this.values();
+    const parts = this.parted(values);
     for (const name of Object.keys(SETTINGS)) if (name in values) this.settings[name] = ALL_SPECS[name].checked(values[name]) || 1;
     const wait = this.rig.wait_for_change(parts.rig);
     if (wait > 0 && wait < Infinity) {
@@ -291,21 +298,14 @@ class InPage {
     return values;
   }
 
-  /** A rig with the values of a preset, from its start on; time goes on. */
-  load(name) {
-    if (!Object.hasOwn(PRESETS, name)) throw new RequestError(`there is no preset ${name.slice(0, 80)}`);
-    const before = this.values();
-    const { rig, control, initial } = PRESETS[name];
-    this.parts = { rig, control, initial };
-    this.restart(before);
-  }
-
   reset() {
-    this.restart(this.values());
+    this.restart(this.values(), this.parts);
   }
 
-  restart(before) {
-    const { rig, control, initial } = this.parts;
+  /** A rig from its start on; time goes on. */
+  restart(before, parts) {
+    this.parts = parts;
+    const { rig, control, initial } = parts;
     this.rig = new Rig(rig, initial, this.rig.time, control);
     this.say(before, 'reset');
   }

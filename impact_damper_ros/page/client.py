@@ -30,15 +30,21 @@ _STATES = frozenset(
         *('hello', 'rigs', 'recordings', 'what_if'),
     )
 )
-#: Most other messages that wait, and the longest write, s; beyond these the page is closed.
+#: Most other messages that wait; with more, the page is closed.
 _MOST_WAITING = 256
-STALLED_S = 60.0
+#: Time for which a page may take nothing, or leave a ping unanswered, until it counts as gone, s:
+#: a browser that only has to wait for a busy machine does not.
+STALLED_S = 180.0
 _MOST_RATE = 60.0
 #: Messages of one page that are processed at once, and then per second; dragging a knob sends
 #: some 60 per second. Further ones wait in the connection, without delaying other pages.
 _BURST, _MESSAGES_PER_S = 100.0, 100.0
+#: Most requests of a page that wait for their answers.
+_MOST_REQUESTS = 256
 #: Requests that a page may make that only watches; the rest change the rig.
 _WATCHING = frozenset(('view', 'play', 'seek', 'jump', 'what_if'))
+#: Requests that change nothing and take long; they end with their page, which asks again.
+_COMPUTING = frozenset(('structure',))
 #: Longest identifier of a request.
 _LONGEST_ID = 80
 
@@ -62,6 +68,8 @@ class Client:
         self._steers = steers
         self._waiting: dict[object, str] = {}
         self._count = 0
+        self._requests: set[asyncio.Task[None]] = set()
+        self._computing: set[asyncio.Task[None]] = set()
         self._last: asyncio.Future[Any] | None = None
         self._since = 0.0
         self.closed = False
@@ -133,13 +141,25 @@ class Client:
         if not self.closed:
             self.closed = True
             self._waiting.clear()
+            for task in self._computing:
+                task.cancel()
             self._sink.close()
 
     # From the page
 
     async def take(self, text: str | bytes) -> None:
-        """Process a message of the page; errors in it are reported to that page only."""
+        """Begin to process a message of the page; what comes next does not wait for the answer."""
         await self._take_turn()
+        task = asyncio.ensure_future(self._process(text))
+        self._requests.add(task)
+        task.add_done_callback(self._forget)
+
+    def _forget(self, task: asyncio.Task[None]) -> None:
+        self._requests.discard(task)
+        self._computing.discard(task)
+
+    async def _process(self, text: str | bytes) -> None:
+        """Process a message; errors in it are reported to this page only."""
         identity: Any = None
         try:
             message = json.loads(text, parse_constant=_refuse) if isinstance(text, str) else None
@@ -148,6 +168,10 @@ class Client:
             identity = message.get('id')
             if not isinstance(identity, int | str) or len(str(identity)) > _LONGEST_ID:
                 identity = None
+            if len(self._requests) > _MOST_REQUESTS:
+                raise RequestError('too many requests wait for their answers: try it again')
+            if message['type'] in _COMPUTING and (task := asyncio.current_task()) is not None:
+                self._computing.add(task)
             answer = await self._answer(message)
         except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
             answer = {'ok': False, 'reason': f'the message cannot be read: {error!r}'[:500]}
@@ -157,7 +181,7 @@ class Client:
             self.put({'type': 'answer', 'id': identity, **answer})
 
     async def _take_turn(self) -> None:
-        """Wait after too many messages; the next one is read only after this one is processed."""
+        """Wait after too many messages; the next one is read only after that."""
         now = time.monotonic()
         earned = _MESSAGES_PER_S * (now - self._counted)
         self._credit, self._counted = min(_BURST, self._credit + earned) - 1.0, now

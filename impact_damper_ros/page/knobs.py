@@ -39,7 +39,7 @@ _SHAKEN = {
 }
 
 
-def _first_of(values: Mapping[str, Any]) -> dict[str, tuple[str, str, str]]:
+def first_knobs(values: Mapping[str, Any]) -> dict[str, tuple[str, str, str]]:
     """Return the most important parameters of a rig."""
     if any(values.get('force_amplitudes', (1.0,))) or not any(values.get('base_amplitudes', ())):
         return _FIRST
@@ -60,7 +60,7 @@ def knobs_of(values: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the parameters that have values, for JSON."""
     first = {
         name: {'place': place, 'title': title, 'term': term, 'symbol': symbol}
-        for place, (name, (title, term, symbol)) in enumerate(_first_of(values).items())
+        for place, (name, (title, term, symbol)) in enumerate(first_knobs(values).items())
     }
     return [
         {
@@ -86,7 +86,7 @@ def knobs_of(values: Mapping[str, Any]) -> list[dict[str, Any]]:
 def read_values(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values of a request; what was typed is a text, and the unit it is shown in."""
     read = dict(values)
-    for name, value in values.items():
+    for name, value in list(read.items()):
         if isinstance(value, dict):
             if name not in ALL_SPECS:
                 raise RequestError(f'{name[:80]} is not a parameter')

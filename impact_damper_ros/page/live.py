@@ -29,10 +29,10 @@ from impact_damper_ros.replay.rows import Messages
 from impact_damper_ros.rig.snapshot import Snapshot
 
 from .frames import PAUSED, View
-from .knobs import as_json, knobs_of, read_values
+from .knobs import as_json, first_knobs, knobs_of, read_values
 from .motion import Era, ForcePhase, Motion
 from .numbers import numbers_of
-from .presets import change_between, load_presets, preset_with
+from .presets import change_between, preset_with
 from .source import RequestError, Source
 from .structure import FieldError, answer_json, designed, settings_of, structure_of
 
@@ -72,8 +72,8 @@ class LiveRig(Source):
         self._status_sent: tuple[str, str] = ('', '')
         self._status_at = 0.0
         self._asking: asyncio.Task[None] | None = None
-        # Whether the best gap of a structure is being computed
-        self._designing = False
+        # The best gap of one structure is computed at a time.
+        self._designing = asyncio.Lock()
 
     def _forget(self) -> None:
         """Discard all messages: a run begins."""
@@ -367,10 +367,10 @@ class LiveRig(Source):
                 values = read_values(message['values'])
                 reason = await self.link.set(values)
                 return {'ok': not reason, 'reason': reason, 'values': values}
-            if kind == 'preset':
-                return await self._take_preset(message['name'])
+            if kind == 'begin':
+                return await self._begin(read_values(message['values']))
             if kind == 'structure':
-                return await self._take_structure(message['values'])
+                return await self._design(message['values'])
             if kind == 'service':
                 return await self._serve(message['name'])
         except TimeoutError as error:
@@ -386,39 +386,29 @@ class LiveRig(Source):
             raise RequestError(f'{str(name)[:80]} is not a service of a rig')
         return {'ok': ok, 'reason': text}
 
-    async def _take_preset(self, name: str) -> dict[str, Any]:
-        """Set the parameters of a preset, all at once, and reset the rig."""
-        if name not in load_presets():
-            raise RequestError(f'there is no preset {str(name)[:80]}')
-        return await self._begin(load_presets()[name].values)
-
-    async def _begin(self, values: Mapping[str, Any]) -> dict[str, Any]:
+    async def _begin(self, values: dict[str, Any]) -> dict[str, Any]:
         """Set parameters, all at once, and reset the rig."""
-        if reason := await self.link.set(dict(values)):
+        before = first_knobs(self.values)
+        if reason := await self.link.set(values):
             return {'ok': False, 'reason': reason}
-        return await self._serve('reset')
-
-    async def _take_structure(self, typed: Mapping[str, Any]) -> dict[str, Any]:
-        """Find the best damper of a structure, and set the rig to both."""
-        if self._designing:
-            raise RequestError('a best gap is being computed: wait until it is known')
-        self._designing = True
-        try:
-            rig = structure_of(typed)
-            answer = await designed(rig)
-        except FieldError as error:
-            return {'ok': False, 'reason': str(error), 'field': error.field}
-        finally:
-            self._designing = False
-        values = as_json(settings_of(rig, answer.gap))
-        begun = await self._begin(values)
-        if begun['ok']:
-            # Other knobs come first where the base is shaken
-            self.values |= values
+        answer = await self._serve('reset')
+        self.values |= as_json(values)
+        if self._all_known and first_knobs(self.values) != before:
             for client in list(self.clients):
                 client.show(self)
+        return {**answer, 'values': values}
+
+    async def _design(self, typed: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the best damper of a structure, and the parameters of both."""
+        try:
+            rig = structure_of(typed)
+            async with self._designing:
+                answer = await designed(rig)
+        except FieldError as error:
+            return {'ok': False, 'reason': str(error), 'field': error.field}
         shown = answer_json(answer, rig, self.values.get('state_rate', math.inf))
-        return {**begun, 'values': values, 'design': as_json(shown)}
+        values = as_json(settings_of(rig, answer.gap))
+        return {'ok': True, 'reason': '', 'values': values, 'design': as_json(shown)}
 
 
 def _level(reports: Iterable[DiagnosticStatus]) -> str:

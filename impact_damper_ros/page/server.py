@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import socket
@@ -18,7 +19,7 @@ from weakref import WeakValueDictionary
 from tornado.iostream import StreamClosedError
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
-from tornado.websocket import WebSocketHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.run_reader import bag_files
@@ -120,7 +121,6 @@ class PageServer:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         for client in list(self._clients):
-            client.close()
             self.leave(client)
         if self._http is not None:
             await self._http.close_all_connections()
@@ -296,7 +296,8 @@ class PageServer:
         return path, found
 
     def leave(self, client: Client) -> None:
-        """Forget a page that was closed."""
+        """Forget a page that was closed, and close it if it is not."""
+        client.close()
         self._clients.discard(client)
         client.source.clients.discard(client)
 
@@ -453,12 +454,17 @@ class _Report(_Guarded):
 
 class _Socket(_Guarded, WebSocketHandler):
     client: Client | None = None
+    opening: asyncio.Task[None]
 
     def check_origin(self, origin: str) -> bool:
         return self.server.gate.accepts_origin(origin, self.request.headers['Host'])
 
-    async def open(self, *args: str, **kwargs: str) -> None:
+    def open(self, *args: str, **kwargs: str) -> None:
         del args, kwargs
+        # No ping is answered while this method waits.
+        self.opening = asyncio.ensure_future(self._begin())
+
+    async def _begin(self) -> None:
         self.set_nodelay(True)
         connection = self.ws_connection
         stream = getattr(connection, 'stream', None)
@@ -470,13 +476,15 @@ class _Socket(_Guarded, WebSocketHandler):
             self.client = await self.server.open(self, rig, bag, steers=self.steers)
         except RequestError as error:
             text = json.dumps({'type': 'status', 'state': 'gone', 'text': str(error)[:2000]})
-            await self.write_message(text)
+            with contextlib.suppress(WebSocketClosedError):
+                await self.write_message(text)
             self.close(4404)
         else:
             if self.ws_connection is None or self.ws_connection.is_closing():
                 self.on_close()
 
     async def on_message(self, message: str | bytes) -> None:
+        await asyncio.shield(self.opening)
         if self.client is not None:
             await self.client.take(message)
 
@@ -499,6 +507,6 @@ def _application(server: PageServer) -> Application:
         default_handler_class=_Missing,
         default_handler_args=own,
         websocket_max_message_size=LONGEST_MESSAGE,
-        websocket_ping_interval=20,
+        websocket_ping_interval=STALLED_S,
         log_function=lambda _: None,
     )

@@ -3,6 +3,7 @@
 import json
 import math
 import shutil
+import signal
 
 import chromium
 import pytest
@@ -856,17 +857,60 @@ def test_a_server_that_comes_back(browser, tmp_path):
     page = browser.open(server.address)
     try:
         page.wait(FULL)
-        port = server.port
-        server.close()
+        # What only computes is asked again. A change is not: it may have been made.
+        page.click('#presets-open')
+        page.click('#structure-open')
+        server.send(signal.SIGSTOP)
+        page.click('#structure-form [type=submit]')
+        page.expect('#structure-result').to_have_text('Looking for the best gap …')
+        page.run("document.querySelector('#pause').click()")
+        page.wait('impactDamper.requests.connection.pending.size === 2')
+        server.close(signal.SIGKILL)
+        page.expect('#toast').to_contain_text('may or may not have been made')
         page.expect('#status').to_have_text('no server')
-        server = PageProcess(tmp_path / 'two', '--node', '/sim_node', '--port', port)
+        page.run("document.querySelector('#pause').click()")
+        page.expect('#toast').to_contain_text('nothing was changed')
+        again = '--node', '/sim_node', '--port', server.port
+        server = PageProcess(tmp_path / 'two', *again)
         page.wait(FULL)
+        page.expect('#structure-result h3').to_contain_text('Best gap', timeout=4000.0 * LONG)
+        page.expect('#preset-name').to_have_text('My structure')
     finally:
         page.close()
         server.close()
 
 
 # A recording
+
+
+@pytest.mark.parametrize('playing', [True, False], ids=['that plays', 'that is paused'])
+def test_a_recording_goes_on_where_the_connection_was_lost(playing, browser, tmp_path):
+    bag = tmp_path / 'run'
+    assert simulate_rig([str(BENCH), '--duration', '60', '--bag', str(bag), '--quiet']) == 0
+    server = PageProcess(tmp_path / 'one', '--bag', bag)
+    page = browser.open(server.address)
+    try:
+        page.wait("document.body.classList.contains('playing') && impactDamper.history.state")
+        page('#speed').select_option('0.05')
+        page('#scrub').evaluate(
+            "one => { one.value = 30; one.dispatchEvent(new Event('change')); }"
+        )
+        page.wait('impactDamper.history.end > 29')
+        if not playing:
+            page.click('#play')
+            page.expect('#status').to_have_text('paused')
+        page.wait(f'impactDamper.history.paused === {json.dumps(not playing)}')
+        server.close(signal.SIGKILL)
+        page.expect('#status').to_have_text('no server')
+        left, frames = page.run('[impactDamper.history.end, impactDamper.received.frames]')
+        server = PageProcess(tmp_path / 'two', '--bag', bag, '--port', server.port)
+        page.expect('#status').to_have_text('running' if playing else 'paused')
+        page.wait(f'impactDamper.received.frames > {frames + 5 * playing}')
+        page.wait(f'impactDamper.history.end {">" if playing else "==="} {left}')
+        assert page.run('impactDamper.history.end') < 59.0
+    finally:
+        page.close()
+        server.close()
 
 
 def test_a_recording_is_made_played_compared_and_downloaded(opened, live, parameters, tmp_path):

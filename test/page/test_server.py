@@ -13,10 +13,12 @@ from tornado.websocket import WebSocketClosedError
 from impact_damper_ros import RigParameters
 from impact_damper_ros.page.client import Client
 from impact_damper_ros.page.live import LiveRig
+from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.page.source import Source
 
 from .fake_rig import FakeLink, FakeNetwork, diagnostics
 from .served import get, in_loop, live_page, opened, serving, started, taken_apart, url
+from .test_structure import TYPED
 
 MARKUP = '<img src=x onerror=alert(1)>'
 
@@ -110,7 +112,7 @@ async def test_another_machine_watches_and_steers_with_the_token(tmp_path, monke
                 for request in (
                     {'type': 'set', 'values': {'gap': 20.0 + steers}},
                     {'type': 'service', 'name': 'reset'},
-                    {'type': 'preset', 'name': 'bench'},
+                    {'type': 'begin', 'values': {'gap': 25.0}},
                     {'type': 'compare', 'recording': 'none', 'on': True},
                 ):
                     ok, reason = await page.ask(**request)
@@ -217,13 +219,35 @@ async def test_requests_reach_the_node_and_its_words_come_back(tmp_path):
         for service in ('reset', 'step', 'step_to_impact'):
             assert await page.ask(type='service', name=service) == (True, service)
         assert not (await page.ask(type='service', name='shutdown'))[0]
-        assert (await page.ask(type='preset', name='bench'))[0]
+        assert (await page.ask(type='begin', values=load_presets()['bench'].values))[0]
         assert link.rig.parameters.gap == 0.024
         assert link.rig.control.gap_max == 0.3
         assert link.calls[-1] == ('reset',)
-        assert not (await page.ask(type='preset', name=MARKUP))[0]
+        calls = len(link.calls)
+        assert not (await page.ask(type='begin', values={'gap': -1.0}))[0]
+        assert ('reset',) not in link.calls[calls:]
         link.answers = False
         assert (await page.ask(type='set', values={'gap': 1.0}))[1] == 'the node does not answer'
+
+
+@in_loop
+async def test_a_request_that_takes_long_holds_up_no_other(tmp_path):
+    """Nor the answer to a ping, which comes in the same order."""
+    async with live_page(tmp_path) as (link, page):
+        await page.until(lambda: [m for m in page.of('hello') if m['parameters']])
+        await page.send(type='structure', id='long', values=TYPED)
+        assert await page.ask(type='set', values={'gap': 30.0}) == (True, '')
+        assert len(page.of('answer')) == 1
+        answer = await page.next('answer', id='long')
+        assert answer['ok']
+        # It changes nothing by itself.
+        assert link.rig.parameters.gap == 30.0
+        assert (await page.ask(type='begin', values=answer['values']))[0]
+        assert link.rig.parameters.gap == answer['values']['gap']
+        # Another knob comes first by now.
+        knobs = [k['name'] for k in page.of('hello')[-1]['parameters'] if k['first']]
+        assert 'base_amplitudes' in knobs
+        assert 'force_amplitudes' not in knobs
 
 
 @pytest.mark.parametrize(
@@ -231,8 +255,9 @@ async def test_requests_reach_the_node_and_its_words_come_back(tmp_path):
     [
         *('', '[]', 'null', '{', '{"type": 1}', '{"type": "set"}', '{"type": "set", "values": 3}'),
         *('{"type": "view", "window": "wide"}', '{"type": "view", "window": null}', '[' * 60_000),
-        *('{"type": "shutdown"}', '{"type": "preset"}', '{"type": "set", "values": [3]}'),
-        *('{"type": "service", "name": {}}', '{"type": "preset", "name": []}', '{"type": "view"}'),
+        *('{"type": "shutdown"}', '{"type": "begin"}', '{"type": "set", "values": [3]}'),
+        *('{"type": "service", "name": {}}', '{"type": "begin", "values": [3]}'),
+        '{"type": "view"}',
         *(
             '{"type": "compare", "recording": [], "on": true}',
             '{"type": "set", "values": {"a": NaN}}',
@@ -349,7 +374,7 @@ async def test_a_rig_that_comes_later_is_found_and_one_that_is_not_there_is_name
         assert (hello['rig'], hello['rigs']) == ('', [])
         assert (await page.next('status'))['state'] == 'gone'
         assert 'no rig' in (await page.ask(type='set', values={'gap': 1.0}))[1]
-        assert not (await page.ask(type='preset', name='bench'))[0]
+        assert not (await page.ask(type='begin', values={'gap': 1.0}))[0]
         link = network.links.setdefault('/left/sim_node', FakeLink('/left/sim_node'))
         link.run(1.0)
         assert (await page.next('hello', rig='/left/sim_node'))['rigs'] == ['/left/sim_node']

@@ -51,12 +51,15 @@ const drag = new Drag(drawing.rig, () => history.state, {
 });
 /** The best gap of a structure, and the values of its rig, as long as the rig is that one. */
 let designed = null;
-const structure = new Structure((message) => connection.ask(message), (design, values) => {
+const structure = new Structure((message) => connection.ask(message), async (design, values) => {
+  const answer = await connection.ask({ type: 'begin', values });
+  if (!answer.ok) return answer;
   designed = { values };
   drawing.curve.markDesign(design.gap);
   Object.assign(state.address, { preset: '', values: reproducible(values) });
   showPreset();
   keepAddress();
+  return answer;
 });
 const recordings = new Recordings(connection, (name) => requests.join({ bag: name }));
 
@@ -259,11 +262,10 @@ function beginLive({ rig, parameters, preset }) {
 function beginPlaying() {
   const { address } = state;
   showPreset();
-  if (opened.time && opened.bag === address.bag) {
-    player.seek(opened.time);
-    // Once: a connection that is lost later goes on elsewhere.
-    opened.time = NaN;
-  }
+  if (opened.time && opened.bag === address.bag) player.seek(opened.time);
+  // Once
+  opened.time = NaN;
+  player.goOn(address.bag);
   if (Object.keys(address.values).length) requests.turn(address.values);
 }
 
@@ -325,7 +327,10 @@ connection.addEventListener('status', ({ detail }) => {
   setStatus(detail.state, detail.text);
   if (detail.state === 'ended') player.show(detail.time);
 });
-connection.addEventListener('lost', () => setStatus('offline'));
+connection.addEventListener('lost', () => {
+  player.leave(state.address.bag, history.end);
+  setStatus('offline');
+});
 connection.addEventListener('missing', () => {
   toast(state.statusText || 'There is no such rig or recording.', 'bad');
   setStatus('gone');

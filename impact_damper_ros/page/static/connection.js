@@ -5,6 +5,10 @@
 const NOT_THERE = 4404;
 const FIRST_WAIT = 400;
 const LONGEST_WAIT = 5000;
+/** Requests that are asked again where the connection is lost before the answer: those that change no rig. */
+const REPEATED = new Set(['structure', 'what_if', 'compare', 'fit']);
+const NOT_ASKED = 'The page server does not answer: nothing was changed.';
+const LOST = 'The connection was lost before the answer: the change may or may not have been made.';
 
 /** Return what sends messages and frames: the rig that is part of this page, if there is one, or the page server. */
 function openSource(query) {
@@ -38,13 +42,17 @@ export class Connection extends EventTarget {
     this.wait = FIRST_WAIT;
     this.timer = 0;
     this.ids = 0;
+    /** Requests without an answer by their number: the message, and what takes the answer. */
     this.pending = new Map();
+    /** Whether the server has begun to show what was joined. */
+    this.joined = false;
   }
 
   /** Join a rig, a recording, or what the server offers first. */
   join({ rig = '', bag = '' }) {
     this.query = new URLSearchParams(bag ? { bag } : rig ? { rig } : {}).toString();
     this.wait = FIRST_WAIT;
+    this.forget('Something else is shown now.');
     this.open();
   }
 
@@ -54,17 +62,15 @@ export class Connection extends EventTarget {
       this.socket.onclose = null;
       this.socket.close();
     }
-    this.forget('The connection was closed.');
+    this.joined = false;
     const socket = openSource(this.query);
     socket.binaryType = 'arraybuffer';
-    socket.onopen = () => {
-      this.wait = FIRST_WAIT;
-      this.dispatchEvent(new CustomEvent('open'));
-    };
     socket.onmessage = ({ data }) => this.receive(data);
     socket.onclose = ({ code }) => {
-      this.forget('The page server does not answer.');
+      this.joined = false;
+      this.forget(LOST, ({ type }) => !REPEATED.has(type));
       if (code === NOT_THERE) {
+        this.forget('There is no such rig or recording.');
         this.dispatchEvent(new CustomEvent('missing'));
         return;
       }
@@ -82,36 +88,44 @@ export class Connection extends EventTarget {
       return;
     }
     const message = JSON.parse(data);
-    if (message.type === 'hello') this.layout = message.frame;
+    let again = [];
+    if (message.type === 'hello') {
+      this.layout = message.frame;
+      this.wait = FIRST_WAIT;
+      if (!this.joined) again = [...this.pending.values()];
+      this.joined = true;
+    }
     if (message.type === 'answer') {
-      this.pending.get(message.id)?.(message);
+      this.pending.get(message.id)?.resolve(message);
       this.pending.delete(message.id);
     }
     this.dispatchEvent(new CustomEvent(message.type, { detail: message }));
+    for (const { message: asked } of again) this.send(asked);
   }
 
-  forget(reason) {
-    for (const answer of this.pending.values()) answer({ ok: false, reason });
-    this.pending.clear();
-  }
-
-  get isOpen() {
-    return this.socket?.readyState === WebSocket.OPEN;
+  /** Give up requests, all or some of them. */
+  forget(reason, which = () => true) {
+    for (const [id, { message, resolve }] of this.pending) {
+      if (!which(message)) continue;
+      this.pending.delete(id);
+      resolve({ ok: false, reason });
+    }
   }
 
   /** Send a message; without a connection nothing is kept for later. */
   send(message) {
-    if (this.isOpen) this.socket.send(JSON.stringify(message));
+    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 
-  /** Send a message that is answered, and return the answer {ok, reason}. */
-  ask(message) {
-    if (!this.isOpen) return Promise.resolve({ ok: false, reason: 'The page server does not answer.' });
+  /** Send a message that is answered, and return the answer {ok, reason}; see REPEATED. */
+  ask(asked) {
+    const again = REPEATED.has(asked.type);
+    if (!this.joined && !again) return Promise.resolve({ ok: false, reason: NOT_ASKED });
     this.ids += 1;
-    const id = this.ids;
+    const message = { ...asked, id: this.ids };
     return new Promise((resolve) => {
-      this.pending.set(id, resolve);
-      this.send({ ...message, id });
+      this.pending.set(message.id, { message, resolve });
+      if (this.joined) this.send(message);
     });
   }
 }

@@ -15,6 +15,8 @@ export class Player {
     this.playing = false;
     this.speed = 1;
     this.scrubbing = false;
+    /** Where a recording stood when the connection was lost; null if it was not. */
+    this.left = null;
     const speeds = byId('speed');
     for (const speed of SPEEDS) speeds.append(element('option', { value: String(speed), text: `${speed}×` }));
     speeds.value = '1';
@@ -70,6 +72,20 @@ export class Player {
     this.playing = on;
     this.connection.send({ type: 'play', speed: on ? this.speed : 0 });
     write(byId('play'), on ? 'Pause' : 'Play');
+  }
+
+  /** Keep where a recording stands as the connection is lost. */
+  leave(bag, time) {
+    if (this.on) this.left ??= { bag, time, playing: this.playing };
+  }
+
+  /** Go on where the connection was lost, if it was with this recording. */
+  goOn(bag) {
+    const { left } = this;
+    this.left = null;
+    if (left?.bag !== bag) return;
+    this.play(left.playing);
+    this.seek(left.time);
   }
 
   seek(time) {

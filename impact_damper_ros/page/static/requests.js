@@ -62,7 +62,9 @@ export class Requests {
   }
 
   async loadPreset(name) {
-    if (!await this.ask({ type: 'preset', name })) return;
+    const { values } = state.hello.presets.find((one) => one.name === name) ?? {};
+    if (!values) toast(`There is no preset ${name}.`, 'bad');
+    if (!values || !await this.ask({ type: 'begin', values })) return;
     Object.assign(state.address, { preset: name, values: {} });
     this.onPreset();
     keepAddress();

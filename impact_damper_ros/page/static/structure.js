@@ -23,10 +23,10 @@ const FIELDS = [
 const share = (value) => `${digits(100 * value, 3)} %`;
 
 export class Structure {
-  /** `ask` sends a request and returns the answer; `found` is called with the design, or null. */
-  constructor(ask, found) {
+  /** `ask` sends a request and returns the answer; `set` sets the rig to a design and its values, and does so too. */
+  constructor(ask, set) {
     this.ask = ask;
-    this.found = found;
+    this.set = set;
     this.inputs = {};
     const form = byId('structure-form');
     const field = ([name, label, start, unit, help]) => {
@@ -80,12 +80,10 @@ export class Structure {
     this.fail();
     byId('structure-result').replaceChildren(element('p', { class: 'quiet', text: 'Looking for the best gap …' }));
     const answer = await this.ask({ type: 'structure', values });
+    const { ok, reason } = answer.ok ? await this.set(answer.design, answer.values) : answer;
     this.button.disabled = false;
-    this.fail(answer.field, answer.ok ? '' : answer.reason);
-    if (answer.ok) {
-      this.show(answer.design, answer.values);
-      this.found(answer.design, answer.values);
-    }
+    this.fail(answer.field, ok ? '' : reason);
+    if (ok) this.show(answer.design, answer.values);
   }
 
   show(design, values) {
