@@ -180,6 +180,8 @@ def _index(_app: Any, name: str, source: list[str]) -> None:
 
 #: Headings of the first column of tables whose rows a search finds by name.
 _ROWS = 'parameter', 'topic', 'service', 'act', 'field', 'key', 'entry', 'column'
+#: Those whose rows have an anchor.
+_NAMES = *_ROWS, 'name', 'table', 'quantity', 'sensor_fault', 'actuator_fault', 'package'
 
 
 def _anchor_rows(app: Any, document: nodes.document) -> None:
@@ -190,6 +192,8 @@ def _anchor_rows(app: Any, document: nodes.document) -> None:
         if head is None or body is None:
             continue
         kind = head.next_node(nodes.entry).astext()
+        if kind not in _NAMES:
+            continue
         for row in body.findall(nodes.row):
             for name in row.next_node(nodes.entry).findall(nodes.literal):
                 anchor = re.sub(r'\W+', '-', name.astext()).strip('-')

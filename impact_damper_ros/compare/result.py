@@ -78,7 +78,7 @@ class MeasuredMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class Overall:
-    """Swing, impacts and energy over a whole stretch or run, whatever the motion; exact."""
+    """Largest |X|, impacts and energy over a whole stretch or run, whatever the motion; exact."""
 
     #: Length, s.
     duration: float
@@ -338,7 +338,7 @@ class StretchComparison(LoggedStretch):
     cycles: int = 0
     #: Rig time from which the motion is steady, s; None if it does not become steady.
     settled_at: float | None = None
-    #: Swing, impacts and energy over the whole stretch.
+    #: Largest |X|, impacts and energy over the whole stretch.
     overall: Overall | None = None
     #: The steady part.
     measured: MeasuredMotion | None = None
@@ -446,7 +446,7 @@ class RunComparison:
 
     @property
     def overall(self) -> Overall | None:
-        """Swing, impacts and energy over all stretches; None if no stretch has them."""
+        """Largest |X|, impacts and energy over all stretches; None if no stretch has them."""
         parts = [s.overall for s in self.stretches if s.overall is not None]
         return Overall.joined(parts) if parts else None
 

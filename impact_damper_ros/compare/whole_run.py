@@ -73,7 +73,7 @@ class WholeRun:
 
     @property
     def overall(self) -> Overall | None:
-        """Swing, impacts and energy over the run; None if it holds no motion."""
+        """Largest |X|, impacts and energy over the run; None if it holds no motion."""
         return Overall.joined(self._overall) if self._overall else None
 
     @property

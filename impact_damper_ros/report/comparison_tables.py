@@ -150,7 +150,7 @@ def overall_table(
     rows = [(name, *(text(e) for text in columns.values())) for name, e in entries.items()]
     text = 'Over whole stretches, transients included. '
     heads = [Column('stretch', 'text'), *map(Column, columns)]
-    return Table(heads, [('', rows)], 'Swing, impacts and energy', text + note)
+    return Table(heads, [('', rows)], 'Largest |X|, impacts and energy', text + note)
 
 
 def _pair(name: str, unit: str, measured: float, predicted: float) -> tuple[str, ...]:

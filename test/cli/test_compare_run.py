@@ -75,7 +75,7 @@ def test_what_it_says(bag, tmp_path, capsys):
         'Energy balance',
         'work of the force',
         'largest multiplier 0.8711',
-        'Swing, impacts and energy',
+        'Largest |X|, impacts and energy',
         'verdict    agrees',
         'in all       2 agrees',
     ):

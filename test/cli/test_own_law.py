@@ -1,4 +1,4 @@
-"""The option --law: the example of docs/reference/control.md, laws that fail, recorded runs."""
+"""The option --law: the example of docs/controllers/own_law.md, laws that fail, recorded runs."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ ROOT = Path(impact_damper_ros.__file__).parents[1]
 @pytest.fixture
 def example(tmp_path, monkeypatch):
     """Write the file of the page to the present directory, and return the page."""
-    page = (ROOT / 'docs' / 'reference' / 'control.md').read_text(encoding='utf-8')
+    page = (ROOT / 'docs' / 'controllers' / 'own_law.md').read_text(encoding='utf-8')
     source = re.search(r'^```python\n(.*?)^```', page, re.DOTALL | re.MULTILINE).group(1)
     (tmp_path / 'my_laws.py').write_text(
         source + '\n\ndef far(seen, memory):\n    return 1e9, 0.0\n'
@@ -39,7 +39,7 @@ def test_the_example_is_the_timed_law(example, capsys):
     assert 'gap control my_laws:catch: 314 commands' in own
     assert main([*rig, '--set', 'gap_control=timed']) == 0
     assert largest(own) == largest(capsys.readouterr().err)
-    assert f'leaves\n{float(largest(own)):.2f} m of 100 m' in example
+    assert f'leaves {float(largest(own)):.2f} m of 100 m' in example
 
 
 @pytest.mark.usefixtures('example')

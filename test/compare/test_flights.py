@@ -285,7 +285,7 @@ def test_a_bag_with_changes(tmp_path, capsys):
     for stretch in result['stretches']:
         assert abs(stretch['energy']['residual']) < stretch['energy']['tolerance']
     printed = capsys.readouterr().out
-    rows = printed[printed.index('\nSwing, impacts and energy') :].splitlines()[3:8]
+    rows = printed[printed.index('\nLargest |X|, impacts and energy') :].splitlines()[3:8]
     assert [row.split()[0] for row in rows] == ['1', '2', '3', '4', 'all']
     last = rows[-1].split()
     assert last[1:3] == ['15', f'{1e3 * whole["x_max"]:.5g}']

@@ -517,7 +517,7 @@ def test_a_gap_curve_serves_all_stretches_of_its_rig(run):
 
 def test_numbers_over_the_whole_run(runs):
     page = report_page(without_pictures(runs[1]))
-    rows = rows_of(parsed(page), 'Swing, impacts and energy')
+    rows = rows_of(parsed(page), 'Largest |X|, impacts and energy')
     assert [row[0] for row in rows[1:]] == ['1', '2', '3', '4', 'all']
     overall, units = runs[1].overall, rows[0]
     unit = unit_for('m', overall.x_max)
@@ -537,8 +537,8 @@ def test_numbers_over_the_whole_run(runs):
     assert last[7:] == [number(energy, 5) for energy in energies]
     # Of one stretch there is no sum.
     one = parsed(report_page(alone(runs[1], 1)))
-    assert [row[0] for row in rows_of(one, 'Swing, impacts and energy')[1:]] == ['1']
-    assert 'Swing, impacts and energy' not in text_of(
+    assert [row[0] for row in rows_of(one, 'Largest |X|, impacts and energy')[1:]] == ['1']
+    assert 'Largest |X|, impacts and energy' not in text_of(
         parsed(report_page(alone(runs[0], 3, overall=None)))
     )
 
