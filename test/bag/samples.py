@@ -2,7 +2,6 @@
 
 import json
 import math
-from time import monotonic, sleep
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
@@ -145,14 +144,6 @@ def run(steps, rate=200):
             messages.append(('/diagnostics', diagnostics(stamp), stamp))
         messages.append(('/joint_states', state(step, stamp), stamp))
     return messages
-
-
-def wait_until(condition, each=0.005, seconds=100.0):
-    """Wait for a condition, which is looked at every so many seconds."""
-    deadline = monotonic() + seconds
-    while not condition():
-        assert monotonic() < deadline, 'waited in vain'
-        sleep(each)
 
 
 def record(directory, messages, topics=TOPICS, **options):

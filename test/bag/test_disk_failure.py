@@ -9,6 +9,7 @@ import shutil
 import pytest
 from bag import samples
 from rosbags.rosbag2 import Reader
+from running import until
 from small_disk import mounted
 
 from impact_damper_ros.bag import (
@@ -36,11 +37,12 @@ def write_until_it_fails(writer):
     stamps = itertools.count()
 
     def failed():
-        text = samples.make(samples.STRING, os.urandom(512).hex())
-        writer.write('/note', samples.serialise(samples.STRING, text), next(stamps))
+        for _ in range(5):
+            text = samples.make(samples.STRING, os.urandom(512).hex())
+            writer.write('/note', samples.serialise(samples.STRING, text), next(stamps))
         return writer.error is not None
 
-    samples.wait_until(failed, 0.001)
+    until(failed)
     return next(stamps)
 
 
@@ -101,7 +103,7 @@ def test_disk_that_fills_up_at_the_very_end(tmp_path, monkeypatch):
     writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.05)
     for stamp in range(50):
         writer.write('/note', samples.snapshot(stamp), stamp)
-    samples.wait_until(lambda: RunReader(tmp_path / 'bag').message_count >= 50)
+    until(lambda: RunReader(tmp_path / 'bag').message_count >= 50)
 
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -12,11 +12,10 @@ from types import SimpleNamespace
 
 import pytest
 from bag import samples
-from bag.samples import wait_until
 from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
-from running import Running
+from running import Running, until
 
 from impact_damper_ros.bag import RecordingError, RunReader, RunWriter, Topic, run_writer
 from impact_damper_ros.bag.run_writer import create_run_directory
@@ -52,7 +51,7 @@ def test_the_first_messages_do_not_wait(tmp_path, monkeypatch):
     monkeypatch.setattr(run_writer, 'time', SimpleNamespace(monotonic=lambda: 5.0))
     with RunWriter(tmp_path / 'bag', [NOTE]) as writer:
         writer.write('/note', samples.snapshot(1), 1)
-        wait_until(lambda: len(salvaged(writer.path)) == 1)
+        until(lambda: len(salvaged(writer.path)) == 1)
 
 
 class StepTime:
@@ -234,7 +233,7 @@ WRITER_PROCESS = """
         while (wait := due - time.monotonic()) > 0:
             time.sleep(wait)
         writer.write(*message)
-    writer.close()
+    time.sleep(1000.0)
 """
 
 

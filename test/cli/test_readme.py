@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from running import DEADLINE_S
 from setup_file import COMMANDS
 
 import impact_damper_ros
@@ -322,7 +323,7 @@ def test_check_of_first_events_runs():
         env={**os.environ, 'PYTHONPATH': f'{ROOT}{os.pathsep}{ROOT / "test"}'},
         capture_output=True,
         text=True,
-        timeout=600,
+        timeout=DEADLINE_S,
         check=True,
     )
     assert 'missed 0, false 0' in done.stdout

@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 import chromium
 import pytest
+from running import DEADLINE_S
 
 import impact_damper_ros
 
@@ -79,7 +80,7 @@ class Site:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=600,
+            timeout=DEADLINE_S,
             check=False,
         )
         return done.returncode, done.stdout

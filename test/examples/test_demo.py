@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from running import DEADLINE_S
 
 import impact_damper_ros
 
@@ -45,7 +46,7 @@ def test_the_demonstration(tmp_path):
         env={**os.environ, 'PYTHONPATH': str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=900,
+        timeout=DEADLINE_S,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from running import DEADLINE_S
 
 pytest.importorskip('matplotlib')
 
@@ -86,7 +87,10 @@ def test_friction_and_gravity_act_by_two_coefficients():
 def test_a_script_runs_by_itself(tmp_path):
     script = EXAMPLES / 'paper' / 'figure_5.py'
     subprocess.run(
-        [sys.executable, script, '--quick', '--out', 'new'], cwd=tmp_path, check=True, timeout=600
+        [sys.executable, script, '--quick', '--out', 'new'],
+        cwd=tmp_path,
+        check=True,
+        timeout=DEADLINE_S,
     )
     gaps = [float(row['gap [m]']) for row in rows_of(tmp_path / 'new' / 'figure_5.csv')]
     assert gaps == pytest.approx([58.128, 58.077, 57.994, 59.243], abs=1e-3)

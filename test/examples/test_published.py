@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from running import DEADLINE_S
 
 pytest.importorskip('matplotlib')
 
@@ -102,7 +103,7 @@ def test_a_script_runs_by_itself(tmp_path):
     script = EXAMPLES / 'published' / 'invariant_manifold.py'
     done = subprocess.run(
         [sys.executable, script, '--out', 'new'],
-        cwd=tmp_path, check=True, timeout=600, capture_output=True, text=True,
+        cwd=tmp_path, check=True, timeout=DEADLINE_S, capture_output=True, text=True,
     )  # fmt: skip
     assert '| 0.8 | 0.070559 |' in done.stdout
     assert (tmp_path / 'new' / 'invariant_manifold.png').stat().st_size > 20_000

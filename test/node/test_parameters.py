@@ -8,7 +8,7 @@ import rclpy
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter as RosParameter
-from running import until
+from running import DEADLINE_S, until
 
 from impact_damper_ros import load_parameters
 from impact_damper_ros.cli.simulate_rig import main
@@ -85,7 +85,7 @@ def test_a_request_is_answered_when_it_is_in_effect(monkeypatch):
         assert 'has not answered within 0.1 s: the request is withdrawn' in result.reason
         assert node.get_parameter('gap').value == 37.0
         assert node.engine.parameters.rig.gap == 37.0
-        monkeypatch.setattr(engine, 'ANSWER_TIMEOUT_S', 10.0)
+        monkeypatch.setattr(engine, 'ANSWER_TIMEOUT_S', DEADLINE_S)
         node.start()
         for gap in (3.0, 4.0, 5.0):
             assert node.set_parameters_atomically([RosParameter('gap', value=gap)]).successful

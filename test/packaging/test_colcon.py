@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from running import Running
+from running import DEADLINE_S, Running
 from setup_file import COMMANDS
 
 ROOT = Path(__file__).parents[2]
@@ -40,7 +40,7 @@ def build(workspace: Path, *options: str) -> Path:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=300,
+        timeout=DEADLINE_S,
         check=False,
     )
     assert done.returncode == 0, done.stdout

@@ -10,6 +10,7 @@ import venv
 from pathlib import Path
 
 import yaml
+from running import DEADLINE_S
 from setup_file import ROOT, setup_says
 
 
@@ -43,7 +44,7 @@ def test_installation_of_the_slim_image(tmp_path):
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=600,
+            timeout=DEADLINE_S,
             check=False,
         )
         assert done.returncode == 0, done.stdout

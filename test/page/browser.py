@@ -5,11 +5,10 @@ import json
 import time
 
 from playwright.sync_api import Error, expect, sync_playwright
+from running import DEADLINE_S
 
 OPTIONS = ('--disable-gpu', '--autoplay-policy=no-user-gesture-required', '--mute-audio')
-#: Longer than anything takes on a machine with much else to do, s.
-LONG = 90.0
-expect.set_options(timeout=1000.0 * LONG)
+expect.set_options(timeout=1000.0 * DEADLINE_S)
 
 
 class Browser:
@@ -50,7 +49,7 @@ class Page:
     def __init__(self, context, address):
         self.context = context
         self.tab = context.new_page()
-        self.tab.set_default_timeout(1000.0 * LONG)
+        self.tab.set_default_timeout(1000.0 * DEADLINE_S)
         self.console = []
         self.tab.on('console', lambda one: self.console.append(f'{one.type}: {one.text}'))
         self.tab.on('pageerror', lambda error: self.console.append(f'exception: {error}'))
@@ -68,11 +67,11 @@ class Page:
         """Return the value of an expression, awaited."""
         return self.tab.evaluate(script)
 
-    def wait(self, script, seconds=LONG):
+    def wait(self, script):
         """Wait until an expression is true; while the page is being loaded it is not."""
         # `wait_for_function` evaluates texts, which the policy of the page forbids.
         tried = f'(() => {{ try {{ return Boolean({script}); }} catch {{ return false; }} }})()'
-        end = time.monotonic() + seconds
+        end = time.monotonic() + DEADLINE_S
         while True:
             with contextlib.suppress(Error):
                 if self.run(tried):

@@ -7,6 +7,7 @@ import json
 from dataclasses import dataclass
 
 import numpy as np
+from running import DEADLINE_S
 from tornado.httpclient import AsyncHTTPClient, HTTPRequest
 from tornado.websocket import websocket_connect
 
@@ -16,8 +17,6 @@ from impact_damper_ros.page.recordings import Recordings
 from impact_damper_ros.page.server import PageServer
 
 from .fake_rig import FakeLink, FakeNetwork
-
-DEADLINE_S = 100.0
 
 
 def in_loop(test):

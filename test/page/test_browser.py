@@ -25,7 +25,7 @@ from impact_damper_ros.orbits.ring_down import cycles_of
 from impact_damper_ros.page.knobs import ALL_SPECS
 from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.page.recorded import load_recording
-from page.browser import LONG, Browser
+from page.browser import Browser
 from page.page_process import PageProcess
 
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
@@ -230,7 +230,8 @@ def test_the_speed_of_the_rig(opened, parameters):
 
 def test_a_gap_out_of_all_proportion_leaves_the_scales(opened, parameters):
     page = opened()
-    page.wait('impactDamper.theory.curve?.done', 4.0 * LONG)
+    page.wait('impactDamper.theory.curve?.done')
+    page.click('#windows [value="30"]')
     beyond, high = page.run("""(({ drawing: { curve } }) => {
         curve.place(1e6, NaN);
         curve.draw();
@@ -251,7 +252,7 @@ def test_a_gap_out_of_all_proportion_leaves_the_scales(opened, parameters):
     page.expect('#knob-gap').to_have_value('24')
     end = page.run('impactDamper.history.end')
     page.wait('impactDamper.drawing.rig.plan.spread < 0.05')
-    assert page.run('impactDamper.history.end') - end < 2.5
+    assert page.run('impactDamper.history.end') - end < 25.0
 
 
 def test_m_is_as_large_as_it_is_heavy(opened, parameters):
@@ -395,7 +396,7 @@ def test_the_best_gap_is_there_at_once_and_marked(opened, parameters):
     page.expect('#knob-gap').to_have_value('23.3')
     page.wait(f"""(value => value.textContent.startsWith('≈\u202f0.8')
         && value.title.includes('gap curve'))(document.querySelector("{value}"))""")
-    page.wait('impactDamper.theory.curve?.done', 4.0 * LONG)
+    page.wait('impactDamper.theory.curve?.done')
     page.expect(value).to_have_attribute('title', '')
     optimum = page.run('impactDamper.theory.curve.optimum.gap')
     assert float(page(value).text_content()) == pytest.approx(0.0233 / optimum, abs=6e-3)
@@ -406,7 +407,7 @@ def test_the_best_gap_is_there_at_once_and_marked(opened, parameters):
 
 def test_a_click_on_the_gap_curve_sets_the_gap(opened, parameters):
     page = opened()
-    page.wait('impactDamper.theory.curve?.branches.length > 0', 4.0 * LONG)
+    page.wait('impactDamper.theory.curve?.branches.length > 0')
     curve = page('#curve-canvas')
     curve.scroll_into_view_if_needed()
     box = curve.bounding_box()
@@ -430,11 +431,14 @@ def test_a_chaotic_rig_is_called_so(opened):
     page.resize(1280, 800)
     page('#more-knobs summary').click()
     page.expect('#more').to_be_visible()
-    for _ in range(4):
+
+    def at_the_end():
+        page.run('new Promise(done => setTimeout(done, 500))')
         if page('#more').is_visible():
-            page('#more').click()
-            page.run('new Promise(done => setTimeout(done, 500))')
-    page.expect('#more').to_be_hidden()
+            page.click('#more')
+        return page('#more').is_hidden()
+
+    until(at_the_end, 'it is never at its end')
 
 
 # Links
@@ -541,9 +545,7 @@ def test_my_structure_and_its_best_gap(opened, parameters):
     assert parameters.get('primary_mass') == 2.0
     page.type('#structure-mass', '5000 g')
     # It is computed at a low priority
-    page.expect('#structure-result h3').to_have_text(
-        'Best gap 21.5\u202fmm, with 250\u202fg', timeout=4000.0 * LONG
-    )
+    page.expect('#structure-result h3').to_have_text('Best gap 21.5\u202fmm, with 250\u202fg')
     page.expect('#structure-mass-error').to_be_hidden()
     bars = page.run("""[...document.querySelectorAll('#structure-result .ratios div')]
         .map(one => one.textContent)""")
@@ -975,7 +977,7 @@ def test_a_recording_is_made_played_compared_and_downloaded(opened, live, parame
     page.click('#recordings-open')
     page.click(f'{row} [data-compare]')
     page.expect(f'{row} [data-compare]').to_contain_text('Cancel (')
-    page.wait("document.querySelector('#report').open", 4.0 * LONG)
+    page.wait("document.querySelector('#report').open")
     page.expect('#report-title').to_contain_text(bag.name)
     page.expect('#recordings').to_be_hidden()
     report = page.tab.frame_locator('#report-frame')

@@ -9,7 +9,7 @@ pytest.importorskip('tornado', reason='the page needs Tornado')
 pytest.importorskip('rclpy', reason='a live rig needs ROS')
 
 import chromium
-from running import DEADLINE_S, until
+from running import until
 
 from page.browser import Browser
 from page.page_process import PageProcess
@@ -20,14 +20,14 @@ def test_a_node_that_dies_is_reported_and_started_again(tmp_path):
     server = PageProcess(tmp_path, '--start', 'bench_rig')
     try:
         page = browser.open(server.address)
-        page.wait('impactDamper.history.impacts.length > 0', DEADLINE_S)
+        page.wait('impactDamper.history.impacts.length > 0')
         (node,) = server.nodes()
         os.kill(node, signal.SIGKILL)
         page.wait("document.querySelector('#toast').textContent.includes('by signal 9')")
         assert 'rig_page: the node has ended by signal 9: it is started again' in server.output
         until(lambda: server.nodes() and server.nodes() != [node])
         frames = page.run('impactDamper.received.frames')
-        page.wait(f'impactDamper.received.frames > {frames} + 20', DEADLINE_S)
+        page.wait(f'impactDamper.received.frames > {frames} + 20')
     finally:
         browser.close()
         server.close()

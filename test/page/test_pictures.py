@@ -20,7 +20,7 @@ pytest.importorskip('tornado', reason='the page needs Tornado')
 from PIL import Image
 
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from page.browser import LONG, Browser
+from page.browser import Browser
 from page.page_process import PageProcess
 
 STORED = Path(__file__).with_name('pictures')
@@ -91,7 +91,7 @@ def test_a_recording_looks_as_it_did(browser, played, size, dark, tmp_path):
         page.wait('Math.abs(impactDamper.history.end - 9.5) < 0.01')
         page.expect('#status').to_have_text('paused')
         page.expect('#knob-angle').to_have_value('6.8755')
-        page.wait('impactDamper.theory.curve?.done', 4.0 * LONG)
+        page.wait('impactDamper.theory.curve?.done')
         page.run('document.activeElement.blur()')
         # Scales of what was seen on the way are kept for a while.
         page.run('impactDamper.drawing.rescale(NaN); impactDamper.drawing.redraw()')

@@ -7,6 +7,7 @@ import re
 import socket
 
 import pytest
+from running import DEADLINE_S
 from tornado.httpclient import HTTPClientError
 from tornado.websocket import WebSocketClosedError
 
@@ -527,7 +528,7 @@ async def test_a_real_page_that_does_not_read_is_bounded(tmp_path):
             await asyncio.sleep(0.01)
         (client,) = server._clients
         buffered = []
-        async with asyncio.timeout(100.0):
+        async with asyncio.timeout(DEADLINE_S):
             # Until the buffers of the kernel are full
             while client._last is None or client._last.done():
                 client.show(client.source)

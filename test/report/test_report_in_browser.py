@@ -8,6 +8,7 @@ import subprocess
 import chromium
 import pytest
 from report.example_comparison import example
+from running import DEADLINE_S
 
 pytest.importorskip('matplotlib', reason='the report has plots')
 
@@ -73,7 +74,7 @@ def opened(browser, page, profile, *options):
         chromium.command(browser, profile, '--enable-logging=stderr', *options, page.as_uri()),
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=DEADLINE_S,
         check=False,
     )
     assert done.returncode == 0, done.stderr
