@@ -67,7 +67,6 @@ class LiveRig(Source):
         self.state: dict[str, Any] | None = None
         self._reports: dict[str, DiagnosticStatus] = {}
         self._forget()
-        self._last_message_at = time.monotonic()
         # The last status that was sent, and when
         self._status_sent: tuple[str, str] = ('', '')
         self._status_at = 0.0
@@ -77,6 +76,7 @@ class LiveRig(Source):
 
     def _forget(self) -> None:
         """Discard all messages: a run begins."""
+        self.link.begin_again()
         # Its identity, which its snapshots name
         self._run = ''
         #: Present values of the parameters that are known
@@ -141,9 +141,6 @@ class LiveRig(Source):
     def tick(self) -> None:
         """Take in the messages that have come since the last call."""
         messages = self.link.poll()
-        # /diagnostics are of all nodes; see below.
-        if any(messages[name] for name in ('joint_states', 'impacts', 'snapshot')):
-            self._last_message_at = time.monotonic()
         for content in messages['snapshot']:
             self._take_snapshot(content)
         if self._eras:
@@ -284,7 +281,7 @@ class LiveRig(Source):
         own = f'{self.link.name.removeprefix("/")}: '
         found = {s.name.removeprefix(own): s for s in array.status if s.name.startswith(own)}
         if found:
-            self._last_message_at = time.monotonic()
+            self.link.silence = 0.0
             self._reports |= found
             self.send(self._diagnostics())
 
@@ -318,9 +315,9 @@ class LiveRig(Source):
         return {'type': 'status', 'state': state, 'text': text, 'time': as_json(self.motion.end)}
 
     def _judged(self) -> tuple[str, str]:
-        silent = time.monotonic() - self._last_message_at
-        if silent > GONE_S or not self._eras:
-            return 'gone', f'no message from {self.link.name} for {max(1, round(silent))} s'
+        silence = self.link.silence
+        if silence > GONE_S or not self._eras:
+            return 'gone', f'no message from {self.link.name} for {max(1, round(silence))} s'
         if self.link.mixed:
             return 'doubled', (
                 f'Several nodes are called {self.link.name}, and are shown as if they were one: '
@@ -380,6 +377,8 @@ class LiveRig(Source):
     async def _serve(self, name: str) -> dict[str, Any]:
         if name == 'pause':
             ok, text = await self.link.pause(not self._paused)
+        elif name in _TRIGGERS and not self._all_known:
+            raise RequestError(f'{self.link.name} has not answered so far: try it again')
         elif name in _TRIGGERS:
             ok, text = await self.link.trigger(name)
         else:

@@ -10,9 +10,10 @@ them together, and pass them to another thread.
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import rclpy
@@ -32,23 +33,31 @@ from impact_damper_ros.bag.rig_topics import rig_nodes
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
-#: Time after which a request is repeated, since its answer may have been lost during discovery,
-#: and time after which it fails, s.
-ASK_AGAIN_S, PATIENCE_S = 1.0, 6.0
+#: Time after which a request is repeated, since its answer may have been lost during discovery, s;
+#: it doubles each time.
+ASK_AGAIN_S = 1.0
+#: Silence of the node after which a request fails, s, as its diagnostics come every second; and
+#: time that it has in any case.
+SILENT_S, LEAST_S = 15.0, 3.0
+#: Longest time between two polls that counts as silence of the node, s: longer, this one was busy.
+_LONGEST_PAUSE_S = 0.5
+#: Topics that all nodes share
+_OF_ALL = frozenset(('diagnostics', 'parameter_events'))
 _TOPICS = ('joint_states', 'impacts', 'measurements', 'gap_control', 'snapshot', 'theory')
 #: Most messages of a topic that are taken at once.
 _MOST_TAKEN = 2000
 #: Joint states out of the order in which one node numbers them, within a time (s), from which on
 #: several nodes send them. One that was started again under the name of another is no case of it.
 _MIXED, _MIXED_S = 4, 3.0
+#: A node finds the clients in their order: once it has answered the last one, it can answer all.
 _SERVICES = {
-    'list_parameters': ListParameters,
-    'get_parameters': GetParameters,
-    'set_parameters_atomically': SetParametersAtomically,
     'pause': SetBool,
     'reset': Trigger,
     'step': Trigger,
     'step_to_impact': Trigger,
+    'set_parameters_atomically': SetParametersAtomically,
+    'list_parameters': ListParameters,
+    'get_parameters': GetParameters,
 }
 
 
@@ -57,6 +66,8 @@ class _Service:
 
     def __init__(self, node: Node, kind: Any, name: str) -> None:
         self._kind = kind
+        # One that moves the rig would do so twice.
+        self._repeatable = kind is not Trigger
         self._client = node.create_client(kind, name)
         self._waiting: dict[int, asyncio.Future[Any]] = {}
 
@@ -70,26 +81,39 @@ class _Service:
             if future is not None and not future.done():
                 future.set_result(answer)
 
-    async def call(self, **fields: Any) -> Any:
+    async def call(self, silence: Callable[[], float], **fields: Any) -> Any:
+        """Return the answer, for which a node that is busy may need long; else a TimeoutError."""
         request = self._kind.Request(**fields)
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
-        numbers = []
-        end = time.monotonic() + PATIENCE_S
+        numbers: list[int] = []
+        begin = due = time.monotonic()
+        pause = ASK_AGAIN_S
         try:
-            while time.monotonic() < end:
-                if self._client.service_is_ready():
+            while silence() < SILENT_S or time.monotonic() < begin + LEAST_S:
+                if time.monotonic() >= due and self._client.service_is_ready():
                     with self._client.handle:
                         number = self._client.handle.send_request(request)
                     self._waiting[number] = answer
                     numbers.append(number)
-                # Shielded, so that an answer that comes late is still taken
+                    due = time.monotonic() + pause if self._repeatable else math.inf
+                    pause *= 2.0
+                # Without cancelling the answer where it does not come in this time
                 done, _ = await asyncio.wait([answer], timeout=ASK_AGAIN_S)
                 if done:
                     return answer.result()
         finally:
             for number in numbers:
                 self._waiting.pop(number, None)
-        raise TimeoutError(f'the node does not answer ({self._client.srv_name})')
+        raise TimeoutError(
+            f'the node does not answer ({self._client.srv_name}), and sends nothing: '
+            + ('the change may or may not have been made' if numbers else 'nothing was changed')
+        )
+
+    def begin_again(self) -> None:
+        """Give up requests that are not repeated: the node that had them is no more."""
+        for future in [] if self._repeatable else self._waiting.values():
+            if not future.done():
+                future.set_exception(TimeoutError('the node was started again before its answer'))
 
     def close(self) -> None:
         for future in self._waiting.values():
@@ -124,6 +148,9 @@ class RigLink:
             service: _Service(node, kind, f'{name}/{service}')
             for service, kind in _SERVICES.items()
         }
+        #: How long the node has sent nothing, s
+        self.silence = 0.0
+        self._polled_at = time.monotonic()
         # Number of the last joint state, and when there was a lower one after a higher one
         self._number = 0
         self._back: deque[float] = deque(maxlen=_MIXED)
@@ -147,6 +174,9 @@ class RigLink:
 
     def poll(self) -> dict[str, list[bytes]]:
         """Return new messages, in CDR, by topic; and complete the requests that were answered."""
+        now = time.monotonic()
+        self.silence += min(now - self._polled_at, _LONGEST_PAUSE_S)
+        self._polled_at = now
         for service in self._services.values():
             service.poll()
         polled: dict[str, list[bytes]] = {}
@@ -158,6 +188,8 @@ class RigLink:
                     if taken is None:
                         break
                     messages.append(taken[0])
+                    if name not in _OF_ALL:
+                        self.silence = 0.0
                     if name == 'joint_states':
                         self._count(taken[1]['publication_sequence_number'])
         return polled
@@ -167,6 +199,14 @@ class RigLink:
             self._back.append(time.monotonic())
         self._number = number
 
+    def begin_again(self) -> None:
+        """Expect no answer of the node before: a new one has its name."""
+        for service in self._services.values():
+            service.begin_again()
+
+    async def _call(self, service: str, **fields: Any) -> Any:
+        return await self._services[service].call(lambda: self.silence, **fields)
+
     @property
     def mixed(self) -> bool:
         """Whether several nodes of this name send joint states."""
@@ -175,9 +215,9 @@ class RigLink:
 
     async def parameters(self) -> dict[str, Any]:
         """Return the values of all parameters."""
-        listed = await self._services['list_parameters'].call()
+        listed = await self._call('list_parameters')
         names = list(listed.result.names)
-        got = await self._services['get_parameters'].call(names=names)
+        got = await self._call('get_parameters', names=names)
         return dict(zip(names, map(parameter_value_to_python, got.values), strict=False))
 
     async def set(self, values: Mapping[str, Any]) -> str:
@@ -192,17 +232,17 @@ class RigLink:
             return f'{error.args[0]} is not a parameter of {self.name}'
         except ParameterError as error:
             return str(error)
-        answer = await self._services['set_parameters_atomically'].call(parameters=parameters)
+        answer = await self._call('set_parameters_atomically', parameters=parameters)
         return '' if answer.result.successful else str(answer.result.reason)
 
     async def pause(self, hold: bool) -> tuple[bool, str]:
         """Pause the rig, or resume it."""
-        answer = await self._services['pause'].call(data=hold)
+        answer = await self._call('pause', data=hold)
         return bool(answer.success), str(answer.message)
 
     async def trigger(self, service: str) -> tuple[bool, str]:
         """Call `reset`, `step` or `step_to_impact`."""
-        answer = await self._services[service].call()
+        answer = await self._call(service)
         return bool(answer.success), str(answer.message)
 
     def close(self) -> None:

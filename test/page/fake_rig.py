@@ -1,5 +1,7 @@
 """A rig without ROS: its messages as the node serialises them, run on by hand."""
 
+import time
+
 from impact_damper_ros import (
     EventKind,
     GapControlParameters,
@@ -43,6 +45,7 @@ class FakeLink:
         self.answers = True
         self.closed = False
         self.mixed = False
+        self.silence, self._polled_at = 0.0, time.monotonic()
         self._tick = 0
         self._offset_ns = OFFSET_NS
         self._pattern = RigMessages()
@@ -107,7 +110,15 @@ class FakeLink:
 
     def poll(self):
         taken, self.messages = self.messages, {topic: [] for topic in TOPICS}
+        now = time.monotonic()
+        heard = any(
+            taken[topic] for topic in TOPICS if topic not in ('diagnostics', 'parameter_events')
+        )
+        self.silence, self._polled_at = 0.0 if heard else self.silence + now - self._polled_at, now
         return taken
+
+    def begin_again(self):
+        pass
 
     def match(self):
         pass

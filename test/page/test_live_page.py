@@ -99,6 +99,39 @@ async def test_two_nodes_of_one_name_are_reported(node, tmp_path):
 
 
 @in_loop
+async def test_a_node_that_stands_still_for_a_while_does_what_is_asked_once(
+    node, tmp_path, monkeypatch
+):
+    """And one that sends nothing for long is reported."""
+    monkeypatch.setattr('impact_damper_ros.page.ros_client.ASK_AGAIN_S', 0.02)
+    async with serving(tmp_path, RosClient(), node='/sim_node') as server, opened(server) as page:
+        await page.until(lambda: with_knobs(page), 'no parameters')
+        assert (await page.ask(type='service', name='pause'))[0]
+        await page.until(lambda: page.of('status')[-1]['state'] == 'paused')
+        await page.until(lambda: page.frames[-1].flags & 1)
+        end = page.frames[-1].end
+        node.send(signal.SIGSTOP)
+        await page.send(type='service', name='step', id='step')
+        # Meanwhile a request that may be repeated is.
+        await page.send(type='set', values={'friction': 0.125}, id='set')
+        service = server.sources['/sim_node'].link._services['set_parameters_atomically']
+        await page.until(lambda: len(service._waiting) > 3)
+        node.send(signal.SIGCONT)
+        for asked in ('step', 'set'):
+            assert (await page.next('answer', id=asked))['ok']
+        await page.next('parameters', values={'friction': 0.125})
+        assert (await page.ask(type='service', name='step'))[0]
+        await page.until(lambda: page.frames[-1].end > end + 0.0075)
+        assert page.frames[-1].end == pytest.approx(end + 0.01)
+        monkeypatch.setattr('impact_damper_ros.page.ros_client.SILENT_S', 0.2)
+        monkeypatch.setattr('impact_damper_ros.page.ros_client.LEAST_S', 0.2)
+        node.send(signal.SIGSTOP)
+        ok, reason = await page.ask(type='set', values={'friction': 0.25})
+        assert (ok, 'may or may not have been made' in reason) == (False, True), reason
+        node.send(signal.SIGCONT)
+
+
+@in_loop
 async def test_impacts_of_a_node_that_publishes_best_effort(tmp_path):
     override = {'qos_overrides./impacts.publisher.reliability': 'best_effort'}
     node = SimProcess(tmp_path / 'node', **LIVELY, **override)

@@ -101,7 +101,7 @@ async def test_a_slow_rig_is_shown_between_its_samples(monkeypatch):
 @in_loop
 async def test_a_run_is_known_by_its_identity(monkeypatch):
     """Not by what its clock does: a node that stood still for long and then slips is the same."""
-    monkeypatch.setattr('impact_damper_ros.page.live.GONE_S', 0.0)
+    monkeypatch.setattr('impact_damper_ros.page.live.GONE_S', -1.0)
     link = FakeLink()
     live = followed(link)
     link.run(5.0)
