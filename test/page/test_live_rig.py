@@ -136,12 +136,14 @@ async def test_a_page_that_comes_into_view_is_shown_what_is_new(monkeypatch):
 
     client = Client(Sink(), live, lambda message, _: live.handle(message))
     await client.take('{"type": "view", "window": 30, "rate": 1}')
+    await asyncio.sleep(0.0)
     for expected in (1, 1):
         link.run(0.1)
         live.tick()
         client.pump()
         assert len(frames) == expected
     await client.take('{"type": "view", "window": 30, "rate": 60}')
+    await asyncio.sleep(0.0)
     client.pump()
     assert len(frames) == 2
     await left(live)
