@@ -40,7 +40,7 @@ Compare a recorded run with the periodic theory. The run is divided where its pa
 where it is reset. Each stretch is classified as transient, periodic, quasi-periodic or chaotic,
 the matching periodic problem is solved for the logged parameters, and both are shown side by side:
 impacts, largest |X|, energy, decay into the steady state, and a verdict. Every recorded number is
-also held against a replay of the run. Works without ROS, on a bag directory or a single .mcap
+also compared with a replay of the run. Works without ROS, on a bag directory or a single .mcap
 file, also a recovered one. A recording over a restart of the node holds several runs; each is
 compared by itself.
 """

@@ -67,7 +67,7 @@ with which the structure moves least at the given excitation, whether a rig from
 and how far gap, level and frequency may go; then the gap whose worst case is best where
 restitution and level are uncertain, and the same mass as a tuned mass damper.
 With --fitted the structure and its uncertainty are those of a fit.
-With --check no damper is designed: it says what a bench test of a rig would show.
+With --check no damper is designed: it describes what a bench test of a rig would show.
 """
 _EPILOG = """\
 The amplitude is that of the absolute displacement X of the structure. Ranges are LOW:HIGH.
@@ -129,8 +129,8 @@ def _parser() -> argparse.ArgumentParser:
     add_path_option(
         rigs,
         '--check',
-        'say what a bench test of this rig would show, and which runs to record: a parameters '
-        f'file, as --rig-out writes it, or a preset: {", ".join(presets())}',
+        'describe what a bench test of this rig would show, and which runs to record: a '
+        f'parameters file, as --rig-out writes it, or a preset: {", ".join(presets())}',
         'RIG',
     )
     add_path_option(

@@ -39,7 +39,7 @@ _SWEPT, _STEPS, _DWELL_CYCLES, _DWELL_CONSTANTS, _OTHER = (0.8, 1.2), 40, 60, 8.
 #: Values of restitution and friction that are run.
 _VARIED = 5
 #: Errors of what is recorded: of a speed, over that of approach, and of a place, over the gap;
-#: and the ratio of eigenvalues below which the laws do not tell three unknowns apart.
+#: and the ratio of eigenvalues below which the laws do not distinguish three unknowns.
 _SPEED_ERROR, _PLACE_ERROR, _DEGENERATE = 0.01, 0.01, 1e-9
 
 
@@ -230,7 +230,7 @@ def varied(rig: RigParameters, name: str, values: Sequence[float]) -> Variation:
 @dataclass(frozen=True)
 class Knowledge:
     """
-    How well a run tells restitution, friction and gap apart.
+    How well a run distinguishes restitution, friction and gap.
 
     Speeds and places of each flight are taken to be known to 1 % of the speed of approach and of
     the gap.
@@ -322,7 +322,7 @@ def _told(rig: RigParameters, events: Events) -> tuple[int, tuple[float, float, 
 
 def knowledge(rig: RigParameters, level: float = 1.0, cycles: int = 100) -> Knowledge:
     """
-    Return how well a run from rest tells restitution, friction and gap apart.
+    Return how well a run from rest distinguishes restitution, friction and gap.
 
     Parameters
     ----------
@@ -364,7 +364,7 @@ class BenchTest:
     variations : tuple of Variation
         It is run from rest with restitution, friction and level varied.
     plan : tuple of Knowledge
-        The runs to record, and how well each tells restitution, friction and gap apart; the
+        The runs to record, and how well each distinguishes restitution, friction and gap; the
         first one is the settled motion alone.
     """
 

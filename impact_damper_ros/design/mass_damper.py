@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The tuned mass damper of the same mass, which an impact damper is held against.
+The tuned mass damper of the same mass, with which an impact damper is compared.
 
 References
 ----------

@@ -116,7 +116,7 @@ class MeasuredMotion(NamedTuple):
 
 class ReadingOptions(NamedTuple):
     """
-    What a reader is told beside the data.
+    What a reader needs to know beside the data.
 
     Attributes
     ----------

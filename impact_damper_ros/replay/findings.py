@@ -157,9 +157,9 @@ class Findings:
         Present stamp at rig time 0, in nanoseconds.
     other_bits : str
         Why the replay cannot have the last bits of the recording; empty if it can. The numbers
-        are then held against the replay within the errors of round-off.
+        are then compared with the replay within the errors of round-off.
     undecided : int
-        Flights that round-off may lead elsewhere, so that they were not held against the replay.
+        Flights that round-off may lead elsewhere, so that they were not compared with the replay.
     """
 
     samples: int = 0

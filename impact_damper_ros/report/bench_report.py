@@ -168,7 +168,7 @@ def bench_text(found: BenchTest) -> str:
 
 
 def _plan_table(runs: Sequence[Knowledge]) -> Table:
-    """Return the runs of a plan, and what each tells."""
+    """Return the runs of a plan, and how well each determines the parameters."""
     rows = []
     for k, run in enumerate(runs):
         name = 'settled motion alone' if k == 0 else 'from rest'
@@ -203,22 +203,22 @@ def test_plan(rig: RigParameters, runs: Sequence[Knowledge]) -> str:
     ]
     texts.append(_plan_table(runs).text('       '))
     settled = runs[0]
-    told = [run for run in runs[1:] if math.isfinite(run.deviations[0])]
+    sure = [run for run in runs[1:] if math.isfinite(run.deviations[0])]
     note = (
         '(Standard deviations if frequency and damping are known, and the speeds at the impacts '
         'and the places of m to 1 % of the approach speed and of the gap.)'
     )
-    if told and not math.isfinite(settled.deviations[0]):
+    if sure and not math.isfinite(settled.deviations[0]):
         note = (
-            'The settled motion alone does not tell R, friction and gap apart: its flights are '
-            f'all alike, and one law holds for them. Record the start. {note}'
+            'In the settled motion alone R, friction and gap cannot be distinguished: its flights '
+            f'are all alike, and one law holds for them. Record the start. {note}'
         )
-    elif not told:
-        note = 'm is not hit from rest, or too rarely, to tell R, friction and gap apart: push m.'
+    elif not sure:
+        note = 'm is not hit from rest, or too rarely, to distinguish R, friction and gap: push m.'
     texts.append(textwrap.fill(note, _WIDTH, initial_indent='     ', subsequent_indent='     '))
     last = (
         f'4. Swept slowly from {0.8 * hertz:.4g} to {1.2 * hertz:.4g} Hz and back at constant '
-        'level. design_damper --check says what that shows: where it does not, the model fails.'
+        'level. design_damper --check shows what that shows: where it does not, the model fails.'
     )
     fit = (
         '5. fit_rig START.csv --impacts HITS.csv --rig RIG.yaml --rig-out fitted.yaml fits R, '

@@ -144,7 +144,7 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
 
 
 def _ends(low: float, high: float) -> str:
-    """Return two numbers with as many digits as tell them apart, at least four."""
+    """Return two numbers with as many digits as distinguish them, at least four."""
     digits = next((n for n in range(4, 17) if f'{low:.{n}g}' != f'{high:.{n}g}'), 17)
     return f'{low:.{digits}g} to {high:.{digits}g}'
 

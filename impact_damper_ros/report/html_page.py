@@ -32,7 +32,7 @@ class Shown(NamedTuple):
 
 
 def on_page(picture: Picture, key: str, where: str, narrow: Picture | None = None) -> Shown:
-    """Return a picture for a page; `key` tells its ids from those of others."""
+    """Return a picture for a page; `key` distinguishes its ids from those of others."""
     label = f'{picture.title}, {where}'
     small = None if narrow is None else inline_svg(narrow.figure, f'{key}-narrow', label)
     drawn = inline_svg(picture.figure, key, label)

@@ -106,7 +106,7 @@ def test_what_a_bench_test_shows(tmp_path, capsys):
     rig, figure = tmp_path / 'damper.yaml', tmp_path / 'check.png'
     assert main([*STRUCTURE, '--mass-ratio', '5%', '--rig-out', str(rig)]) == 0
     design = capsys.readouterr().out
-    assert 'The settled motion alone does not tell R, friction and gap apart' in ' '.join(
+    assert 'In the settled motion alone R, friction and gap cannot be distinguished' in ' '.join(
         design.split()
     )
     words = ['--restitution', '0.5:0.7', '--friction', '0:0.2', '--figure', str(figure)]
