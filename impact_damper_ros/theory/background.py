@@ -149,7 +149,8 @@ class BackgroundCall:
     def poll(self) -> list[Any]:
         """Return what has been sent since the last call."""
         found = []
-        while not self._closed and not self.end and self._incoming.poll():
+        # It may send before it is known here by its number
+        while self.number and not self._closed and not self.end and self._incoming.poll():
             try:
                 found.append(self._incoming.recv())
             except (EOFError, OSError):

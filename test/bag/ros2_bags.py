@@ -6,8 +6,9 @@ from pathlib import Path
 
 import yaml
 import zstandard
-from bag import samples
-from mcap.writer import CompressionType, Writer
+from bag import altered_bags, samples
+from bag.altered_bags import kind_of
+from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin, Writer as PeerWriter
 
 from impact_damper_ros.bag import topics as interface
@@ -29,15 +30,6 @@ QOS = """\
     sec: 9223372036
     nsec: 854775807
   avoid_ros_namespace_conventions: false"""
-TYPES = {
-    'joint_states': samples.JOINT_STATE,
-    'impacts': samples.JOINT_STATE,
-    'gap_control': samples.JOINT_STATE,
-    'snapshot': samples.STRING,
-    'restart_point': samples.STRING,
-    'parameter_events': samples.PARAMETER_EVENT,
-    'diagnostics': samples.DIAGNOSTIC_ARRAY,
-}
 
 
 def joined(messages, from_stamp, *, seed=1, topics=None):
@@ -62,34 +54,27 @@ def joined(messages, from_stamp, *, seed=1, topics=None):
     return sorted(arrived, key=lambda message: message[2])
 
 
-def kind_of(topic):
-    return TYPES.get(topic.rpartition('/')[2], samples.JOINT_STATE)
+def described(topic):
+    """Return what rosbag2 notes of a channel."""
+    latched = topic.endswith('/snapshot')
+    durability = 'transient_local' if latched else 'volatile'
+    qos = QOS.format(depth=1 if latched else 10, durability=durability)
+    return {'offered_qos_profiles': qos, 'topic_type_hash': interface.type_hash(kind_of(topic))}
 
 
 def write_file(path, messages, topics, compression=CompressionType.NONE):
-    with path.open('wb') as stream:
-        writer = Writer(stream, chunk_size=100_000, compression=compression)
-        writer.start('ros2', LIBRARY)
-        schemas, channels = {}, {}
-        for topic in topics:
-            kind = kind_of(topic)
-            if kind not in schemas:
-                text = interface.definition(kind).encode()
-                schemas[kind] = writer.register_schema(kind, 'ros2msg', text)
-            latched = topic.endswith('/snapshot')
-            qos = QOS.format(
-                depth=1 if latched else 10,
-                durability='transient_local' if latched else 'volatile',
-            )
-            notes = {
-                'offered_qos_profiles': qos,
-                'topic_type_hash': interface.type_hash(kind),
-            }
-            channels[topic] = writer.register_channel(topic, 'cdr', schemas[kind], notes)
-        for topic, content, stamp in messages:
-            # Received a little later than it was sent
-            writer.add_message(channels[topic], stamp, content, max(0, stamp - 100_000), 0)
-        writer.finish()
+    """Write a file as rosbag2 does: received a little later than it was sent."""
+    return altered_bags.write_file(
+        path,
+        messages,
+        library=LIBRARY,
+        notes=described,
+        topics=topics,
+        sent=lambda stamp: max(0, stamp - 100_000),
+        sequence=0,
+        chunk_size=100_000,
+        compression=compression,
+    )
 
 
 def write_bag(

@@ -7,19 +7,17 @@ import struct
 import pytest
 import yaml
 from bag import ros2_bags, samples
-from bag.recorded_rig import NOTES, RecordedRig
+from bag.altered_bags import altered, edited, kind_of, rewritten, without_chunk, write, write_file
+from bag.recorded_rig import RecordedRig
 from mcap.opcode import Opcode
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, IndexType
 from replay.test_replay import replayed
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as PeerWriter
 
 from impact_damper_ros.bag import RecordingError, RunReader
-from impact_damper_ros.bag.bag_file import BagFile
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.replay.findings import ReplayVerdict
-
-CHANNELS = {topic.name: index for index, topic in enumerate(samples.CONTROLLED)}
 
 
 @pytest.fixture(scope='module')
@@ -28,70 +26,9 @@ def messages():
     return RecordedRig(rate=200.0).start().run(600).messages
 
 
-def write(directory, messages, *, every=250, notes=NOTES):
-    """Write the node's own bag, with a chunk of so many messages each."""
-    bag = BagFile(directory, [topic.channel() for topic in samples.CONTROLLED], notes)
-    for number, (topic, content, stamp) in enumerate(messages):
-        bag.add(CHANNELS[topic], content, stamp)
-        if number % every == every - 1:
-            bag.flush()
-    bag.finish()
-    return directory
-
-
 @pytest.fixture(scope='module')
 def bag(messages, tmp_path_factory):
     return write(tmp_path_factory.mktemp('bags') / 'run', messages)
-
-
-def records(content):
-    """Return the records of an MCAP file as opcode and content, by the format's definition."""
-    found, position = [], 8
-    while position < len(content) - 8:
-        opcode, length = struct.unpack_from('<BQ', content, position)
-        found.append((opcode, content[position + 9 : position + 9 + length]))
-        position += 9 + length
-    return found
-
-
-def of_records(found):
-    parts = [struct.pack('<BQ', opcode, len(held)) + held for opcode, held in found]
-    return b'\x89MCAP0\r\n' + b''.join(parts) + b'\x89MCAP0\r\n'
-
-
-def altered(bag, directory, change, *, listing=True):
-    """Copy a bag with other records."""
-    directory.mkdir()
-    (path,) = bag.glob('*.mcap')
-    found = records(path.read_bytes())
-    (directory / path.name).write_bytes(of_records(change(found) or found))
-    if listing:
-        (directory / 'metadata.yaml').write_bytes((bag / 'metadata.yaml').read_bytes())
-        return directory
-    return directory / path.name
-
-
-def without_chunk(number):
-    def change(found):
-        chunks = [i for i, (opcode, _) in enumerate(found) if opcode == Opcode.CHUNK]
-        end = first = chunks[number]
-        while found[end + 1][0] == Opcode.MESSAGE_INDEX:
-            end += 1
-        return found[:first] + found[end + 1 :]
-
-    return change
-
-
-def edited(opcode, at, layout, value, number=0):
-    """Return a change that puts a value into the record of a kind."""
-
-    def change(found):
-        which = [i for i, (code, _) in enumerate(found) if code == opcode][number]
-        held = bytearray(found[which][1])
-        struct.pack_into(layout, held, at, value)
-        found[which] = (opcode, bytes(held))
-
-    return change
 
 
 @pytest.mark.parametrize(('number', 'listing'), [(1, False), (3, True), (-1, True)])
@@ -179,35 +116,26 @@ def faults_of(bag):
 def test_files_of_mcap(messages, tmp_path, compression, index, crcs):
     path = tmp_path / 'other.mcap'
     for chunked in (True, False):
-        with path.open('wb') as stream:
-            writer = Writer(
-                stream,
-                chunk_size=20_000,
-                compression=compression,
-                index_types=index,
-                use_chunking=chunked,
-                enable_crcs=crcs,
-                enable_data_crcs=crcs,
-                use_statistics=crcs,
-                use_summary_offsets=not crcs,
-            )
-            writer.start('ros2', 'other')
-            channels = {}
-            arrived = ros2_bags.joined(messages[:600], 0)
+        arrived = ros2_bags.joined(messages[:600], 0)
+        write_file(
+            path,
             # Not in the order of their stamps
-            for topic, content, stamp in arrived[::-1]:
-                if topic not in channels:
-                    schema = writer.register_schema(ros2_bags.kind_of(topic), 'ros2msg', b'')
-                    channels[topic] = writer.register_channel(topic, 'cdr', schema)
-                writer.add_message(channels[topic], stamp, content, stamp - 5000)
-            writer.add_attachment(1, 1, 'note', 'text/plain', b'kept')
-            writer.finish()
+            arrived[::-1],
+            definition=lambda _: b'',
+            extra=lambda writer: writer.add_attachment(1, 1, 'note', 'text/plain', b'kept'),
+            chunk_size=20_000,
+            compression=compression,
+            index_types=index,
+            use_chunking=chunked,
+            enable_crcs=crcs,
+            enable_data_crcs=crcs,
+            use_statistics=crcs,
+            use_summary_offsets=not crcs,
+        )
         assert faults_of(path) == []
         assert [(r.topic, r.content, r.stamp_ns) for r in RunReader(path)] == arrived
         if crcs:
-            content = bytearray(path.read_bytes())
-            content[content.index(b'kept')] ^= 1
-            path.write_bytes(content)
+            rewritten(path, lambda content: content.replace(b'kept', b'lost'))
             assert any('checksum of its data' in fault for fault in RunReader(path).faults())
 
 
@@ -227,7 +155,7 @@ def test_bags_of_rosbags(messages, tmp_path, mode, storage):
     arrived = ros2_bags.joined(messages[:3000], 0)
     with writer:
         connections = {
-            topic: writer.add_connection(topic, ros2_bags.kind_of(topic), typestore=samples.STORE)
+            topic: writer.add_connection(topic, kind_of(topic), typestore=samples.STORE)
             for topic in sorted({topic for topic, *_ in arrived})
         }
         for topic, content, stamp in arrived:

@@ -13,8 +13,8 @@ import lz4.frame
 import pytest
 import zstandard
 from bag import bounded_commands, ros2_bags, samples
+from bag.altered_bags import altered, chunks_of, cut, flipped, placed, rewritten, write
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig, renamed
-from bag.test_bag_check import altered, records, write
 from mcap.opcode import Opcode
 
 from impact_damper_ros.bag import RecordingError, RunReader
@@ -177,7 +177,7 @@ def test_chunks_that_expand_to_gigabytes(tmp_path, bag, name, count, declared, w
     packed = lz4.frame.compress(bytes(count)) if name == b'lz4' else zeros(count)
 
     def change(found):
-        at = [i for i, (opcode, _) in enumerate(found) if opcode == Opcode.CHUNK][1]
+        at = chunks_of(found)[1]
         head = struct.pack('<QQQII', 0, 2**62, declared, 0, len(name))
         found[at] = Opcode.CHUNK, head + name + struct.pack('<Q', len(packed)) + packed
 
@@ -198,14 +198,13 @@ def test_lengths_of_gigabytes(tmp_path, bag, place, words):
     """Of a chunk's record, and of what is in it."""
     path = tmp_path / 'bag'
     shutil.copytree(bag, path)
-    (file,) = path.glob('*.mcap')
-    content, position = bytearray(file.read_bytes()), 8
-    for opcode, held in records(bytes(content)):
-        if opcode == Opcode.CHUNK and position > 20_000:
-            break
-        position += 9 + len(held)
-    struct.pack_into('<Q', content, position + place, 4_000_000_000)
-    file.write_bytes(content)
+
+    def change(content):
+        starts = [start for opcode, start, _ in placed(content) if opcode == Opcode.CHUNK]
+        position = next(start for start in starts if start > 20_000)
+        struct.pack_into('<Q', content, position + place, 4_000_000_000)
+
+    rewritten(path, change)
     for command in bounded_commands.COMMANDS:
         assert bounded_commands.run(command, path) == ''
     text = bounded_commands.output_of('replay_run', path).read_text()
@@ -240,7 +239,7 @@ def test_chunks_cost_no_more_than_their_file_accounts_for(tmp_path, bag, content
     head = struct.pack('<QQQII', 0, 2**62, size, 0, 4) + b'zstd' + struct.pack('<Q', len(packed))
 
     def change(found):
-        at = [i for i, (opcode, _) in enumerate(found) if opcode == Opcode.CHUNK][1]
+        at = chunks_of(found)[1]
         found[at : at + 1] = [(Opcode.CHUNK, head + packed)] * count
 
     path = altered(bag, tmp_path / 'bag', change)
@@ -331,7 +330,7 @@ def test_very_many_topics(tmp_path, bag):
     pair = text(b'offered_qos_profiles') + text(qos)
     note = text(pair)
     path = altered(bag, tmp_path / 'bag', change, listing=False)
-    path.write_bytes(path.read_bytes()[:-40])
+    rewritten(path, cut(-40))
     for command in ('replay_run', 'recover_run'):
         assert bounded_commands.run(command, path, seconds=60) == ''
     saved = path.with_name(f'{path.stem}_recovered')
@@ -389,7 +388,6 @@ def test_altered_bytes_end_in_one_clear_line(tmp_path, messages, bag, form):
     if form == 'sqlite':
         ros2_bags.write_database(tmp_path / 'whole', ros2_bags.joined(messages, 0))
         bag = tmp_path / 'whole'
-    kind = {'listing': '*.yaml', 'sqlite': '*.db3'}.get(form, '*.mcap')
     dice = random.Random(form)
     for number in range(4):
         path = tmp_path / f'bag_{number}'
@@ -398,18 +396,8 @@ def test_altered_bytes_end_in_one_clear_line(tmp_path, messages, bag, form):
             write(path, hurt)
         else:
             shutil.copytree(bag, path)
-            (file,) = path.glob(kind)
-            file.write_bytes(flipped(file.read_bytes(), dice))
+            file = path / 'metadata.yaml' if form == 'listing' else path
+            rewritten(file, lambda content: flipped(content, dice))
         # The listing of a bag is read before anything is compared.
         for command in list(bounded_commands.COMMANDS)[form == 'listing' :]:
             assert bounded_commands.run(command, path) == '', (command, path)
-
-
-def flipped(content, dice):
-    """Return bytes of which some are altered, missing or there twice."""
-    held = bytearray(content)
-    for _ in range(dice.choice((1, 4))):
-        at = dice.randrange(len(held))
-        part = dice.choice((bytes([dice.randrange(256)]), b'', bytes(held[at : at + 60])))
-        held[at : at + 1] = part
-    return bytes(held)

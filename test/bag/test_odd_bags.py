@@ -9,13 +9,22 @@ import struct
 
 import pytest
 from bag import ros2_bags, samples
+from bag.altered_bags import (
+    chunks_of,
+    cut,
+    definition_of,
+    file_of,
+    kind_of,
+    records,
+    rewritten,
+    with_records,
+    write_file,
+)
 from bag.recorded_rig import RecordedRig
-from bag.test_bag_check import of_records, records
-from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
-from impact_damper_ros.bag import RunReader, topics as interface
+from impact_damper_ros.bag import RunReader
 from impact_damper_ros.cli.recover_run import main as recover_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 
@@ -23,38 +32,6 @@ from impact_damper_ros.cli.replay_run import main as replay_run
 @pytest.fixture(scope='module')
 def messages():
     return RecordedRig(rate=200.0).start().run(400).messages
-
-
-def write(
-    path,
-    messages,
-    *,
-    profile='ros2',
-    spelled=lambda kind: kind,
-    text=True,
-    schema=True,
-    extra=None,
-    first=False,
-    chunked=True,
-):
-    """Write an MCAP file as the independent library does; `extra` is done to the writer."""
-    with path.open('wb') as stream:
-        writer = Writer(stream, chunk_size=30_000, use_chunking=chunked)
-        writer.start(profile, 'other')
-        channels = {}
-        if extra is not None and first:
-            extra(writer)
-        for topic, content, stamp in messages:
-            if topic not in channels:
-                kind = ros2_bags.kind_of(topic)
-                definition = interface.definition(kind).encode() if text else b''
-                number = writer.register_schema(spelled(kind), 'ros2msg', definition)
-                channels[topic] = writer.register_channel(topic, 'cdr', number * schema)
-            writer.add_message(channels[topic], stamp, content, stamp - 777, 5)
-        if extra is not None and not first:
-            extra(writer)
-        writer.finish()
-    return path
 
 
 def command(main, capsys, *arguments):
@@ -87,33 +64,31 @@ def stored(path):
 @pytest.mark.parametrize(
     'options',
     [
-        {'chunked': False},
+        {'use_chunking': False},
         {'profile': ''},
-        {'spelled': lambda kind: kind.replace('/msg/', '/')},
-        {'text': False},
+        {'kinds': lambda topic: kind_of(topic).replace('/msg/', '/')},
+        {'definition': lambda _: b''},
     ],
     ids=['fastwrite', 'no_profile', 'short_types', 'no_text'],
 )
 @pytest.mark.parametrize('finished', [True, False])
 def test_files_of_other_recorders(tmp_path, messages, options, finished, capsys):
-    path = write(tmp_path / 'run.mcap', messages, **options)
+    path = write_file(tmp_path / 'run.mcap', messages, **options)
     if finished:
         is_identical(path, capsys)
     else:
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        rewritten(path, cut(0.5))
         code, text = command(replay_run, capsys, path)
         assert (code, 'identical as far as it could be compared' in text) == (3, True)
     code, text = command(recover_run, capsys, path)
     assert (code, 'nothing was lost' in text) == (0, finished)
     saved = stored(tmp_path / 'run_recovered')
-    assert saved == [
-        (ros2_bags.kind_of(t), t, 5, s, s - 777, c) for t, c, s in messages[: len(saved)]
-    ]
+    assert saved == [(kind_of(t), t, 5, s, s - 777, c) for t, c, s in messages[: len(saved)]]
     assert len(saved) == len(messages) if finished else len(saved) > len(messages) // 4
 
 
 def test_topics_without_a_type_are_named(tmp_path, messages, capsys):
-    path = write(tmp_path / 'run.mcap', messages, schema=False)
+    path = write_file(tmp_path / 'run.mcap', messages, schemas=False)
     code, text = command(replay_run, capsys, path)
     assert code == 2
     assert '/snapshot of no type' in text
@@ -125,13 +100,13 @@ def test_two_types_on_one_topic(tmp_path, messages, first, capsys):
     note = samples.serialise(samples.STRING, samples.make(samples.STRING, 'a note'))
 
     def add(writer):
-        text = interface.definition(samples.STRING).encode()
+        text = definition_of(samples.STRING)
         schema = writer.register_schema(samples.STRING, 'ros2msg', text)
         channel = writer.register_channel('/joint_states', 'cdr', schema)
         stamp = messages[0 if first else -1][2]
         writer.add_message(channel, stamp, note, stamp)
 
-    path = write(tmp_path / 'run.mcap', messages, extra=add, first=first)
+    path = write_file(tmp_path / 'run.mcap', messages, extra=add, extra_first=first)
     is_identical(path, capsys)
     code, text = command(recover_run, capsys, path)
     assert (code, 'nothing was lost' in text) == (0, True)
@@ -148,12 +123,11 @@ def test_recovery_keeps_what_is_not_a_message(tmp_path, messages, capsys):
 
     directory = tmp_path / 'run'
     directory.mkdir()
-    path = write(directory / 'run_0.mcap', messages, extra=add)
+    path = write_file(directory / 'run_0.mcap', messages, extra=add)
     (directory / 'note.txt').write_text('the third one')
-    content, before = path.read_bytes(), stored(path)
+    before = stored(path)
     # A record of a kind of its own, which only its maker can copy
-    found = records(content)
-    path.write_bytes(of_records([found[0], (0x90, b'mine'), *found[1:]]))
+    rewritten(path, with_records(lambda found: [found[0], (0x90, b'mine'), *found[1:]]))
     code, text = command(recover_run, capsys, directory)
     assert code == 0
     assert 'nothing was lost' not in text
@@ -198,7 +172,7 @@ def test_hidden_files_are_no_part_of_a_bag(tmp_path, messages, capsys):
 
 def test_a_tail_of_zeros_loses_what_a_cut_loses(tmp_path, messages, capsys):
     """After a power cut the length of a file may be there, and not its content."""
-    path = write(tmp_path / 'whole.mcap', messages)
+    path = write_file(tmp_path / 'whole.mcap', messages)
     content = path.read_bytes()
     for part in (3, 5, 8):
         cut = len(content) * part // 10
@@ -219,14 +193,14 @@ def test_a_tail_of_zeros_loses_what_a_cut_loses(tmp_path, messages, capsys):
 def test_a_damaged_chunk_is_saved_in_part(tmp_path, messages, compression, capsys):
     path = tmp_path / 'run.mcap'
     ros2_bags.write_file(path, messages, sorted({topic for topic, *_ in messages}), compression)
-    content = bytearray(path.read_bytes())
-    chunks = [i for i, (opcode, _) in enumerate(records(bytes(content))) if opcode == Opcode.CHUNK]
-    found = records(bytes(content))
-    held = bytearray(found[chunks[1]][1])
-    place = len(held) * 6 // 10
-    held[place : place + 8] = b'\xff' * 8
-    found[chunks[1]] = Opcode.CHUNK, bytes(held)
-    path.write_bytes(of_records(found))
+    chunks = chunks_of(records(path.read_bytes()))
+
+    def hurt(found):
+        opcode, held = found[chunks[1]]
+        place = len(held) * 6 // 10
+        found[chunks[1]] = opcode, held[:place] + b'\xff' * 8 + held[place + 8 :]
+
+    rewritten(path, with_records(hurt))
     code, text = command(recover_run, capsys, path)
     assert code == 0
     assert re.search(r'fault: the chunk at byte \d+ is damaged \(.*\); \d+ of its messages', text)
@@ -247,7 +221,7 @@ def test_stamps_beyond_those_of_ros(tmp_path, messages, capsys):
     far = [*messages]
     topic, content, _ = far[100]
     far[100] = topic, content, 2**63
-    path = write(tmp_path / 'run.mcap', far)
+    path = write_file(tmp_path / 'run.mcap', far)
     code, text = command(replay_run, capsys, path)
     assert code == 3
     assert 'a message is stamped 9223372036854775808 ns; stamps end at' in text
@@ -331,15 +305,14 @@ def test_a_database_in_a_place_with_an_odd_name(tmp_path, database, capsys):
 
 @pytest.mark.parametrize('part', [0.4, 0.9])
 def test_a_truncated_database(tmp_path, database, messages, part, capsys):
-    (file,) = database.glob('*.db3')
-    content = file.read_bytes()
-    file.write_bytes(content[: int(len(content) * part)])
+    size = file_of(database).stat().st_size
+    rewritten(database, cut(part))
     code, text = command(replay_run, capsys, database)
     assert code == 3
     assert 'identical as far as it could be compared' in text
     code, text = command(recover_run, capsys, database, '--output', tmp_path / 'saved')
     assert code == 0
-    assert re.search(f'it ends after \\d+ of {len(content)} bytes', text)
+    assert re.search(f'it ends after \\d+ of {size} bytes', text)
     saved = [
         (topic, content, stamp) for _, topic, _, stamp, _, content in stored(tmp_path / 'saved')
     ]
@@ -349,11 +322,12 @@ def test_a_truncated_database(tmp_path, database, messages, part, capsys):
 
 def test_a_hole_in_a_database(tmp_path, database, messages, capsys):
     """After a power cut a page in the middle may be zero."""
-    (file,) = database.glob('*.db3')
-    content = bytearray(file.read_bytes())
-    at = len(content) // 2 // 4096 * 4096
-    content[at : at + 4096] = bytes(4096)
-    file.write_bytes(content)
+
+    def with_a_hole(content):
+        at = len(content) // 2 // 4096 * 4096
+        content[at : at + 4096] = bytes(4096)
+
+    rewritten(database, with_a_hole)
     code, text = command(replay_run, capsys, database)
     assert (code, 'it is damaged: ' in text) == (3, True)
     code, text = command(recover_run, capsys, database, '--output', tmp_path / 'saved')
@@ -375,7 +349,7 @@ def test_findings_of_a_reader_of_json(tmp_path, messages, capsys):
             ros2_bags.write_bag(tmp_path / 'b', arrived, files=3, message_zstd=True),
             ros2_bags.write_bag(tmp_path / 'c', arrived, compression=CompressionType.LZ4),
             ros2_bags.write_database(tmp_path / 'd', arrived),
-            write(tmp_path / 'e.mcap', arrived, chunked=False),
+            write_file(tmp_path / 'e.mcap', arrived, use_chunking=False),
         )
     ):
         result = tmp_path / f'{number}.json'
@@ -386,10 +360,7 @@ def test_findings_of_a_reader_of_json(tmp_path, messages, capsys):
 
 
 def test_the_page_size_of_a_database_cannot_be_zero(database, capsys):
-    (file,) = database.glob('*.db3')
-    content = bytearray(file.read_bytes())
-    struct.pack_into('>H', content, 16, 0)
-    file.write_bytes(content)
+    rewritten(database, lambda content: struct.pack_into('>H', content, 16, 0))
     code, text = command(recover_run, capsys, database)
     assert code == 1
     assert 'it is stored in SQLite, and cannot be read' in text

@@ -4,21 +4,13 @@ import random
 
 import pytest
 from bag import samples
-from bag.test_bag_check import records, write
+from bag.altered_bags import cut, placed, rewritten, write, write_file
 from mcap.opcode import Opcode
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 from rosbags.rosbag2 import Reader
 
-from impact_damper_ros.bag import (
-    RecordingError,
-    RunReader,
-    bag_file,
-    recover_run,
-    topics as interface,
-)
+from impact_damper_ros.bag import RecordingError, RunReader, bag_file, recover_run
 from impact_damper_ros.cli import recover_run as command
-
-MAGIC = 8
 
 
 @pytest.fixture(scope='module')
@@ -32,14 +24,6 @@ def finished(tmp_path_factory, messages):
     directory = tmp_path_factory.mktemp('bags') / 'run_7'
     write(directory, messages, every=40, notes={'note': 'kept'})
     return directory / 'run_7_0.mcap'
-
-
-def placed(content):
-    """Yield opcode, start and end of the records."""
-    position = MAGIC
-    for opcode, held in records(content):
-        yield opcode, position, position + 9 + len(held)
-        position += 9 + len(held)
 
 
 def cut_file(tmp_path, content, name='cut.mcap'):
@@ -82,7 +66,7 @@ def check(content, size, tmp_path, messages):
 def test_cuts_at_every_border(finished, tmp_path, messages):
     """At the end of each record, one byte before and after, and in its head."""
     content = finished.read_bytes()
-    sizes = {0, 1, MAGIC - 1, MAGIC, MAGIC + 1, len(content) - 1, len(content)}
+    sizes = {0, 1, 7, 8, 9, len(content) - 1, len(content)}
     chunks = [(start, end) for opcode, start, end in placed(content) if opcode == Opcode.CHUNK]
     for _, start, end in placed(content):
         # Between the second chunk and the last one, and in the summary, it is always the same.
@@ -98,19 +82,17 @@ def test_cuts_at_every_border(finished, tmp_path, messages):
 def test_cut_in_a_large_chunk(tmp_path, compression, chunked):
     """Where the format allows, messages before the cut are saved out of the last chunk itself."""
     path = tmp_path / 'other.mcap'
-    with path.open('wb') as stream:
-        writer = Writer(stream, compression=compression, use_chunking=chunked, chunk_size=2**30)
-        writer.start('ros2')
-        text = interface.definition(samples.STRING).encode()
-        schema = writer.register_schema(samples.STRING, 'ros2msg', text)
-        channel = writer.register_channel('/a', 'cdr', schema)
-        noise = random.Random(3)
-        contents = [noise.randbytes(1000) for _ in range(1000)]
-        for stamp, content in enumerate(contents):
-            writer.add_message(channel, stamp, content, stamp)
-        writer.finish()
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) * 6 // 10])
+    noise = random.Random(3)
+    contents = [noise.randbytes(1000) for _ in range(1000)]
+    write_file(
+        path,
+        [('/a', content, stamp) for stamp, content in enumerate(contents)],
+        sent=lambda stamp: stamp,
+        compression=compression,
+        use_chunking=chunked,
+        chunk_size=2**30,
+    )
+    rewritten(path, cut(0.6))
     recovery = recover_run(path)
     # zstd and lz4 give up whole blocks only (of 128 and 64 kB).
     assert 400 < recovery.message_count < 610
@@ -123,7 +105,7 @@ def test_cut_in_a_large_chunk(tmp_path, compression, chunked):
 def test_a_hole_in_the_middle(finished, tmp_path, messages):
     """After a power cut a page may be zero: that chunk is lost, those after it are not."""
     content = bytearray(finished.read_bytes())
-    chunks = [(s, e) for opcode, s, e in placed(bytes(content)) if opcode == Opcode.CHUNK]
+    chunks = [(s, e) for opcode, s, e in placed(content) if opcode == Opcode.CHUNK]
     start, end = chunks[3]
     content[start + 200 : end] = bytes(end - start - 200)
     path = cut_file(tmp_path, bytes(content[: chunks[-1][0]]))
@@ -140,7 +122,7 @@ def test_messages_that_random_damage_may_have_altered_are_counted(finished, tmp_
     known = set(messages)
     chance, doubts = random.Random(5), 0
     for number in range(60):
-        hurt = bytearray(content[: chance.randrange(MAGIC, len(content))])
+        hurt = bytearray(content[: chance.randrange(8, len(content))])
         for _ in range(chance.randrange(1, 4)):
             hurt[chance.randrange(len(hurt))] = chance.randrange(256)
         path = cut_file(tmp_path, bytes(hurt), f'hurt_{number}.mcap')

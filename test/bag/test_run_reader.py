@@ -9,7 +9,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from bag import samples
-from mcap.writer import Writer
+from bag.altered_bags import rewritten, write_file
 
 from impact_damper_ros.bag import (
     DiagnosticArray,
@@ -94,10 +94,7 @@ def test_memory_does_not_grow_with_the_run(tmp_path):
 
 def test_an_mcap_file_not_of_ros_2(tmp_path):
     path = tmp_path / 'other.mcap'
-    with path.open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros1')
-        writer.finish()
+    write_file(path, [], profile='ros1')
     with pytest.raises(RecordingError, match="its MCAP profile is 'ros1', not ros2"):
         RunReader(path)
 
@@ -112,10 +109,10 @@ def test_paths_that_hold_no_bag(tmp_path):
 
 
 def test_a_damaged_chunk_is_named(bag, tmp_path):
-    content = bytearray(next(bag.glob('*.mcap')).read_bytes())
-    at = content.index(b'\x28\xb5\x2f\xfd') + 200  # in the first zstd frame
-    content[at] ^= 0xFF
-    (tmp_path / 'hurt.mcap').write_bytes(content)
+    def hurt(content):
+        content[content.index(b'\x28\xb5\x2f\xfd') + 200] ^= 0xFF  # in the first zstd frame
+
+    rewritten(bag, hurt, tmp_path / 'hurt.mcap')
     with pytest.raises(RecordingError, match=r'the chunk at byte \d+ is damaged'):
         list(RunReader(tmp_path / 'hurt.mcap'))
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 from bag import samples
+from bag.altered_bags import cut, rewritten
 from bag.recorded_rig import NOTES, RecordedRig, random_requests
 from mcap.reader import make_reader
 from replay.test_replay import replayed
@@ -242,8 +243,7 @@ def test_a_missing_file_is_a_fault(copy, tmp_path, number, listing, capsys):
 def test_the_last_file_is_cut(copy, tmp_path, left, capsys):
     """As after `kill -9`: no metadata.yaml, and a part of the last file, or nothing of it."""
     (copy / 'metadata.yaml').unlink()
-    last = copy / 'run_3.mcap'
-    last.write_bytes(last.read_bytes()[:left])
+    rewritten(copy / 'run_3.mcap', cut(left))
     findings = replayed(copy)
     assert findings.verdict is ReplayVerdict.PARTIAL
     assert not findings.difference_count

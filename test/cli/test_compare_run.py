@@ -8,6 +8,7 @@ import struct
 
 import pytest
 from bag import ros2_bags, samples
+from bag.altered_bags import cut, rewritten
 from bag.recorded_rig import NOTES, RecordedRig, params_file
 from rigs import BENCH
 
@@ -223,11 +224,8 @@ def test_faults_are_found_where_they_are(messages, tmp_path, capsys):
 
 
 def test_a_bag_that_was_cut(bag, tmp_path):
-    (file,) = bag.glob('*.mcap')
-    content = file.read_bytes()
-    cut = tmp_path / 'cut.mcap'
-    cut.write_bytes(content[: len(content) // 2])
-    code, result = run(cut, tmp_path)
+    half = rewritten(bag, cut(0.5), tmp_path / 'cut.mcap')
+    code, result = run(half, tmp_path)
     assert (code, result['complete'], verdicts(result)[0]) == (3, False, 'agrees')
     assert 'not complete' in result['faults'][0]
 

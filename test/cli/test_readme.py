@@ -70,6 +70,7 @@ LESS = (
     ('multisine_lines=128', 'multisine_lines=16'),
     ('=0.4:1.2:33', '=0.4:1.2:2 --no-search'),
     ('--cycles 300 --watch 100', '--cycles 60 --watch 21'),
+    ('--restitution 0.3:0.8', '--restitution 0.3:0.8 --mass-ratio 5%'),
 )
 RANGE = re.compile(r'(=-?[0-9.]+(?:Hz)?:-?[0-9.]+(?:Hz)?):\d+')
 
@@ -98,17 +99,19 @@ def own_words(line):
 
 
 def without_output(line):
-    """Return the words of a command without the directory that it writes to."""
-    return re.sub(r'--output \S+', '', ' '.join(own_words(line)))
+    """Return the words of a command without the names of what it writes."""
+    words = re.sub(r'--output \S+', '', ' '.join(own_words(line)))
+    return re.sub(r'(--figure|--rig-out) \S+', r'\1', words)
 
 
-#: Each command once, wherever it writes to.
+IN_TUTORIALS = {without_output(line) for page, line in LINES if page in TUTORIALS}
+#: Each other command once, wherever it writes to.
 OWN = [
     pytest.param(line, id=f'{page.relative_to(ROOT)}: {line[:60]}')
     for page, line in {
         without_output(line): (page, line)
         for page, line in LINES
-        if own_words(line) and '...' not in line and page not in TUTORIALS
+        if own_words(line) and '...' not in line and without_output(line) not in IN_TUTORIALS
     }.values()
 ]
 

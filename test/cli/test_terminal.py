@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from mcap.writer import Writer
+from bag.altered_bags import write_file
 
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.recover_run import main as recover_run
@@ -22,15 +22,14 @@ def is_harmless(said):
 @pytest.fixture
 def foreign(tmp_path):
     """Write a bag whose names hold escape sequences."""
-    path = tmp_path / f'bag{ESCAPES[:4]}.mcap'
-    with path.open('wb') as stream:
-        writer = Writer(stream)
-        writer.start(profile='ros2', library=ESCAPES)
-        schema = writer.register_schema(f'std_msgs/msg/{ESCAPES}', 'ros2msg', b'string data\n')
-        channel = writer.register_channel(f'/{ESCAPES}', 'cdr', schema)
-        writer.add_message(channel, 1, b'\0\1\0\0\2\0\0\0a\0', 1)
-        writer.finish()
-    return path
+    return write_file(
+        tmp_path / f'bag{ESCAPES[:4]}.mcap',
+        [(f'/{ESCAPES}', b'\0\1\0\0\2\0\0\0a\0', 1)],
+        library=ESCAPES,
+        kinds=lambda _: f'std_msgs/msg/{ESCAPES}',
+        definition=lambda _: b'string data\n',
+        sent=lambda stamp: stamp,
+    )
 
 
 @pytest.mark.parametrize('main', [compare_run, replay_run, recover_run])

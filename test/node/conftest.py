@@ -3,7 +3,6 @@
 import itertools
 
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from running import until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -13,7 +12,7 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
-from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess
+from node.rig_client import LATCHED, LIVELY, RigClient, RigParametersClient, SimProcess
 
 _numbers = itertools.count(1)
 
@@ -70,8 +69,7 @@ class SharedRig:
         self.parameters = RigParametersClient(client)
         self.states = client.listen(JointState, 'joint_states')
         self.impacts = client.listen(JointState, 'impacts')
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.snapshots = client.listen(String, 'snapshot', latched)
+        self.snapshots = client.listen(String, 'snapshot', LATCHED)
         self.await_states()
 
     def await_states(self, count=1):

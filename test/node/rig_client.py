@@ -18,7 +18,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from running import Running, until
 from std_srvs.srv import SetBool, Trigger
 
@@ -35,6 +35,8 @@ LIVELY = {
     'force_frequencies': '[31.6]',
 }
 
+#: The last message before one has joined, and all after it.
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 #: Of a node, beside the one that it is met by.
 SERVICES = {
     'describe_parameters': DescribeParameters,

@@ -83,10 +83,15 @@ class Plant:
         until(done, lambda: self.orders(before))
 
     def refused(self, send, words):
-        """Send a command and wait for the report that it was refused, with a reason."""
+        """Send a command until it is reported that one was refused, with a reason."""
         before = int(self.report()[1].get('Commands refused', 0))
-        send()
-        until(lambda: int(self.report()[1]['Commands refused']) > before, self.report)
+
+        def done():
+            send()
+            time.sleep(0.01)
+            return int(self.report()[1]['Commands refused']) > before
+
+        until(done, self.report)
         assert words in self.report()[1]['Last refusal']
 
 

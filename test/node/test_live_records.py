@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from running import until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -15,11 +14,10 @@ from impact_damper_ros import Rig
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.parameters.parameters_file import load_parameters
-from node.rig_client import RigParametersClient
+from node.rig_client import LATCHED, RigParametersClient
 
 CONFIG = Path(__file__).parents[2] / 'config'
 BENCH = CONFIG / 'bench_rig.yaml'
-LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @pytest.mark.parametrize('quantity', ['force', 'base'])

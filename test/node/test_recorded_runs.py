@@ -6,7 +6,6 @@ import shutil
 from itertools import pairwise
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from running import until
@@ -20,7 +19,7 @@ from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
-from node.rig_client import LIVELY, RigParametersClient, stamp_ns
+from node.rig_client import LATCHED, LIVELY, RigParametersClient, stamp_ns
 
 
 class Bag:
@@ -199,8 +198,7 @@ def test_the_robot_description_is_on_the_network_and_in_the_bag(
         assert parameters.set_atomically(**changes) == ''
     wide = robot_description(rig.replace(gap=0.3))
     controlled = robot_description(rig.replace(gap=0.3), gap_max=1000.0)
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    heard = client.listen(String, topic, latched)
+    heard = client.listen(String, topic, LATCHED)
     until(lambda: heard, lambda: process.output)
     assert heard[0].data == controlled
     # A second recording begins with what is to be seen then.

@@ -4,21 +4,20 @@ import json
 import math
 import re
 import subprocess
+from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from running import SOURCE, until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
-from node.rig_client import LIVELY, RigParametersClient
+from node.rig_client import LATCHED, LIVELY, RigParametersClient, stamp_ns
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TYPES = {'joint_states': JointState, 'impacts': JointState, 'gap_control': JointState}
 
 
@@ -48,15 +47,20 @@ def place_of(urdf, state, link):
 def test_the_frames_follow_a_live_angle(rig):
     """As RViz shows it: the parts go on where they are, and turn with the axis."""
     descriptions = rig.client.listen(String, 'robot_description', LATCHED)
-    assert rig.parameters.set(angle=0.0) == ''
-    rig.await_states(3)
-    for angle in (0.3, -1.0, 1.5708):
-        assert rig.parameters.set(angle=angle) == ''
-        until(lambda a=angle: rig.states[-1].position[4] == a)
-        last = next(s for s in reversed(rig.states) if s.position[4] != angle)
-        state = next(
-            s for s, before in zip(rig.states[1:], rig.states[:-1], strict=False) if before is last
-        )
+
+    def turned(*angles):
+        """Return the joint states just before and after a turn, if none between were lost."""
+        for angle in angles:
+            assert rig.parameters.set(angle=angle) == ''
+            until(lambda a=angle: rig.states[-1].position[4] == a)
+        states = list(rig.states)
+        at = max(i for i, s in enumerate(states) if s.position[4] != angle)
+        last, state = states[at : at + 2]
+        apart = stamp_ns(state.header.stamp) - stamp_ns(last.header.stamp)
+        return (last, state) if apart == 5_000_000 else None
+
+    for before, angle in pairwise((0.0, 0.3, -1.0, 1.5708)):
+        last, state = until(lambda angles=(before, angle): turned(*angles))
         assert state.name[4] == 'incline'
         assert state.position[4] == angle
         assert state.velocity[4] == 0.0
