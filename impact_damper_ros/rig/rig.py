@@ -62,7 +62,6 @@ from impact_damper_ros.motion.next_event import (
 )
 from impact_damper_ros.motion.oscillator import Line
 from impact_damper_ros.motion.state import (
-    STICK,
     Mode,
     Moving,
     RigConstants,
@@ -71,7 +70,6 @@ from impact_damper_ros.motion.state import (
     carried_to,
     constants_of,
     starting_fields,
-    stop_under,
 )
 from impact_damper_ros.motion.transition import (
     begin_from,
@@ -368,8 +366,8 @@ class Rig:
         installed and, with a law of one's own, has compiled that. The motion is the same, to the
         last bit.
     records : sequence of MeasuredRecord, optional
-        Measured force, and acceleration of the base, that act from the start on; see
-        `follow_record`.
+        Measured force on M, beside that of the parameters, and acceleration of the base: one of
+        each at most, from the start and anew from each reset.
 
     Raises
     ------
@@ -392,11 +390,19 @@ class Rig:
     >>> stretch = rig.run(2100.0, instants=np.arange(2000.0, 2100.0))
     >>> len(stretch.samples), len(stretch.impacts(stop=1))
     (100, 16)
+
+    Notes
+    -----
+    Each sample of a record is held from the middle of the interval before it to the middle of the
+    next one, exactly; after the last one the force, or the acceleration, is 0. The acceleration of
+    the base is followed in coordinates that move with it: -M b'' acts on M and -m b'' on m, which
+    are constant while a sample is held, so that each flight stays a closed formula. Samples and
+    events have absolute positions and velocities: those of the base are the exact integrals of
+    what is held, from rest. Control and its sensors see X relative to that base.
     """
 
-    #: Measured records that act, by their quantity, and when the next of their steps is, s.
+    #: Measured records that act, by their quantity.
     _playbacks: dict[str, Playback]
-    _record_due: float
 
     def __init__(
         self,
@@ -422,7 +428,7 @@ class Rig:
         self._parameters = parameters
         self.compiled = self._may_compile() if compiled is None else compiled
         begun = [Playback.begun(record, start) for record in records]
-        self._playbacks, self._record_due = {p.record.quantity: p for p in begun}, inf
+        self._playbacks = {p.record.quantity: p for p in begun}
         self._start(initial or InitialConditions(), start)
 
     def _may_compile(self) -> bool:
@@ -436,8 +442,7 @@ class Rig:
         fields = starting_fields(initial, self._constants.half_gap, parameters.one_sided)
         self._run = Run(time=time, now=time, counted_from=time, **fields)
         self._waves = [Wave() for _ in range(self._constants.harmonics)]
-        for playback in self._playbacks.values():
-            self._take_record(Playback.begun(playback.record, time))
+        self._play([Playback.begun(p.record, time) for p in self._playbacks.values()])
         # Acts of the last call; those of a run as rows of the loop
         self._records: Sequence[tuple[Any, ...]] = []
         # An impact at the very start, of m that moves into the stop it is on
@@ -461,12 +466,26 @@ class Rig:
         """Return what the kernels of the motion are given, with a table for the events."""
         return Moving(self._constants, self._lines, self._run, self._waves, log)
 
-    def _begin(self) -> list[Event]:
-        """Begin from a state of unknown mode; return what happens there."""
-        rows = [EventRow() for _ in range(ROWS_AT_ONCE)]
-        self._run.room, self._run.written = len(rows), 0
+    def _cut(self, time: float, *, same_x: bool = True) -> None:
+        """Move the origin of the flight to a time, where X stays what it is."""
+        side = self._run.crossing_side
+        move_to(self._moving(), time)
+        self._run.now = time
+        if side and same_x:
+            set_side(self._moving(), side)
+
+    def _begin(self, before: int | None = None) -> list[Event]:
+        """
+        Begin from a state of unknown mode; return what happens there.
+
+        After another mode, m may have lost its support by that, or have come to rest.
+        """
+        rows, run = self._scratch[0], self._run
+        run.room, run.written = len(rows), 0
         begin_from(self._moving(rows))
-        return events_of(rows, self._run.written)
+        if before is not None and not run.written:
+            report_support(run, rows, before)
+        return events_of(rows, run.written)
 
     @property
     def time(self) -> float:
@@ -623,6 +642,11 @@ class Rig:
             raise RunawayError(self._reason(Outcome.RUNAWAY), events)
         return events
 
+    @property
+    def _record_due(self) -> float:
+        """When the next value of a measured record acts, s."""
+        return min([p.due for p in self._playbacks.values()], default=inf)
+
     def _is_quiet(self, time: float) -> bool:
         """Return whether nothing happens up to a time, as far as the flight has been searched."""
         run, control = self._run, self._control
@@ -631,9 +655,9 @@ class Rig:
         run.watch = has_law(control)
         return time < min(quiet_until(run), next_sample(control), next_command(control))
 
-    def _is_quiet_to_step(self, due: float, time: float, instants: int) -> bool:
-        """Return whether a flight goes on to the next step of a record, and nothing happens."""
-        if not due == self._record_due <= time or instants or self.acts:
+    def _is_quiet_to(self, due: float, instants: int) -> bool:
+        """Return whether a flight goes on to the next value of a record, and nothing happens."""
+        if due == inf or instants or self.acts:
             return False
         return is_quiet_until(self._moving(), due)
 
@@ -688,19 +712,20 @@ class Rig:
         """Run to a time, as `_go_on` does, stretch by stretch."""
         happened = sampled = 0
         while True:
+            played, due = self._record_due, min(self._sweep.due, self._record_due)
             # From sample to sample of a record, compiled code takes longer to begin than to run.
-            compiled = self.compiled and self._record_due == inf
+            compiled = self.compiled and played == inf
             go: Any = self._go_compiled if compiled else self._go_plain
             stretch = _COMPILED_STRETCH if compiled else _STRETCH
-            due, end, until = min(self._sweep.due, self._record_due), time, when
+            end, until = time, when
             if due <= time:
                 # A sample at the instant of a step shows what comes after it.
                 end, until = due, when[: bisect_left(when, due)]
             run = self._run
             run.most, run.happened = most - happened, 0
             run.steps = ALL_STEPS if interrupted is None else stretch
-            if self._is_quiet_to_step(due, time, len(until) - sampled):
-                status, run.now = DONE, due
+            if end == played and self._is_quiet_to(end, len(until) - sampled):
+                status, run.now = DONE, end
             else:
                 status, sampled = go(end, until, sampled, samples, in_mode, tables)
             happened += run.happened
@@ -720,7 +745,7 @@ class Rig:
                 return status, happened, sampled
             if happened >= most:
                 return SPENT, happened, sampled
-            events = self._take_step() if due < self._record_due else self._step_records()
+            events = self._step(due)
             tables.add(*events)
             happened += len(events)
 
@@ -751,83 +776,34 @@ class Rig:
         tables.take_acts(list(map(_act_fields, acts[: controller.recorded])))
         return status, sampled
 
-    def _take_step(self) -> list[Event]:
-        """Make the step of the schedule that is due, at its exact instant."""
-        run, side, due = self._run, self._run.crossing_side, self._sweep.due
-        move_to(self._moving(), due)
-        run.now = due
-        if side:
-            set_side(self._moving(), side)
-        self._sweep = self._sweep.following(self._parameters)
-        self._tune()
-        before, caused = run.mode, []
-        if self._present.swept == 'base' and self._present.damping:
-            # The velocity of the base jumps, and the force of the dashpot with it.
-            caused = self._begin()
+    def _step(self, due: float) -> list[Event]:
+        """Make the steps of sweep and records that are due, at their exact instant."""
+        before, swept = self._run.mode, self._sweep.due == due
+        self._cut(due)
+        if swept:
+            self._sweep = self._sweep.following(self._parameters)
+            self._tune()
+        playing = [p._replace(step=p.step + 1) for p in self._playbacks.values() if p.due == due]
+        self._play(playing)
+        caused: list[Event] = []
+        if playing or (self._present.swept == 'base' and self._present.damping):
+            # A force jumps: that of a record, or of the dashpot with the velocity of the base.
+            caused = self._begin(before)
         else:
             begin_flight(self._moving())
-        return [self._force_event(EventKind.FREQUENCY_STEP), *self._released(before), *caused]
+        return [*([self._force_event(EventKind.FREQUENCY_STEP)] if swept else []), *caused]
 
-    def _take_record(self, playback: Playback) -> None:
-        """Let the present value of a measured record act from the origin of the flight on."""
-        run, quantity = self._run, playback.record.quantity
-        self._playbacks = {**self._playbacks, quantity: playback}
-        self._record_due = min(p.due for p in self._playbacks.values())
-        if quantity != BASE_RECORD:
-            run.recorded_force = playback.value
-            return
-        if run.carried:
-            run.base_place, run.base_speed = carried_to(run, run.time)
-        run.carried, run.base_from, run.base_acceleration = True, run.time, playback.value
-
-    def _step_records(self) -> list[Event]:
-        """Go on to the next value of each measured record that is due."""
-        due = self._record_due
-        following = [p._replace(step=p.step + 1) for p in self._playbacks.values() if p.due == due]
-        return self._take_records(due, following)
-
-    def _take_records(self, time: float, playbacks: Sequence[Playback]) -> list[Event]:
-        """Let the present values of measured records act from a time on, in a new flight."""
-        run, side, rows = self._run, self._run.crossing_side, self._scratch[0]
-        before, moving = run.mode, self._moving(rows)
-        move_to(moving, time)
-        run.now = time
-        if side:
-            set_side(moving, side)
+    def _play(self, playbacks: Sequence[Playback]) -> None:
+        """Let the present values of measured records act from the origin of the flight on."""
+        run = self._run
         for playback in playbacks:
-            self._take_record(playback)
-        run.room, run.written = len(rows), 0
-        begin_from(moving)
-        if not run.written:
-            report_support(run, rows, before)
-        return events_of(rows, run.written)
-
-    def follow_record(self, record: MeasuredRecord) -> list[Event]:
-        """
-        Let a measured record act from the present time on.
-
-        Parameters
-        ----------
-        record : MeasuredRecord
-            A force on M, beside that of the parameters, or the acceleration of the base. Each
-            sample is held from the middle of the interval before it to the middle of the next
-            one, exactly; after the last one the force, or the acceleration, is 0. It takes the
-            place of an earlier record of the same quantity. A reset lets it act anew.
-
-        Returns
-        -------
-        list of Event
-            Events at the present time that it causes.
-
-        Notes
-        -----
-        The acceleration of the base is followed in coordinates that move with it: -M b'' acts on
-        M and -m b'' on m, which are constant while a sample is held, so that each flight stays a
-        closed formula. Samples and events have absolute positions and velocities: those of the
-        base are the exact integrals of what is held, from rest. Control and its sensors see X
-        relative to that base.
-        """
-        return self._take_records(self.time, [Playback.begun(record, self.time)])
+            self._playbacks = {**self._playbacks, playback.record.quantity: playback}
+            if playback.record.quantity != BASE_RECORD:
+                run.recorded_force = playback.value
+                continue
+            if run.carried:
+                run.base_place, run.base_speed = carried_to(run, run.time)
+            run.carried, run.base_from, run.base_acceleration = True, run.time, playback.value
 
     def _force_event(self, kind: EventKind, force: float = 0.0) -> Event:
         """Return a change of the force at the origin of the flight, where nothing jumps."""
@@ -1005,11 +981,9 @@ class Rig:
         return events
 
     def _change(self, parameters: RigParameters) -> list[Event]:
-        before, run, side = self._parameters, self._run, self._run.crossing_side
+        before, run = self._parameters, self._run
         shift = before.static_deflection - parameters.static_deflection
-        move_to(self._moving(), run.now)
-        if side and shift == 0.0:
-            set_side(self._moving(), side)
+        self._cut(run.now, same_x=shift == 0.0)
         self._parameters = parameters
         run.counted_from, run.in_period = run.now, 0
         start, step = run.now, 0
@@ -1147,23 +1121,13 @@ class Rig:
 
     def _push(self, force: float) -> list[Event]:
         """Let an active force act on M, in a flight of its own."""
-        run, side = self._run, self._run.crossing_side
+        run, before = self._run, self._run.mode
         if force == run.force:
             return []
-        move_to(self._moving(), run.now)
-        if side:
-            set_side(self._moving(), side)
+        self._cut(run.now)
         run.force = force
-        before = run.mode
-        caused = self._begin()
-        step = self._force_event(EventKind.FORCE_STEP, force)
-        return [step, *self._released(before), *caused]
-
-    def _released(self, before: int) -> list[Event]:
-        """Return the release of m at the origin of the flight, if it was held in a mode."""
-        if not before >= STICK > self._run.mode:
-            return []
-        return [self._force_event(EventKind.RELEASE)._replace(stop=stop_under(before))]
+        caused = self._begin(before)
+        return [self._force_event(EventKind.FORCE_STEP, force), *caused]
 
     def reset(self, initial: InitialConditions | None = None) -> None:
         """
@@ -1283,7 +1247,6 @@ class Rig:
         rig._run, rig._waves = copied(state.run), [Wave(a) for a in state.angles]
         rig._records, rig._unreported = [], list(state.unreported)
         rig._playbacks = {p.record.quantity: p for p in state.playbacks}
-        rig._record_due = min((p.due for p in state.playbacks), default=inf)
         kept = state.run
         begin_flight(rig._moving())
         rig._run.searched, rig._run.crossing_side = kept.searched, kept.crossing_side

@@ -123,8 +123,7 @@ class Reference:
 @pytest.mark.parametrize('more', [{'friction': 0.0}, FRICTION], ids=['smooth', 'friction'])
 def test_an_independent_integration(quantity, relative, more):
     parameters, record = RigParameters(**BENCH, **more), noise(quantity)
-    rig = Rig(parameters, MOVING)
-    assert rig.follow_record(record) == []
+    rig = Rig(parameters, MOVING, records=[record])
     end = 1.6
     found = rig.run(end, [end])
     expected, events = Reference(parameters, record, (0.0, 0.0, 0.0, 0.3), relative).to(end)
@@ -139,8 +138,9 @@ def test_an_independent_integration(quantity, relative, more):
 def test_the_base_is_the_integral():
     """Under a constant acceleration M lags by M b''/K, and the base is a parabola."""
     times = np.linspace(0.0, 60.0, 601)
-    rig = Rig(RigParameters(**{**BENCH, 'damping': 60.0, 'one_sided': True, 'gap': 1e6}))
-    rig.follow_record(MeasuredRecord('base', times, np.full(601, 0.5), 'c.csv'))
+    record = MeasuredRecord('base', times, np.full(601, 0.5), 'c.csv')
+    parameters = RigParameters(**{**BENCH, 'damping': 60.0, 'one_sided': True, 'gap': 1e6})
+    rig = Rig(parameters, records=[record])
     rig.advance(50.0)
     sample = rig.sample()
     assert sample.base == pytest.approx(0.25 * 50.0**2, rel=1e-13)
@@ -170,8 +170,8 @@ def test_the_error_is_of_the_second_order(quantity):
         initial = InitialConditions(
             initial_primary_velocity=-start, initial_damper_velocity=-start
         )
-        rig = Rig(RigParameters(**{**BENCH, 'gap': 1.0}), initial)
-        rig.follow_record(MeasuredRecord(quantity, times, size * np.sin(omega * times), 's.csv'))
+        record = MeasuredRecord(quantity, times, size * np.sin(omega * times), 's.csv')
+        rig = Rig(RigParameters(**{**BENCH, 'gap': 1.0}), initial, records=[record])
         rig.advance(1.0)
         found = rig.sample()
         errors.append(abs((found.x - found.base) - (expected.x - expected.base)))
@@ -185,8 +185,7 @@ def test_the_motion_does_not_depend_on_samples_pieces_or_code(quantity):
     parameters, record = RigParameters(**BENCH, **FRICTION), noise(quantity, 1.0)
 
     def at_end(instants, **how):
-        rig = Rig(parameters, MOVING, **how)
-        rig.follow_record(record)
+        rig = Rig(parameters, MOVING, records=[record], **how)
         events = [event for instant in instants for event in rig.advance(instant)]
         return rig.sample(), [getattr(rig.state().run, name) for name in ORIGIN], events
 
@@ -199,8 +198,7 @@ def test_the_motion_does_not_depend_on_samples_pieces_or_code(quantity):
 
 def test_going_back_and_reset():
     parameters, record = RigParameters(**BENCH, **FRICTION), noise('base', 0.6)
-    rig = Rig(parameters, MOVING)
-    rig.follow_record(record)
+    rig = Rig(parameters, MOVING, records=[record])
     rig.advance(0.2)
     mark = rig.mark()
     first = rig.advance(1.0), rig.sample()
@@ -208,8 +206,7 @@ def test_going_back_and_reset():
     assert (rig.advance(1.0), rig.sample()) == first
     rig.reset(MOVING)
     again = [event.time - 1.0 for event in rig.advance(1.9)]
-    fresh = Rig(parameters, MOVING)
-    fresh.follow_record(record)
+    fresh = Rig(parameters, MOVING, records=[record])
     assert again == pytest.approx([event.time for event in fresh.advance(0.9)], abs=1e-9)
 
 
@@ -218,13 +215,11 @@ def test_a_step_releases_m():
     parameters = RigParameters(**BENCH, friction=0.1, gravity=10.0)
     times = np.arange(0.0, 1.0, 0.1)
     values = np.where(times < 0.45, 0.0, 3.0)
-    rig = Rig(parameters)
-    rig.follow_record(MeasuredRecord('base', times, values, 'b.csv'))
+    rig = Rig(parameters, records=[MeasuredRecord('base', times, values, 'b.csv')])
     events = rig.advance(0.6)
     assert events[0].kind is EventKind.RELEASE
     # Halfway between the samples at 0.4 and 0.5 s the base begins to move, M and m do not.
-    force = Rig(parameters)
-    force.follow_record(MeasuredRecord('force', times, 10.0 * values, 'f.csv'))
+    force = Rig(parameters, records=[MeasuredRecord('force', times, 10.0 * values, 'f.csv')])
     release = force.advance(0.6)[0]
     assert (release.kind, release.time) == (EventKind.RELEASE, 0.45)
 
@@ -234,8 +229,8 @@ def test_records_beside_each_other_and_orders():
     parameters = RigParameters(**{**BENCH, 'gap': 1.0})
     external = GapControlParameters(gap_control='external', gap_min=1e-3)
     times = np.arange(0.0, 1.0, 0.1)
-    both = Rig(parameters, control=external)
-    both.follow_record(MeasuredRecord('force', times, np.full(10, 3.0), 'f.csv'))
+    push = [MeasuredRecord('force', times, np.full(10, 3.0), 'f.csv')]
+    both = Rig(parameters, control=external, records=push)
     both.order(Order(force=2.0))
     assert (both.force, both.drive()) == (2.0, (5.0, pytest.approx(2.5)))
     both.advance(1.5)
@@ -243,15 +238,13 @@ def test_records_beside_each_other_and_orders():
     plain = Rig(parameters, control=external)
     plain.order(Order(force=5.0))
     plain.advance(0.9)
-    again = Rig(parameters, control=external)
-    again.follow_record(MeasuredRecord('force', times, np.full(10, 3.0), 'f.csv'))
+    again = Rig(parameters, control=external, records=push)
     again.order(Order(force=2.0))
     again.advance(0.9)
     assert again.sample().x == pytest.approx(plain.sample().x, rel=1e-12)
     # An inertia of -M b'' is the same as a force on M, if m is not there to feel it.
-    pushed, shaken = Rig(parameters), Rig(parameters)
-    pushed.follow_record(MeasuredRecord('force', times, np.full(10, 3.0), 'f.csv'))
-    shaken.follow_record(MeasuredRecord('base', times, np.full(10, -1.5), 'b.csv'))
+    pushed = Rig(parameters, records=push)
+    shaken = Rig(parameters, records=[MeasuredRecord('base', times, np.full(10, -1.5), 'b.csv')])
     for rig in (pushed, shaken):
         rig.advance(0.7)
     sample = shaken.sample()
