@@ -7,6 +7,8 @@ of them needs ROS. Each is imported at its first use. Sweeps, bags, replays, com
 reports are in the folders of these names.
 """
 
+from .lazy_names import lazy_names
+
 # `typing`, too, would take longer than all else.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -77,48 +79,36 @@ if TYPE_CHECKING:
 
 __version__ = '0.2.0'
 
-#: The module of each public name.
-_MODULES = {
-    'control.own_law': 'LawError LawInput OwnLaw',
-    'control.record': 'Action ControlRecord',
-    'control.state': 'Damper damper_of',
-    'motion.event': 'EVENT_TYPE Event EventKind SAMPLE_TYPE Sample',
-    'motion.state': 'Mode',
-    'motion.swing': 'Swing',
-    'orbits.arguments': 'OrbitError plausible_stops',
-    'orbits.branch': 'Branch BranchPoint SpecialKind SpecialPoint',
-    'orbits.continuation': 'follow switch_branch',
-    'orbits.flight_arrays': 'Flights run_flights',
-    'orbits.orbit': 'OrbitEvent PeriodicOrbit Rhythm',
-    'orbits.recurrence': 'MotionKind Period Section find_period',
-    'orbits.ring_down': 'RingDown ring_down',
-    'orbits.search': 'OrbitSearch StartReport find_orbits',
-    'orbits.settled_motion': 'SettledMotion settle',
-    'orbits.solution_curve': 'value_of with_value',
-    'orbits.solved_orbits': 'orbit_near transmissibility',
-    'orbits.starts': 'ImpactEquations',
-    'orbits.transmissibility': 'Transmissibility',
-    'parameters.parameter_spec': 'ParameterError ParameterSpec',
-    'parameters.parameters_file': 'ParametersFileError load_parameters',
-    'parameters.rig_parameters': 'GapControlParameters InitialConditions RigParameters',
-    'rig.ensemble': 'EnsembleResult run_ensemble',
-    'rig.observed_run': 'Observer TimedChange run',
-    'rig.order': 'Order',
-    'rig.rig': 'Outcome Rig RunResult',
-    'rig.runaway': 'RunawayError',
-}
-_HOME = {name: module for module, names in _MODULES.items() for name in names.split()}
-__all__ = ['__version__', *_HOME]
-
-
-def __getattr__(name: str) -> object:
-    """Import a public name at its first use."""
-    if name not in _HOME:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    from importlib import import_module
-
-    return getattr(import_module(f'{__name__}.{_HOME[name]}'), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+_NAMES, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        'control.own_law': 'LawError LawInput OwnLaw',
+        'control.record': 'Action ControlRecord',
+        'control.state': 'Damper damper_of',
+        'motion.event': 'EVENT_TYPE Event EventKind SAMPLE_TYPE Sample',
+        'motion.state': 'Mode',
+        'motion.swing': 'Swing',
+        'orbits.arguments': 'OrbitError plausible_stops',
+        'orbits.branch': 'Branch BranchPoint SpecialKind SpecialPoint',
+        'orbits.continuation': 'follow switch_branch',
+        'orbits.flight_arrays': 'Flights run_flights',
+        'orbits.orbit': 'OrbitEvent PeriodicOrbit Rhythm',
+        'orbits.recurrence': 'MotionKind Period Section find_period',
+        'orbits.ring_down': 'RingDown ring_down',
+        'orbits.search': 'OrbitSearch StartReport find_orbits',
+        'orbits.settled_motion': 'SettledMotion settle',
+        'orbits.solution_curve': 'value_of with_value',
+        'orbits.solved_orbits': 'orbit_near transmissibility',
+        'orbits.starts': 'ImpactEquations',
+        'orbits.transmissibility': 'Transmissibility',
+        'parameters.parameter_spec': 'ParameterError ParameterSpec',
+        'parameters.parameters_file': 'ParametersFileError load_parameters',
+        'parameters.rig_parameters': 'GapControlParameters InitialConditions RigParameters',
+        'rig.ensemble': 'EnsembleResult run_ensemble',
+        'rig.observed_run': 'Observer TimedChange run',
+        'rig.order': 'Order',
+        'rig.rig': 'Outcome Rig RunResult',
+        'rig.runaway': 'RunawayError',
+    },
+)
+__all__ = ['__version__', *_NAMES]

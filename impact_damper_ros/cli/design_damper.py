@@ -20,7 +20,6 @@ from impact_damper_ros.design.damper_design import (
     best_design,
     over_frequency,
     over_level,
-    shaken_by,
     uncertain,
 )
 from impact_damper_ros.design.fitted import load_fitted
@@ -258,7 +257,7 @@ def _rig(arguments: argparse.Namespace) -> tuple[RigParameters, _Ranges]:
     if 'damper_mass' not in values:
         values['mass_ratio'] = _ANY_MASS_RATIO
     rig = _shaken(arguments, values)
-    if not rig.periodic_force or shaken_by(rig) == 'multisine':
+    if not rig.periodic_force:
         raise ValueError(
             'the excitation is 0, or not one lasting sine: give --base or --force an amplitude'
         )

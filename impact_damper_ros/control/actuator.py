@@ -62,7 +62,7 @@ def order_stops(
     """Give a command at an instant, now or ahead; the speed is NaN for that of the actuators."""
     actuators: Actuators = control.actuators
     rows = control.commands
-    time = issue + control.settings.delay
+    time = issue + control.settings.actuator_delay
     place = actuators.waiting
     while place > 0:
         earlier = rows[(actuators.first + place - 1) % len(rows)]
@@ -116,7 +116,7 @@ def start_command(control: Control, place_1: float, place_2: float) -> tuple[flo
     speed = p.speed * p.pace
     if row.speed == row.speed:
         speed = min(row.speed, speed)
-    energy = start_energy(p.moving_mass, speed)
+    energy = start_energy(p.actuator_mass, speed)
     actuators.first = (actuators.first + 1) % len(control.commands)
     actuators.waiting -= 1
     if stop_1 == stop_1:
@@ -140,7 +140,7 @@ def note_velocity(control: Control, stop: int, velocity: float) -> None:
     actuators: Actuators = control.actuators
     if velocity != 0.0:
         p = control.settings
-        energy = start_energy(p.moving_mass, velocity)
+        energy = start_energy(p.actuator_mass, velocity)
         actuators.energy_1 += energy if stop == 1 else 0.0
         actuators.energy_2 += energy if stop == 2 else 0.0
     if stop == 1:

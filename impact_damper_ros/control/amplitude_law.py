@@ -40,7 +40,7 @@ def amplitude_law_crosses(control: Control, seen: Measurement) -> None:
         correct_places(control, seen)
         place_stops(control, seen.time, law.place_1, -law.place_2, _SMALLEST_MOVE)
     else:
-        place = symmetric_place(control, control.settings.gain)
+        place = symmetric_place(control, control.settings.gap_control_gain)
         place_stops(control, seen.time, place, -place, _SMALLEST_MOVE)
 
 
@@ -74,7 +74,7 @@ def corrected(
         if early > 0.5 * half_cycle:
             # It belongs to the passage before this one.
             early -= half_cycle
-        early -= p.lead * half_cycle
-        place += p.timing_gain * speed * early
+        early -= p.gap_control_lead * half_cycle
+        place += p.gap_control_timing_gain * speed * early
     place = min(growth * place, limit)
     return min(max(place, 0.5 * p.gap_min), 0.5 * p.gap_max)

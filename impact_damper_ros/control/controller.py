@@ -113,7 +113,7 @@ def switched(before: Control, settings: ControlSettings, time: float) -> Control
     observed = has_law(before) and has_law(control)
     if not observed:
         forget_all(control)
-    if not observed or settings.rate != old.rate:
+    if not observed or settings.gap_control_rate != old.gap_control_rate:
         begin_sampling(control, time)
     if (settings.law, settings.independent) != (old.law, old.independent):
         relearn_laws(control)
@@ -122,7 +122,7 @@ def switched(before: Control, settings: ControlSettings, time: float) -> Control
 
 def begin_sampling(control: Control, time: float) -> None:
     """Begin to sample at the first sampling instant after the present time."""
-    rate = control.settings.rate
+    rate = control.settings.gap_control_rate
     index = max(0, int(time * rate))
     # Late on, the spacing of floats is that of many samples.
     step = max(1, int(ulp(time) * rate))
@@ -160,7 +160,7 @@ def is_blind(control: Control) -> bool:
 def law_sees(control: Control, seen: Measurement) -> None:
     """Let the law act on a sample of the grid."""
     if control.settings.law == _TIMED:
-        next_grid = (control.controller.sample_index + 1) / control.settings.rate
+        next_grid = (control.controller.sample_index + 1) / control.settings.gap_control_rate
         timed_law_sees(control, seen, next_grid)
     elif control.settings.law == OWN_LAW:
         own_law_acts(control, seen, 0)
@@ -210,8 +210,8 @@ def measured(
     stop_2: float,
 ) -> Measurement:
     """Return the sample of an index with what sensors add; places of m and stops are Y."""
-    position = settings.noise_position
-    velocity = settings.noise_velocity
+    position = settings.gap_control_noise_position
+    velocity = settings.gap_control_noise_velocity
     if position > 0.0 or velocity > 0.0:
         seed = settings.seed
         noise_x, noise_y, noise_x_rate, noise_y_rate = sensor_noise(
@@ -225,12 +225,12 @@ def measured(
         if settings.sensor_fault == FROZEN and estimates.time == estimates.time:
             x, x_rate, y, y_rate = estimates.x, estimates.x_rate, estimates.y, estimates.y_rate
         shift = fault_shift(settings.sensor_fault, settings.seed, index)
-        x += settings.fault_size * shift
-        y += settings.fault_size * shift
-    x = rounded(x, settings.resolution_position)
-    y = rounded(y, settings.resolution_position)
-    x_rate = rounded(x_rate, settings.resolution_velocity)
-    y_rate = rounded(y_rate, settings.resolution_velocity)
+        x += settings.sensor_fault_size * shift
+        y += settings.sensor_fault_size * shift
+    x = rounded(x, settings.gap_control_resolution_position)
+    y = rounded(y, settings.gap_control_resolution_position)
+    x_rate = rounded(x_rate, settings.gap_control_resolution_velocity)
+    y_rate = rounded(y_rate, settings.gap_control_resolution_velocity)
     return Measurement(time, x, x_rate, y, y_rate, stop_1, stop_2)
 
 
@@ -240,13 +240,13 @@ def next_sample(control: Control) -> float:
     controller: ControllerState = control.controller
     if not (has_law(control) or controller.returning):
         return inf
-    return controller.sample_index / control.settings.rate
+    return controller.sample_index / control.settings.gap_control_rate
 
 
 @kernel(inline=True)
 def _take_in(control: Control, seen: Measurement) -> None:
     p = control.settings
-    observe_sample(control.estimates, seen, p.rebound, p.noise_velocity)
+    observe_sample(control.estimates, seen, p.rebound, p.gap_control_noise_velocity)
     search_sample(control.search, seen)
 
 
@@ -280,9 +280,9 @@ def take_crossing(control: Control, seen: Measurement, rising: bool) -> None:
     estimates: Estimates = control.estimates
     controller.trigger_index += 1
     _take_in(control, seen)
-    whole = note_crossing(estimates, seen.time, control.settings.smoothing)
+    whole = note_crossing(estimates, seen.time, control.settings.gap_control_smoothing)
     search_missed(control.search, estimates)
-    if whole and estimates.amplitude > control.settings.threshold:
+    if whole and estimates.amplitude > control.settings.gap_control_threshold:
         controller.roused = True
         controller.returning = False
         law_crosses(control, seen, rising)

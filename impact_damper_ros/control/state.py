@@ -297,7 +297,7 @@ OWN_LAW = len(LAW_NUMBERS)
 
 class ControlSettings(NamedTuple):
     """
-    Parameters of the control, and what it knows of the rig; see `GapControlParameters`.
+    Parameters of the control as in `GapControlParameters`, and what it knows of the rig.
 
     Attributes
     ----------
@@ -305,18 +305,12 @@ class ControlSettings(NamedTuple):
         Number of the law, of `LAW_NUMBERS` or that of a user's own; 0 if the control is off.
     independent : bool
         Whether each stop has a place of its own.
-    gain, park, lead, timing_gain, smoothing, threshold, gap_min, gap_max : float
-        Parameters of the laws.
-    rate, noise_position, noise_velocity, resolution_position, resolution_velocity : float
-        Of the sensors.
-    sensor_fault, fault_size : int, float
-        Their fault, of `SENSOR_FAULTS`, and by how much it changes a position, m.
+    sensor_fault : int
+        Of `SENSOR_FAULTS`.
     seed : int
-        Of their noise, mixed.
-    delay, speed : float
-        Of the actuators; the speed is infinite for stops that move at once.
-    moving_mass : float
-        Mass that an actuator moves, kg.
+        Of the noise of the sensors, mixed.
+    speed : float
+        Of the actuators; infinite for stops that move at once.
     pace : float
         Share of the speed that an actuator has; below 1 with a fault.
     blocked_1, blocked_2 : bool
@@ -331,25 +325,25 @@ class ControlSettings(NamedTuple):
 
     law: int
     independent: bool
-    gain: float
-    park: float
-    lead: float
-    timing_gain: float
-    smoothing: float
-    threshold: float
+    gap_control_gain: float
+    gap_control_park: float
+    gap_control_lead: float
+    gap_control_timing_gain: float
+    gap_control_smoothing: float
+    gap_control_threshold: float
     gap_min: float
     gap_max: float
-    rate: float
-    noise_position: float
-    noise_velocity: float
-    resolution_position: float
-    resolution_velocity: float
+    gap_control_rate: float
+    gap_control_noise_position: float
+    gap_control_noise_velocity: float
+    gap_control_resolution_position: float
+    gap_control_resolution_velocity: float
     sensor_fault: int
-    fault_size: float
+    sensor_fault_size: float
     seed: int
-    delay: float
+    actuator_delay: float
     speed: float
-    moving_mass: float
+    actuator_mass: float
     pace: float
     blocked_1: bool
     blocked_2: bool
@@ -361,26 +355,19 @@ class ControlSettings(NamedTuple):
     push: float
 
 
+#: Those that are parameters as they are.
+_AS_GIVEN = tuple(
+    name
+    for name in ControlSettings._fields
+    if name in GAP_CONTROL_SPECS and name != 'sensor_fault'
+)
+
+
 def settings_fields(p: Any, parameters: Any) -> dict[str, Any]:
     """Return the other fields of `ControlSettings`, of one control and rig, or many as arrays."""
     damper = damper_of(parameters)
     return {
-        'gain': p.gap_control_gain,
-        'park': p.gap_control_park,
-        'lead': p.gap_control_lead,
-        'timing_gain': p.gap_control_timing_gain,
-        'smoothing': p.gap_control_smoothing,
-        'threshold': p.gap_control_threshold,
-        'gap_min': p.gap_min,
-        'gap_max': p.gap_max,
-        'rate': p.gap_control_rate,
-        'noise_position': p.gap_control_noise_position,
-        'noise_velocity': p.gap_control_noise_velocity,
-        'resolution_position': p.gap_control_resolution_position,
-        'resolution_velocity': p.gap_control_resolution_velocity,
-        'fault_size': p.sensor_fault_size,
-        'delay': p.actuator_delay,
-        'moving_mass': p.actuator_mass,
+        **{name: getattr(p, name) for name in _AS_GIVEN},
         'half_gap': 0.5 * parameters.gap,
         'one_sided': parameters.one_sided,
         'mass_ratio': damper.mass_ratio,
@@ -509,19 +496,8 @@ class Control(NamedTuple):
         rows, first = list(self.commands), self.actuators.first
         for k in range(first, first + self.actuators.waiting):
             rows[k % len(rows)] = copied(rows[k % len(rows)])
-        return Control(
-            copied(self.controller),
-            copied(self.estimates),
-            copied(self.search),
-            copied(self.actuators),
-            rows,
-            self.settings,
-            copied(self.amplitude_law),
-            copied(self.timed_law),
-            copied(self.refusal),
-            self.memory.copy(),
-            self.law,
-        )
+        states = {name: copied(state) for name, state in self.states().items()}
+        return self._replace(commands=rows, memory=self.memory.copy(), **states)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the state as numbers, lists and dictionaries; JSON keeps it exactly."""

@@ -88,7 +88,7 @@ def timed_law_sees(control: Control, seen: Measurement, next_sample: float) -> N
         stop = law.closed
         law.closed = 0
         park_stops(control, seen, stop == 1, stop == 2)
-    if law.closed != 0 or law.aimed or (p.delay == 0.0 and p.speed == inf):
+    if law.closed != 0 or law.aimed or (p.actuator_delay == 0.0 and p.speed == inf):
         return
     estimates: Estimates = control.estimates
     if estimates.x * estimates.x_rate > 0.0:
@@ -96,7 +96,7 @@ def timed_law_sees(control: Control, seen: Measurement, next_sample: float) -> N
         way = max(seen.stop_1, -seen.stop_2)
         if p.independent:
             way += _WANDER * 0.5 * best_gap(control)
-        longest = way / p.speed + p.delay
+        longest = way / p.speed + p.actuator_delay
         if _NOT_YET * estimates.half_cycle - longest >= next_sample - seen.time:
             return
     ahead = next_passage(estimates)
@@ -110,7 +110,7 @@ def timed_law_crosses(control: Control, seen: Measurement) -> None:
     law: TimedLaw = control.timed_law
     aimed = law.aimed
     law.aimed = False
-    law.parked = symmetric_place(control, control.settings.park)
+    law.parked = symmetric_place(control, control.settings.gap_control_park)
     if not aimed and law.closed == 0:
         here = Passage(seen.time, seen.x_rate, seen.y, seen.y_rate)
         close_stop(control, here, seen, inf)
@@ -148,7 +148,7 @@ def close_stop(control: Control, at: Passage, seen: Measurement, before: float) 
     room = side * (at.y - other) - p.gap_min
     if room < 0.0 or way < 0.0:
         return False
-    issue = at.time - way / p.speed - p.delay
+    issue = at.time - way / p.speed - p.actuator_delay
     if issue >= before:
         return False
     late = seen.time - issue

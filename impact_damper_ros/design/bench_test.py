@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
+from impact_damper_ros.orbits.swept_response import SweptRun
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Events, Rig
 
-from .damper_design import at_level, from_rest, shaken_by
+from .damper_design import at_level, from_rest
 
 Array = NDArray[np.float64]
 
@@ -33,8 +34,7 @@ _SAMPLES, _SETTLED = 64, 0.05
 #: Cycles of the run from rest that is looked at for when the amplitude settles.
 _CYCLES = 300
 #: A sweep: its ends over the frequency of the excitation, its steps each way, and at each of them
-#: the fewest cycles and the time constants of M. Amplitude and impacts are those of the second
-#: half of a step; amplitudes that differ by this part are two.
+#: the fewest cycles and the time constants of M; amplitudes that differ by this part are two.
 _SWEPT, _STEPS, _DWELL_CYCLES, _DWELL_CONSTANTS, _OTHER = (0.8, 1.2), 40, 60, 8.0, 0.05
 #: Values of restitution and friction that are run.
 _VARIED = 5
@@ -166,27 +166,18 @@ def swept(rig: RigParameters) -> Sweep:
         sweep_step=(high - low) / _STEPS,
         sweep_dwell=dwell,
     )
-    ways = 2 * _STEPS + 1
-    per_step = max(int(dwell * center / math.tau), 1) * _SAMPLES
-    # The second half of each step
-    shares = 0.5 + 0.5 * np.arange(1, per_step + 1) / (per_step + 1)
-    times = ((np.arange(ways)[:, None] + shares) * dwell).ravel()
-    result = Rig(moving, compiled=None).run(ways * dwell, times)
-    sizes = np.abs(result.samples['x']).reshape(ways, per_step).max(axis=1)
-    frequencies = np.linspace(low, high, _STEPS + 1)
-    step, share = np.divmod(result.impacts()['time'] / dwell, 1.0)
-    late = step[share > 0.5].astype(int)
-    there = np.concatenate([frequencies, frequencies[-2::-1]])
-    impacts = np.bincount(late, minlength=ways)[:ways] / (0.5 * dwell * there / math.tau)
-    bare = np.array([rig.with_first_frequency(w).response_amplitude for w in frequencies])
-    half = slice(_STEPS, None)
+    run = Rig(moving, compiled=None)
+    response = SweptRun(run)
+    response.happened(run.advance((2 * _STEPS + 1) * dwell))
+    found = response.response()
+    up, down = slice(0, _STEPS + 1), slice(None, _STEPS - 1, -1)
     return Sweep(
-        frequencies,
-        sizes[: _STEPS + 1],
-        sizes[half][::-1],
-        bare,
-        impacts[: _STEPS + 1],
-        impacts[half][::-1],
+        found.frequency[up],
+        found.x[up],
+        found.x[down],
+        found.x_without[up],
+        found.impacts[up],
+        found.impacts[down],
     )
 
 
@@ -401,7 +392,7 @@ def bench_test(
     levels : sequence of float
         Levels of the excitation, as factors.
     """
-    if not rig.periodic_force or shaken_by(rig) == 'multisine':
+    if not rig.periodic_force:
         raise ValueError(
             'the rig is not shaken by one lasting sine: give force_amplitudes or base_amplitudes '
             'one value, and leave multisine and sweep off'

@@ -142,14 +142,9 @@ def optimal_gap(rig: RigParameters) -> float:
     return math.pi * x * bounce / (1.0 + mu)
 
 
-def shaken_by(rig: RigParameters) -> str:
-    """Return what shakes a rig: 'force' or 'base'."""
-    return next(iter(rig.harmonic_groups))
-
-
 def at_level(rig: RigParameters, factor: float) -> RigParameters:
     """Return a rig whose force or base is stronger by a factor."""
-    name = f'{shaken_by(rig)}_amplitudes'
+    name = f'{rig.swept}_amplitudes'
     return rig.replace(**{name: tuple(factor * a for a in getattr(rig, name))})
 
 
@@ -254,7 +249,7 @@ def best_design(rig: RigParameters) -> Design | None:
     reached = reaches(there, orbit.x_max)
     alone = None if reached else best_from_rest(there)
     gaps = branch.span(best.value, orbit)
-    shaker = f'{shaken_by(there)}_'
+    shaker = f'{there.swept}_'
     here = there.first_harmonic[1]
     frequencies = _span_of(orbit, f'{shaker}frequencies', here, _FREQUENCIES)
     if there.friction or there.air_force or math.sin(there.angle) * there.gravity:

@@ -334,7 +334,7 @@ def ring_down(
     ------
     ValueError
         If the amplitude is not positive.
-    EndlessEventsError
+    RunawayError
         If the rig has too many events.
 
     Examples

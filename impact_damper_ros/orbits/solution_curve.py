@@ -166,9 +166,10 @@ class Steps:
                 f'{self.name} is the frequency of the first harmonic, and the others do not '
                 'follow it: give a function that returns the rig with all of them'
             )
-        shaker = next(iter(parameters.harmonic_groups))
-        if self.name != f'{shaker}_frequencies':
-            raise OrbitError(f'the {shaker} shakes the rig: follow {shaker}_frequencies')
+        if self.name != f'{parameters.swept}_frequencies':
+            raise OrbitError(
+                f'the {parameters.swept} shakes the rig: follow {parameters.swept}_frequencies'
+            )
 
     @property
     def bounds(self) -> tuple[float, ...]:

@@ -55,7 +55,7 @@ def unit_hint(rig: RigParameters, varied: Varied | None = None) -> str:
     varied.
     """
     varied = varied or {}
-    frequencies = varied.get(f'{next(iter(rig.harmonic_groups))}_frequencies')
+    frequencies = varied.get(f'{rig.swept}_frequencies')
     hints = frequency_hint(rig, frequencies), gap_hint(rig, varied.get('gap'))
     return '; '.join(filter(None, hints))
 
@@ -183,8 +183,8 @@ def _bands(
     if rig.sweep_mode != 'off':
         yield 'sweep_low and sweep_high', rig.sweep_low, rig.sweep_high
     elif varied is not None:
-        yield f'{next(iter(rig.harmonic_groups))}_frequencies', *varied
+        yield f'{rig.swept}_frequencies', *varied
     elif own and rig.first_harmonic[0]:
-        yield f'{next(iter(rig.harmonic_groups))}_frequencies', own, own
+        yield f'{rig.swept}_frequencies', own, own
     if rig.multisine_level:
         yield 'multisine_low and multisine_high', rig.multisine_low, rig.multisine_high

@@ -231,7 +231,6 @@ def _rig_of(key: str) -> str | None:
     if last not in ('sim_node', '*', '**'):
         return None
     parts = ['rig' if part == '*' else part for part in above if part != '**']
-    parts = ['rig' if part == '*' else part for part in above if part != '**']
     return '/'.join(['', *parts, _RIG])
 
 

@@ -255,7 +255,7 @@ class RigParameters(ParameterTable):
             return float(specs_of(RigParameters)[name].checked(value))  # type: ignore[arg-type]
 
         plain = resolved(changes, number, self.primary_mass, self.stiffness)
-        if quantity := base_quantity_of(plain.get('base_amplitudes')):
+        if 'base_amplitudes' in plain and (quantity := base_quantity_of(plain['base_amplitudes'])):
             plain['base_quantity'] = quantity
         return ParameterTable.replace(self, **plain)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.design.bench_test import Knowledge
-from impact_damper_ros.design.damper_design import Design, Uncertain, shaken_by
+from impact_damper_ros.design.damper_design import Design, Uncertain
 from impact_damper_ros.design.mass_damper import mass_damper_response
 from impact_damper_ros.orbits.branch import Span
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
@@ -308,7 +308,7 @@ def design_figure(
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     level.set_ylim(0.0, 1.15)
     level.xaxis.set_major_formatter(lambda value, _: f'{value:g}')
-    shaker = 'base' if shaken_by(chosen.rig) == 'base' else 'force'
+    shaker = chosen.rig.swept
     finish_panel(level, 'd', f'Level of the {shaker}, over this one', ratio)
     handles = [
         Line2D([], [], label='no damper', **none),
