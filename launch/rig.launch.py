@@ -67,6 +67,7 @@ OF_THE_NODE: dict[str, tuple[Any, ...]] = {
         '',
     ),
 }
+PATHS = ('bag_directory', 'force_record', 'base_record')
 ARGUMENTS: dict[str, tuple[Any, ...]] = {
     'params_file': (BENCH, 'ROS 2 parameters file with the rig'),
     'namespace': ('', 'namespace of all nodes and topics'),
@@ -101,7 +102,7 @@ def start_rig(context: LaunchContext) -> list[Node]:
         given = {**given, 'gap_control': 'external'}
         given['measurement_rate'] = given['measurement_rate'] or '200.0'
     settings = {
-        name: text if name == 'bag_directory' else yaml.safe_load(text)
+        name: text if name in PATHS else yaml.safe_load(text)
         for name, text in given.items()
         if text
     }

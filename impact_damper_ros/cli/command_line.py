@@ -7,6 +7,7 @@ import argparse
 import io
 import logging
 import os
+import re
 import signal
 import sys
 import threading
@@ -147,6 +148,11 @@ def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupt
 
 class _Parser(argparse.ArgumentParser):
     """A parser that also answers the shell's completion, and reports as the commands do."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        # -5kg is a value, as -5 is
+        self._negative_number_matcher = re.compile(r'-\.?\d')
 
     def parse_args(self, *arguments: Any, **named: Any) -> Any:
         complete(self)

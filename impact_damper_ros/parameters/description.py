@@ -30,8 +30,8 @@ def described(rig: RigParameters) -> str:
     Examples
     --------
     >>> described(RigParameters(force_frequencies=[0.5]))
-    'natural frequency 0.159 Hz (1 rad/s), ζ 0.500 %; force 1 N at 0.0796 Hz (0.5 rad/s) = 0.5 of \
-it; gap 37 m; level'
+    'natural frequency 0.159 Hz (1 rad/s), ζ 0.500 %; force 1 N at 0.0796 Hz (0.5 rad/s), 0.5 \
+times the natural one; gap 37 m; level'
     """
     natural = f'natural frequency {_hertz(rig.omega)} ({rig.omega:.4g} rad/s)'
     parts = [f'{natural}, ζ {_digits(100.0 * rig.zeta)} %', *_force(rig), f'gap {rig.gap:.4g} m']
@@ -116,7 +116,8 @@ def _hertz(frequency: float) -> str:
 
 
 def _share(rig: RigParameters, *frequencies: float) -> str:
-    return ' to '.join(f'{frequency / rig.omega:.3g}' for frequency in frequencies) + ' of it'
+    ratios = ' to '.join(f'{frequency / rig.omega:.3g}' for frequency in frequencies)
+    return f'{ratios} times the natural one'
 
 
 def _force(rig: RigParameters) -> Iterator[str]:
@@ -130,7 +131,7 @@ def _force(rig: RigParameters) -> Iterator[str]:
         amplitude, _ = drives.pop(0)
         yield f'force {abs(amplitude):.4g} N, {_stepped(rig)}'
     for amplitude, frequency in drives[:1]:
-        at = f'at {_hertz(frequency)} ({frequency:.4g} rad/s) = {_share(rig, frequency)}'
+        at = f'at {_hertz(frequency)} ({frequency:.4g} rad/s), {_share(rig, frequency)}'
         yield f'force {abs(amplitude):.4g} N {at if frequency else "with frequency 0"}'
     if len(drives) > 1:
         count = len(drives) - 1
@@ -138,7 +139,7 @@ def _force(rig: RigParameters) -> Iterator[str]:
     if rig.multisine_level:
         low, high = rig.multisine_low, rig.multisine_high
         yield (
-            f'multisine {rig.multisine_level:.4g} N rms from {_hertz(low)} to {_hertz(high)} = '
+            f'multisine {rig.multisine_level:.4g} N rms from {_hertz(low)} to {_hertz(high)}, '
             f'{_share(rig, low, high)}'
         )
     yield from _base(rig)
@@ -151,7 +152,7 @@ def _stepped(rig: RigParameters) -> str:
     rate = f', {rig.sweep_rate:.4g} octaves a minute' if rig.sweep_rate else ''
     notched = ', notched' if any(factor != 1.0 for factor in rig.sweep_notch_factors) else ''
     return (
-        f'stepped {rig.sweep_mode.replace("_", " and ")} from {_hertz(low)} to {_hertz(high)} = '
+        f'stepped {rig.sweep_mode.replace("_", " and ")} from {_hertz(low)} to {_hertz(high)}, '
         f'{_share(rig, low, high)}{rate}{notched}'
     )
 
@@ -167,7 +168,7 @@ def _base(rig: RigParameters) -> Iterator[str]:
             'velocity': f'{amplitude:.4g} m/s',
             'acceleration': f'{amplitude:.4g} m/s^2 = {amplitude / STANDARD_GRAVITY:.4g} g',
         }[rig.base_quantity]
-        at = f'at {_hertz(frequency)} ({frequency:.4g} rad/s) = {_share(rig, frequency)}'
+        at = f'at {_hertz(frequency)} ({frequency:.4g} rad/s), {_share(rig, frequency)}'
         if rig.sweep_mode != 'off' and not any(rig.force_amplitudes):
             at = _stepped(rig)
         yield f'base moved by {size} {at}'

@@ -104,11 +104,14 @@ class Column(NamedTuple):
         Their SI unit.
     title : str
         The header as it stands in the file.
+    factor : float
+        Of the unit in the file.
     """
 
     values: Array
     unit: str
     title: str
+    factor: float
 
 
 class MeasuredTable(NamedTuple):
@@ -145,16 +148,27 @@ class MeasuredTable(NamedTuple):
     def check_rising(self, key: str) -> None:
         """Raise `TableError` where a column does not rise from row to row."""
         self.check_finite(key)
-        values = self.columns[key].values
-        wrong = np.flatnonzero(np.diff(values) <= 0.0)
+        wrong = np.flatnonzero(np.diff(self.columns[key].values) <= 0.0)
         if len(wrong):
             row = int(wrong[0]) + 1
             raise self.error(
                 key,
                 row,
-                f'{values[row]:.9g} after {values[row - 1]:.9g}: the column must rise, leave out '
-                'the rows that repeat, or sort them',
+                f'{self.as_given(key, row)} after {self.as_given(key, row - 1)}: the column must '
+                'rise, leave out the rows that repeat, or sort them',
             )
+
+    def check_positive(self, key: str) -> None:
+        """Raise `TableError` where a column has anything else than positive numbers."""
+        wrong = np.flatnonzero(~(self.columns[key].values > 0.0))
+        if len(wrong):
+            row = int(wrong[0])
+            raise self.error(key, row, f'{self.as_given(key, row)}: give a positive number')
+
+    def as_given(self, key: str, row: int) -> str:
+        """Return the number in a row of a column, in the unit of the file."""
+        column = self.columns[key]
+        return f'{column.values[row] / column.factor:.9g}'
 
 
 def _unit_of(quantity: Quantity, unit: str) -> tuple[str, float] | None:
@@ -494,7 +508,7 @@ def read_table(
                 )
             continue
         place, unit, factor = found
-        columns[key] = Column(sheet.numbers(place) * factor, unit, sheet.titles[place])
+        columns[key] = Column(sheet.numbers(place) * factor, unit, sheet.titles[place], factor)
     if len(sheet.lines) < 2:
         raise TableError(f'{as_line(str(path))}: {len(sheet.lines)} rows: give at least 2')
     return MeasuredTable(path, columns, sheet.lines)

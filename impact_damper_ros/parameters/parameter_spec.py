@@ -253,7 +253,9 @@ class ParameterSpec(NamedTuple):
             raise self._error(f'{where} is {shown(value)}: {self._remedy}')
         whole = self.kind == 'integer'
         if not self.low <= number <= self.high or (whole and number != int(number)):
-            raise self._error(f'{where} is {number!r}{unit}: {self._remedy}')
+            percent = not unit and self.low <= 0.01 * number <= self.high
+            hint = f', or {number:g} %' if percent and not whole else ''
+            raise self._error(f'{where} is {number!r}{unit}: {self._remedy}{hint}')
         if 0.0 < number < self.least:
             raise self._error(
                 f'{where} is {value!r}{unit}: give 0 ({self.zero}) or a number from '

@@ -24,6 +24,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     RIG_SPECS,
     InitialConditions,
     RigParameters,
+    unit_of,
 )
 
 from .parameter_spec import ParameterError, ParameterTable
@@ -443,6 +444,6 @@ def rig_yaml(
             text = repr(list(value))
         else:
             text = repr(value) if isinstance(value, float) else str(value).lower()
-        remarks = '; '.join(filter(None, [ALL_SPECS[name].unit, (notes or {}).get(name, '')]))
+        remarks = '; '.join(filter(None, [unit_of(name, values), (notes or {}).get(name, '')]))
         lines.append(f'    {name}: {text}{f"  # {remarks}" if remarks else ""}')
     return '\n'.join(lines) + '\n'

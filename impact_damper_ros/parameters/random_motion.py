@@ -162,13 +162,9 @@ def random_lines(
     wanted = LEVEL if quantity is None else _LEVELS[quantity]
     table = read_table(path, {'frequency': FREQUENCY, 'level': wanted})
     table.check_rising('frequency')
-    table.check_finite('level')
     for key in ('frequency', 'level'):
-        wrong = np.flatnonzero(table.columns[key].values <= 0.0)
-        if len(wrong):
-            row = int(wrong[0])
-            value = table.columns[key].values[row]
-            raise table.error(key, row, f'{value:.9g}: give a positive number')
+        table.check_finite(key)
+        table.check_positive(key)
     level = table.columns['level']
     density = Density(table.columns['frequency'].values, level.values)
     amplitudes, rates, phases, width = density.lines(count, seed)

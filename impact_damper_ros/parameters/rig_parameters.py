@@ -328,8 +328,9 @@ class RigParameters(ParameterTable):
         if not low < high:
             raise ParameterError(
                 f'{name}_high',
-                f'{name}_low is {low!r} rad/s and {name}_high {high!r} rad/s: give {name}_high '
-                f'more than {low:g} rad/s or {name}_low less than {high:g} rad/s, or both at once',
+                f'{name}_low is {low:.9g} rad/s ({low / math.tau:.6g} Hz) and {name}_high '
+                f'{high:.9g} rad/s ({high / math.tau:.6g} Hz): give {name}_high more than '
+                f'{low:g} rad/s or {name}_low less than {high:g} rad/s, or both at once',
             )
 
     @property

@@ -7,8 +7,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .base_motion import quantity_of
 from .measured_table import FREQUENCY, Quantity, read_table
 
@@ -42,13 +40,11 @@ def sweep_levels(path: Path) -> dict[str, Any]:
         If the file is no such table.
     """
     table = read_table(path, {'frequency': FREQUENCY, 'level': _LEVEL})
-    table.check_finite('level')
     table.check_rising('frequency')
+    for key in ('frequency', 'level'):
+        table.check_finite(key)
+        table.check_positive(key)
     hertz, levels = (table.columns[key].values for key in ('frequency', 'level'))
-    for key, values in (('frequency', hertz), ('level', levels)):
-        if (low := np.flatnonzero(~(values > 0.0))).size:
-            row = int(low[0])
-            raise table.error(key, row, f'{values[row]:.9g}: give a positive number')
     greatest = float(levels.max())
     notches = {
         'sweep_notch_frequencies': tuple(math.tau * float(f) for f in hertz),

@@ -70,7 +70,7 @@ def record_figure(
         label='every second sample',
     )
     last.plot(found.times, found.displacement, color=COLORS['primary'], lw=1.0, label='all')
-    last.legend(frameon=False, loc='upper right')
+    last.legend(frameon=False, loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2)
     last.set_xlim(found.times[0], found.times[-1])
     finish_panel(last, 'abc'[len(records)], 'Time [s]', '')
     unit_axis(last.yaxis, 'X − b' if moved else 'X', 'm', found.displacement)

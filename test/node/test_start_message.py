@@ -21,8 +21,8 @@ def test_start_message_names_what_runs():
     text = start_text()
     assert '/lab/sim_node runs in real time\n' in text
     assert (
-        'natural frequency 5.03 Hz (31.62 rad/s), ζ 0.949 %; force 10 N at 5.03 Hz (31.6 rad/s) = '
-        '0.999 of it; gap 0.01 m; level\n'
+        'natural frequency 5.03 Hz (31.62 rad/s), ζ 0.949 %; force 10 N at 5.03 Hz (31.6 rad/s), '
+        '0.999 times the natural one; gap 0.01 m; level\n'
     ) in text
     assert 'parameters all by default\n' in text
     assert text.endswith('recording  off')
@@ -49,7 +49,7 @@ def test_start_message_of_a_recording_and_of_a_frequency_in_hertz():
     text = start_text('runs/rig_1', force_frequencies='[5.0]', real_time_factor=0.5)
     assert 'recording  to runs/rig_1\n' in text
     assert 'runs at 0.5 times real time' in text
-    assert 'force 10 N at 0.796 Hz (5 rad/s) = 0.158 of it' in text
+    assert 'force 10 N at 0.796 Hz (5 rad/s), 0.158 times the natural one' in text
     assert 'if Hz were meant, give 31.4159' in text
 
 

@@ -21,8 +21,8 @@ BENCH = RigParameters(
 
 def test_line_in_hertz_and_shares():
     assert described(BENCH.replace(force_frequencies=5.0)) == (
-        'natural frequency 5.00 Hz (31.42 rad/s), ζ 1.00 %; force 1.2 N at 0.796 Hz (5 rad/s) = '
-        '0.159 of it; gap 0.024 m; level'
+        'natural frequency 5.00 Hz (31.42 rad/s), ζ 1.00 %; force 1.2 N at 0.796 Hz (5 rad/s), '
+        '0.159 times the natural one; gap 0.024 m; level'
     )
 
 
@@ -35,11 +35,11 @@ def test_line_in_hertz_and_shares():
         ({'force_frequencies': 0.0}, 'force 1.2 N with frequency 0'),
         (
             {'force_amplitudes': (1, 2), 'force_frequencies': (30, 60), 'force_phases': (0, 0)},
-            'force 1 N at 4.77 Hz (30 rad/s) = 0.955 of it; and 1 harmonic more',
+            'force 1 N at 4.77 Hz (30 rad/s), 0.955 times the natural one; and 1 harmonic more',
         ),
         (
             {'sweep_mode': 'up_down', 'sweep_low': 25.13, 'sweep_high': 37.7},
-            'stepped up and down from 4.00 Hz to 6.00 Hz = 0.8 to 1.2 of it',
+            'stepped up and down from 4.00 Hz to 6.00 Hz, 0.8 to 1.2 times the natural one',
         ),
         (
             {
@@ -49,11 +49,11 @@ def test_line_in_hertz_and_shares():
                 'force_amplitudes': 0.0,
                 'base_amplitudes': '0.1 g',
             },
-            'base moved by 0.9807 m/s^2 = 0.1 g stepped down from 4.00 Hz to 6.00 Hz = 0.8 to',
+            'base moved by 0.9807 m/s^2 = 0.1 g stepped down from 4.00 Hz to 6.00 Hz, 0.8 to',
         ),
         (
             {'multisine_level': 0.5, 'multisine_low': 18.85, 'multisine_high': 43.98},
-            'multisine 0.5 N rms from 3.00 Hz to 7.00 Hz = 0.6 to 1.4 of it',
+            'multisine 0.5 N rms from 3.00 Hz to 7.00 Hz, 0.6 to 1.4 times the natural one',
         ),
     ],
 )

@@ -76,7 +76,7 @@ def test_a_base_has_the_density(tmp_path):
         ('f [Hz],level [g^2/Hz]\n3,1e-4\n', '1 rows: give at least 2'),
         ('f [Hz],level [g^2/Hz]\n3,1e-4\n2,1e-4\n', 'line 3.*must rise'),
         ('f [Hz],level [g^2/Hz]\n0,1e-4\n2,1e-4\n', 'line 2.*give a positive number'),
-        ('f [Hz],level [g^2/Hz]\n1,1e-4\n2,-1e-4\n', 'line 3.*give a positive number'),
+        ('f [Hz],level [g^2/Hz]\n1,1e-4\n2,-1e-4\n', 'line 3.*: -0.0001: give a positive number'),
         ('f [Hz],level [g]\n1,1e-4\n2,1e-4\n', "has the unit 'g'.*g.2/Hz"),
         ('f [Hz],level\n1,1e-4\n2,1e-4\n', 'has no unit'),
     ],

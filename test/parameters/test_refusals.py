@@ -69,7 +69,7 @@ REFUSED = [
     rig('damping', 'underdamped, give at most 1.9998', damping=1.99981),
     rig(
         'multisine_high 1.5 rad/s',
-        *('multisine_low is 2.0 rad/s', 'more than 2', 'both'),
+        *('multisine_low is 2 rad/s (0.31831 Hz)', 'more than 2', 'both'),
         **NOISE,
         multisine_low=2.0,
     ),
