@@ -70,7 +70,7 @@ class Claim:
 def least_ratio(rig: RigParameters) -> float:
     """Return the least stable Xmax/A with two impacts per cycle; NaN without any."""
     found = find_orbits(rig, (1, 2), simulate=False).orbits
-    fit = (orbit.amplitude_ratio for orbit in found if orbit.stable and orbit.viable)
+    fit = (orbit.x_max_ratio for orbit in found if orbit.stable and orbit.viable)
     return min(fit, default=math.nan)
 
 
@@ -307,9 +307,9 @@ def least_claim(level: Series) -> Claim:
         best = best_of(b for b in level.branches if len(b.orbits[0].stops) == count)
         if best is not None:
             value, orbit, *_ = best
-            least[count] = orbit.amplitude_ratio
+            least[count] = orbit.x_max_ratio
             numbers |= {
-                f'{word} impacts': orbit.amplitude_ratio,
+                f'{word} impacts': orbit.x_max_ratio,
                 f'{word} impacts, gap [m]': value,
                 f'{word} impacts, longest over shortest duration': max(durations(orbit))
                 / min(durations(orbit)),
@@ -319,7 +319,7 @@ def least_claim(level: Series) -> Claim:
     resonant = {
         count: min(
             (
-                orbit.amplitude_ratio
+                orbit.x_max_ratio
                 for gap in np.arange(10.0, 59.0, 6.0)
                 for stops in plausible_stops(BASIC, count)
                 for orbit in find_orbits(
@@ -421,7 +421,7 @@ def angle_claim(found: Found) -> Claim:
         rises[name] = [series.least(a) / series.least(0.0) - 1.0 for a in angles]
         numbers |= {f'{name}, {a:g}°': rise for a, rise in zip(angles, rises[name], strict=True)}
         numbers[f'{name}, stable up to [°]'] = stable_from(series, 0.0)
-        steep = min(orbit.amplitude_ratio for orbit in series.at(45.0))
+        steep = min(orbit.x_max_ratio for orbit in series.at(45.0))
         numbers[f'{name}, 45°, not stable'] = steep / series.least(0.0) - 1.0
         for gap in gaps:
             level = rig.replace(gap=gap)
@@ -583,7 +583,7 @@ def optimum_claims(optima: Mapping[float, Best]) -> Iterator[Claim]:
         | {'largest change up to 15°': shift, 'at an edge of stability from [°]': min(edges)},
         {'below 2 % up to 15°': shift < 0.02},
     )
-    ratios = {angle: best.orbit.amplitude_ratio for angle, best in optima.items()}
+    ratios = {angle: best.orbit.x_max_ratio for angle, best in optima.items()}
     yield Claim(
         '5b',
         'gravity makes the displacement at the optimal gap larger',
@@ -596,7 +596,7 @@ def least_with_air(series: Series) -> tuple[float, float]:
     """Return the air force over that of friction with the least Xmax/A, and that."""
     best = best_of(series.branches)
     assert best is not None
-    return best.value, best.orbit.amplitude_ratio
+    return best.value, best.orbit.x_max_ratio
 
 
 def air_claims(found: Found) -> Iterator[Claim]:
@@ -625,11 +625,11 @@ def air_claims(found: Found) -> Iterator[Claim]:
             f'{name}, at p/mγg': share,
             f'{name}, against no friction': lowest / free - 1.0,
             f'{name}, against no air': lowest / without - 1.0,
-            f'{name}, least with the best gap': tuned.orbit.amplitude_ratio,
+            f'{name}, least with the best gap': tuned.orbit.x_max_ratio,
             f'{name}, best gap [m]': tuned.value,
         }
         by_gap[f'{name}: the best gap without air does as well'] = (
-            tuned.orbit.amplitude_ratio < 1.05 * lowest
+            tuned.orbit.x_max_ratio < 1.05 * lowest
         )
     yield Claim(
         '6',
@@ -682,10 +682,10 @@ def vertical_claims() -> Iterator[Claim]:
         orbit = find_orbits(vertical_rig(intensity), (1,), simulate=False).orbits[0]
         run = settled(near(orbit), 3000)
         numbers |= {
-            f'AΩ²/g = {intensity:g}, Xmax/A of the solver': orbit.amplitude_ratio,
+            f'AΩ²/g = {intensity:g}, Xmax/A of the solver': orbit.x_max_ratio,
             f'AΩ²/g = {intensity:g}, settled run': ratio(run)[0],
         }
-        apart.append(abs(ratio(run)[0] / orbit.amplitude_ratio - 1.0))
+        apart.append(abs(ratio(run)[0] / orbit.x_max_ratio - 1.0))
     yield Claim(
         'text',
         'a mass on a platform on springs is a case of the general theory (conclusions)',

@@ -52,7 +52,7 @@ def main() -> None:
         hit = same(run, orbit)
         if hit:
             reached.append((angle, run.x_max / orbit.parameters.response_amplitude))
-        rows.append([angle, gap, orbit.amplitude_ratio, limit, reached[-1][1] if hit else ''])
+        rows.append([angle, gap, orbit.x_max_ratio, limit, reached[-1][1] if hit else ''])
     show(HEAD, rows)
     write_rows(arguments.out / 'figure_5.csv', HEAD, rows)
     figure = blank_figure(8.2, 3.7)

@@ -81,7 +81,7 @@ class Series:
 
     def least(self, value: float, *stops: tuple[int, ...]) -> float:
         """Return the least stable Xmax/A of some stop sequences at a value; NaN without any."""
-        stable = [orbit.amplitude_ratio for orbit in self.at(value, *stops) if orbit.stable]
+        stable = [orbit.x_max_ratio for orbit in self.at(value, *stops) if orbit.stable]
         return min(stable, default=math.nan)
 
     def stable_ranges(self, *stops: tuple[int, ...]) -> list[tuple[float, float]]:

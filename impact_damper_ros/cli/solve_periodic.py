@@ -368,8 +368,7 @@ def _plain(orbit: PeriodicOrbit) -> dict[str, Any]:
     plain = orbit.as_dict()
     if orbit.viable and orbit.parameters.base_motion.moves:
         alone = Transmissibility.without_damper(orbit.parameters)
-        plain['transmissibility'] = transmissibility(orbit)._asdict()
-        plain['transmissibility_without_damper'] = alone._asdict()
+        plain |= transmissibility(orbit).named() | alone.named('_without_damper')
     return plain
 
 

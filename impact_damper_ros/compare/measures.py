@@ -46,9 +46,7 @@ def measured_motion(
     if len(flights):
         start, end = float(times[0]), float(times[-1])
     found, largest = flights.measured()
-    amplitude = rig.response_amplitude
     steady = rig.sweep_mode == 'off'
-    known = steady and 0.0 < amplitude < math.inf
     cycles = (end - start) * rig.first_harmonic[1] / math.tau * steady
     if math.isnan(per_cycle) and cycles > 0.0:
         per_cycle = len(hits) / cycles
@@ -57,7 +55,7 @@ def measured_motion(
         end=end,
         x_max=largest,
         x_rms=math.sqrt(found.squares / found.covered) if found.covered else math.nan,
-        amplitude_ratio=largest / amplitude if known else math.nan,
+        x_max_ratio=rig.x_max_ratio(largest) if steady else math.nan,
         impacts=len(hits),
         impacts_per_cycle=per_cycle,
         mean_impulse=float(hits['impulse'].mean()) if len(hits) else 0.0,

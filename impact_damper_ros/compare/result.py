@@ -62,7 +62,7 @@ class MeasuredMotion:
     x_max: float
     x_rms: float
     #: x_max over the amplitude A without impacts; NaN if A is not defined.
-    amplitude_ratio: float
+    x_max_ratio: float
     #: Number of impacts.
     impacts: int
     #: The same per cycle of the force; NaN without a force.
@@ -463,13 +463,14 @@ def as_plain(value: Any, without: Collection[str] = ()) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         names = [f.name for f in fields(value) if f.name not in without]
         names += ['difference'] * isinstance(value, Finding)
-        return {name: as_plain(getattr(value, name), without) for name in names}
+        entries = {name: getattr(value, name) for name in names}
+        if isinstance(value, MeasuredMotion):
+            entries |= entries.pop('transmissibility').named()
+        return {name: as_plain(entry, without) for name, entry in entries.items()}
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, SweptResponse):
         value = {name: column.tolist() for name, column in value._asdict().items()}
-    if isinstance(value, Transmissibility):
-        value = value._asdict()
     if isinstance(value, Mapping):
         return {str(name): as_plain(entry) for name, entry in value.items()}
     if isinstance(value, tuple | list):

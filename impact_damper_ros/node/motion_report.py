@@ -57,7 +57,7 @@ class RecentMotion(NamedTuple):
     #: Largest |X| in the same part, m, and as a share of the amplitude A without impacts; None if
     #: the samples are too few for it.
     x_max: float | None = None
-    amplitude_ratio: float | None = None
+    x_max_ratio: float | None = None
     without: float = 0.0  # cycles of the force since the last impact, or change
     #: The gap that is wider than M moves from end to end, m; else 0
     too_wide: float = 0.0
@@ -114,9 +114,7 @@ def recent_motion(trace: MotionTrace, state_rate: float) -> RecentMotion:
     taken = Transmissibility()
     if state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE:
         x_max, taken = largest, trace.transmissibility()
-        amplitude = trace.present.response_amplitude
-        if 0.0 < amplitude < math.inf:
-            ratio = x_max / amplitude
+        ratio = trace.present.x_max_ratio(x_max)
     return RecentMotion(
         kind,
         cycles,
@@ -255,7 +253,7 @@ def measured_report(measured: RecentMotion) -> MotionReport:
             'Impacts per cycle of the force': _number(measured.impacts_per_cycle),
             **_rhythm_values(rhythm),
             'Largest X [m]': _number(measured.x_max),
-            'Largest X / A': _number(measured.amplitude_ratio),
+            'Largest X / A': _number(measured.x_max_ratio),
             **_transmissibility_values(measured.transmissibility),
             'Change from period to period': _number(period.level if period else None, 3),
             'Factor of that change per period': _number(period.decay if period else None, 3),
@@ -301,7 +299,7 @@ def predicted_report(theory: TheoryProcess, agreement: Agreement) -> MotionRepor
             'Complete': known.complete,
             **_rhythm_values(motion),
             'Largest X [m]': _number(motion.x_max if motion else None),
-            'Largest X / A': _number(motion.amplitude_ratio if motion else None),
+            'Largest X / A': _number(motion.x_max_ratio if motion else None),
             **_transmissibility_values(_predicted(motion) if motion else Transmissibility()),
             'Largest multiplier modulus': _number(abs(motion.multipliers[0]) if motion else None),
             'Stable': motion.stable if motion else '',
@@ -372,7 +370,7 @@ def _summary(motion: PeriodicOrbit) -> dict[str, object]:
     return {
         'stops': list(motion.stops),
         'cycles': motion.cycles,
-        'largest_x_over_a': float(f'{motion.amplitude_ratio:.9g}'),
+        'x_max_ratio': float(f'{motion.x_max_ratio:.9g}'),
         'largest_multiplier': float(f'{abs(motion.multipliers[0]):.9g}'),
     }
 

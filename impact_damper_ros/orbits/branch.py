@@ -97,7 +97,7 @@ class SpecialPoint:
 
 
 #: Numbers of a motion by which it may be the best.
-_MEASURES = ('x_max', 'amplitude_ratio', 'impacts', 'cycles', 'period', 'residual')
+_MEASURES = ('x_max', 'x_max_ratio', 'impacts', 'cycles', 'period', 'residual')
 
 
 def _measure(name: str) -> Callable[[PeriodicOrbit], float]:

@@ -261,10 +261,9 @@ class PeriodicOrbit(Rhythm):
         return tuple(b - a for a, b in zip(instants, later, strict=True))
 
     @property
-    def amplitude_ratio(self) -> float:
-        """Largest |X| as a share of the amplitude A without impacts."""
-        amplitude = self.parameters.response_amplitude
-        return self.x_max / amplitude if amplitude > 0.0 else math.inf
+    def x_max_ratio(self) -> float:
+        """Largest |X| over the amplitude A without impacts; NaN where A is not defined."""
+        return self.parameters.x_max_ratio(self.x_max)
 
     def begun_at(self, impact: int) -> Self:
         """Return the same motion beginning at another of its impacts, given by index."""

@@ -39,6 +39,12 @@ class Moments(NamedTuple):
     base_acceleration: float = 0.0
 
 
+#: Names of the fields of a `Transmissibility` as columns and in JSON.
+TRANSMISSIBILITIES = (
+    *('transmissibility', 'relative_transmissibility', 'acceleration_transmissibility'),
+)
+
+
 class Transmissibility(NamedTuple):
     """
     Steady motion of M over that of its base; NaN for a base at rest.
@@ -57,6 +63,10 @@ class Transmissibility(NamedTuple):
     absolute: float = math.nan
     relative: float = math.nan
     acceleration: float = math.nan
+
+    def named(self, end: str = '') -> dict[str, float]:
+        """Return the numbers by their names as columns and in JSON, with an ending."""
+        return dict(zip((name + end for name in TRANSMISSIBILITIES), self, strict=True))
 
     @classmethod
     def of_moments(cls, found: Moments) -> Transmissibility:

@@ -19,12 +19,12 @@ _CYCLES, _SCORED_S = 20, 60.0
 
 def numbers_of(rig: RigParameters, motion: Motion, end: float) -> dict[str, Any]:
     """Return the message with the numbers of a rig and of its motion up to an instant, s."""
-    frequency, amplitude = rig.first_harmonic[1], rig.response_amplitude
+    frequency = rig.first_harmonic[1]
     numbers = {
         'natural_frequency_hz': rig.omega / math.tau,
         'damping_ratio': rig.zeta,
         'frequency_ratio': rig.frequency_ratio,
-        'static_amplitude': amplitude,
+        'static_amplitude': rig.response_amplitude,
         'mass_ratio': rig.mass_ratio,
         'gap': rig.gap,
     }
@@ -40,7 +40,7 @@ def numbers_of(rig: RigParameters, motion: Motion, end: float) -> dict[str, Any]
         numbers |= {
             'impacts_per_cycle': len(impacts) / cycles,
             'energy_per_cycle': lost / cycles,
-            'x_max_ratio_measured': x_max / amplitude if amplitude > 0.0 else math.nan,
+            'x_max_ratio': rig.x_max_ratio(x_max),
         }
     return {'type': 'numbers', **as_json(numbers), 'score': score_of(motion, end)}
 
@@ -56,8 +56,8 @@ def score_of(motion: Motion, end: float) -> dict[str, Any] | None:
     energies = acts[max(first - 1, 0) : last, -1]
     return {
         'seconds': float(x[-1, 0] - x[0, 0]),
-        'rms_x': float(np.sqrt(np.mean(x[:, 1] ** 2))),
-        'largest_x': float(np.abs(x[:, 1]).max()),
+        'x_rms': float(np.sqrt(np.mean(x[:, 1] ** 2))),
+        'x_max': float(np.abs(x[:, 1]).max()),
         'impacts': len(between(motion.impacts, start, end)),
-        'energy': float(np.clip(np.diff(energies), 0.0, None).sum()),
+        'actuator_energy': float(np.clip(np.diff(energies), 0.0, None).sum()),
     }

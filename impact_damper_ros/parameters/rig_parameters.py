@@ -474,6 +474,11 @@ class RigParameters(ParameterTable):
             return math.inf if static else 0.0
         return static / denominator
 
+    def x_max_ratio(self, x_max: float) -> float:
+        """Return a largest |X|, m, over the amplitude A; NaN where A is zero or infinite."""
+        amplitude = self.response_amplitude
+        return x_max / amplitude if 0.0 < amplitude < math.inf else math.nan
+
     @property
     def static_deflection(self) -> float:
         """Deflection M g sin(angle)/K of M by its own weight along the axis, m."""

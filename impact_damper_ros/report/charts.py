@@ -605,7 +605,7 @@ def _draw_gap_curve(stretch: StretchComparison) -> Picture | None:
     branches = [[np.array(branch[name]) for name in names] for branch in curve['branches']]
     gap = stretch.parameters.gap
     special = curve['special']
-    others = [0.0, measured.amplitude_ratio, *(point['x_max_ratio'] for point in special)]
+    others = [0.0, measured.x_max_ratio, *(point['x_max_ratio'] for point in special)]
     wanted, top = (
         _finite_range(others, *(ratio[chosen] for ratio, chosen in pairs), margin=0.08)[1]
         for pairs in ([(b[1], b[3]) for b in branches], [(b[1], ...) for b in branches])
@@ -630,11 +630,11 @@ def _draw_gap_curve(stretch: StretchComparison) -> Picture | None:
         look['markeredgecolor'] = COLORS['special']
         places = zip(*((point['gap'], point['x_max_ratio']) for point in special), strict=True)
         axes.plot(*places, **look, label='special point')
-    if math.isfinite(measured.amplitude_ratio):
+    if math.isfinite(measured.x_max_ratio):
         axes.axvline(gap, color=COLORS['quiet'], linewidth=0.7, zorder=1)
         look = {'linestyle': 'none', 'marker': '*', 'markersize': 14, 'markeredgewidth': 0}
         look |= {'color': COLORS['primary'], 'zorder': 4}
-        axes.plot([gap], [measured.amplitude_ratio], **look, label='this run')
+        axes.plot([gap], [measured.x_max_ratio], **look, label='this run')
     axes.set_ylim(0.0, top)
     caption = _gap_caption(curve, gap)
     if any((ratio > top).any() for _, ratio, _, _ in branches):

@@ -169,12 +169,12 @@ def comparison_table(stretch: StretchComparison) -> Table | None:
         return None
     x_max = ratio = per_cycle = impulse = math.nan
     if orbit is not None:
-        x_max, ratio = orbit.x_max, orbit.amplitude_ratio
+        x_max, ratio = orbit.x_max, orbit.x_max_ratio
         per_cycle = orbit.impacts / orbit.cycles
         impulse = sum(stretch.predicted_impulse) / max(len(stretch.predicted_impulse), 1)
     whole = [
         _pair('largest |X|', 'm', measured.x_max, x_max),
-        _pair('Xmax / A', '', measured.amplitude_ratio, ratio),
+        _pair('Xmax / A', '', measured.x_max_ratio, ratio),
         _pair('rms of X', 'm', measured.x_rms, math.nan),
         _pair('impacts per cycle', '', measured.impacts_per_cycle, per_cycle),
         _pair('mean impulse', 'N s', measured.mean_impulse, impulse),

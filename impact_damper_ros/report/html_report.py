@@ -107,7 +107,7 @@ def _tiles(stretch: StretchComparison) -> Iterator[tuple[str, str, str]]:
         without = 'the force is not a single harmonic'
         if amplitude > 0.0:
             without = f'A = {quantity(amplitude, "m", 4)} without impacts'
-        yield 'Xmax / A', number(measured.amplitude_ratio, 4), without
+        yield 'Xmax / A', number(measured.x_max_ratio, 4), without
         impulse = f'mean impulse {quantity(measured.mean_impulse, "N s", 3)}'
         yield 'Impacts per cycle', number(measured.impacts_per_cycle, 4), impulse
     if stretch.settled_at is None:

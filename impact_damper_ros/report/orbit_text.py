@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from impact_damper_ros.orbits.branch import Branch
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.solved_orbits import transmissibility
+from impact_damper_ros.orbits.transmissibility import TRANSMISSIBILITIES
 from impact_damper_ros.parameters.quoting import counted
 
 from .csv_tables import row
-from .transmissibility_text import TRANSMISSIBILITIES, transmissibility_text
+from .transmissibility_text import transmissibility_text
 
 
 def _multipliers(multipliers: Sequence[complex]) -> str:
@@ -61,7 +62,7 @@ def orbit_text(number: int, orbit: PeriodicOrbit) -> str:
     swing = f'  largest |X|  {orbit.x_max:.9g} m'
     amplitude = orbit.parameters.response_amplitude
     if 0.0 < amplitude < math.inf:
-        swing += f', {orbit.amplitude_ratio:.7f} of the {amplitude:.7g} m without impacts'
+        swing += f', {orbit.x_max_ratio:.7f} of the {amplitude:.7g} m without impacts'
     lines.append(swing)
     if orbit.viable and orbit.parameters.base_motion.moves:
         lines.append(f'  {transmissibility_text(transmissibility(orbit), orbit.parameters)}')
@@ -110,7 +111,7 @@ def branch_table(followed: Sequence[tuple[str, Branch]]) -> str:
         special = {point.value: point.kind.value for point in branch.special}
         for value, orbit in branch.points:
             moved = transmissibility(orbit) if shaken else ()
-            numbers = (orbit.x_max, orbit.amplitude_ratio, *moved, abs(orbit.multipliers[0]))
+            numbers = (orbit.x_max, orbit.x_max_ratio, *moved, abs(orbit.multipliers[0]))
             kind = (int(orbit.stable), int(orbit.viable), special.get(value, ''))
             lists = (orbit.stops, orbit.phases, orbit.x)
             joined = (' '.join(f'{v:.17g}' for v in column) for column in lists)

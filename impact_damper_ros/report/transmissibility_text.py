@@ -6,10 +6,7 @@ from __future__ import annotations
 from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-#: Columns of the fields of a `Transmissibility`, and what they are; X counts from a fixed place.
-TRANSMISSIBILITIES = (
-    *('transmissibility', 'relative_transmissibility', 'acceleration_transmissibility'),
-)
+#: What the fields of a `Transmissibility` are; X counts from a fixed place.
 TRANSMISSIBILITY_NAMES = ('rms X/rms b', 'rms (X - b)/rms b', "rms X''/rms b''")
 
 

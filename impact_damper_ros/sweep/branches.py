@@ -87,11 +87,11 @@ def path_along(grid: Grid, number: int, values: tuple[float, ...]) -> Path:
 
 def orbit_of_row(row: Any, rig: RigParameters) -> PeriodicOrbit | None:
     """Return the periodic motion that a rig has settled into."""
-    events = rig_of_row(row, rig).advance(row.period * row.cycle)
+    events = rig_of_row(row, rig).advance(row.cycles * row.cycle)
     hit = next((event for event in events if event.kind is EventKind.IMPACT), None)
     if hit is None:
         return None
-    return orbit_near(rig, hit, hit.time / row.cycle, int(row.period))
+    return orbit_near(rig, hit, hit.time / row.cycle, int(row.cycles))
 
 
 def _phases(stops: ArrayLike, phases: ArrayLike) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from impact_damper_ros.orbits.branch import Branch, SpecialKind, SpecialPoint
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.orbits.solved_orbits import transmissibility
-from impact_damper_ros.orbits.transmissibility import Transmissibility
+from impact_damper_ros.orbits.transmissibility import TRANSMISSIBILITIES, Transmissibility
 from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 from impact_damper_ros.report.branch_figure import SPECIAL_MARKS
@@ -29,7 +29,6 @@ from impact_damper_ros.report.drawing import (
     print_style,
     save_figure,
 )
-from impact_damper_ros.report.transmissibility_text import TRANSMISSIBILITIES
 
 from .best import Optimum
 from .branches import branches_of
@@ -73,7 +72,7 @@ _MEASURES = {
     'largest_multiplier': 'Largest multiplier, modulus',
     'lyapunov_exponent': 'Largest Lyapunov exponent [1/s]',
     'lyapunov_uncertainty': 'Uncertainty of the Lyapunov exponent [1/s]',
-    'period': 'Period, cycles of the force',
+    'cycles': 'Period, cycles of the force',
     'rest_share': 'Share of time at rest on a stop',
     'relative_transmissibility': 'Transmissibility,\nrms (X − b) / rms b',
     'stick_share': 'Share of time sticking',
@@ -304,10 +303,10 @@ _INK = '0.1'
 #: What theory says of a motion, by the measure that is drawn.
 _THEORY: dict[str, Callable[[PeriodicOrbit], float]] = {
     'x_max': lambda orbit: orbit.x_max,
-    'x_max_ratio': lambda orbit: orbit.amplitude_ratio,
+    'x_max_ratio': lambda orbit: orbit.x_max_ratio,
     'largest_multiplier': lambda orbit: abs(orbit.multipliers[0]),
     'impacts_per_cycle': lambda orbit: orbit.impacts / orbit.cycles,
-    'period': lambda orbit: orbit.cycles,
+    'cycles': lambda orbit: orbit.cycles,
     'impacts': lambda orbit: orbit.impacts,
     'transmissibility': lambda orbit: transmissibility(orbit).absolute,
     'relative_transmissibility': lambda orbit: transmissibility(orbit).relative,
@@ -550,7 +549,7 @@ def _scale(values: Array, measure: str) -> tuple[Any, str]:
 
 def _classes(table: pd.DataFrame) -> dict[str, Array]:
     """Return a mask of the rows of each class of motions that has dots."""
-    chaotic = (table.motion == MotionKind.CHAOTIC.value).to_numpy(bool, na_value=False)
+    chaotic = (table.kind == MotionKind.CHAOTIC.value).to_numpy(bool, na_value=False)
     repeats = table.settled.to_numpy(bool, na_value=True)
     masks = chaotic, table.ok.to_numpy(bool) & ~repeats & ~chaotic
     return dict(zip(_DOTS, (mask.astype(float) for mask in masks), strict=True))

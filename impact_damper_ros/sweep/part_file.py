@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from .steady_state import Row
-from .table import MetadataError
+from .table import MetadataError, present_names
 
 #: What a run depends on from here on, as its `snapshot` gives it.
 State = dict[str, Any]
@@ -116,7 +116,7 @@ class PartFile:
                 raise ValueError('no inputs')
             rigs = [json.loads(line) for line in lines[1:]]
             for rows, state in rigs:
-                self.rows |= dict(rows)
+                self.rows |= {point: present_names(row) for point, row in rows}
                 self._states[rows[-1][0]] = state
         except (ValueError, TypeError, LookupError) as error:
             raise MetadataError(

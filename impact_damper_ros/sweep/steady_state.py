@@ -28,7 +28,6 @@ from impact_damper_ros.parameters.parameter_spec import (
     whole_number,
 )
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
-from impact_damper_ros.report.transmissibility_text import TRANSMISSIBILITIES
 from impact_damper_ros.rig.rig import Events, Outcome, Rig, RunResult
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import LATEST
@@ -149,7 +148,9 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     begin = FlightStart.of(rig)
     result = _run(rig, found.end, cycle, np.arange(1.0, cycles + 1.0), most)
     integrals, largest = begin.flights(rig, result.events).measured()
-    alone = Transmissibility.without_damper(rig.parameters)
+    parameters = rig.parameters
+    alone = Transmissibility.without_damper(parameters)
+    shaken = integrals.transmissibility.named() | alone.named('_without_damper')
     end = found.end + cycles * cycle
     # The events before and after complete a chatter that is cut at either end
     after = _run(rig, end, cycle, np.array([1.0]), most - result.event_count)
@@ -160,30 +161,26 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     if not period:
         hits = hits[-2 * settling.section :]
     approach = hits['damper_velocity_before'] - hits['primary_velocity_before']
-    amplitude = rig.parameters.response_amplitude if rig.parameters.periodic_force else math.inf
+    # With other harmonics A is not the amplitude without impacts
+    ratio = parameters.x_max_ratio(largest) if parameters.periodic_force else math.nan
     spent = result.time_in_mode / (end - found.end)
     section = relative_states(result.samples[-kept:]).T.tolist()
     return {
         'ok': True,
         'reason': None,
-        'motion': found.kind.value,
+        'kind': found.kind.value,
         'settled': period > 0,
         'settling_cycles': found.cycles,
         'measured_cycles': cycles,
         'cycle': cycle,
-        'period': period or None,
+        'cycles': period or None,
         'impacts': len(hits) if period else None,
         'stops': _sequence(result.events) if period else None,
         'x_max': largest,
-        'x_max_ratio': None if math.isinf(amplitude) else largest / amplitude,
+        'x_max_ratio': _known(ratio),
         'x_rms': math.sqrt(integrals.squares / integrals.covered),
         'x_mean': integrals.total / integrals.covered,
-        **{
-            name: _known(value)
-            for name, value in zip(TRANSMISSIBILITIES, integrals.transmissibility, strict=True)
-        },
-        'transmissibility_without_damper': _known(alone.absolute),
-        'relative_transmissibility_without_damper': _known(alone.relative),
+        **{name: _known(value) for name, value in shaken.items()},
         'impacts_per_cycle': len(impacts) / cycles,
         'lyapunov_exponent': _known(found.exponent.value),
         'lyapunov_uncertainty': _known(found.exponent.uncertainty),

@@ -30,8 +30,8 @@ def attractors_of(table: pd.DataFrame) -> list[dict[str, Any]]:
     return [
         {
             'attractor': int(number),
-            'motion': rows.motion.iloc[0],
-            'period': int(rows.period.iloc[0]) if rows.settled.iloc[0] else None,
+            'kind': rows.kind.iloc[0],
+            'cycles': int(rows.cycles.iloc[0]) if rows.settled.iloc[0] else None,
             'stops': rows.stops.iloc[0] if rows.settled.iloc[0] else None,
             'share': len(rows) / len(table),
             'x_max': float(rows.x_max.mean()),
@@ -44,9 +44,9 @@ def attractors_of(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 def attractor_text(attractor: dict[str, Any]) -> str:
     """Return kind, period and stops of a motion in words."""
-    text = str(attractor['motion'])
-    if attractor['period'] is not None:
-        text += f', {counted(attractor["period"], "cycle")}'
+    text = str(attractor['kind'])
+    if attractor['cycles'] is not None:
+        text += f', {counted(attractor["cycles"], "cycle")}'
         if attractor['stops']:
             text += f', stops {attractor["stops"]}'
     return text
@@ -87,7 +87,7 @@ def summary_of(table: pd.DataFrame, optimum: Optimum | None) -> dict[str, Any]:
         'rigs': len(table),
         'failed': int((~table.ok).sum()),
         'reasons': _counts(table.reason, _MOST_SHOWN),
-        'motions': _counts(table.motion),
+        'kinds': _counts(table.kind),
         'attractors': attractors_of(table),
         'optimum': found,
     }
@@ -100,7 +100,7 @@ def _counts(column: pd.Series[Any], most: int | None = None) -> dict[str, int]:
 
 def summary_text(path: Path, summary: dict[str, Any]) -> str:
     """Return a summary in words."""
-    kinds = ', '.join(f'{count} {kind}' for kind, count in summary['motions'].items())
+    kinds = ', '.join(f'{count} {kind}' for kind, count in summary['kinds'].items())
     failed = f'{summary["failed"]} failed' if summary['failed'] else ''
     lines = [f'{path}: {summary["rigs"]} rigs: {", ".join(p for p in (kinds, failed) if p)}']
     lines += [f'  {count} failed: {reason}' for reason, count in summary['reasons'].items()]

@@ -58,21 +58,21 @@ direction | text | - | up or down: the rig started from the last state of the on
     direction; null: from its initial conditions.
 ok | bool | - | Whether the rig could be simulated.
 reason | text | - | If not, why not.
-motion | text | - | What it settled into: periodic, without impacts, at rest, quasi-periodic,
+kind | text | - | What it settled into: periodic, without impacts, at rest, quasi-periodic,
     chaotic, undecided, or not periodically driven, by the force or by a control whose samples fall
     elsewhere in each cycle.
 settled | bool | - | Whether the motion repeats, to the tolerance of the sweep.
 settling_cycles | integer | - | Cycles of the force before it was measured.
 measured_cycles | integer | - | Cycles of the force over which it was measured.
 cycle | double | s | Cycle of the force; of the spring, if there is no force.
-period | integer | - | Period k in cycles of the force; null if none was found.
+cycles | integer | - | Period k in cycles of the force; null if none was found.
 impacts | integer | - | Impacts N in a period, those of a chatter up to its cut; null if it does
     not repeat.
 stops | text | - | Stops hit in a period, in order; 1~ stands for a whole chatter on stop 1 to
     rest.
 x_max | double | m | Largest |X|.
-x_max_ratio | double | - | Largest |X| over the amplitude A without impacts; null without one
-    force.
+x_max_ratio | double | - | x_max over the amplitude A without impacts; null without one force,
+    or with several harmonics.
 x_rms | double | m | Root mean square of X.
 x_mean | double | m | Mean of X.
 transmissibility | double | - | rms X over rms b of a moving base, each about its mean; null for a
@@ -82,6 +82,7 @@ acceleration_transmissibility | double | - | rms X'' over rms b'', without the b
     impacts themselves.
 transmissibility_without_damper | double | - | rms X over rms b of M alone, in closed form.
 relative_transmissibility_without_damper | double | - | rms (X - b) over rms b of M alone.
+acceleration_transmissibility_without_damper | double | - | rms X'' over rms b'' of M alone.
 impacts_per_cycle | double | - | Impacts per cycle of the force.
 lyapunov_exponent | double | 1/s | Largest Lyapunov exponent: of a motion that repeats ln|largest
     multiplier| over its period; else the mean growth of a deviation over the time measured; null
@@ -121,7 +122,7 @@ _BY_NAME = _columns()
 _LISTS = {name for name, column in _BY_NAME.items() if column.kind not in _DTYPES}
 _PLACE = ('point', 'direction')
 _MEASURES = """
-    period impacts x_max x_max_ratio x_rms x_mean transmissibility relative_transmissibility
+    cycles impacts x_max x_max_ratio x_rms x_mean transmissibility relative_transmissibility
     acceleration_transmissibility impacts_per_cycle
     lyapunov_exponent lyapunov_uncertainty largest_multiplier stick_share rest_share chatter_share
 """
@@ -168,6 +169,15 @@ def columns_of(grid: Grid) -> list[Column]:
     return [*place, *varied, *found]
 
 
+#: Columns that had another name in tables of earlier versions.
+_RENAMED = {'motion': 'kind', 'period': 'cycles'}
+
+
+def present_names(row: Row) -> Row:
+    """Return the columns of a rig with the names of today."""
+    return {_RENAMED.get(name, name): value for name, value in row.items()}
+
+
 def failed_row(reason: str) -> Row:
     """Return the columns of a rig that could not be simulated."""
     return {'ok': False, 'reason': reason}
@@ -205,7 +215,7 @@ def attractor_numbers(table: pd.DataFrame) -> list[int | None]:
         if not row.ok:
             found.append(None)
             continue
-        kind = (row.motion, *((row.period, row.stops) if row.settled else ()))
+        kind = (row.kind, *((row.cycles, row.stops) if row.settled else ()))
         section = _relative_section(row) if row.settled else np.zeros((4, 1))
         same = (n for n, (k, other) in enumerate(known) if k == kind and _is_same(other, section))
         number = next(same, len(known))
@@ -318,10 +328,10 @@ def read_table(path: str | Path) -> pd.DataFrame:
     check_format(path)
     try:
         table = pd.read_parquet(path)
-        Grid.from_inputs(table.attrs['inputs'])
+        grid = Grid.from_inputs(table.attrs['inputs'])
     except (KeyError, TypeError, ValueError) as error:
         raise MetadataError(f'{path} is not the table of a sweep, or not complete') from error
-    return table
+    return _describe(table.rename(columns=_RENAMED), grid)
 
 
 def check_format(path: Path | None) -> None:

@@ -177,7 +177,7 @@ def orbit_message(rig: Rig, prediction: Prediction) -> dict[str, Any]:
 
 
 def _summary(orbit: PeriodicOrbit) -> dict[str, Any]:
-    ratio = orbit.amplitude_ratio
+    ratio = orbit.x_max_ratio
     return {
         'label': name_of(orbit),
         'stable': orbit.stable,

@@ -53,7 +53,7 @@ class GapBranch:
     @cached_property
     def best(self) -> BranchPoint | None:
         """The stable motion with the least Xmax/A; None if there is none."""
-        return self.branch.best('amplitude_ratio')
+        return self.branch.best('x_max_ratio')
 
     @cached_property
     def bound(self) -> str:
@@ -147,7 +147,7 @@ class GapCurve:
     def _optimum(self) -> dict[str, Any] | None:
         """Return gap and Xmax/A of the lowest stable point; None where a branch goes on."""
         found = [
-            (best.orbit.amplitude_ratio, best.value, one.bound)
+            (best.orbit.x_max_ratio, best.value, one.bound)
             for one in self._branches
             if (best := one.best) is not None and (one.points == MOST_POINTS or not one.bound)
         ]
@@ -161,12 +161,12 @@ class GapCurve:
         return {
             'type': 'gap_curve',
             'gap': self._rig.gap,
-            'x_max_ratio': self.here.amplitude_ratio if self.here is not None else None,
+            'x_max_ratio': self.here.x_max_ratio if self.here is not None else None,
             'branches': [_columns(one) for one in self._branches],
             'special': [
                 {
                     'gap': special.value,
-                    'x_max_ratio': special.orbit.amplitude_ratio,
+                    'x_max_ratio': special.orbit.x_max_ratio,
                     'kind': special.kind.value,
                     'stable': special.orbit.stable,
                 }
@@ -182,11 +182,11 @@ class GapCurve:
 
 def _columns(one: GapBranch) -> dict[str, Any]:
     """Return a branch for JSON."""
-    orbits = [o for o in one.branch.orbits if math.isfinite(o.amplitude_ratio)]
+    orbits = [o for o in one.branch.orbits if math.isfinite(o.x_max_ratio)]
     return {
         'label': name_of(one.start),
         'gap': [o.parameters.gap for o in orbits],
-        'x_max_ratio': [o.amplitude_ratio for o in orbits],
+        'x_max_ratio': [o.x_max_ratio for o in orbits],
         'stable': [o.stable for o in orbits],
         'viable': [o.viable for o in orbits],
     }

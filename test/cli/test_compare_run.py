@@ -66,7 +66,7 @@ def test_what_it_says(bag, tmp_path, capsys):
         )
         assert abs(stretch['energy']['residual']) < stretch['energy']['tolerance']
         if ratio:
-            assert stretch['measured']['amplitude_ratio'] == pytest.approx(ratio, rel=1e-5)
+            assert stretch['measured']['x_max_ratio'] == pytest.approx(ratio, rel=1e-5)
     text = capsys.readouterr().out
     for words in (
         'stretch 2    24.005 s to 48.005 s; begins with: gap = 0.021 m (was 0.024 m)',

@@ -57,7 +57,7 @@ def test_sweep_with_figure_and_findings(tmp_path, capsys):
     assert list(rows.impacts_per_cycle) == [2.0] * 4
     assert figure.read_text().startswith('<?xml')
     summary = json.loads(found.read_text())
-    assert summary['motions'] == {'periodic': 4}
+    assert summary['kinds'] == {'periodic': 4}
     assert summary['optimum']['at_edge'] is True
     assert summary['optimum']['values'] == [37.0]
     said = capsys.readouterr().err
@@ -114,7 +114,7 @@ def test_rigs_that_wait_for_an_external_controller(tmp_path, capsys):
     assert run(*AT_102, *control, '--vary', 'gap=24:37:2', '--no-search', '-o', output) == 0
     table = pd.read_csv(output, comment='#')
     assert table.ok.all()
-    assert set(table.motion) <= {'periodic', 'undecided'}
+    assert set(table.kind) <= {'periodic', 'undecided'}
     assert table.lyapunov_exponent.isna().all()
     other = '--measure', 'lyapunov_exponent', '-o', tmp_path / 'b.csv'
     assert run(*AT_102, *control, '--vary', 'gap=24:37:2', *other) == 0
@@ -181,7 +181,7 @@ def test_a_motion_that_settles_while_it_is_watched_is_periodic(tmp_path):
     words = (*incline, '--vary', 'gap=36,37', '--jobs', 1, '--quiet', '-o', tmp_path / 'a.csv')
     assert run(*words, '--cycles', 100, '--watch', 300) == 0
     rows = pd.read_csv(tmp_path / 'a.csv', comment='#')
-    assert list(rows.motion) == ['periodic'] * 2
+    assert list(rows.kind) == ['periodic'] * 2
     assert list(rows.stops) == ['1,2'] * 2
     assert rows.largest_multiplier[1] == pytest.approx(0.94121, abs=1e-5)
     assert (rows.settling_cycles == 400).all()

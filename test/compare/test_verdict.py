@@ -62,7 +62,7 @@ def test_golden_motions(rig, golden, ratio):
         assert period.x[i] == pytest.approx(orbit.x[i], rel=2e-8)
         assert period.impulse[i] == pytest.approx(found.predicted_impulse[i], rel=2e-8)
     if ratio is not None:
-        assert found.measured.amplitude_ratio == pytest.approx(ratio, rel=1e-6)
+        assert found.measured.x_max_ratio == pytest.approx(ratio, rel=1e-6)
     assert orbit.stable
     decay = found.decay
     assert math.log(decay.measured) == pytest.approx(math.log(decay.predicted), rel=5e-3)

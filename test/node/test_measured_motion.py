@@ -61,7 +61,7 @@ def test_a_settled_rig_is_measured_as_the_theory_has_it():
     assert rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
     assert rhythm.x == pytest.approx(ORBIT.x, rel=1e-5)
     assert measured.x_max == pytest.approx(ORBIT.x_max, rel=1e-5)
-    assert measured.amplitude_ratio == pytest.approx(0.2113439, rel=1e-5)
+    assert measured.x_max_ratio == pytest.approx(0.2113439, rel=1e-5)
 
 
 #: INCLINED with the same force from a moving base.
@@ -121,7 +121,7 @@ def test_at_each_step_of_a_sweep_the_measurement_begins_anew_with_the_phase_of_t
     assert (trace.frequency, trace.began) == (1.02, 40.0)
     measured = recent_motion(trace, RATE)
     assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
-    assert measured.amplitude_ratio == pytest.approx(0.2113439, rel=1e-5)
+    assert measured.x_max_ratio == pytest.approx(0.2113439, rel=1e-5)
 
 
 def test_states_on_the_way():
@@ -190,7 +190,7 @@ def test_impacts_that_stop_are_no_rhythm():
 def test_too_few_samples_tell_no_largest_displacement():
     measured = recent_motion(traced(Rig(INCLINED), 250, rate=0.7), 0.7)
     assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
-    assert (measured.x_max, measured.amplitude_ratio) == (None, None)
+    assert (measured.x_max, measured.x_max_ratio) == (None, None)
     values = measured_report(measured).values
     assert (values['Largest X [m]'], values['Largest X / A']) == ('', '')
 
@@ -201,12 +201,12 @@ def test_the_trace_does_not_grow():
     assert len(trace._turns) == KEPT
 
 
-def like(rhythm, amplitude_ratio, multiplier):
+def like(rhythm, x_max_ratio, multiplier):
     """Return a predicted motion with other impacts."""
     return replace(
         ORBIT,
         **{name: getattr(rhythm, name) for name in ('stops', 'cycles', 'phases', 'x')},
-        x_max=amplitude_ratio * ORBIT.parameters.response_amplitude,
+        x_max=x_max_ratio * ORBIT.parameters.response_amplitude,
         multipliers=(complex(multiplier),),
         **{name: len(rhythm.stops) * (0.0,) for name in AT_IMPACTS if name != 'x'},
     )
@@ -329,7 +329,7 @@ def test_values_are_written_for_machines():
     assert values['Largest multiplier modulus'] == '0.941065209'
     assert (values['Stable'], values['Viable']) == (True, True)
     assert values['Other stable motions'] == (
-        '[{"stops": [1, 1, 2], "cycles": 1, "largest_x_over_a": 0.5, "largest_multiplier": 0.9}]'
+        '[{"stops": [1, 1, 2], "cycles": 1, "x_max_ratio": 0.5, "largest_multiplier": 0.9}]'
     )
 
 

@@ -98,7 +98,7 @@ def check(measured, predicted, orbit):
         assert values['Impacts per period'] == '2'
         assert values['Period [cycles of the force]'] == '1'
         assert float(values['Largest X / A']) == pytest.approx(
-            orbit.amplitude_ratio, rel=X_MAX_TOLERANCE - TOLERANCE + near
+            orbit.x_max_ratio, rel=X_MAX_TOLERANCE - TOLERANCE + near
         )
     assert measured['State'] == 'periodic'
     assert measured['Settled'] == 'True'
@@ -112,7 +112,7 @@ def check(measured, predicted, orbit):
 def test_measured_and_predicted_motion_agree_before_and_after_a_change(node):
     process, reports, parameters = node(record=True)
     orbit = find_orbits(RIG, (1, 2)).orbits[0]
-    assert orbit.amplitude_ratio == pytest.approx(0.2113439, abs=5e-8)
+    assert orbit.x_max_ratio == pytest.approx(0.2113439, abs=5e-8)
     check(*reports.motion(agreeing(orbit)), orbit)
     for gap in (33.0, 30):
         assert parameters.set(gap=gap) == ''

@@ -278,7 +278,7 @@ def test_the_best_gap_is_a_minimum(gaps):
     # The damping that two impacts in a cycle are equivalent to, for the heavy limit
     equivalent = 2.0 / math.pi * HORIZONTAL.mass_ratio / (1.0 + HORIZONTAL.mass_ratio) * 7.0
     ratio = HORIZONTAL.zeta / (HORIZONTAL.zeta + equivalent)
-    assert best.orbit.amplitude_ratio == pytest.approx(ratio, rel=3e-3)
+    assert best.orbit.x_max_ratio == pytest.approx(ratio, rel=3e-3)
     loudest = wide.best(lambda orbit: -orbit.x_max)
     assert wide.change_at(loudest.orbit) == 'gap = 50, the end of the range'
     assert loudest.value == 50.0

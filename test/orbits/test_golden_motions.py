@@ -34,7 +34,7 @@ def test_golden_rows(rig, phases, x, velocity, damper_velocity, digit, x_max, mo
     assert orbit.primary_velocity_after == pytest.approx(velocity, abs=digit)
     assert orbit.damper_velocity_after == pytest.approx(damper_velocity, abs=digit)
     if x_max is not None:
-        assert orbit.amplitude_ratio == pytest.approx(x_max, abs=0.51e-7)
+        assert orbit.x_max_ratio == pytest.approx(x_max, abs=0.51e-7)
         assert [abs(m) for m in orbit.multipliers] == pytest.approx(moduli, abs=0.51e-5)
         # Two complex pairs
         assert orbit.multipliers[::2] == tuple(m.conjugate() for m in orbit.multipliers[1::2])

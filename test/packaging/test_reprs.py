@@ -86,7 +86,7 @@ def test_values_with_units(search, branch):
         (lambda _: PAPER.replace(gaap=1), 'did you mean gap?'),
         (lambda _: GapControlParameters(gap_contol='off'), 'did you mean gap_control?'),
         (lambda branch: branch.best('xmax'), "measure is 'xmax': did you mean x_max?"),
-        (lambda branch: branch.best('parameters'), 'give one of x_max, amplitude_ratio'),
+        (lambda branch: branch.best('parameters'), 'give one of x_max, x_max_ratio'),
         (lambda branch: follow(branch.orbits[0], 'gaap', 1, 2), 'did you mean gap?'),
         (lambda branch: follow(branch.orbits[0], 'gap', '1 kg', 2), "'kg' is no unit of it"),
         (lambda branch: follow(branch.orbits[0], 3, 1, 2), 'give a name, or a function'),

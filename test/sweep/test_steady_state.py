@@ -24,7 +24,7 @@ def test_a_golden_motion_is_that_of_the_theory(friction):
     rig = RigParameters(angle=math.pi / 4, gravity=1.0, friction=friction, force_frequencies=1.02)
     orbit = find_orbits(rig, (1, 2), simulate=False).orbits[0]
     state = settled(rig)
-    assert (state.motion, state.stops, state.period) == ('periodic', '1,2', 1)
+    assert (state.kind, state.stops, state.cycles) == ('periodic', '1,2', 1)
     expected = math.log(abs(orbit.multipliers[0])) / orbit.cycle
     assert state.lyapunov_exponent == pytest.approx(expected, rel=1e-8)
     assert state.lyapunov_uncertainty < 1e-9
@@ -49,7 +49,7 @@ def test_largest_and_rms_displacement_against_dense_samples():
 def test_shares_of_chatter_and_rest_against_the_event_log():
     state = settled(CHATTERING, ON_THE_STOP)
     assert state.stops == '1~'
-    assert state.period == 1
+    assert state.cycles == 1
     rig = Rig(CHATTERING, ON_THE_STOP, compiled=None)
     rig.run(700.0 * state.cycle, record=False)
     # One period, from a release on: the flight, the chatter, and the rest
@@ -79,17 +79,17 @@ def test_rest_for_ever_keeps_the_multipliers_of_the_joint_vibration():
     """Driven too weakly to lift m: exp(-C T / (2 (M + m)))."""
     rig = CHATTERING.replace(force_amplitudes=0.3)
     state = settled(rig, ON_THE_STOP)
-    assert state.motion == 'without impacts'
+    assert state.kind == 'without impacts'
     assert state.rest_share == 1.0
     # A free vibration of ten cycles must not be taken for the period
-    assert state.period == 1
+    assert state.cycles == 1
     assert state.lyapunov_exponent == pytest.approx(-0.1 / (2.0 * 1.01), rel=1e-9)
 
 
 def test_period_of_several_cycles():
     """Two impacts per cycle, of which each second pair is alike."""
     state = settled(RigParameters(gravity=0.0, force_frequencies=1.02, gap=21.5))
-    assert state.period == 2
+    assert state.cycles == 2
     assert state.stops == '1,2,1,2'
     assert state.impacts == 4
     assert state.impacts_per_cycle == 2.0
@@ -110,9 +110,9 @@ def test_multisine_has_the_rms_of_its_lines():
         multisine_lines=11,
     )
     state = settled(rig, compiled=False, cycles=50, watch=25)
-    assert state.motion == 'without impacts'
+    assert state.kind == 'without impacts'
     # The lines lie 0.1 rad/s apart
-    assert state.period == 5
+    assert state.cycles == 5
     rates = np.linspace(0.5, 1.5, 11)
     gains = 1.0 / ((1.0 - rates**2) ** 2 + (0.2 * rates) ** 2)
     assert state.x_rms == pytest.approx(math.sqrt(gains.mean()), rel=1e-6)
@@ -120,7 +120,7 @@ def test_multisine_has_the_rms_of_its_lines():
 
 def test_a_rig_without_force_at_rest():
     state = settled(RigParameters(force_amplitudes=0.0))
-    assert (state.motion, state.x_max) == ('at rest', 0.0)
+    assert (state.kind, state.x_max) == ('at rest', 0.0)
 
 
 @pytest.mark.parametrize('slow', [0.1, 0.003])
@@ -128,6 +128,6 @@ def test_a_slow_force(slow):
     """M follows it; at the ends of all cycles it passes zero."""
     rig = RigParameters(gravity=0.0, gap=1e3, damping=0.2, force_frequencies=slow)
     state = settled(rig, cycles=100, watch=50)
-    assert (state.motion, state.period) == ('without impacts', 1)
+    assert (state.kind, state.cycles) == ('without impacts', 1)
     assert state.x_max == pytest.approx(rig.response_amplitude, rel=1e-9)
     assert state.x_rms == pytest.approx(rig.response_amplitude / math.sqrt(2.0), rel=1e-9)

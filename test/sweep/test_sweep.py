@@ -25,7 +25,7 @@ from impact_damper_ros.sweep import (
     sweep,
 )
 from impact_damper_ros.sweep.execution import process_pool
-from impact_damper_ros.sweep.part_file import part_path
+from impact_damper_ros.sweep.part_file import PartFile, part_path
 
 pytest.importorskip('pyarrow')
 
@@ -132,7 +132,7 @@ def test_rigs_that_rest_on_a_stop_at_the_ends_of_cycles():
     start = InitialConditions(initial_damper_offset=0.5)
     grid = Grid(rig, start, gap=[1.0, 1.2], force_amplitudes=[0.05, 0.1], settling=BRIEF)
     table = sweep(grid)
-    assert list(table.motion) == ['without impacts'] * 4
+    assert list(table.kind) == ['without impacts'] * 4
     assert list(table.rest_share) == [1.0, 1.0] * 2
     # Both masses swing as one
     joint = rig.replace(primary_mass=1.01, damper_mass=1e-9, force_amplitudes=0.05)
@@ -194,8 +194,23 @@ def test_pandas_alone_reads_the_table(tmp_path, suffix):
     assert list(plain.columns) == list(table.columns)
     assert list(plain.ok) == [True, False]
     assert list(plain.x_max) == pytest.approx(list(table.x_max), nan_ok=True)
-    assert plain.period[0] == 1
-    assert plain.period.isna()[1]
+    assert plain.cycles[0] == 1
+    assert plain.cycles.isna()[1]
+
+
+def test_a_table_with_columns_of_earlier_names_is_read(tmp_path):
+    """Also the rigs of a sweep that was begun with them."""
+    grid = grid_of(gap=[31.31, 36.0])
+    table = sweep(grid, tmp_path / 'new.parquet')
+    earlier = table.rename(columns={'kind': 'motion', 'cycles': 'period'})
+    earlier.attrs = table.attrs
+    earlier.to_parquet(tmp_path / 'old.parquet', index=False)
+    pd.testing.assert_frame_equal(read_table(tmp_path / 'old.parquet'), table)
+    row, _ = execution.rig_row(grid.setup, grid.settings((31.31,)))
+    row |= {'motion': row.pop('kind'), 'period': row.pop('cycles')}
+    with PartFile(part_path(tmp_path / 'resumed.csv'), grid.inputs()) as part:
+        part.add([(0, row)], None)
+    pd.testing.assert_frame_equal(sweep(grid, tmp_path / 'resumed.csv'), table)
 
 
 def kill_a_worker():

@@ -59,8 +59,8 @@ def sampled_rms(law, cycles, watched):
 
 def test_a_timed_law_in_step_repeats():
     state = measured(Rig(TRIAL, START, control=TIMED, compiled=None), BRIEF)
-    assert state.motion == 'periodic'
-    assert (state.period, state.impacts, state.stops) == (1, 2, '1,2')
+    assert state.kind == 'periodic'
+    assert (state.cycles, state.impacts, state.stops) == (1, 2, '1,2')
     assert state.impacts_per_cycle == 2.0
     assert state.x_max / TRIAL.response_amplitude == pytest.approx(IDEAL, rel=0.03)
     assert state.x_rms == pytest.approx(sampled_rms(TIMED, 250, 4), rel=1e-5)
@@ -75,8 +75,8 @@ def test_samples_out_of_step_or_noisy_are_measured_all_the_same():
         control('timed', gap_control_rate=IN_STEP, gap_control_noise_position=0.02),
     ):
         state = measured(Rig(TRIAL, START, control=law, compiled=None), BRIEF)
-        assert state.motion == 'not periodically driven'
-        assert (state.period, state.settling_cycles, state.measured_cycles) == (None, 225, 25)
+        assert state.kind == 'not periodically driven'
+        assert (state.cycles, state.settling_cycles, state.measured_cycles) == (None, 225, 25)
         assert state.impacts_per_cycle == pytest.approx(2.0, abs=0.05)
         assert state.x_rms == pytest.approx(sampled_rms(law, 250, 25), rel=1e-5)
 
@@ -87,7 +87,7 @@ def test_stops_on_their_way_are_not_a_settled_motion():
     law = control('amplitude', gap_control_rate=IN_STEP, actuator_speed=0.5)
     state = measured(Rig(rig, control=law, compiled=None), BRIEF)
     fixed = measured(Rig(rig, compiled=None), BRIEF)
-    assert fixed.motion == 'without impacts'
+    assert fixed.kind == 'without impacts'
     assert fixed.settling_cycles == 100
     assert state.settling_cycles > fixed.settling_cycles + 50
 
@@ -152,7 +152,7 @@ def test_rigs_move_their_stops_by_a_law_of_the_users_own():
     rig = Rig(TRIAL, START, control=TIMED, law=laws.follow)
     rig.advance(last['time'])
     assert rig.snapshot()['gap_control'] == last['gap_control']
-    assert row['period'] == 1
+    assert row['cycles'] == 1
     assert row['x_max'] / TRIAL.response_amplitude < 1.2 * IDEAL
 
 

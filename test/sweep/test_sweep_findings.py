@@ -43,7 +43,7 @@ def test_two_mirrored_attractors_share_the_starts(tmp_path):
     )
     found = attractors_of(table)
     assert [one['stops'] for one in found] in (['1,1,2', '1,2,2'], ['1,2,2', '1,1,2'])
-    assert [one['period'] for one in found] == [1, 1]
+    assert [one['cycles'] for one in found] == [1, 1]
     assert sum(one['share'] for one in found) == 1.0
     assert found[0]['x_max'] == pytest.approx(found[1]['x_max'], rel=1e-6)
     assert 0.3 < found[0]['share'] < 0.7
@@ -65,8 +65,8 @@ def row(x, *, motion='periodic', period=1, stops='1,2', impacts=2, offset=0.0):
     return {
         'ok': True,
         'settled': bool(period),
-        'motion': motion,
-        'period': period,
+        'kind': motion,
+        'cycles': period,
         'stops': stops,
         'impacts': impacts,
         'cycle': 6.0,
@@ -123,8 +123,8 @@ def test_optimum_at_a_cliff_names_its_edge_and_start(hysteresis, tmp_path):
     found = find_optimum(hysteresis, 'x_max')
     down = hysteresis[hysteresis.direction == 'down'].set_index('gap')
     # Followed downwards, the rig keeps to what it had above
-    assert down.motion[54.0] == 'without impacts'
-    assert (down.motion[44.0], down.stops[44.0]) == ('periodic', '1,2')
+    assert down.kind[54.0] == 'without impacts'
+    assert (down.kind[44.0], down.stops[44.0]) == ('periodic', '1,2')
     assert found.values[0] == pytest.approx(54.96, abs=0.02)
     # The two impacts are lost at 57 m, as continuation in the gap finds
     (edge,) = found.edges

@@ -130,8 +130,8 @@ def test_gap_curve_comes_part_by_part(level):
     assert ratio[here] == pytest.approx(0.104644, abs=1e-6)
     for k in range(0, len(gap), 15):
         orbits = find_orbits(LEVEL.replace(gap=float(gap[k])), (1, 2), 1).orbits
-        near = min(orbits, key=lambda o: abs(o.amplitude_ratio - ratio[k]))
-        assert near.amplitude_ratio == pytest.approx(ratio[k], rel=1e-6)
+        near = min(orbits, key=lambda o: abs(o.x_max_ratio - ratio[k]))
+        assert near.x_max_ratio == pytest.approx(ratio[k], rel=1e-6)
         assert (near.stable, near.viable) == (main['stable'][k], main['viable'][k])
     assert 'Neimark-Sacker' in {special['kind'] for special in last['special']}
 
@@ -141,7 +141,7 @@ def test_optimum_of_the_curve_is_the_best_gap_and_none_is_taken_where_the_curve_
     *growing, last = parts(level, 'gap_curve')
     best = follow(find_orbits(LEVEL, (1, 2)).orbits[0], 'gap', 30.0, 70.0).best()
     assert last['optimum']['gap'] == pytest.approx(best.value, rel=1e-5)
-    assert last['optimum']['x_max_ratio'] == pytest.approx(best.orbit.amplitude_ratio, rel=1e-9)
+    assert last['optimum']['x_max_ratio'] == pytest.approx(best.orbit.x_max_ratio, rel=1e-9)
     assert growing[0]['optimum'] is None
     for part in growing:
         if part['optimum'] is not None:

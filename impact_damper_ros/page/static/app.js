@@ -349,7 +349,7 @@ connection.addEventListener('numbers', ({ detail }) => {
   state.numbers = detail;
   verdict.numbers(detail, theory);
   controller.numbers(detail);
-  drawing.curve.place(detail.gap, detail.x_max_ratio_measured ?? NaN);
+  drawing.curve.place(detail.gap, detail.x_max_ratio ?? NaN);
 });
 for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
   connection.addEventListener(type, ({ detail }) => {

@@ -5,10 +5,10 @@ import { byId, element, mark, write } from './dom.js';
 import { digits, withUnit } from './format.js';
 
 const SCORE = [
-  ['rms_x', 'rms X', (value) => withUnit(value, 'm')],
-  ['largest_x', 'largest |X|', (value) => withUnit(value, 'm')],
+  ['x_rms', 'rms X', (value) => withUnit(value, 'm')],
+  ['x_max', 'largest |X|', (value) => withUnit(value, 'm')],
   ['impacts', 'impacts', (value) => digits(value, 3)],
-  ['energy', 'stop energy', (value) => withUnit(value, 'J')],
+  ['actuator_energy', 'stop energy', (value) => withUnit(value, 'J')],
 ];
 const FAULTS = [['sensor_fault', 'Sensors'], ['actuator_fault', 'Stops']];
 

@@ -25,8 +25,8 @@ const PRELIMINARY = {
 const about = (text, basis) => (basis in PRELIMINARY && text !== '–' ? `${PRELIMINARY[basis][0]}\u202f${text}` : text);
 /** Numbers of a what-if, as `replay_run --set` prints them. */
 const TOTALS = [
-  ['largest |X|', 'largest_x', (value) => withUnit(value, 'm', 4)],
-  ['rms X', 'rms_x', (value) => withUnit(value, 'm', 4)],
+  ['largest |X|', 'x_max', (value) => withUnit(value, 'm', 4)],
+  ['rms X', 'x_rms', (value) => withUnit(value, 'm', 4)],
   ['impacts', 'impacts', String],
 ];
 const AGREEMENT = {
@@ -128,7 +128,7 @@ export class Verdict {
     const [, origin] = PRELIMINARY[best > 0 ? basis : ''] ?? ['', ''];
     mark(this.values.gap_ratio, 'title', origin);
     this.values.gap_ratio.classList.toggle('preliminary', Boolean(origin));
-    this.ratio('measured', message.x_max_ratio_measured);
+    this.ratio('measured', message.x_max_ratio);
     this.ratio('predicted', theory.orbit?.x_max_ratio);
   }
 }
