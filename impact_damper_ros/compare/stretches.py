@@ -5,6 +5,9 @@ A run as stretches with constant parameters.
 A run is cut where its parameters change and where it is reset. A pause is no cut: rig time stands
 still during it. The motion is that of the replay, with the full digits.
 
+Between two events the motion is a closed formula. Where a measured record acts on the rig, it is
+known at samples and events only.
+
 Memory stays bounded: the last flights and samples are kept. The envelope of X and the numbers over
 the whole stretch see all of them, part by part.
 """
@@ -151,7 +154,7 @@ class RecordedStretch(LoggedStretch):
 
     @property
     def drive(self) -> Drive | None:
-        """The force; None if it is swept."""
+        """The force; None if it is swept, or a measured record acts beside it."""
         return self.flights.drive if self.parameters.sweep_mode == 'off' else None
 
     @property
@@ -190,7 +193,10 @@ class StretchBuilder:
         snapshot = Snapshot.from_dict(dict(rig.state))
         self._sweep, self._active = snapshot.sweep, snapshot.run.force
         self._row = _state_row(rig.state)
-        self._drive: Drive | None = _drive_of(snapshot, float(self._row['time'][0]))
+        self._drive: Drive | None = None
+        if not snapshot.playbacks:
+            self._drive = _drive_of(snapshot, float(self._row['time'][0]))
+        self._squares = 0.0
 
     def take(self, samples: Samples, events: Events) -> None:
         """Take the next part."""
@@ -208,10 +214,14 @@ class StretchBuilder:
         self._envelope.take(samples['time'], samples['x'])
         ends = [float(rows['time'][-1]) for rows in (samples, events) if len(rows)]
         self._end = max([self._end, *ends])
+        self._squares += float(np.sum(samples['x'] ** 2))
         # The last sample ends a part without events.
         since = max(float(rows['time'][-1]) for rows in (events, self._row) if len(rows))
-        late = samples[-1:][samples['time'][-1:] > since]
-        self._follow(np.concatenate([events, rows_of_samples(late, STATE)]))
+        states = samples[-1:][samples['time'][-1:] > since]
+        if self._drive is None:
+            states = samples[samples['time'] > self._row['time'][0]]
+        rows = np.concatenate([events, rows_of_samples(states, STATE)])
+        self._follow(rows[np.argsort(rows['time'], kind='stable')])
         self._samples.append(samples)
         _forget(self._samples, _MOST_SAMPLES)
 
@@ -260,7 +270,7 @@ class StretchBuilder:
             row = _state_row(at_end)
             if row['time'][0] > self._row['time'][0]:
                 self._follow(row)
-        elif end is not None and end > self._row['time'][0]:
+        elif end is not None and end > self._row['time'][0] and self._drive is not None:
             # The last flight goes on.
             rows = np.concatenate([self._row, self._row])
             rows['time'][1] = end
@@ -289,14 +299,16 @@ class StretchBuilder:
 
     def _overall(self, duration: float, at_end: Mapping[str, Any] | None) -> Overall:
         totals = self._totals
-        known = totals.covered > 0.0
+        squares, covered = totals.squares, totals.covered
+        if self._drive is None:
+            squares, covered = self._squares, float(self._count)
         spent = math.nan
         if at_end:
             spent = _spent(at_end) - _spent(self._rig.state)
         return Overall(
             duration=duration,
             x_max=self._largest,
-            x_rms=math.sqrt(totals.squares / totals.covered) if known else math.nan,
+            x_rms=math.sqrt(squares / covered) if covered else math.nan,
             impacts=sum(self._hits),
             impacts_on_stop_1=self._hits[0],
             impacts_on_stop_2=self._hits[1],

@@ -221,6 +221,8 @@ _STILL = 1e-9
 def _why_no_theory(stretch: RecordedStretch) -> str:
     """Return why the periodic theory does not apply to a stretch; empty if it does."""
     rig = stretch.parameters
+    if stretch.flights.drive is None:
+        return 'a measured record acts on the rig: theory has no motion for it'
     if stretch.controlled:
         mode = stretch.control['gap_control']
         return f'the gap is under control ({mode}): the periodic theory is for a constant gap'

@@ -141,9 +141,9 @@ class RecordedRun:
             raise RecordingError(purpose, path, cause, 'give a number from 1 on as --run')
         first = next(snapshot for snapshot in self._snapshots if snapshot.run == number)
         self.start = self._command(first)
-        if purpose in ('compare', 'score') and self.start.state.get('records'):
-            cause = 'a measured record acts on its rig, for which theory has no motion'
-            remedy = 'replay_run replays it, and writes its samples and impacts as CSV'
+        if purpose == 'score' and self.start.state.get('records'):
+            cause = 'a measured record acts on its rig, and its energy is not known'
+            remedy = 'compare_run measures it without --score'
             raise RecordingError(purpose, path, cause, remedy)
 
     def _find_runs(self) -> None:
