@@ -17,7 +17,6 @@ if TYPE_CHECKING:
         Beginning as Beginning,
         Decay as Decay,
         EnergyBalance as EnergyBalance,
-        Finding as Finding,
         ImpactStates as ImpactStates,
         LogCheck as LogCheck,
         LogVerdict as LogVerdict,
@@ -33,7 +32,7 @@ __all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
         'comparison': 'compare_bag',
-        'result': 'Beginning Decay EnergyBalance Finding ImpactStates LogCheck LogVerdict '
+        'result': 'Beginning Decay EnergyBalance ImpactStates LogCheck LogVerdict '
         'MeasuredMotion Overall RunComparison StretchComparison Verdict',
         'stretches': 'LoggedRig',
     },

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -14,41 +13,13 @@ import numpy as np
 from impact_damper_ros import __version__
 from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.parameters.quoting import counted
-from impact_damper_ros.replay import Difference, Findings, RecordedRun, Replay
+from impact_damper_ros.replay import Findings, RecordedRun, Replay
 
-from .result import Finding, LogCheck, LogVerdict, RunComparison, StretchComparison
+from .result import LogCheck, LogVerdict, RunComparison, StretchComparison
 from .stretches import Stretches
 from .verdict import compare_stretch
 
 Progress = Callable[[float], object]
-
-
-def _finding(difference: Difference) -> Finding:
-    recorded, replayed = difference.recorded, difference.replayed
-    unit = f' {difference.unit}' if difference.unit else ''
-    where = f'{difference.quantity} on {difference.topic} at {difference.time:.9g} s'
-    if recorded is None and difference.quantity in ('impact', 'act of the gap control'):
-        text = f'{where} is missing in the log ({replayed})'
-    elif replayed is None:
-        text = f'{where} is in the log, but did not happen ({recorded})'
-    else:
-        there, here = _shown(recorded), _shown(replayed)
-        if there == here:
-            there, here = str(recorded), str(replayed)
-        text = f'{where} is {there}{unit} in the log, and {here}{unit} when the log is replayed'
-    quantity = f'{difference.quantity} on {difference.topic}'
-    numbers = (difference.time, _number(recorded), _number(replayed), 0.0)
-    return Finding(quantity, difference.unit, *numbers, text)
-
-
-def _shown(value: object) -> str:
-    if value is None:
-        return 'not given'
-    return f'{value:.9g}' if isinstance(value, float) else str(value)
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def _log_check(replay: Replay) -> LogCheck:
@@ -94,9 +65,9 @@ def _with_log(
     places = [bisect_right(ends, difference.time) for difference in findings.differences]
     for place, stretch in enumerate(stretches):
         pairs = zip(places, findings.differences, strict=True)
-        mine = tuple(_finding(difference) for at, difference in pairs if at == place)
+        mine = tuple(difference for at, difference in pairs if at == place)
         log = LogVerdict.DIFFERS if mine else LogVerdict.REPRODUCED
-        yield dataclasses.replace(stretch, log=log, log_findings=mine)
+        yield dataclasses.replace(stretch, log=log, differences=mine)
 
 
 def _unseen(_what: str, _span: float) -> Progress:

@@ -34,7 +34,6 @@ from .result import (
     Array,
     Convergence,
     Decay,
-    Finding,
     ImpactStates,
     PredictedCurve,
 )
@@ -210,7 +209,6 @@ class PeriodicMotion:
     #: Distance of the last period that the remaining transient and the stamps account for.
     allowed: float
     settled_at: float | None  # instant from which the distance is less than `SETTLED`, s
-    table: Section
     recurrence: Period
 
     def as_curve(self) -> Convergence:
@@ -219,38 +217,6 @@ class PeriodicMotion:
         last = min([*(hidden[:1] + _PERIODS_BEYOND), _MOST_SHOWN_PERIODS])
         times, distances = self.times[:last], self.distances[:last]
         return Convergence(times, distances, self.first, self.decay)
-
-    def differences(self) -> list[Finding]:
-        """Return the differences from the predicted period that are too large."""
-        orbit, period = self.orbit, self.period
-        if orbit is None or orbit.impacts != len(period.stops):
-            return []
-        found = []
-        late = round(period.phases[0] - orbit.phases[0])
-        speed = self.table.speed
-        after, damper_after = period.primary_velocity_after, period.damper_velocity_after
-        for name, unit, measured, predicted, size in (
-            ('phase', 'cycles', period.phases, orbit.phases, 1.0),
-            ('X', 'm', period.x, orbit.x, self.table.length),
-            ("X' after", 'm/s', after, orbit.primary_velocity_after, speed),
-            ("Z' after", 'm/s', damper_after, orbit.damper_velocity_after, speed),
-        ):
-            off = np.array(measured) - np.array(predicted)
-            if name == 'phase':
-                off -= late
-                off -= orbit.cycles * np.round(off / orbit.cycles)
-            worst = int(np.argmax(np.abs(off)))
-            by, expected = float(off[worst]), predicted[worst]
-            if abs(by) / size <= self.allowed:
-                continue
-            where = f'{name} at impact {worst + 1} (stop {orbit.stops[worst]})'
-            text = (
-                f'{where} is {expected + by:.9g} {unit}, predicted {expected:.9g} {unit}: off by '
-                f'{by:+.4g} {unit}'
-            )
-            allowed = self.allowed * size
-            found.append(Finding(where, unit, self.time, expected + by, expected, allowed, text))
-        return found
 
 
 def last_period(stops: Array, count: int) -> int:
@@ -315,7 +281,6 @@ def periodic_motion(
         distances=distances,
         allowed=allowed,
         settled_at=float(times[settled]) if settled < len(times) else None,
-        table=table,
         recurrence=recurrence,
     )
 

@@ -25,6 +25,7 @@ from impact_damper_ros.orbits.ring_down import RingDown
 from impact_damper_ros.orbits.swept_response import SweptResponse
 from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.replay.findings import Difference
 from impact_damper_ros.replay.rows import Events
 
 Array = NDArray[np.float64]
@@ -165,28 +166,6 @@ class Decay:
     distance: float
     #: Smallest distance that the digits of the instants resolve.
     floor: float
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A number or message of the log that is not as expected."""
-
-    #: What differs: ``'X at impact 2'``, ``'gap'``.
-    quantity: str
-    unit: str
-    #: Rig time, s.
-    time: float
-    #: The numbers; NaN if there are none.
-    measured: float
-    expected: float
-    tolerance: float
-    #: A sentence with the numbers.
-    text: str
-
-    @property
-    def difference(self) -> float:
-        """Measured minus expected value."""
-        return self.measured - self.expected
 
 
 class Beginning(Enum):
@@ -361,12 +340,10 @@ class StretchComparison(LoggedStretch):
     verdict: Verdict
     #: The verdict in words, with numbers.
     sentence: str
-    #: In what it differs from theory, the earliest first.
-    findings: tuple[Finding, ...] = ()
     #: Whether its log is that of the rig, whatever theory says.
     log: LogVerdict = LogVerdict.REPRODUCED
     #: In what the log differs from the replay, the earliest first.
-    log_findings: tuple[Finding, ...] = ()
+    differences: tuple[Difference, ...] = ()
     #: For plots.
     curves: StretchCurves = field(default_factory=StretchCurves)
 
@@ -458,11 +435,10 @@ class RunComparison:
 
 def as_plain(value: Any, without: Collection[str] = ()) -> Any:
     """Return a value in types of JSON, records without some fields; None where not finite."""
-    if isinstance(value, PeriodicOrbit | RigParameters | RingDown):
+    if isinstance(value, Difference | PeriodicOrbit | RigParameters | RingDown):
         return as_plain(value.as_dict())
     if is_dataclass(value) and not isinstance(value, type):
         names = [f.name for f in fields(value) if f.name not in without]
-        names += ['difference'] * isinstance(value, Finding)
         entries = {name: getattr(value, name) for name in names}
         if isinstance(value, MeasuredMotion):
             entries |= entries.pop('transmissibility').named()

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from typing import NamedTuple
 
@@ -26,7 +25,6 @@ from .motion_kind import SETTLED, StretchKind, kind_by_impacts, kind_of, run_on,
 from .predicted import PeriodicMotion, impulses_of, periodic_motion, predicted_curve
 from .result import (
     EnergyBalance,
-    Finding,
     LoggedStretch,
     StretchComparison,
     StretchCurves,
@@ -38,11 +36,10 @@ _LISTED_STOPS = 12
 
 
 class _Judgement(NamedTuple):
-    """A verdict, in words, and the findings that led to it."""
+    """A verdict, and the same in words."""
 
     verdict: Verdict
     sentence: str
-    findings: Sequence[Finding] = ()
 
 
 def _motion_name(orbit: PeriodicOrbit) -> str:
@@ -71,12 +68,9 @@ def _judged_period(kind: StretchKind, motion: PeriodicMotion) -> _Judgement:
             f'{decay.predicted:.5g}'
         )
     if distance > motion.allowed:
-        differences = motion.differences()
         text = f'differs by {distance:.3g} of its size from {name}; the remaining transient and '
         text += f'the stamps explain {motion.allowed:.1g}'
-        if differences:
-            text += f': {differences[0].text}'
-        return _Judgement(Verdict.DIFFERS, text + rate, differences)
+        return _Judgement(Verdict.DIFFERS, text + rate)
     near = f'{distance:.2g} of its size from {name} ({_stability(orbit)})'
     if kind.kind is MotionKind.TRANSIENT:
         # If the multipliers are complex, the distance oscillates as it shrinks.
@@ -257,17 +251,6 @@ def _at_rest(samples: Samples) -> bool:
     return float(late.max(initial=0.0)) <= _STILL * float(speeds.max(initial=0.0))
 
 
-def _unbalanced(energy: EnergyBalance | None) -> Iterator[Finding]:
-    """Yield that the energy of a stretch does not balance, if it does not."""
-    if energy is None or abs(energy.residual) <= energy.tolerance:
-        return
-    text = (
-        f'the energy does not balance: {energy.residual:+.4g} J are left, at most '
-        f'{energy.tolerance:.4g} J by round-off; please report this recording'
-    )
-    yield Finding('energy', 'J', energy.start, energy.residual, 0.0, energy.tolerance, text)
-
-
 class _Comparison:
     """The comparison of one stretch, step by step."""
 
@@ -369,7 +352,6 @@ class _Comparison:
             if settled_at is not None:
                 steady = min(settled_at, stretch.end)
                 begin = max(steady, stretch.end - _MEASURED * cycles * self.cycle)
-        energy = self._energy(recorded)
         return StretchComparison(
             **{f.name: getattr(stretch, f.name) for f in fields(LoggedStretch)},
             samples=samples,
@@ -385,13 +367,12 @@ class _Comparison:
             predicted=orbit,
             predicted_impulse=impulses_of(orbit) if orbit is not None else (),
             solver=self.solver,
-            energy=energy,
+            energy=self._energy(recorded),
             decay=decay,
             ring_down=self.ring_down,
             response=self.response,
             verdict=judgement.verdict,
             sentence=judgement.sentence,
-            findings=(*judgement.findings, *_unbalanced(energy)),
             curves=self._curves(recorded, steady),
         )
 

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from enum import Enum
-from math import inf, nan, ulp
+from math import inf, isfinite, nan, ulp
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 #: Differences kept after each change of the rig, and remarks and faults kept.
 _MOST_KEPT = 20
+#: Quantities of messages that are only recorded, or only in the replay.
+WHOLE = IMPACT, ACT = 'impact', 'act of the gap control'
 #: Differing samples after which the difference is noted.
 _MARKS = tuple(m * 10**k for k in range(8) for m in (1, 2, 5))
 
@@ -74,6 +76,36 @@ class Difference:
     def ulps(self) -> float:
         """The same in units of the last place of the replayed value."""
         return ulps_between(self.recorded, self.replayed)
+
+    @property
+    def text(self) -> str:
+        """A sentence with both values."""
+        where = f'{self.quantity} on {self.topic} at {self.time:.9g} s'
+        if self.recorded is None and self.quantity in WHOLE:
+            return f'{where} is missing in the log ({self.replayed})'
+        if self.replayed is None:
+            return f'{where} is in the log, but did not happen ({self.recorded})'
+        unit = f' {self.unit}' if self.unit else ''
+        there, here = _shown(self.recorded), _shown(self.replayed)
+        if there == here:
+            there, here = str(self.recorded), str(self.replayed)
+        return f'{where} is {there}{unit} in the log, and {here}{unit} when the log is replayed'
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it in types of JSON; a number that is not finite is a text."""
+        plain = {name: _plain(value) for name, value in asdict(self).items()}
+        difference = self.amount if isfinite(self.amount) else None
+        return {**plain, 'difference': difference, 'text': self.text}
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return 'not given'
+    return f'{value:.9g}' if isinstance(value, float) else str(value)
+
+
+def _plain(value: Any) -> Any:
+    return repr(value) if isinstance(value, float) and not isfinite(value) else value
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from impact_damper_ros.bag.messages import message_row
 from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
 from impact_damper_ros.control.record import CONTROL_JOINTS
 
-from .findings import Findings, SampleGap, ulps_between
+from .findings import ACT, IMPACT, Findings, SampleGap, ulps_between
 from .rows import Messages, Numbers
 from .run import REPEATED
 
@@ -174,7 +174,7 @@ class Matcher:
 
     def differ_wholly(self, row: np.void, *, recorded: bool) -> None:
         """Note a message that is only recorded, or only in the replay."""
-        what = 'impact' if self._key == 'impacts' else 'act of the gap control'
+        what = IMPACT if self._key == 'impacts' else ACT
         # An impact is named by its stop, an act by its kind
         name = str(row['frame'])
         self.differ(row['stamp_ns'], what, '', *((name, None) if recorded else (None, name)))

@@ -24,7 +24,7 @@ from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.rig.rig import Rig
 
-from .findings import Findings
+from .findings import IMPACT, Findings
 from .matching import QUANTITIES, Matcher, differing_states, expected_states
 from .rows import (
     NO_EVENTS,
@@ -178,7 +178,7 @@ class Shadowing:
             differs[:] = False
         for hit in impacts_of(events) if alike else ():
             stamp_ns = replay.findings.offset_ns + round(float(hit['time']) * 1e9)
-            self._matcher.differ(stamp_ns, 'impact', '', None, f'stop_{hit["stop"]}')
+            self._matcher.differ(stamp_ns, IMPACT, '', None, f'stop_{hit["stop"]}')
         return samples, events, numbers, differs
 
     def _to_impact(self, rig: Rig, until: float) -> Events:

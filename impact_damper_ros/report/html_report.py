@@ -77,15 +77,13 @@ def shown_stretches(
     """
     Return the `most` important stretches, in the order of the run.
 
-    Those that differ from theory or whose log is wrong come first, then those with findings, then
-    the longest.
+    Those that differ from theory or whose log is wrong come first, then the longest.
     """
 
-    def rank(stretch: StretchComparison) -> tuple[int, bool, float]:
-        length = stretch.end - stretch.start
+    def rank(stretch: StretchComparison) -> tuple[int, float]:
         wrong = stretch.log is LogVerdict.DIFFERS
         urgency = 0 if wrong else _URGENCY.get(stretch.verdict, 2)
-        return urgency, not stretch.findings, -length
+        return urgency, stretch.start - stretch.end
 
     chosen = sorted(stretches, key=rank)[:most]
     return tuple(sorted(chosen, key=lambda stretch: stretch.number))
@@ -123,10 +121,9 @@ def _tiles(stretch: StretchComparison) -> Iterator[tuple[str, str, str]]:
 
 def _findings(stretch: StretchComparison) -> Iterator[str]:
     """Yield what contradicts the log."""
-    findings = [*stretch.log_findings, *stretch.findings]
-    for finding in findings[:_MOST_FINDINGS]:
-        yield f'{instant(finding.time)} s: {finding.text}'
-    if (left := len(findings) - _MOST_FINDINGS) > 0:
+    for difference in stretch.differences[:_MOST_FINDINGS]:
+        yield f'{instant(difference.time)} s: {difference.text}'
+    if (left := len(stretch.differences) - _MOST_FINDINGS) > 0:
         yield f'{left} more, see report.json'
     if stretch.missing_samples:
         yield f'missing in the log: {counted(stretch.missing_samples, "sample")}'
@@ -186,8 +183,8 @@ def _overview(comparison: RunComparison, detailed: Sequence[StretchComparison]) 
     rows = shown_stretches(stretches, MOST_LISTED)
     note = left_out = ''
     if len(detailed) < len(stretches):
-        note = f'{len(detailed)} of {len(stretches)} are shown in detail: those that differ '
-        note += 'or have findings, then the longest. '
+        note = f'{len(detailed)} of {len(stretches)} are shown in detail: those that differ, '
+        note += 'then the longest. '
     if len(rows) < len(stretches):
         left_out = f'{len(stretches) - len(rows)} are not listed here; report.json has all.'
     picture, narrow = draw_run(stretches), draw_run(stretches, wide=False)

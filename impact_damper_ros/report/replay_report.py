@@ -111,26 +111,6 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
     return '\n'.join(map(as_line, lines))
 
 
-def _finite(value: Any) -> Any:
-    """Return a value, or its name if JSON has none for it."""
-    return repr(value) if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _difference(difference: Difference) -> dict[str, Any]:
-    amount = difference.amount
-    return {
-        'time': difference.time,
-        'stamp_ns': difference.stamp_ns,
-        'topic': difference.topic,
-        'quantity': difference.quantity,
-        'unit': difference.unit,
-        'recorded': _finite(difference.recorded),
-        'replayed': _finite(difference.replayed),
-        'difference': amount if math.isfinite(amount) else None,
-        'after': difference.after,
-    }
-
-
 def findings_json(findings: Findings, recorded: RecordedRun) -> dict[str, Any]:
     """Return the findings for JSON; times in s of rig time, stamps in ns."""
     divergence, first = findings.divergence, findings.first
@@ -155,8 +135,8 @@ def findings_json(findings: Findings, recorded: RecordedRun) -> dict[str, Any]:
         },
         'difference_count': findings.difference_count,
         'difference_count_by_topic': findings.by_topic,
-        'first_difference': _difference(first) if first else None,
-        'differences': [_difference(d) for d in findings.differences],
+        'first_difference': first.as_dict() if first else None,
+        'differences': [d.as_dict() for d in findings.differences],
         'divergence': {
             'samples': divergence.samples,
             'first': divergence.first if divergence.samples else None,

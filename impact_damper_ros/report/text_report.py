@@ -50,9 +50,9 @@ def _stretch_text(stretch: StretchComparison) -> str:
         state = orbit.stability.replace('unstable', 'not stable')
         state += ', viable' if orbit.viable else f', not viable: {orbit.reason}'
         lines.append(f'  theory     {state}; {stretch.solver}')
-    findings = [*stretch.log_findings, *stretch.findings]
-    lines += [f'  finding    {finding.text}' for finding in findings[:_MOST_FINDINGS]]
-    if (left := len(findings) - _MOST_FINDINGS) > 0:
+    found = stretch.differences
+    lines += [f'  finding    {difference.text}' for difference in found[:_MOST_FINDINGS]]
+    if (left := len(found) - _MOST_FINDINGS) > 0:
         lines.append(f'             and {counted(left, "finding")} more')
     log = stretch.log.value
     lines.append(f'  log        {log.upper() if stretch.log is LogVerdict.DIFFERS else log}')

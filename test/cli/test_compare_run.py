@@ -207,8 +207,8 @@ def test_faults_are_found_where_they_are(messages, tmp_path, capsys):
     assert (code, result['exit_code'], logs(result)) == (1, 1, LOGS)
     # Neither verdict overrides the other.
     assert verdicts(result)[:2] == ['agrees', 'agrees']
-    findings = result['stretches'][0]['log_findings']
-    assert [finding['quantity'] for finding in findings] == ['stamp on /impacts']
+    findings = result['stretches'][0]['differences']
+    assert [(d['quantity'], d['topic']) for d in findings] == [('stamp', '/impacts')]
     assert findings[0]['text'].count(str(late)) == 1
     assert findings[0]['time'] == pytest.approx((stamp - samples.START) / 1e9, abs=1e-9)
     missing = [m for i, m in enumerate(messages) if i != hit]
@@ -216,8 +216,8 @@ def test_faults_are_found_where_they_are(messages, tmp_path, capsys):
     assert main([str(bag), '--json', str(tmp_path / 'missing.json')]) == 1
     result = json.loads((tmp_path / 'missing.json').read_text())
     assert (logs(result), verdicts(result)[:2]) == (LOGS, ['agrees', 'agrees'])
-    (finding,) = result['stretches'][0]['log_findings']
-    assert finding['quantity'] == 'impact on /impacts'
+    (finding,) = result['stretches'][0]['differences']
+    assert (finding['quantity'], finding['topic']) == ('impact', '/impacts')
     out = capsys.readouterr().out
     assert 'is missing in the log (stop_' in out
     assert '\n  log        DIFFERS\n  verdict    agrees: ' in out
@@ -241,7 +241,7 @@ def test_numbers_that_are_none_and_stamps_going_back(messages, tmp_path):
     code, result = run(samples.record(tmp_path / 'nan', wrong, custom=NOTES), tmp_path)
     assert (code, logs(result)) == (1, LOGS)
     assert verdicts(result)[:2] == ['agrees', 'agrees']
-    assert 'is nan m in the log' in result['stretches'][0]['log_findings'][0]['text']
+    assert 'is nan m in the log' in result['stretches'][0]['differences'][0]['text']
     assert result['log']['differences'] == 3
     back = list(messages)
     for place in states[2000:2004]:
@@ -284,10 +284,10 @@ def test_a_finding_is_in_the_stretch_of_its_instant(tmp_path):
     messages[change] = altered_number(messages[change])
     code, result = run(rig.save(tmp_path / 'bag'), tmp_path)
     assert code == 1
-    wrong = [s for s in result['stretches'] if s['log_findings']]
-    one, other = (s['log_findings'] for s in wrong)
-    assert one[0]['quantity'] == 'position of primary on /impacts'
-    assert other[0]['quantity'] == 'number on /snapshot'
+    wrong = [s for s in result['stretches'] if s['differences']]
+    one, other = (s['differences'] for s in wrong)
+    assert one[0]['text'].startswith('position of primary on /impacts at ')
+    assert (other[0]['quantity'], other[0]['topic']) == ('number', '/snapshot')
     assert wrong[1]['number'] == wrong[0]['number'] + 1
     assert result['log']['differences'] == len(one) + len(other)
 

@@ -241,7 +241,7 @@ def test_a_recorded_run_is_replayed(tmp_path, capsys, quantity):
 
 
 @pytest.mark.parametrize('quantity', ['force', 'base'])
-def test_a_recorded_run_is_measured_without_theory(tmp_path, capsys, quantity):
+def test_a_recorded_run_is_measured_without_theory(tmp_path, quantity):
     """Each stretch at its samples and events; a what-if beside it is measured alike."""
     bag, states, found = tmp_path / 'bag', tmp_path / 'states.csv', tmp_path / 'found.json'
     record = (f'--{quantity}-record', CONFIG / f'{quantity}_record.csv', '--duration', 3)

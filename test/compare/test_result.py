@@ -22,7 +22,7 @@ def test_as_json(comparison):
     assert plain['stretches'][0]['decay']['measured'] is None
     assert 'curves' not in plain['stretches'][0]
     differing = comparison.as_dict()['stretches'][1]
-    assert differing['findings'][0]['difference'] == 0.5
+    assert differing['differences'][0]['difference'] == 0.5
 
 
 def test_exit_codes(comparison):

@@ -8,12 +8,13 @@ from rigs import FRICTION
 
 from impact_damper_ros.compare.result import (
     Beginning,
-    Finding,
+    LogVerdict,
     MotionKind,
     RunComparison,
     StretchCurves,
     Verdict,
 )
+from impact_damper_ros.replay.findings import Difference
 from impact_damper_ros.theory.gap_curve import GapCurve
 
 
@@ -35,9 +36,9 @@ def example(*, gap_curve=True):
     first, curve = settled()
     curves = first.curves
     first = replace(first, curves=replace(curves, gap_curve=curve if gap_curve else None))
-    wrong = Finding(
-        'gap', 'm', 605.0, 37.5, 37.0, 1e-9, 'the impacts are 37.5 m apart in Y, not 37 m'
-    )
+    number = 605 * 10**9
+    where = '/joint_states', 'position of stop_1', 'm'
+    wrong = Difference(605.0, number, *where, 37.5, 37.0, 'the start of the bag')
     differing = replace(
         first,
         number=2,
@@ -45,7 +46,8 @@ def example(*, gap_curve=True):
         cause='damping = 0.02 N s/m (was 0.01 N s/m)',
         verdict=Verdict.DIFFERS,
         sentence='differs: the gap is 37.5 m, logged is 37 m',
-        findings=(wrong,),
+        log=LogVerdict.DIFFERS,
+        differences=(wrong,),
         start=first.end,
         end=2.0 * first.end,
     )

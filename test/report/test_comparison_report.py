@@ -188,7 +188,10 @@ def test_changes_and_findings_are_shown(run):
     root = parsed(report_page(changed(first, 2, parameters=stiffer)))
     second = section(root, 2)
     assert rows_of(second, 'Changed parameters')[1:] == [['stiffness', '1.25', 'N/m', '1']]
-    assert 'the impacts are 37.5 m apart in Y, not 37 m' in text_of(second)
+    assert (
+        'position of stop_1 on /joint_states at 605 s is 37.5 m in the log, and 37 m'
+        in text_of(second)
+    )
     assert 'damping = 0.02 N s/m (was 0.01 N s/m)' in text_of(second.find('h2'))
     (badge,) = (e for e in second.iter('span') if e.get('class') == 'badge bad')
     assert text_of(badge) == '✗ differs'
@@ -220,8 +223,8 @@ def test_hostile_text_is_only_text(run):
         faults=(HOSTILE,),
         remarks=(HOSTILE,),
     )
-    finding = dataclasses.replace(run.stretches[1].findings[0], text=HOSTILE)
-    named = changed(named, 2, findings=(finding,), control={HOSTILE: HOSTILE})
+    wrong = dataclasses.replace(run.stretches[1].differences[0], topic=HOSTILE)
+    named = changed(named, 2, differences=(wrong,), control={HOSTILE: HOSTILE})
     page = report_page(named, command=HOSTILE)
     root = parsed(page)
     assert '<script' not in page
