@@ -237,6 +237,11 @@ class RunReader:
         return found
 
     @property
+    def span(self) -> float:
+        """Time from the earliest to the latest stamp, s."""
+        return ((self.end_ns or 0) - (self.start_ns or 0)) / 1e9
+
+    @property
     def message_count(self) -> int:
         """Number of messages."""
         return sum(topic.message_count for topic in self.topics.values())

@@ -47,11 +47,8 @@ def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
     return directory
 
 
-#: Least limits to the files of a bag, bytes and s: each begins with a description of its topics.
-SMALLEST_FILE = 100_000
-SHORTEST_FILE = 1.0
-LARGEST_FILE, LONGEST_FILE = 10**15, 1e9
-_SHORTEST_NS = round(SHORTEST_FILE * 1e9)
+#: Shortest file, ns: each begins with a description of its topics.
+_SHORTEST_NS = 10**9
 #: Times per flush period that the writer thread looks at an empty queue.
 _POLLS = 10
 #: Messages that are not left waiting for the next flush.
@@ -92,8 +89,8 @@ class RunWriter:
     on_error : callable, optional
         Called from any thread once `error` is set; its exceptions are ignored.
     max_size : int, default 0
-        Bytes of a file after which `split_due` asks for the next one, though not within
-        `SHORTEST_FILE`; 0 for no limit. What is not in the file yet is taken to be compressed as
+        Bytes of a file after which `split_due` asks for the next one, though not within a second;
+        0 for no limit. What is not in the file yet is taken to be compressed as
         what is.
     max_duration : float, default 0.0
         Time from the first stamp of a file, in seconds, after which it does so; 0 for no limit.
@@ -113,9 +110,7 @@ class RunWriter:
         If the bag cannot be made: no permission, disk full, a file in the way. Later failures are
         never raised, see `error`.
     ValueError
-        If a limit is less than `SMALLEST_FILE` or `SHORTEST_FILE` and not 0, or more than
-        `LARGEST_FILE` or `LONGEST_FILE`; if two topics have the same name, or no definition of a
-        topic's type is shipped.
+        If two topics have the same name, or no definition of a topic's type is shipped.
     """
 
     def __init__(
@@ -131,14 +126,6 @@ class RunWriter:
         max_size: int = 0,
         max_duration: float = 0.0,
     ) -> None:
-        for name, limit, least, most in (
-            ('max_size', max_size, SMALLEST_FILE, LARGEST_FILE),
-            ('max_duration', max_duration, SHORTEST_FILE, LONGEST_FILE),
-        ):
-            if limit and not least <= limit <= most:
-                raise ValueError(
-                    f'{name} is {limit}: it must be 0 (no limit) or from {least} to {most:g}'
-                )
         if len({topic.name for topic in topics}) < len(topics):
             raise ValueError('two topics have the same name; each may be given once')
         channels = [topic.channel() for topic in topics]

@@ -7,14 +7,14 @@ import argparse
 import shlex
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
+from typing import TypeVar
 
 from impact_damper_ros.compare.comparison import compare_run
 from impact_damper_ros.compare.result import RunComparison
 from impact_damper_ros.outputs import check_directory, write_text
 from impact_damper_ros.parameters.quoting import printable
-from impact_damper_ros.replay.run import RecordedRun
+from impact_damper_ros.replay.run import runs_of
 from impact_damper_ros.report.text_report import comparison_markdown, comparison_text
 
 from .command_line import (
@@ -34,6 +34,8 @@ from .command_line import (
     write_json,
 )
 from .rig_options import add_recorded_law_option
+
+_Result = TypeVar('_Result')
 
 _DESCRIPTION = """\
 Compare a recorded run with the periodic theory. The run is divided where its parameters change and
@@ -64,12 +66,6 @@ def _parser() -> argparse.ArgumentParser:
     page = 'write an HTML report with plots, and the result as JSON beside it'
     add_path_option(parser, '--report', page, 'DIR')
     parser.add_argument(
-        '--gap-curves',
-        action='store_true',
-        help='with --report: follow each predicted motion in the gap, about a second each '
-        '(default: the first three)',
-    )
-    parser.add_argument(
         '--score',
         action='store_true',
         help='score the control of one or several recordings, each beside the same run with the '
@@ -81,36 +77,18 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _runs(arguments: argparse.Namespace, bag: Path, purpose: str) -> list[RecordedRun]:
-    """Return the runs of a bag that are asked for."""
-    first = RecordedRun(
-        bag, arguments.node, arguments.run or 1, purpose=purpose, law=arguments.law
-    )
-    if arguments.run is not None:
-        return [first]
-    more = range(2, first.run_count + 1)
-    return [
-        first,
-        *(RecordedRun(bag, arguments.node, n, purpose=purpose, law=arguments.law) for n in more),
-    ]
-
-
-def _compared(arguments: argparse.Namespace, recorded: RecordedRun) -> RunComparison:
-    """Compare a run, with a progress bar."""
-    with ExitStack() as stack:
-
-        def progress(what: str, span: float) -> Callable[[float], None]:
-            bar = stack.enter_context(progress_bar(what, span, 's', quiet=arguments.quiet))
-            start: float | None = None
-
-            def reached(time: float) -> None:
-                nonlocal start
-                start = time if start is None else start
-                bar.update(min(span, time - start) - bar.n)
-
-            return reached
-
-        return compare_run(recorded, progress)
+def _each(
+    arguments: argparse.Namespace, purpose: str, work: Callable[..., _Result]
+) -> list[_Result]:
+    """Do something with each run that was asked for, with a progress bar."""
+    how = {'purpose': purpose, 'law': arguments.law}
+    bags = (runs_of(bag, arguments.node, arguments.run, **how) for bag in arguments.bag)
+    runs, quiet = [run for bag in bags for run in bag], arguments.quiet
+    with share_done('compare_run', f'{purpose}d', len(runs), quiet=quiet) as reached:
+        return [
+            work(recorded, progress=lambda share, before=number: reached(before + share))
+            for number, recorded in enumerate(runs)
+        ]
 
 
 def _write_report(arguments: argparse.Namespace, comparison: RunComparison, command: str) -> Path:
@@ -126,25 +104,16 @@ def _write_report(arguments: argparse.Namespace, comparison: RunComparison, comm
             comparison,
             directory,
             command=command,
-            gap_curves=arguments.gap_curves,
             done=bar.update,
         )
 
 
 def _scored(arguments: argparse.Namespace) -> int:
     """Score recordings, and write what was asked for."""
-    from impact_damper_ros.compare.score import RunScore, score_run
+    from impact_damper_ros.compare.score import score_run
     from impact_damper_ros.report.score_report import score_figure, score_table, score_text
 
-    runs: list[RunScore] = []
-    bags = [run for bag in arguments.bag for run in _runs(arguments, bag, 'score')]
-    with share_done('compare_run', 'scored', len(bags), quiet=arguments.quiet) as reached:
-        for recorded in bags:
-
-            def progress(share: float) -> None:
-                reached(len(runs) + share)
-
-            runs.append(score_run(recorded, progress=progress))
+    runs = _each(arguments, 'score', score_run)
     write_json(arguments.json, {'runs': [run.as_dict() for run in runs]})
     if arguments.markdown is not None:
         write_text(arguments.markdown, score_table(runs).markdown() + '\n')
@@ -178,8 +147,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             check_directory(arguments.report)
         if arguments.score:
             return _scored(arguments)
-        runs = _runs(arguments, arguments.bag[0], 'compare')
-        found = [_compared(arguments, run) for run in runs]
+        found = _each(arguments, 'compare', compare_run)
         results = [comparison.as_dict() for comparison in found]
         write_json(arguments.json, results[0] if len(found) == 1 else {'runs': results})
         if arguments.markdown is not None:

@@ -18,6 +18,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     InitialConditions,
 )
 from impact_damper_ros.replay import RecordedRun, Replay, Setting
+from impact_damper_ros.replay.run import runs_of
 from impact_damper_ros.replay.what_if import WhatIf
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.report.drawing import save_figure
@@ -134,8 +135,7 @@ def _what_if(
 
 def _replayed(arguments: argparse.Namespace, recorded: RecordedRun) -> tuple[int, Any, str]:
     """Replay a run and write its tables; return the exit code, the result and a text."""
-    replay, reader = Replay(recorded), recorded.reader
-    span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
+    replay, span = Replay(recorded), recorded.reader.span
     with ExitStack() as stack:
         what_if, runs = _what_if(arguments, replay, stack)
         states = open_table(arguments.states, Sample._fields, stack)
@@ -176,19 +176,14 @@ def _replayed(arguments: argparse.Namespace, recorded: RecordedRun) -> tuple[int
 
 def _runs(arguments: argparse.Namespace) -> list[RecordedRun]:
     """Return the runs that are to be replayed."""
-
-    def run(number: int) -> RecordedRun:
-        return RecordedRun(arguments.bag, arguments.node, number, law=arguments.law)
-
-    first = run(arguments.run or 1)
-    if arguments.run is not None or first.run_count == 1:
-        return [first]
-    if arguments.set or arguments.states is not None or arguments.impacts is not None:
+    runs = runs_of(arguments.bag, arguments.node, arguments.run, law=arguments.law)
+    one = arguments.set or arguments.states is not None or arguments.impacts is not None
+    if one and len(runs) > 1:
         raise CommandError(
-            f'{arguments.bag} holds {first.run_count} runs of {first.topics.name}, which was '
-            f'restarted: choose one with --run 1 to --run {first.run_count}'
+            f'{arguments.bag} holds {len(runs)} runs of {runs[0].topics.name}, which was '
+            f'restarted: choose one with --run 1 to --run {len(runs)}'
         )
-    return [first, *(run(number) for number in range(2, first.run_count + 1))]
+    return runs
 
 
 def _check_recording(recording: Path | None, bag: Path) -> None:

@@ -19,8 +19,6 @@ from .result import LogCheck, LogVerdict, RunComparison, StretchComparison
 from .stretches import Stretches
 from .verdict import compare_stretch
 
-Progress = Callable[[float], object]
-
 
 def _log_check(replay: Replay) -> LogCheck:
     """Return how the log of a replayed run was checked."""
@@ -70,17 +68,13 @@ def _with_log(
         yield dataclasses.replace(stretch, log=log, differences=mine)
 
 
-def _unseen(_what: str, _span: float) -> Progress:
-    return float
-
-
 def compare_bag(
     path: Path,
     node: str | None = None,
     number: int = 1,
     *,
     law: OwnLaw | None = None,
-    progress: Callable[[str, float], Progress] = _unseen,
+    progress: Callable[[float], object] = float,
 ) -> RunComparison:
     """
     Compare a recorded run with theory.
@@ -96,8 +90,7 @@ def compare_bag(
     law : OwnLaw, optional
         The law that moved the stops, for a rig with one of the user's own.
     progress : callable, optional
-        Called at the begin with ``'compared'`` and the length of the run in s; what it returns is
-        called now and then with the rig time reached, s.
+        Called now and then with the share of the work that is done.
 
     Returns
     -------
@@ -109,23 +102,24 @@ def compare_bag(
     RecordingError
         If the bag cannot be read, or holds no rig.
     """
-    return compare_run(RecordedRun(path, node, number, purpose='compare', law=law), progress)
+    return compare_run(
+        RecordedRun(path, node, number, purpose='compare', law=law), progress=progress
+    )
 
 
 def compare_run(
-    recorded: RecordedRun, progress: Callable[[str, float], Progress] = _unseen
+    recorded: RecordedRun, *, progress: Callable[[float], object] = float
 ) -> RunComparison:
     """Compare a recorded run with theory; for the parameters see `compare_bag`."""
     reader = recorded.reader
-    span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
-    reached = progress('compared', span)
+    start = recorded.start.time
     compared: list[StretchComparison] = []
     # A wrong number may be as large as numbers are.
     with np.errstate(over='ignore', invalid='ignore'):
         replay = Replay(recorded)
         stretches = Stretches(replay.start.state, replay.period)
         for stretch in stretches.of(replay):
-            reached(stretch.end)
+            progress(min(1.0, (stretch.end - start) / (reader.span or 1.0)))
             compared.append(compare_stretch(stretch))
     findings = replay.findings
     remarks = [*_on_interruptions(findings), *findings.remarks]

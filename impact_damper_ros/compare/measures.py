@@ -46,10 +46,10 @@ def measured_motion(
     if len(flights):
         start, end = float(times[0]), float(times[-1])
     found, largest = flights.measured()
-    covered, squares = found.covered, found.squares
+    x_rms = found.x_rms
     if flights.drive is None:
         inside = (stretch.samples['time'] >= start) & (stretch.samples['time'] <= end)
-        covered, squares = inside.sum(), np.sum(stretch.samples['x'][inside] ** 2)
+        x_rms = math.sqrt(np.sum(stretch.samples['x'][inside] ** 2) / max(inside.sum(), 1))
     steady = stretch.drive is not None
     cycles = (end - start) * rig.first_harmonic[1] / math.tau * steady
     if math.isnan(per_cycle) and cycles > 0.0:
@@ -58,7 +58,7 @@ def measured_motion(
         start=start,
         end=end,
         x_max=largest,
-        x_rms=math.sqrt(squares / covered) if covered else math.nan,
+        x_rms=x_rms,
         x_max_ratio=rig.x_max_ratio(largest) if steady else math.nan,
         impacts=len(hits),
         impacts_per_cycle=per_cycle,

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.orbits.transmissibility import dynamic_stiffness
 from impact_damper_ros.rig.observed_run import Observer
 from impact_damper_ros.rig.rig import Rig
 
@@ -98,15 +98,6 @@ def common_period(frequencies: Sequence[float]) -> float:
     return 1.0 / width
 
 
-def without_damper(rig: RigParameters, frequencies: Array) -> tuple[Array, Array]:
-    """Return |X|/|b| and |X - b|/|b| of M alone at circular frequencies, rad/s."""
-    spring = rig.stiffness + 1j * rig.damping * frequencies
-    inertia = rig.primary_mass * frequencies**2
-    with np.errstate(divide='ignore'):
-        gain = 1.0 / np.abs(spring - inertia)
-    return np.abs(spring) * gain, inertia * gain
-
-
 class ResponseSamples(Observer):
     """
     Samples of a run on a random base, over whole periods at its end.
@@ -175,13 +166,16 @@ class ResponseSamples(Observer):
         frequencies = self._lines / self.period
         circular = math.tau * frequencies
         rig, moved = self._rig.parameters, np.std(base)
+        with np.errstate(divide='ignore'):
+            alone = 1.0 / np.abs(dynamic_stiffness(rig, circular))
         return RandomResponse(
             frequencies,
             shaken * circular**4,
             own * circular**4,
             np.sqrt(own / shaken),
             np.sqrt(apart / shaken),
-            *without_damper(rig, circular),
+            alone * np.abs(dynamic_stiffness(rig, circular, 0.0)),
+            alone * rig.primary_mass * circular**2,
             (float(np.std(x) / moved), float(np.std(x - base) / moved)),
             self.period,
             self.periods,

@@ -12,13 +12,11 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 from impact_damper_ros.replay import RecordedRun, Replay, WhatIf
@@ -208,27 +206,14 @@ def _best_gap(
     return min(gaps, key=lambda gap: gaps[gap])
 
 
-def score_bag(
-    path: Path,
-    node: str | None = None,
-    number: int = 1,
-    *,
-    law: OwnLaw | None = None,
-    progress: Callable[[float], object] = float,
-) -> RunScore:
+def score_run(recorded: RecordedRun, *, progress: Callable[[float], object] = float) -> RunScore:
     """
     Score a recorded run, beside the same run with the best fixed gap and with M alone.
 
-    Of a bag with several runs of the node, it is the one with a number from 1 on. `progress` is
-    called now and then with the share of the work that is done.
+    `progress` is called now and then with the share of the work that is done.
     """
-    return score_run(RecordedRun(path, node, number, purpose='score', law=law), progress=progress)
-
-
-def score_run(recorded: RecordedRun, *, progress: Callable[[float], object] = float) -> RunScore:
-    """Score a recorded run; for the parameters see `score_bag`."""
     reader = recorded.reader
-    span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9 or 1.0
+    span = reader.span or 1.0
     replay = Replay(recorded)
     found = Stretches(replay.start.state, replay.period)
     history = _History(replay.start)

@@ -220,7 +220,7 @@ class StretchBuilder:
         states = samples[-1:][samples['time'][-1:] > since]
         if self._drive is None:
             states = samples[samples['time'] > self._row['time'][0]]
-        rows = np.concatenate([events, rows_of_samples(states, STATE)])
+        rows = np.concatenate([events, rows_of_samples(states)])
         self._follow(rows[np.argsort(rows['time'], kind='stable')])
         self._samples.append(samples)
         _forget(self._samples, _MOST_SAMPLES)
@@ -299,16 +299,16 @@ class StretchBuilder:
 
     def _overall(self, duration: float, at_end: Mapping[str, Any] | None) -> Overall:
         totals = self._totals
-        squares, covered = totals.squares, totals.covered
-        if self._drive is None:
-            squares, covered = self._squares, float(self._count)
+        x_rms = totals.x_rms
+        if self._drive is None and self._count:
+            x_rms = math.sqrt(self._squares / self._count)
         spent = math.nan
         if at_end:
             spent = _spent(at_end) - _spent(self._rig.state)
         return Overall(
             duration=duration,
             x_max=self._largest,
-            x_rms=math.sqrt(squares / covered) if covered else math.nan,
+            x_rms=x_rms,
             impacts=sum(self._hits),
             impacts_on_stop_1=self._hits[0],
             impacts_on_stop_2=self._hits[1],
@@ -340,7 +340,7 @@ def _spent(state: Mapping[str, Any]) -> float:
 def _state_row(state: Mapping[str, Any]) -> Events:
     """Return the state of a snapshot as a row."""
     rig = Rig.resume(Snapshot.from_dict(dict(state)))
-    row = rows_of_samples(samples_as_rows([rig.sample()]), STATE)
+    row = rows_of_samples(samples_as_rows([rig.sample()]))
     row['mode'], row['stop'] = rig.mode, rig.state().run.last_stop
     return row
 

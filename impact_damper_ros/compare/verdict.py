@@ -17,6 +17,7 @@ from impact_damper_ros.orbits.ring_down import is_free, recorded_ring_down
 from impact_damper_ros.orbits.search import find_orbits
 from impact_damper_ros.orbits.solved_orbits import counted_from_zero
 from impact_damper_ros.orbits.swept_response import SweptResponse, swept_response
+from impact_damper_ros.orbits.transmissibility import dynamic_stiffness
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.replay.rows import Samples
 
@@ -136,7 +137,7 @@ def _vibration(stretch: RecordedStretch, *, joined: bool) -> float | None:
     rig = stretch.parameters
     mass = rig.primary_mass + (rig.damper_mass if joined else 0.0)
     frequencies, amplitudes = np.array(rig.harmonics[1]), np.array(rig.harmonics[0])
-    stiffness = np.abs(rig.stiffness - mass * frequencies**2 + 1j * rig.damping * frequencies)
+    stiffness = np.abs(dynamic_stiffness(rig, frequencies, mass))
     active = amplitudes != 0.0
     if (stiffness[active] == 0.0).any():
         return None
@@ -155,8 +156,7 @@ def _free_vibration(stretch: RecordedStretch, *, joined: bool) -> float:
     for number, amplitude in enumerate(rig.harmonics[0]):
         if amplitude:
             force, rate = flights.line(number, last)
-            dynamic = rig.stiffness - mass * rate**2 + 1j * rig.damping * rate
-            moved = force * np.exp(1j * rate * tau) / dynamic
+            moved = force * np.exp(1j * rate * tau) / dynamic_stiffness(rig, rate, mass)
             steady, speed = steady + moved.imag, speed + rate * moved.real
     end = flights.rows[-1:]
     x, velocity = end['x'] - steady, end['primary_velocity_after'] - speed

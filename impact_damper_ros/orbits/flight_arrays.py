@@ -33,8 +33,8 @@ from .transmissibility import Moments, Transmissibility
 
 Mask = NDArray[np.bool_]
 
-#: Kinds of rows beside those of events: the state at some instant, and a recorded sample.
-STATE, SAMPLE = 0, -1
+#: Kind of rows beside those of events: the state at some instant.
+STATE = 0
 # Gauss points on [0, 1], and the longest piece, as an angle of the fastest oscillation: the error
 # of the integral of a square is round-off
 _NODES, _GAUSS = np.polynomial.legendre.leggauss(12)
@@ -46,10 +46,10 @@ _MOST_PIECES = 2**16
 _NEARLY, _STEPS = 0.98, 5
 
 
-def rows_of_samples(samples: NDArray[np.void], kind: int = SAMPLE) -> Events:
+def rows_of_samples(samples: NDArray[np.void]) -> Events:
     """Return samples as rows."""
     rows = np.zeros(len(samples), EVENT_TYPE)
-    rows['time'], rows['x'], rows['kind'] = samples['time'], samples['x'], kind
+    rows['time'], rows['x'], rows['kind'] = samples['time'], samples['x'], STATE
     rows['y'] = samples['z'] - samples['x']
     for side in ('before', 'after'):
         rows[f'primary_velocity_{side}'] = samples['primary_velocity']
@@ -59,7 +59,7 @@ def rows_of_samples(samples: NDArray[np.void], kind: int = SAMPLE) -> Events:
 
 def row_of_rig(rig: Rig) -> Events:
     """Return the present state of a rig as a row, with its mode and the stop hit last."""
-    row = rows_of_samples(np.array([rig.sample()], SAMPLE_TYPE), STATE)
+    row = rows_of_samples(np.array([rig.sample()], SAMPLE_TYPE))
     row['mode'], row['stop'] = rig.mode, rig.state().run.last_stop
     return row
 
@@ -75,18 +75,15 @@ def _together(rows: Events) -> Mask:
     """
     Return whether M and m move as one after each row.
 
-    The last bounces of a chatter, which are not resolved, count as rest. The modes after recorded
-    impacts are not known; those after replayed events are negative where they are not.
+    The last bounces of a chatter, which are not resolved, count as rest. The modes after events
+    are negative where they are not known.
     """
     kind, mode = rows['kind'], rows['mode']
-    known = (kind > 0) & (mode >= 0) & ~(kind == SAMPLE).any()
-    still = rows['primary_velocity_after'] == rows['damper_velocity_after']
-    joined = np.isin(kind, (EventKind.REST, EventKind.STICK)) | ((kind == SAMPLE) & still)
+    known = (kind > 0) & (mode >= 0)
+    joined = np.isin(kind, (EventKind.REST, EventKind.STICK))
     joined = (joined & ~known) | (mode >= STICK)
     decided = (
-        joined
-        | known
-        | np.isin(kind, (SAMPLE, EventKind.IMPACT, EventKind.RELEASE, EventKind.REVERSAL))
+        joined | known | np.isin(kind, (EventKind.IMPACT, EventKind.RELEASE, EventKind.REVERSAL))
     )
     decided[0] = True
     together = _last_known(decided, joined.astype(np.int64)) == 1
@@ -141,6 +138,11 @@ class Integrals(NamedTuple):
     base_product: float = 0.0
     acceleration: float = 0.0
     base_acceleration: float = 0.0
+
+    @property
+    def x_rms(self) -> float:
+        """Root mean square of X, m; NaN if it is not known between the rows."""
+        return math.sqrt(self.squares / self.covered) if self.covered else math.nan
 
     @property
     def transmissibility(self) -> Transmissibility:
@@ -400,15 +402,15 @@ class Flights:
         columns = (inside.together, inside.stop, inside.first, angle, inside.active)
         return Flights(self.rig, rows, self.drive, *columns)
 
-    def _pieces(self, most: float) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
+    def _pieces(self) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
         """
-        Cut flights of up to `most` s into pieces.
+        Cut flights into pieces.
 
         Yields, for some of them at a time, which flight, from when, and how long, s.
         """
         rates = [self.rig.omega, *self.rig.harmonics[1]]
         fastest = max(rates + ([self.rig.sweep_high] if self.rig.sweep_mode != 'off' else []))
-        used = np.flatnonzero((self.spans > 0.0) & (self.spans <= most))
+        used = np.flatnonzero(self.spans > 0.0)
         count = np.ceil(self.spans[used] * (fastest / _PIECE)).astype(np.int64)
         ends = np.cumsum(count)
         for first in range(0, int(ends[-1]) if len(ends) else 0, _MOST_PIECES):
@@ -417,15 +419,9 @@ class Flights:
             step = self.spans[used[place]] / count[place]
             yield used[place], (number - ends[place] + count[place]) * step, step
 
-    def measured(self, most: float = math.inf) -> tuple[Integrals, float]:
+    def measured(self) -> tuple[Integrals, float]:
         """
         Return integrals, and the largest |X|.
-
-        Parameters
-        ----------
-        most : float, optional
-            Longest flight that counts, s. Longer ones are intervals without samples, and are left
-            out of the integrals.
 
         Returns
         -------
@@ -441,7 +437,7 @@ class Flights:
         shaken, based = rig.base_motion.moves, np.zeros(5)
         if self.drive is not None:
             force = active = dashpot = 0.0
-        for index, begin, step in self._pieces(most) if self.drive is not None else ():
+        for index, begin, step in self._pieces() if self.drive is not None else ():
             covered += float(step.sum())
             points = begin[:, None] + step[:, None] * _PLACES
             flat = np.repeat(index, len(_PLACES))

@@ -15,7 +15,7 @@ from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Events, Outcome, Rig
 
-from .flight_arrays import STATE, Drive, Flights, row_of_rig, rows_of_samples
+from .flight_arrays import Drive, Flights, row_of_rig, rows_of_samples
 from .irregularity import Indications, average_spread, quiet_phase
 from .lyapunov import (
     Deviations,
@@ -314,7 +314,7 @@ class _SettlingRig:
         if result.outcome is not Outcome.COMPLETE:
             self.reason = result.reason
             return False
-        self.last = rows_of_samples(result.samples[-1:], STATE)
+        self.last = rows_of_samples(result.samples[-1:])
         states = relative_states(result.samples)
         section, quiet = states[1::2], states[::2]
         size = float(np.abs(section[:, 0]).max() + np.ptp(section[:, 2]))

@@ -23,6 +23,7 @@ from impact_damper_ros.rig.stepped_sine import rig_at
 
 from .flight_arrays import Drive, Flights, row_of_rig
 from .response import Array
+from .transmissibility import dynamic_stiffness
 
 #: Points in a cycle at which the motion is looked at; a largest value is short by 3e-4 at most.
 _POINTS = 128
@@ -102,9 +103,9 @@ def swept_response(flights: Flights) -> SweptResponse:
 
 def _alone(rig: RigParameters, force: Array, frequency: Array) -> tuple[Array, Array, Array]:
     """Return the level, and the amplitudes of X and X - b of M alone."""
-    pull = rig.stiffness + 1j * rig.damping * frequency
+    pull = dynamic_stiffness(rig, frequency, 0.0)
     with np.errstate(divide='ignore'):
-        alone = np.abs(force) / np.abs(pull - rig.primary_mass * frequency**2)
+        alone = np.abs(force) / np.abs(dynamic_stiffness(rig, frequency))
     moved = np.zeros_like(frequency)
     level = np.abs(force)
     if rig.swept == 'base':

@@ -15,6 +15,12 @@ from numpy.typing import NDArray
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 
+def dynamic_stiffness(rig: RigParameters, rates: Any, mass: float | None = None) -> Any:
+    """Return that of spring, dashpot and a mass, M by default, at circular frequencies, N/m."""
+    inertia = (rig.primary_mass if mass is None else mass) * rates**2
+    return rig.stiffness - inertia + 1j * rig.damping * rates
+
+
 class Moments(NamedTuple):
     """
     Weighted sums over a motion and that of its base; those of consecutive parts add up.
@@ -96,7 +102,7 @@ class Transmissibility(NamedTuple):
         # What does not vibrate is no motion about the mean
         rates = np.array(sorted(rate for rate in {*pulls, *shakes} if rate))
         pull, shake = (np.array([lines[rate] for rate in rates]) for lines in (pulls, shakes))
-        dynamic = rig.stiffness - rig.primary_mass * rates**2 + 1j * rig.damping * rates
+        dynamic = dynamic_stiffness(rig, rates)
         if (pull[dynamic == 0.0] != 0.0).any():
             return cls(*[math.inf] * 3)
         moves = pull / np.where(dynamic == 0.0, 1.0, dynamic)

@@ -788,7 +788,7 @@ class NodeSettings(ParameterTable):
         'Directory in which every recording makes its own; ~ is the home directory.',
         effect='next recording',
     )
-    # The least of both are those of `RunWriter`.
+    # Each file begins with a description of its topics.
     max_bag_size: int = number(
         0,
         0,

@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -282,6 +282,15 @@ class RecordedRun:
         except RecordingError as error:
             self.damage = error
         yield batch, place, True
+
+
+def runs_of(
+    path: Path | str, node: str | None, number: int | None, **options: Any
+) -> list[RecordedRun]:
+    """Return a run of a recording, or without a number all of them; see `RecordedRun`."""
+    first = RecordedRun(path, node, number or 1, **options)
+    more = range(2, first.run_count + 1) if number is None else ()
+    return [first, *(RecordedRun(path, node, n, **options) for n in more)]
 
 
 class _Tables:

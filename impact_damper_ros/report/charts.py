@@ -24,9 +24,8 @@ from impact_damper_ros.compare.result import (
     PredictedCurve,
     StretchComparison,
 )
-from impact_damper_ros.replay.rows import Events
 
-from .drawing import COLORS, IMPACTS, MOTION_LINES, draw_stop, unit_axis
+from .drawing import COLORS, IMPACTS, MOTION_LINES, draw_impacts, draw_stop, unit_axis
 from .formatting import number, quantity
 from .ring_down_figure import draw_decay, draw_loss
 from .swept_response_figure import draw_response
@@ -295,17 +294,6 @@ def _end_of(motion: MotionCurve) -> MotionCurve:
     return MotionCurve(*(getattr(motion, f.name)[late] for f in fields(motion)))
 
 
-def _draw_impacts(axes: Any, impacts: Events, start: float, end: float) -> None:
-    """Draw the recorded impacts where m hits, with mark and colour of each stop."""
-    inside = (impacts['time'] >= start) & (impacts['time'] <= end)
-    for stop, look in IMPACTS.items():
-        hits = impacts[inside & (impacts['stop'] == stop)]
-        if len(hits):
-            style = {'linestyle': 'none', 'markersize': 7, 'markeredgewidth': 0, 'zorder': 4}
-            label = f'impact on stop {stop}'
-            axes.plot(hits['time'], hits['x'] + hits['y'], **style, **look, label=label)
-
-
 def _motion_of(stretch: StretchComparison) -> MotionCurve | None:
     motion = stretch.curves.motion
     return motion if motion is not None and np.ptp(motion.time) > 0.0 else None
@@ -334,7 +322,7 @@ def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | 
             label = ''
     start, end = float(motion.time[0]), float(motion.time[-1])
     if stretch.curves.impacts is not None:
-        _draw_impacts(axes, stretch.curves.impacts, start, end)
+        draw_impacts(axes, stretch.curves.impacts, start, end)
     caption = 'The end of the stretch as recorded.'
     if theory is not None:
         time, x, y = predicted_motion(theory, start, end)

@@ -54,7 +54,7 @@ def motion_of(stretch: StretchComparison) -> str:
     count, cycles = stretch.impacts_per_period, stretch.cycles
     if not count or not cycles:
         return stretch.kind.value
-    return f'{stretch.kind.value}: {counted(count, "impact")} in {counted(cycles, "cycle")}'
+    return f'{stretch.kind.value}, {counted(count, "impact")} in {counted(cycles, "cycle")}'
 
 
 def overview_table(

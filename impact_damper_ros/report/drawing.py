@@ -199,6 +199,17 @@ def draw_stop(axes: Any, time: ArrayLike, place: ArrayLike, depth: float, label:
     axes.plot(time, place, color=color, linewidth=1.0)
 
 
+def draw_impacts(axes: Any, impacts: Any, start: float, end: float) -> None:
+    """Draw impacts from `start` to `end` where m hits, with mark and colour of each stop."""
+    inside = (impacts['time'] >= start) & (impacts['time'] <= end)
+    for stop, look in IMPACTS.items():
+        hits = impacts[inside & (impacts['stop'] == stop)]
+        if len(hits):
+            style = {'linestyle': 'none', 'markersize': 7, 'markeredgewidth': 0, 'zorder': 4}
+            label = f'impact on stop {stop}'
+            axes.plot(hits['time'], hits['x'] + hits['y'], **style, **look, label=label)
+
+
 def unit_axis(axis: Any, label: str, name: str, *values: ArrayLike) -> Unit:
     """Label an axis in the handy unit of some values, which are drawn in SI units; return it."""
     unit = unit_for(name, *values)

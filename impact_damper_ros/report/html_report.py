@@ -42,8 +42,6 @@ from .html_page import Shown, on_page, rendered, write_page
 #: Stretches that are shown in detail, and those that are listed: more would make the page useless.
 MOST_DETAILED, MOST_LISTED = 12, 300
 _MOST_FINDINGS = 20
-#: Motions that are followed in the gap, half a second each, if not all of them are.
-_FEW_GAP_CURVES = 3
 
 #: Why a chart may be missing.
 _NEEDED = {
@@ -230,14 +228,8 @@ def _head(comparison: RunComparison, command: str) -> dict[str, Any]:
     }
 
 
-def with_gap_curves(
-    comparison: RunComparison, most: int, done: Callable[[], object] = bool
-) -> RunComparison:
-    """
-    Follow predicted motions in the gap, of stretches that are shown in detail.
-
-    At most so many are followed; a motion that is on a curve known already is none of them.
-    """
+def with_gap_curves(comparison: RunComparison, done: Callable[[], object] = bool) -> RunComparison:
+    """Follow the predicted motions of stretches that are shown in detail in the gap."""
     curves: dict[RigParameters, GapCurve] = {}
     found = {s.number: s for s in comparison.stretches}
     detailed = shown_stretches(comparison.stretches, MOST_DETAILED)
@@ -247,11 +239,9 @@ def with_gap_curves(
             curve = curves.setdefault(
                 orbit.parameters.replace(gap=1.0), GapCurve(orbit.parameters)
             )
-            left = most - sum(len(one.starts) for one in curves.values())
-            if left > 0 or curve.holds(orbit):
-                curve.follow(orbit)
-                drawn = replace(stretch.curves, gap_curve=curve.message(done=True))
-                found[stretch.number] = replace(stretch, curves=drawn)
+            curve.follow(orbit)
+            drawn = replace(stretch.curves, gap_curve=curve.message(done=True))
+            found[stretch.number] = replace(stretch, curves=drawn)
         done()
     return replace(comparison, stretches=tuple(found.values()))
 
@@ -282,7 +272,6 @@ def write_report(
     directory: Path,
     *,
     command: str = '',
-    gap_curves: bool = False,
     done: Callable[[], object] = bool,
 ) -> Path:
     """
@@ -296,8 +285,6 @@ def write_report(
         Where; made if it is not there.
     command : str, optional
         The command line that was given, to be shown on the page.
-    gap_curves : bool, optional
-        Whether to follow each predicted motion in the gap, and not just the first three.
     done : callable, optional
         Called after each step: two for each of the stretches that are shown in detail.
 
@@ -312,8 +299,7 @@ def write_report(
         If a file cannot be written; its `filename` is the file.
     """
     directory = Path(directory)
-    most = MOST_DETAILED if gap_curves else _FEW_GAP_CURVES
-    comparison = with_gap_curves(comparison, most, done)
+    comparison = with_gap_curves(comparison, done)
     page = report_page(comparison, command=command, done=done)
     numbers = json.dumps(comparison.as_dict(), indent=1, allow_nan=False) + '\n'
     return write_page(directory, page, numbers)

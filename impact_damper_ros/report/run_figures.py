@@ -13,8 +13,8 @@ from impact_damper_ros.replay.rows import Events, Samples
 
 from .drawing import (
     COLORS,
-    IMPACTS,
     blank_figure,
+    draw_impacts,
     draw_stop,
     finish_panel,
     legend_below,
@@ -63,18 +63,15 @@ def _draw_closeup(
     axes: Any, motion: RunRows, start: float, end: float, looks: Sequence[dict[str, Any]]
 ) -> None:
     """Draw both masses, each in its look, stops and impacts from `start` to before `end`."""
-    samples, hits = (rows[(rows['time'] >= start) & (rows['time'] < end)] for rows in motion)
+    samples = motion.samples
+    samples = samples[(samples['time'] >= start) & (samples['time'] < end)]
     time, stop_1, stop_2 = (samples[name] for name in ('time', 'stop_1', 'stop_2'))
     for name, look in zip('xz', looks, strict=True):
         axes.plot(time, samples[name], **look)
     depth = _DEPTH * float(np.nan_to_num(stop_1 - stop_2).max(initial=0.0))
     draw_stop(axes, time, stop_1, depth, 'stops')
     draw_stop(axes, time, stop_2, -depth)
-    for stop, look in IMPACTS.items():
-        at = hits[hits['stop'] == stop]
-        style = {'linestyle': 'none', 'markersize': 6.5, 'zorder': 5, **look}
-        label = f'impact on stop {stop}'
-        axes.plot(at['time'], at['x'] + at['y'], **style, label=label)
+    draw_impacts(axes, motion.impacts, start, end)
     if end > start:
         axes.set_xlim(start, end)
 

@@ -13,6 +13,7 @@ from .comparison_tables import (
     comparison_table,
     energy_table,
     impact_table,
+    motion_of,
     overall_table,
     response_table,
     ring_down_table,
@@ -28,14 +29,10 @@ def _stretch_text(stretch: StretchComparison) -> str:
         f'stretch {stretch.number}    {stretch.start:.9g} s to {stretch.end:.9g} s; begins with: '
         f'{stretch.cause}',
     ]
-    kind = stretch.kind.value
-    if stretch.cycles and stretch.stops:
+    kind = motion_of(stretch)
+    if stretch.stops:
         more = ',...' if len(stretch.stops) > _MOST_STOPS else ''
-        stops = ','.join(map(str, stretch.stops[:_MOST_STOPS])) + more
-        kind += (
-            f', {counted(stretch.impacts_per_period, "impact")} in '
-            f'{counted(stretch.cycles, "cycle")}, stops {stops}'
-        )
+        kind += f', stops {",".join(map(str, stretch.stops[:_MOST_STOPS]))}{more}'
     if stretch.settled_at is not None:
         kind += f', settled at {stretch.settled_at:.6g} s'
     lines += [f'  motion     {kind}', f'             {stretch.evidence}']

@@ -178,7 +178,7 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
         'stops': _sequence(result.events) if period else None,
         'x_max': largest,
         'x_max_ratio': _known(ratio),
-        'x_rms': math.sqrt(integrals.squares / integrals.covered),
+        'x_rms': integrals.x_rms,
         'x_mean': integrals.total / integrals.covered,
         **{name: _known(value) for name, value in shaken.items()},
         'impacts_per_cycle': len(impacts) / cycles,

@@ -125,10 +125,6 @@ class GapCurve:
         """The motions from which branches have been followed so far."""
         return [branch.start for branch in self._branches]
 
-    def holds(self, orbit: PeriodicOrbit) -> bool:
-        """Return whether a motion is on one of the branches."""
-        return any(branch.holds(orbit) for branch in self._branches)
-
     def follow(self, start: PeriodicOrbit, points: int = MOST_POINTS) -> bool:
         """Follow a motion, unless its branch is known as closely; return whether it was."""
         place = 0

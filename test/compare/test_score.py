@@ -11,13 +11,18 @@ from rigs import BENCH, OFF_RESONANCE
 
 from impact_damper_ros import GapControlParameters, InitialConditions, Order, Rig
 from impact_damper_ros.cli.compare_run import main
-from impact_damper_ros.compare.score import score_bag
+from impact_damper_ros.compare.score import score_run
+from impact_damper_ros.replay import RecordedRun
 from impact_damper_ros.report.score_report import score_table
 
 TIMED = GapControlParameters(
     gap_control='timed', gap_min=0.002, gap_max=0.05, actuator_speed=2.0, actuator_delay=0.002
 )
 LOUDER = {'force_amplitudes': (1.8,)}
+
+
+def scored(bag):
+    return score_run(RecordedRun(bag, purpose='score'))
 
 
 def recorded(tmp_path, parameters, *, seconds=12, control=None, initial=None, name='bag'):
@@ -34,7 +39,7 @@ def timed(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def score(timed):
-    return score_bag(timed)
+    return scored(timed)
 
 
 def test_m_alone_and_its_settling_time(tmp_path):
@@ -42,7 +47,7 @@ def test_m_alone_and_its_settling_time(tmp_path):
     wide = BENCH.replace(
         gap=5.0, friction=0.0, damper_mass=1e-6, force_frequencies=(BENCH.omega,), damping=4.0
     )
-    found = score_bag(recorded(tmp_path, wide))
+    found = scored(recorded(tmp_path, wide))
     rate = wide.damping / (2.0 * wide.primary_mass)
     times = np.linspace(0.0, 12.0, 120_001)
     expected = wide.response_amplitude * (1.0 - np.exp(-rate * times)) * np.cos(wide.omega * times)
@@ -61,7 +66,7 @@ def test_m_alone_and_its_settling_time(tmp_path):
 def test_the_best_fixed_gap(score, tmp_path):
     """The same history recorded with that gap has the same numbers; other gaps are worse."""
     gap = score.best_gap
-    again = score_bag(recorded(tmp_path, BENCH.replace(gap=gap)))
+    again = scored(recorded(tmp_path, BENCH.replace(gap=gap)))
     assert again.best_gap == gap
     for one, other in zip(score.stretches, again.stretches, strict=True):
         for name, value in vars(other.run).items():
@@ -97,7 +102,7 @@ def test_the_work_of_a_controllers_force(tmp_path):
     external = GapControlParameters(gap_control='external', gap_min=0.001, gap_max=0.1)
     rig = RecordedRig(LIVELY, control=external, offset=0).start()
     rig.run(1, order=lambda: Order(force=2.5)).run(999)
-    score = score_bag(rig.save(tmp_path / 'bag'))
+    score = scored(rig.save(tmp_path / 'bag'))
     twin = Rig(LIVELY, control=external)
     twin.advance(0.005)
     twin.order(Order(force=2.5))
@@ -111,7 +116,7 @@ def test_the_work_of_a_controllers_force(tmp_path):
 def test_stretches_that_a_fixed_gap_does_not_have(tmp_path):
     """Where the gap was changed, the reference has no change; its parts are those of the run."""
     rig = RecordedRig(BENCH, offset=0).start().run(600).run(400, ('change', {'gap': 0.05}))
-    score = score_bag(rig.run(400, ('change', LOUDER)).save(tmp_path / 'bag'))
+    score = scored(rig.run(400, ('change', LOUDER)).save(tmp_path / 'bag'))
     lengths = [score.stretches[i].end - score.stretches[i].start for i in range(3)]
     assert lengths == pytest.approx([3.005, 2.0, 1.995])
     for name in ('run', 'fixed_gap', 'alone'):
@@ -127,7 +132,7 @@ def test_a_motion_that_does_not_settle(tmp_path):
     free = OFF_RESONANCE.replace(force_amplitudes=(0.0,), gap=1e3)
     start = InitialConditions(initial_primary_position=1.0)
     rig = RecordedRig(free, start, rate=5.0, offset=0).start().run(500)
-    score = score_bag(rig.save(tmp_path / 'bag'))
+    score = scored(rig.save(tmp_path / 'bag'))
     assert score.stretches[0].settling_time is None
     assert score.overall.run.x_max == 1.0
 

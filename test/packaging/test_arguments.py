@@ -6,16 +6,14 @@ from functools import partial
 import pytest
 
 from impact_damper_ros import Rig, RigParameters
-from impact_damper_ros.bag import RigRecorder, RunWriter, Topic
+from impact_damper_ros.bag import RigRecorder
 
 LEVEL = RigParameters(gravity=0.0)
-WRITER = partial(RunWriter, 'bag', [Topic('/text', 'std_msgs/msg/String')])
 RECORDER = partial(RigRecorder, 'bag', Rig(LEVEL), {})
 BEYOND = (math.nan, math.inf, -math.inf, 10**400, -(10**400))
 
 #: What is called, the argument, and values out of its range.
 RANGES = [
-    *((WRITER, name, (*BEYOND, -1.0)) for name in ('max_size', 'max_duration')),
     (partial(RECORDER, duration=1.0), 'rate', (*BEYOND, 0.0, -1.0)),
     # Without an end it is inf.
     (partial(RECORDER, rate=9.0), 'duration', (math.nan, -math.inf, 10**400, -1.0)),
