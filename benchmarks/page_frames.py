@@ -22,12 +22,12 @@ import chromium
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
 
-from node.rig_client import SOURCE, SimProcess
+from node.rig_client import SimProcess
 from page.browser import Browser
 from page.page_process import PageProcess
+from running import SOURCE
 
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
-LONG = 200.0
 #: The page offers these.
 WINDOWS = (3, 10, 30)
 SIZES = ((360, 780), (1280, 800), (2560, 1440))
@@ -75,7 +75,7 @@ def main():
         node = SimProcess(Path(work), parameters_file=BENCH)
         try:
             page = browser.open(server.address + f'#window={arguments.window}')
-            page.wait(FULL.format(length=0.98 * arguments.window), LONG)
+            page.wait(FULL.format(length=0.98 * arguments.window))
             print(
                 '| window | between frames: median, p99 | drawing: median, p99 '
                 '| joint state to screen: median, p99 | frames received |'

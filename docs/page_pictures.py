@@ -22,12 +22,12 @@ from PIL import Image
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
 
-from node.rig_client import SOURCE, SimProcess
+from node.rig_client import SimProcess
 from page.browser import Browser
 from page.page_process import PageProcess
+from running import SOURCE
 
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
-LONG = 120.0
 SIZES = {'phone': (360, 780), 'tablet': (768, 1024), 'desk': (1280, 800), 'wall': (2560, 1440)}
 RUNNING = """['running', 'lagging'].includes(document.querySelector('#status').dataset.state)
     && impactDamper.history.impacts.length > 3 && document.querySelector('#knob-gap')"""
@@ -64,10 +64,10 @@ def written(content, path):
 
 def settle(page, seconds, condition):
     """Let the rig run for so long, on its own clock."""
-    page.wait(RUNNING, LONG)
+    page.wait(RUNNING)
     start = page.run('impactDamper.history.end')
-    page.wait(f'impactDamper.history.end > {start + seconds}', LONG + 10.0 * seconds)
-    page.wait(condition, 4.0 * LONG)
+    page.wait(f'impactDamper.history.end > {start + seconds}')
+    page.wait(condition)
 
 
 def shoot(page, name, directory, sizes, shades=('light', 'dark')):
@@ -79,7 +79,7 @@ def shoot(page, name, directory, sizes, shades=('light', 'dark')):
             page.shade(dark=shade == 'dark')
             time.sleep(1.5)
             # Beside other programs the rig lags at times; that is not what a picture is to show.
-            page.wait("document.querySelector('#status').dataset.state !== 'lagging'", LONG)
+            page.wait("document.querySelector('#status').dataset.state !== 'lagging'")
             whole = page.run('document.documentElement.scrollHeight')
             if size in ('phone', 'tablet'):
                 page.resize(width, whole)
@@ -93,32 +93,32 @@ def scrub(page, part):
     asked = page.run(f"""(() => {{ const scrub = document.querySelector('#scrub');
         scrub.value = String({1.0 - part} * Number(scrub.min) + {part} * Number(scrub.max));
         scrub.dispatchEvent(new Event('change')); return Number(scrub.value); }})()""")
-    page.wait(f'Math.abs(impactDamper.history.end - {asked}) < 0.5', LONG)
+    page.wait(f'Math.abs(impactDamper.history.end - {asked}) < 0.5')
 
 
 def recording(page):
     """Record a change of the gap, and play it with another rig beside it."""
-    page.wait(RUNNING, LONG)
+    page.wait(RUNNING)
     page.click('#record')
     settle(page, 4.0, 'true')
     page.type('#knob-gap', '30')
     settle(page, 5.0, 'true')
     page.click('#record')
-    page.wait("document.querySelector('#record').ariaPressed === 'false'", LONG)
+    page.wait("document.querySelector('#record').ariaPressed === 'false'")
     page.click('#recordings-open')
-    page.wait("/[kM]B$/.test(document.querySelector('.recording p')?.textContent)", LONG)
+    page.wait("/[kM]B$/.test(document.querySelector('.recording p')?.textContent)")
     page.click('.recording .primary')
-    page.wait("document.body.classList.contains('playing') && impactDamper.history.state", LONG)
+    page.wait("document.body.classList.contains('playing') && impactDamper.history.state")
     page.click('#play')
-    page.wait("document.querySelector('#status').dataset.state === 'paused'", LONG)
+    page.wait("document.querySelector('#status').dataset.state === 'paused'")
     page.run('document.querySelector(\'#windows button[value="3"]\').click()')
     scrub(page, 0.25)
     page.type('#knob-gap', '18')
-    page.wait('impactDamper.history.ghost !== null', LONG)
+    page.wait('impactDamper.history.ghost !== null')
     # The change is in view, and what the other rig does meanwhile is known.
     scrub(page, 0.65)
-    page.wait('impactDamper.history.ghost !== null', LONG)
-    page.wait(CURVE, 4.0 * LONG)
+    page.wait('impactDamper.history.ghost !== null')
+    page.wait(CURVE)
     page.run('document.activeElement.blur()')
     time.sleep(3.0)
 
@@ -149,7 +149,7 @@ def moving(browser, work, path):
 
 def filmed(page):
     """Return pictures of the page at equal steps of the rig's time."""
-    page.wait(RUNNING, 5.0 * LONG)
+    page.wait(RUNNING)
     page.run('document.querySelector(\'#windows button[value="1"]\').click()')
     page.click('#theory')
     settle(page, 3.0, 'true')
@@ -165,7 +165,7 @@ def filmed(page):
         if number == FRAMES // 4:
             page.type('#knob-gap', '34')
             page.run('document.activeElement.blur()')
-        page.wait(f'impactDamper.history.end >= {start + number * FRAME_S}', LONG)
+        page.wait(f'impactDamper.history.end >= {start + number * FRAME_S}')
         page.run('new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))')
         content = page.tab.screenshot(clip=clip)
         pictures.append(Image.open(io.BytesIO(content)).convert('RGB'))
