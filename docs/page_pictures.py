@@ -3,7 +3,7 @@ Pictures of the page for README and docs, of a real rig in a real browser.
 
     python docs/page_pictures.py docs/reference/page_pictures
 
-With `--all DIR` five views at four sizes, light and dark.
+With `--all DIR` six views at four sizes, light and dark.
 """
 
 import argparse
@@ -192,6 +192,12 @@ def still(browser, work, arguments):
             shoot(page, 'player', arguments.all, SIZES)
         else:
             shoot(page, 'player', arguments.directory, ['desk'], ['light'])
+        page.click('#recordings-open')
+        page.expect('#recordings').to_be_visible()
+        if arguments.all is not None:
+            shoot(page, 'recordings', arguments.all, SIZES)
+        else:
+            shoot(page, 'recordings', arguments.directory, ['desk'], ['light'])
         page.close()
     finally:
         node.stop()

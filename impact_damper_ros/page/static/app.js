@@ -20,8 +20,8 @@ import { startTour } from './tour.js';
 import { WINDOWS } from './traces.js';
 import { Verdict } from './verdict.js';
 
-/** Time without a word of the server after which it counts as lost, ms. */
-const SILENCE = 8000;
+/** Looks, one a second, without a message of the server after which it counts as lost. */
+const SILENCE = 8;
 /** Where the word for a state is not its name. */
 const STATES = { gone: 'rig gone', offline: 'no server', doubled: 'several rigs' };
 /** Speeds of the rig that are offered. */
@@ -359,8 +359,12 @@ for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
     if (isLive() && state.diagnostics) verdict.diagnostics(state.diagnostics, theory);
     const { gap: best, basis } = theory.best;
     const sign = basis === 'part' ? '≈\u202f' : basis && `${basis} `;
-    write(byId('curve-line'), best > 0 ? `best gap ${sign}${withUnit(best, 'm')}` : '');
-    write(byId('map-line'), theory.title);
+    const lines = { 'curve-line': best > 0 ? `best gap ${sign}${withUnit(best, 'm')}` : '', 'map-line': theory.title };
+    for (const [id, text] of Object.entries(lines)) {
+      write(byId(id), text);
+      // Where it is too long for its panel
+      mark(byId(id), 'title', text);
+    }
   });
 }
 connection.addEventListener('recordings', ({ detail }) => recordings.show(detail.list));
@@ -372,9 +376,12 @@ connection.addEventListener('what_if', ({ detail }) => {
 });
 connection.addEventListener('notice', ({ detail }) => toast(detail.text, 'bad'));
 connection.addEventListener('seek_done', ({ detail }) => keepAddress(detail.time));
-// A server that is there says once a second how the rig is.
+// A server that is there reports the rig once a second. Looks are counted, not time: a browser that stood still has not looked.
+const quiet = { since: 0, looks: 0 };
 setInterval(() => {
-  if (state.status === 'running' && isLive() && performance.now() - received.latest > SILENCE) setStatus('offline');
+  quiet.looks = received.latest === quiet.since ? quiet.looks + 1 : 0;
+  quiet.since = received.latest;
+  if (state.status === 'running' && isLive() && quiet.looks > SILENCE) setStatus('offline');
 }, 1000);
 
 // What is pressed

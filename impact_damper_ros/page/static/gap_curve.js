@@ -197,7 +197,7 @@ export class GapCurve extends Axes {
       taken.push(place);
       // The lines of the curve do not run through the letters.
       context.strokeStyle = colours.page;
-      context.lineWidth = 3;
+      context.lineWidth = 5;
       context.strokeText(name, place[0], place[1]);
       context.fillStyle = colours.special;
       context.fillText(name, place[0], place[1]);
