@@ -375,7 +375,12 @@ def test_a_pause_stops_rig_time_and_moves_wall_stamps_on(clock):
     assert stamps[count - 1] == stamp
     (last,) = [s for s in bench.snapshots() if s['reason'] == 'resume']
     assert last['time_ns'] == held
-    assert last['stamp_offset_ns'] + held + 10_000_000 == stamps[count]
+    assert last['stamp_offset_ns'] >= stamp - held
+    # That of the next tick, which may slip
+    (*_, offset_ns) = [
+        s['stamp_offset_ns'] for s in bench.snapshots() if s['time_ns'] <= held + 10_000_000
+    ]
+    assert offset_ns + held + 10_000_000 == stamps[count]
     repeated = bench.paused()
     positions = {tuple(m.position) for m in repeated[:2]}
     assert positions == {tuple(bench.samples()[count - 1].position)}
