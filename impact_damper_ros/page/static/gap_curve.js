@@ -179,7 +179,8 @@ export class GapCurve extends Axes {
       context.fill();
       context.stroke();
     }
-    const taken = places.map(([a, b]) => [a - 4, b - 4, a + 4, b + 4]);
+    const rig = this.gap > 0 && Number.isFinite(this.measured) ? [[toX(this.gap), toY(this.measured)]] : [];
+    const taken = [...places, ...rig].map(([a, b]) => [a - 4, b - 4, a + 4, b + 4]);
     const free = ([left, top, right, bottom]) => left > box.left && right < box.left + box.width
       && top > box.top && bottom < box.top + box.height
       && taken.every(([u, v, w, x]) => right < u || left > w || bottom < v || top > x);
