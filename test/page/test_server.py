@@ -21,7 +21,6 @@ from .fake_rig import FakeLink, FakeNetwork, diagnostics
 from .served import get, in_loop, live_page, opened, serving, started, taken_apart, url
 from .test_structure import TYPED
 
-
 # Requests
 
 
