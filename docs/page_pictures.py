@@ -78,13 +78,18 @@ def shoot(page, name, directory, sizes, shades=('light', 'dark')):
         for shade in shades:
             page.shade(dark=shade == 'dark')
             time.sleep(1.5)
-            # Beside other programs the rig lags at times; that is not what a picture is to show.
-            page.wait("document.querySelector('#status').dataset.state !== 'lagging'")
             whole = page.run('document.documentElement.scrollHeight')
             if size in ('phone', 'tablet'):
                 page.resize(width, whole)
                 time.sleep(0.5)
-            written(page.tab.screenshot(), directory / f'{name}_{size}_{shade}.png')
+            # Beside other programs the rig lags at times; that is not what a picture is to show.
+            on_time = "document.querySelector('#status').dataset.state !== 'lagging'"
+            taken = False
+            while not taken:
+                page.wait(on_time)
+                content = page.tab.screenshot()
+                taken = page.run(on_time)
+            written(content, directory / f'{name}_{size}_{shade}.png')
             page.resize(width, height)
 
 

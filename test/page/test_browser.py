@@ -650,6 +650,56 @@ def test_everything_is_within_the_page_and_large_enough(opened, size):
     assert small == []
 
 
+@pytest.mark.parametrize('size', [(390, 844), (1024, 768), (1600, 900)])
+def test_journeys_with_the_mouse(opened, live, parameters, size):
+    """Each control is pressed where it is seen, with nothing before it."""
+    page = opened(width=size[0], height=size[1])
+    # A knob
+    page('#knob-gap').click()
+    page.tab.keyboard.insert_text('26')
+    page.key('Enter')
+    until(lambda: parameters.get('gap') == 0.026)
+    # The best gap of the curve
+    page.wait('impactDamper.theory.curve?.branches.length > 0')
+    box = page('#curve-canvas').bounding_box()
+    page('#curve-canvas').click(position={'x': 0.6 * box['width'], 'y': 0.5 * box['height']})
+    until(lambda: parameters.get('gap') != 0.026)
+    # Steps to an impact
+    page('#pause').click()
+    page.expect('#status').to_have_text('paused')
+    page.wait('impactDamper.history.paused')
+    end = page.run('impactDamper.history.end')
+    page('#step-to-impact').click()
+    page.wait(f'impactDamper.history.end > {end}')
+    page.expect('#status').to_have_text('paused')
+    page('#pause').click()
+    # A preset, recorded and played
+    page('#presets-open').click()
+    page('#presets [data-name=ring_down]').click()
+    page.expect('#preset-name').to_have_text('Ring-down')
+    there = set(live.recordings.iterdir()) if live.recordings.is_dir() else set()
+    page('#record').click()
+    page.expect('#record').to_have_attribute('aria-pressed', 'true')
+    end = page.run('impactDamper.history.end')
+    page.wait(f'impactDamper.history.end > {end} + 1')
+    page('#record').click()
+    until(lambda: parameters.get('record') is False)
+    (bag,) = set(live.recordings.iterdir()) - there
+    page('#recordings-open').click()
+    page(f'.recording[data-name="{bag.name}"] .primary').click()
+    page.wait("document.body.classList.contains('playing') && impactDamper.history.state")
+    page('[aria-label="On to the next impact"]').click()
+    page.expect('#play').to_have_text('Play')
+    page('#back-live').click()
+    page.wait("!document.body.classList.contains('playing') && impactDamper.history.state")
+    shutil.rmtree(bag)
+    # The tour
+    page('#tour-open').click()
+    page.expect('#tour').to_be_in_viewport(ratio=1.0)
+    page('#tour-close').click()
+    page.expect('#tour').to_be_hidden()
+
+
 def test_names_for_a_screen_reader(opened):
     page = opened()
     page('#more-knobs summary').click()
