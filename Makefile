@@ -43,7 +43,7 @@ dist:  ## build source distribution and wheel into dist/, and check what PyPI wo
 
 docs:  ## build the documentation into docs/_build/html, without network
 	@$(VENV) ros,plot,test,dev,docs
-	@$(PY) -m sphinx -q -W --keep-going -b html docs docs/_build/html
+	@$(PY) -m sphinx -q -E -W --keep-going -b html docs docs/_build/html
 	@echo "The documentation is in docs/_build/html/index.html"
 
 lint:  ## check the style (ruff, and the linters of ament)

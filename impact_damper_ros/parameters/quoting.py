@@ -52,7 +52,7 @@ def as_message(text: str) -> str:
     Examples
     --------
     >>> as_message(f'no file {1000 * "x"}').count('x')
-    226
+    223
     """
     return printable(_LONG_WORD.sub(lambda match: named(match[0], _LONGEST_WORD), text))
 

@@ -218,7 +218,7 @@ def test_plan(rig: RigParameters, runs: Sequence[Knowledge]) -> str:
     texts.append(textwrap.fill(note, _WIDTH, initial_indent='     ', subsequent_indent='     '))
     last = (
         f'4. Swept slowly from {0.8 * hertz:.4g} to {1.2 * hertz:.4g} Hz and back at constant '
-        'level. design_damper --check shows what that shows: where it does not, the model fails.'
+        'level. design_damper --check predicts the result: where the two differ, the model fails.'
     )
     fit = (
         '5. fit_rig START.csv --impacts HITS.csv --rig RIG.yaml --rig-out fitted.yaml fits R, '

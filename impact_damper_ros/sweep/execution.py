@@ -335,7 +335,7 @@ def sweep(
     >>> import numpy as np
     >>> from impact_damper_ros.parameters.rig_parameters import RigParameters
     >>> from impact_damper_ros.sweep import Grid, sweep
-    >>> table = sweep(Grid(RigParameters(gravity=0.0), gap=np.linspace(30.0, 40.0, 3)))
+    >>> table = sweep(Grid(RigParameters(gravity=0.0), gap=np.linspace(40.0, 50.0, 3)))
     >>> list(table.stops)
     ['1,2', '1,2', '1,2']
     """
