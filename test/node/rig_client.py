@@ -81,7 +81,8 @@ class SimProcess(Running):
         files = parameters_file if isinstance(parameters_file, list) else [parameters_file]
         for file in filter(None, files):
             arguments += ['--params-file', str(file)]
-        for name, value in parameters.items():
+        # The theory would compute beside all tests; those of it ask for it.
+        for name, value in {'predict_motion': False, **parameters}.items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             arguments += ['-p', f'{name}:={text}']
         directory.mkdir(exist_ok=True)

@@ -93,7 +93,7 @@ def recording(client, launch, namespace):
 
     def start(code=None, **parameters):
         states = client.listen(JointState, f'{namespace}/joint_states')
-        values = {'record': True, 'predict_motion': False, **LIVELY, **parameters}
+        values = {'record': True, **LIVELY, **parameters}
         process = launch(f'__ns:={namespace}', code=code, **values)
         until(lambda: len(states) > 20, lambda: process.output)
         return process, states, RigParametersClient(client, f'{namespace}/sim_node')

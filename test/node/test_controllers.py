@@ -102,7 +102,6 @@ def plant(tmp_path_factory):
     process = SimProcess(
         directory,
         (f'__ns:={SPACE}',),
-        predict_motion=False,
         gap_control='external',
         command_timeout=0.0,
         bag_directory=directory / 'runs',
@@ -334,7 +333,6 @@ def stepped(tmp_path_factory):
     process = SimProcess(
         directory,
         ('__ns:=/stepped',),
-        predict_motion=False,
         gap_control='external',
         gap_control_noise_position=1e-4,
         measurement_rate=50.0,
@@ -388,7 +386,6 @@ def test_a_slow_controller_that_joins_late_gets_in(client, launch, namespace):
     """The rig runs as fast as it can, so that the first answers come seconds of its time late."""
     process = launch(
         f'__ns:={namespace}',
-        predict_motion=False,
         gap_control='external',
         measurement_rate=50.0,
         lock_step='stop_commands',
@@ -436,7 +433,6 @@ def test_a_law_of_ones_own_is_replayed_with_it(tmp_path, monkeypatch, capsys):
     process = SimProcess(
         directory,
         ('__ns:=/lawful',),
-        predict_motion=False,
         gap_control='timed',
         control_law='plant_law:gap_of_the_amplitude',
         record=True,

@@ -97,7 +97,7 @@ def samples_of(states):
 def test_theory_is_published(client, launch, namespace):
     """Documents are latched, each with the rig that it is of."""
     texts = client.listen(String, f'{namespace}/theory', LATCHED)
-    process = launch(f'__ns:={namespace}', gravity=0.0)
+    process = launch(f'__ns:={namespace}', gravity=0.0, predict_motion=True)
     parameters = RigParametersClient(client, f'{namespace}/sim_node')
 
     def orbit(gap):

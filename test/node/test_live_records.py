@@ -31,7 +31,6 @@ def test_a_record_acts_from_the_start_and_from_a_reset(
         f'__ns:={namespace}',
         parameters_file=BENCH,
         force_amplitudes='[0.0]',
-        predict_motion=False,
         record=True,
         **{f'{quantity}_record': CONFIG / f'{quantity}_record.csv'},
     )
@@ -87,7 +86,7 @@ def test_random_lines_of_a_file(launch, client, namespace, tmp_path):
     random = ['--base-psd', str(CONFIG / 'random_base.csv'), '--psd-lines', '60']
     assert simulate_rig([*words, *random, '--rig-out', str(rig), '--states', str(states)]) == 0
     assert len(load_parameters(rig)[0].base_amplitudes) == 61
-    process = launch(f'__ns:={namespace}', parameters_file=rig, predict_motion=False, record=True)
+    process = launch(f'__ns:={namespace}', parameters_file=rig, record=True)
     heard = client.listen(JointState, f'{namespace}/joint_states')
     until(lambda: len(heard) > 150 or not process.running(), lambda: process.output)
     assert process.stop() == 0, process.output

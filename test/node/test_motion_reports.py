@@ -14,6 +14,7 @@ from node.rig_client import LIVELY, RigParametersClient
 from node.test_scheduling import children
 
 INCLINED = {
+    'predict_motion': True,
     'angle': math.pi / 4,
     'friction': 0.5,
     'gravity': 1.0,
@@ -134,7 +135,7 @@ def test_measured_and_predicted_motion_agree_before_and_after_a_change(node):
 
 def test_a_gap_that_m_never_crosses_is_reported(client, launch, namespace):
     """Of 5 m for a rig that moves by centimetres: metres for millimetres."""
-    values = {**LIVELY, 'gap': 5.0, 'predict_motion': False, 'real_time_factor': 4.0}
+    values = {**LIVELY, 'gap': 5.0, 'real_time_factor': 4.0}
     process = launch(f'__ns:={namespace}', **values)
     reports = client.listen(DiagnosticArray, '/diagnostics')
 

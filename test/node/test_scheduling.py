@@ -59,7 +59,7 @@ def test_a_priority_is_taken_where_it_is_permitted(priority):
 def test_the_threads_of_a_node(client, launch, namespace):
     """The engine comes first; the processes of the theory have no priority."""
     states = client.listen(JointState, f'{namespace}/joint_states')
-    process = launch(f'__ns:={namespace}', record=True, real_time_priority=3)
+    process = launch(f'__ns:={namespace}', record=True, predict_motion=True, real_time_priority=3)
     until(lambda: len(states) > 2, lambda: process.output)
     found = priorities(process.pid)
     if permitted():

@@ -140,7 +140,9 @@ class Heard:
 def heard(client, launch, namespace):
     """Return all that a node with a gap control publishes."""
     heard = Heard(client, namespace)
-    process = launch(f'__ns:={namespace}', gap_control='amplitude', gap_max=0.5, **LIVELY)
+    process = launch(
+        f'__ns:={namespace}', gap_control='amplitude', gap_max=0.5, predict_motion=True, **LIVELY
+    )
     parameters = RigParametersClient(client, f'{namespace}/sim_node')
     until(heard.look, lambda: f'{ {k: len(v) for k, v in heard.topics.items()} }')
     # A motion is measured and predicted where the stops do not move.

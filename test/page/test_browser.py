@@ -53,7 +53,12 @@ def live(tmp_path_factory):
     try:
         # Whatever other rigs the tests start, this one is shown first.
         server = PageProcess(directory, '--node', '/sim_node')
-        node = SimProcess(directory, parameters_file=BENCH, bag_directory=str(server.recordings))
+        node = SimProcess(
+            directory,
+            parameters_file=BENCH,
+            bag_directory=str(server.recordings),
+            predict_motion=True,
+        )
         yield server
     finally:
         if node is not None:
