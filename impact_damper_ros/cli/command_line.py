@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 #: An output could not be written, or the work failed; the input is invalid.
 EXIT_FAILED, EXIT_INPUT = 1, 2
+MISSING_ROS = 'rclpy is missing: source ROS 2, or install the extra [ros]'
 
 
 #: What a command that takes ``--most-events`` also advises where a rig has more.

@@ -20,6 +20,7 @@ from impact_damper_ros.parameters.units import UNITS, in_si, split_number
 
 from .command_line import (
     EXIT_FAILED,
+    MISSING_ROS,
     CommandError,
     add_json_option,
     add_path_option,
@@ -147,7 +148,7 @@ def _parser() -> argparse.ArgumentParser:
 def _messages(arguments: argparse.Namespace) -> list[RecordedMessage]:
     """Return the messages of a live topic, and of those beside it."""
     if find_spec('rclpy') is None:
-        raise CommandError('rclpy is missing: source ROS 2, or install the extra [ros]')
+        raise CommandError(MISSING_ROS)
     from impact_damper_ros.fit.recorded_motion import TYPES, beside
     from impact_damper_ros.node.topic_listener import TopicError, listened
 

@@ -26,7 +26,7 @@ from impact_damper_ros.parameters.rig_parameters import (
 from impact_damper_ros.report.formatting import setting
 from impact_damper_ros.report.table import Column, Table
 
-from .command_line import EXIT_FAILED, CommandError, command_parser, outcome, say
+from .command_line import EXIT_FAILED, MISSING_ROS, CommandError, command_parser, outcome, say
 from .rig_options import values_of
 
 #: Time in which the rigs of the network become known, and in which one must answer, s;
@@ -187,7 +187,7 @@ class RigParameterClient:
 def ros_node(name: str) -> Iterator[Any]:
     """Join the ROS network as a node that needs no name of its own; signals stay Python's."""
     if find_spec('rclpy') is None:
-        raise CommandError('rclpy is missing: source ROS 2, or install the extra [ros]')
+        raise CommandError(MISSING_ROS)
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 

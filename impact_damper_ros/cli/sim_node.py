@@ -6,13 +6,14 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 
 from impact_damper_ros.parameters.parameters_file import presets
 from impact_damper_ros.parameters.quoting import shown
 
-from .command_line import EXIT_INPUT, outcome, say
+from .command_line import EXIT_INPUT, MISSING_ROS, outcome, say
 from .completion import complete
 
 
@@ -27,8 +28,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _missing_file(words: Sequence[str]) -> str:
-    """Return that a parameters file is missing, which ROS reports by a traceback; else nothing."""
+def _missing(words: Sequence[str]) -> str:
+    """Return that ROS, or a parameters file, is missing, instead of a traceback; else nothing."""
+    if find_spec('rclpy') is None:
+        return MISSING_ROS
     for option, name in pairwise(words):
         if option == '--params-file' and not Path(name).is_file():
             known = presets()
@@ -43,7 +46,7 @@ def _missing_file(words: Sequence[str]) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node."""
     complete(_parser())
-    if missing := _missing_file(sys.argv[1:] if argv is None else argv):
+    if missing := _missing(sys.argv[1:] if argv is None else argv):
         say('sim_node', missing)
         return EXIT_INPUT
     # Only now, as ROS takes a second to import

@@ -294,8 +294,8 @@ def _reader(path: Path, module: str, kind: str) -> Any:
         return import_module(module)
     except ImportError:
         raise TableError(
-            f'{as_line(str(path))}: {module}, which reads {kind}, is not installed: install it '
-            f'with: pip install {module} (sdypy-io has it, too); or export the data as CSV'
+            f'{as_line(str(path))}: {module}, which reads {kind}, is not installed: pip install '
+            f'{module}, or the package with its extra [uff]; or export the data as CSV'
         ) from None
 
 

@@ -9,7 +9,7 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 from node.rig_client import LIVELY, SimProcess
 from running import DEADLINE_S, Running
 
-from impact_damper_ros.cli import set_rig
+from impact_damper_ros.cli import set_rig, sim_node
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
 
@@ -153,7 +153,8 @@ def test_no_rig_and_several(node, tmp_path, monkeypatch, capsys):
     assert 'no rig runs on this ROS network' in capsys.readouterr().err
 
 
-def test_without_ros(monkeypatch, capsys):
-    monkeypatch.setattr(set_rig, 'find_spec', lambda _: None)
-    assert set_rig.main([]) == 2
+@pytest.mark.parametrize('command', [set_rig, sim_node])
+def test_without_ros(command, monkeypatch, capsys):
+    monkeypatch.setattr(command, 'find_spec', lambda _: None)
+    assert command.main([]) == 2
     assert 'rclpy is missing' in capsys.readouterr().err

@@ -247,4 +247,4 @@ def test_a_library_that_is_not_installed(tmp_path, name, library):
         text=True,
         check=False,
     )
-    assert f'install it with: pip install {library}' in done.stderr
+    assert f'pip install {library}, or the package with its extra [uff]' in done.stderr
