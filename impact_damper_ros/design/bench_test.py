@@ -112,13 +112,13 @@ class SwitchedOn:
         )
 
 
-def switched_on(rig: RigParameters, cycles: int = _CYCLES) -> SwitchedOn:
+def switched_on(rig: RigParameters) -> SwitchedOn:
     """Run a rig from rest."""
     settled = settle(Rig(rig, compiled=None))
     cycle = settled.cycle
-    times = np.arange(cycles * _SAMPLES + 1) * (cycle / _SAMPLES)
+    times = np.arange(_CYCLES * _SAMPLES + 1) * (cycle / _SAMPLES)
     result = Rig(rig, compiled=None).run(float(times[-1]), times)
-    x = np.abs(result.samples['x'][1:]).reshape(cycles, _SAMPLES)
+    x = np.abs(result.samples['x'][1:]).reshape(_CYCLES, _SAMPLES)
     return SwitchedOn(rig, result.events, x.max(axis=1), settled)
 
 
@@ -311,9 +311,11 @@ def _told(rig: RigParameters, events: Events) -> tuple[int, tuple[float, float, 
     return len(rows), (r, friction, gap)
 
 
-def knowledge(rig: RigParameters, level: float = 1.0, cycles: int = 100) -> Knowledge:
+def knowledge(
+    rig: RigParameters, level: float = 1.0, cycles: int = 100, *, settled: bool = False
+) -> Knowledge:
     """
-    Return how well a run from rest distinguishes restitution, friction and gap.
+    Return how well a run tells restitution, friction and gap apart.
 
     Parameters
     ----------
@@ -323,20 +325,17 @@ def knowledge(rig: RigParameters, level: float = 1.0, cycles: int = 100) -> Know
         The level of the run, as a factor.
     cycles : int, optional
         Cycles of the excitation that are recorded.
+    settled : bool, optional
+        Whether they are recorded once the motion has settled only, and not from rest.
     """
-    run = switched_on(at_level(rig, level), cycles)
-    flights, deviations = _told(run.rig, run.events)
-    repeats = run.settled.period is not None
-    return Knowledge(rig.gap, level, flights, repeats, deviations)
-
-
-def settled_knowledge(rig: RigParameters, cycles: int = 100) -> Knowledge:
-    """Return the same of a run that is recorded only once the motion has settled."""
-    moving = Rig(rig, compiled=None)
-    settled = settle(moving)
-    since = moving.time
-    flights, deviations = _told(rig, moving.run(since + cycles * settled.cycle).events)
-    return Knowledge(rig.gap, 1.0, flights, settled.period is not None, deviations)
+    there = at_level(rig, level)
+    moving = Rig(there, compiled=None)
+    motion = settle(moving)
+    if not settled:
+        moving = Rig(there, compiled=None)
+    events = moving.run(moving.time + cycles * motion.cycle).events
+    flights, deviations = _told(there, events)
+    return Knowledge(rig.gap, level, flights, motion.period is not None, deviations)
 
 
 @dataclass(frozen=True)
@@ -369,7 +368,7 @@ class BenchTest:
 def planned_runs(rig: RigParameters) -> tuple[Knowledge, ...]:
     """Return the runs of a test plan, the settled motion first."""
     return (
-        settled_knowledge(rig),
+        knowledge(rig, settled=True),
         knowledge(rig),
         knowledge(rig, 2.0),
         knowledge(rig.replace(gap=0.8 * rig.gap)),

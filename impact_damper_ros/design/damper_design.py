@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 from impact_damper_ros.orbits.arguments import OrbitError
 from impact_damper_ros.orbits.branch import Branch, Span
 from impact_damper_ros.orbits.continuation import follow
-from impact_damper_ros.orbits.flight_arrays import run_flights
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.search import carried_over, find_orbits
 from impact_damper_ros.orbits.settled_motion import settle
-from impact_damper_ros.orbits.solved_orbits import after_impact
+from impact_damper_ros.orbits.solved_orbits import flights_of
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 
@@ -118,8 +117,7 @@ class Design:
     @property
     def acceleration(self) -> float:
         """Largest |X''| between two impacts, m/s^2; at an impact the velocity of M jumps."""
-        start = after_impact(self.orbit, self.orbit.parameters)
-        flights = run_flights(start, self.orbit.period)
+        flights = flights_of(self.orbit)
         index = np.repeat(np.arange(len(flights)), _SAMPLES)
         shares = np.tile(np.linspace(0.0, 1.0, _SAMPLES), len(flights))
         _, _, acceleration, _ = flights.motion(index, shares * flights.spans[index])

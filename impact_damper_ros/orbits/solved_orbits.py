@@ -20,7 +20,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Events, Outcome, Rig
 
 from .arguments import check_forcing, single_harmonic
-from .flight_arrays import run_flights
+from .flight_arrays import Flights, run_flights
 from .flights import flight_at_impact, largest_displacement, machine_of, rig_on
 from .multipliers import velocities_of
 from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
@@ -132,6 +132,11 @@ def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, push: float = 
     return rig_on(there.struck(velocity, damper_velocity - velocity), parameters)
 
 
+def flights_of(orbit: PeriodicOrbit) -> Flights:
+    """Return the flights of one period of a motion, from just after its first impact."""
+    return run_flights(after_impact(orbit, orbit.parameters), orbit.period)
+
+
 def transmissibility(orbit: PeriodicOrbit) -> Transmissibility:
     """
     Return how much of the motion of its base M takes up in a periodic motion.
@@ -148,8 +153,7 @@ def transmissibility(orbit: PeriodicOrbit) -> Transmissibility:
     """
     if not orbit.viable or not orbit.parameters.base_motion.moves:
         return Transmissibility()
-    rig = after_impact(orbit, orbit.parameters)
-    return run_flights(rig, orbit.period).measured()[0].transmissibility
+    return flights_of(orbit).measured()[0].transmissibility
 
 
 def _guess_performed(orbit: PeriodicOrbit, parameters: RigParameters) -> Guess | None:

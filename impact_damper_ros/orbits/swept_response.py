@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from impact_damper_ros.motion.event import Event, EventKind, table_of_events
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.observed_run import Observer
 from impact_damper_ros.rig.rig import Rig
-from impact_damper_ros.rig.stepped_sine import rig_at
+from impact_damper_ros.rig.stepped_sine import rig_at, stepped_sine
 
 from .flight_arrays import Drive, Flights, row_of_rig
 from .response import Array
@@ -174,10 +175,11 @@ class SweptRun(Observer):
 
     def response(self) -> SweptResponse:
         """Return the response up to the present time."""
-        rig, sweeps = self._rig, [self._sweep]
+        rig, parameters = self._rig, self._rig.parameters
         rows = np.concatenate([self._row, table_of_events(self._events), row_of_rig(rig)])
-        for _ in range(int((rows['kind'] == EventKind.FREQUENCY_STEP).sum())):
-            sweeps.append(sweeps[-1].following(rig.parameters))
-        steps = np.array([rig_at(rig.parameters, s.step).first_harmonic for s in sweeps])
+        count = int((rows['kind'] == EventKind.FREQUENCY_STEP).sum())
+        coming = islice(stepped_sine(parameters, self._sweep), count)
+        rigs = [rig_at(parameters, self._sweep.step), *(step.parameters for step in coming)]
+        steps = np.array([one.first_harmonic for one in rigs])
         active = rig.state().run.force
-        return swept_response(Flights.between(rig.parameters, rows, self._drive, steps, active))
+        return swept_response(Flights.between(parameters, rows, self._drive, steps, active))

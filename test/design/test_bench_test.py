@@ -11,7 +11,6 @@ from impact_damper_ros.design.bench_test import (
     bench_test,
     flight_laws,
     knowledge,
-    settled_knowledge,
     swept,
     switched_on,
     varied,
@@ -43,7 +42,7 @@ def test_the_laws_of_flights_give_restitution_friction_and_gap(rig, values):
 
 def test_the_settled_motion_does_not_tell_and_the_start_does(rig):
     """Two impacts per cycle are one flight again and again: two laws for three unknowns."""
-    alone = settled_knowledge(rig)
+    alone = knowledge(rig, settled=True)
     assert alone.repeats
     assert alone.flights > 150
     assert alone.deviations == (math.inf,) * 3
