@@ -96,7 +96,8 @@ class Site:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=DEADLINE_S,
+            # It takes longest of all that a test waits for.
+            timeout=4.0 * DEADLINE_S,
             check=False,
         )
         return done.returncode, done.stdout
@@ -118,6 +119,7 @@ def test_search_finds_the_page(site):
     with playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=chromium.needed())
         tab = browser.new_page()
+        tab.set_default_timeout(1000.0 * DEADLINE_S)
         tab.goto(f'file://{site.pages}/search.html?q=gap')
         for words, page in SEARCHES.items():
             tab.evaluate(
@@ -144,6 +146,7 @@ def test_a_link_of_the_lecture_moves_a_rig_in_the_browser(site):
     with playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=chromium.needed())
         tab = browser.new_page()
+        tab.set_default_timeout(1000.0 * DEADLINE_S)
         failed = []
         tab.on('pageerror', lambda error: failed.append(str(error)))
         tab.goto(f'file://{site.pages}/tutorials/lecture.html')
