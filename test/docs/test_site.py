@@ -153,7 +153,9 @@ def test_a_link_of_the_lecture_moves_a_rig_in_the_browser(site):
         tab.get_by_role('link', name='in your browser').nth(3).click()
         tab.wait_for_function('globalThis.impactDamper?.history.impacts.length > 2')
         assert tab.url.startswith(f'file://{site.pages}/try/index.html#preset=bench')
-        playwright.expect(tab.locator('#rig-line')).to_contain_text('gap 27.0')
+        playwright.expect(tab.locator('#rig-line')).to_contain_text(
+            'gap 27.0', timeout=1000.0 * DEADLINE_S
+        )
         browser.close()
     assert failed == []
 
