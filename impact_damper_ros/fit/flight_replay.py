@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import ROWS_AT_ONCE, Event, EventKind, EventRow, events_of
 from impact_damper_ros.motion.flight import NO_EVENT
@@ -14,6 +15,8 @@ from impact_damper_ros.motion.state import Moving
 from impact_damper_ros.motion.transition import resolve
 from impact_damper_ros.orbits.flights import flight_at_impact, machine_of
 from impact_damper_ros.parameters.rig_parameters import RigParameters
+
+from .vibration import Array
 
 #: Events that a flight may have; a chatter has more, and is no flight that can be fitted.
 _ROOM = 48
@@ -24,31 +27,31 @@ _AT_REST = (EventKind.STICK, EventKind.REST)
 
 class Passage(NamedTuple):
     """
-    How the engine gets to the impact that ends a flight.
+    How the engine gets to an impact of the course.
 
     Attributes
     ----------
-    missed : int
-        Impacts before it; -1 if the engine does not get there.
+    ahead : int
+        How many impacts ahead it is; 0 if the engine gets to none.
     events : list of Event
         Events up to it, with times since the start of the flight.
     sticks : bool
         Whether m sticks or rests before it.
     """
 
-    missed: int
+    ahead: int
     events: list[Event]
     sticks: bool
-
-    @property
-    def reversals(self) -> list[Event]:
-        """The reversals before it."""
-        return [event for event in self.events if event.kind is EventKind.REVERSAL]
 
     @property
     def impacts(self) -> list[Event]:
         """The impacts, that which ends the flight among them."""
         return [event for event in self.events if event.kind is EventKind.IMPACT]
+
+    @property
+    def missed(self) -> int:
+        """Impacts before that at the end."""
+        return max(len(self.impacts) - 1, 0)
 
 
 class FlightReplay:
@@ -76,17 +79,25 @@ class FlightReplay:
         return events_of(rows, run.written)
 
 
-def passage(events: list[Event], span: float, tolerance: float, stop: int) -> Passage:
-    """Return how events lead to an impact on a stop after a span, or that they do not."""
-    number = 1 if stop > 0 else 2
-    hits = [k for k, event in enumerate(events) if event.kind is EventKind.IMPACT]
-    for count, k in enumerate(hits[:_MOST_IMPACTS]):
-        event = events[k]
-        if abs(event.time - span) < tolerance and event.stop == number:
-            sticks = any(other.kind in _AT_REST for other in events[:k])
-            return Passage(count, events[: k + 1], sticks)
-    sticks = any(event.kind in _AT_REST for event in events if event.time < span)
-    return Passage(-1, [], sticks)
+def passage(
+    events: list[Event], spans: Array, stops: NDArray[np.int64], tolerance: float
+) -> Passage:
+    """Return at which of the next impacts of a course, after spans on stops, events arrive."""
+    sticks = False
+    hits = 0
+    for k, event in enumerate(events):
+        if event.time > spans[-1] + tolerance or hits > _MOST_IMPACTS:
+            break
+        sticks |= event.kind in _AT_REST
+        if event.kind is not EventKind.IMPACT:
+            continue
+        hits += 1
+        apart = np.where(stops == (1 if event.stop == 1 else -1), np.abs(spans - event.time), np.inf)
+        nearest = int(apart.argmin())
+        if apart[nearest] < tolerance:
+            return Passage(nearest + 1, events[: k + 1], sticks)
+    sticks = any(event.kind in _AT_REST for event in events if event.time < spans[0])
+    return Passage(0, [], sticks)
 
 
 def start_velocity(

@@ -2,30 +2,39 @@
 """
 What the exact engine says of each flight of a course, and the course that follows from it.
 
-Its reversals become nodes. A flight that sticks, or does not end as it was fitted, is cut out; it
-is joined again once the replay agrees. An impact that the engine has before the end is inserted:
-without measured times always, with them where there is a measured one to spare, or one may have
-been missed. An impact that the engine passes is removed.
+From each impact the engine flies on until it hits a stop where and when the course has an impact.
+If that is the next one, the flight agrees. If it is a later one, those passed are removed; what the
+engine hits on its way is inserted: without measured times always, with them where there is one to
+spare for each, or one impact that was missed. The reversals of the engine become nodes. A flight
+that sticks, or from which the engine arrives nowhere, is cut out, until a later round agrees.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
+
+from impact_damper_ros.motion.event import Event, EventKind
 
 from .course import Course, Flags
 from .first_course import matched
 from .flight_replay import FlightReplay, Passage, passage, start_velocity
 from .shooting import Shooting
+from .vibration import Array
 
 #: For how long a flight is replayed beyond its end, in natural periods.
 _MARGIN = 0.15
+#: So many impacts of the course may be passed, and so many of the engine inserted, in a flight.
+_MOST_PASSED, _MOST_INSERTED = 3, 3
 #: Reversals with less relative acceleration than this part of the largest of M are held.
 _FLAT = 0.1
 #: Least friction of the replay, m/s^2.
 _LEAST_GRIP = 1e-9
+#: What is cut, or searched, so often at an instant is left as it is.
+_OFTEN = 2
+#: Least time between two nodes, s.
+_LEAST_SPAN = 2e-6
 
 
 @dataclass
@@ -41,6 +50,21 @@ class Memory:
         return sum(times for at, times in entries if abs(at - time) < self.same)
 
 
+class Impact:
+    """An impact of the course to come: its row (time, x, velocity, damper velocity) and stop."""
+
+    def __init__(self, row: list[float], stop: int, *, begins: bool) -> None:
+        self.row, self.stop, self.begins = row, stop, begins
+        # Of the flight that ends there
+        self.reversals: Array = np.zeros(0)
+        self.held: Flags = np.zeros(0, bool)
+
+    @property
+    def time(self) -> float:
+        """Its instant, s."""
+        return self.row[0]
+
+
 class ReplayedCourse:
     """One round of the revision."""
 
@@ -52,28 +76,36 @@ class ReplayedCourse:
         gains: dict[int, float],
         tolerance: float,
     ) -> None:
-        self.course, self.shooting, self.memory = course.copy(), shooting, memory
+        self.course, self.shooting, self.memory = course, shooting, memory
         self.gains, self.tolerance = gains, tolerance
         self.unknowns = shooting.unknowns
         # With a little friction the engine reports reversals, which a fit may need
         self.replay = FlightReplay(self.unknowns.rig_of(course.shared, _LEAST_GRIP))
         self.margin = _MARGIN * 2.0 * np.pi / shooting.rate
         self.largest = float(np.abs(course.velocity).max())
-        self.inserted: dict[int, Passage] = {}
-        self.removed: set[int] = set()
+        self.impacts: list[Impact] = []
         self.risky: list[float] = []
         self.why_cut: dict[int, str] = {}
         self.log: list[str] = []
 
-    def _passage(self, k: int, end: int, tolerance: float) -> Passage:
+    def _own(self, k: int) -> list[float]:
+        """Return the state just after an impact of the course."""
         course = self.course
-        span = float(course.time[end] - course.time[k])
-        damper, stop = float(course.damper_velocity[k]), int(course.stop[k])
-        if not (damper - course.velocity[k]) * stop <= 0.0:
-            return Passage(-1, [], False)
-        state = float(course.time[k]), stop, float(course.x[k]), float(course.velocity[k]), damper
-        events = self.replay.events(*state, span + self.margin)
-        return passage(events, span, tolerance, int(course.stop[end]))
+        values = course.time[k], course.x[k], course.velocity[k], course.damper_velocity[k]
+        return [float(value) for value in values]
+
+    def _passage(self, k: int, tolerance: float) -> Passage:
+        """Return where the engine arrives from the last impact of the new course, the k-th."""
+        course, last = self.course, self.impacts[-1]
+        time, x, velocity, damper = last.row
+        if not (damper - velocity) * last.stop <= 0.0:
+            return Passage(0, [], False)
+        ends = slice(k + 1, k + 2 + _MOST_PASSED)
+        spans, stops = course.time[ends] - time, course.stop[ends]
+        events = self.replay.events(
+            time, last.stop, x, velocity, damper, float(spans[-1]) + self.margin
+        )
+        return passage(events, spans, stops, tolerance)
 
     def _arrival(self, k: int) -> float:
         """Return the velocity with which m arrives at an impact, as its jump says."""
@@ -85,163 +117,149 @@ class ReplayedCourse:
         jump = (self.course.damper_velocity[k] - self.course.velocity[k]) / (alpha - ratio - 1.0)
         return float(self.course.velocity[k] + (alpha - 1.0) * jump)
 
-    def _search_start(self, k: int) -> Passage:
-        """Look for the velocity of m where the motion begins anew."""
-        course = self.course
-        span = float(course.time[k + 1] - course.time[k])
-        start = float(course.time[k]), float(course.x[k]), float(course.velocity[k])
-        wanted = self._arrival(k + 1), self.largest, self.shooting.rate
+    def _search_start(self, k: int, end: int) -> Passage:
+        """Look for the velocity of m with which it gets from where it begins anew to an impact."""
+        course, last = self.course, self.impacts[-1]
+        span = float(course.time[end]) - last.time
+        wanted = self._arrival(end), self.largest, self.shooting.rate
+        stop = int(course.stop[end])
         found = start_velocity(
-            self.replay, start, span, self.margin, int(course.stop[k + 1]), wanted
+            self.replay, (last.time, last.row[1], last.row[2]), span, self.margin, stop, wanted
         )
-        course.damper_velocity[k], course.stop[k] = found
-        self.memory.starts.append((float(course.time[k]), 1))
-        self.risky.append(float(course.time[k + 1]))
-        self.log.append(f'{k}:start')
-        return self._passage(k, k + 1, 4.0 * self.tolerance)
+        last.row[3], last.stop = found
+        return self._passage(k, 4.0 * self.tolerance)
 
     def revise(self) -> Course:
         """Return the course that the engine's flights suggest."""
-        course, memory = self.course, self.memory
-        was_cut, free = course.begins.copy(), course.begins.copy()
-        begins = np.zeros(len(course), bool)
-        begins[0] = True
-        for k in range(len(course) - 1):
-            if k in self.removed:
-                continue
-            found = self._passage(k, k + 1, self.tolerance)
-            end = float(course.time[k + 1])
-            if (
-                found.missed < 0
-                and free[k]
-                and not was_cut[k + 1]
-                and memory.count(memory.starts, float(course.time[k])) < 2
-            ):
-                found = self._search_start(k)
-            gain = self.gains.get(k, 0.0)
-            agrees = (
-                found.missed == 0
-                and not found.sticks
-                and memory.count(memory.cuts, end) < 2
-                and not gain
-            )
-            if 0 < found.missed < 4 and not found.sticks and self._spare(k, found):
-                self.inserted[k] = found
-                self.risky.append(end)
-                self.log.append(f'{k}:+{found.missed}')
-                agrees = True
-            if not agrees and found.missed < 0 and (passed := self._passed(k, free)):
-                self.removed.add(k + 1)
-                found, agrees = passed, True
-                self.log.append(f'{k}:-1')
-            if agrees:
-                if was_cut[k + 1]:
-                    self.risky.append(end)
-                    self.log.append(f'{k}:joined')
-                if k not in self.inserted:
-                    self._take_reversals(k, found)
-            else:
-                begins[k + 1] = True
-                course.reversals[k], course.held[k] = np.zeros(0), np.zeros(0, bool)
-                self.why_cut[k + 1] = _why(found, gain)
-                if not was_cut[k + 1]:
-                    memory.cuts.append((end, 2 if gain else 1))
-                    self.log.append(f'{k}:cut {self.why_cut[k + 1]}')
-        course.begins = begins
+        course = self.course
+        self.impacts = [Impact(self._own(0), int(course.stop[0]), begins=True)]
+        k = 0
+        while k < len(course) - 1:
+            k = self._fly(k)
         return self._rebuilt()
 
-    def _take_reversals(self, k: int, found: Passage) -> None:
-        """Make the engine's reversals nodes; those in which m hardly reverses are held."""
-        course, events = self.course, found.reversals
-        course.reversals[k] = np.array([course.time[k] + event.time for event in events])
-        vibration = self.shooting.vibration(course.shared)
-        grip = self.unknowns.value(course.shared, 'grip')
-        flat, was_held = [], bool(course.held[k].any())
-        for event in events:
-            x, v = np.array([event.x]), np.array([event.primary_velocity_before])
-            at = np.array([course.time[k] + event.time])
-            rate = vibration.acceleration(at, x, v, np.zeros(1))[0] - self.unknowns.slope
-            limit = _FLAT * self.shooting.rate * self.largest + grip
-            # One that was held stays so a little longer, or rounds would alternate
-            flat.append(bool(abs(rate) < (2.0 * limit if was_held else limit)))
-        course.held[k] = np.array(flat, bool)
+    def _fly(self, k: int) -> int:
+        """Add the flight from an impact, and return the impact of the course where it ends."""
+        course, memory = self.course, self.memory
+        found = self._passage(k, self.tolerance)
+        was_cut = bool(course.begins[k + 1])
+        begins = self.impacts[-1].begins
+        if begins and found.ahead != 1 or found.missed:
+            searched = memory.count(memory.starts, self.impacts[-1].time)
+            if begins and not was_cut and searched < _OFTEN:
+                memory.starts.append((self.impacts[-1].time, 1))
+                found = self._search_start(k, k + 1)
+                self.risky.append(float(course.time[k + 1]))
+                self.log.append(f'{k}:start')
+        if found.ahead > 0:
+            end = k + found.ahead
+        else:
+            end = k + 1
+        gain = self.gains.get(k, 0.0)
+        banned = memory.count(memory.cuts, float(course.time[end])) >= _OFTEN
+        agrees = found.ahead > 0 and not found.sticks and not banned and not gain
+        if agrees and found.missed:
+            agrees = self._spare(k, end, found)
+        if agrees:
+            self._join(k, end, found, was_cut)
+            return end
+        if not (found.ahead > 0 and found.sticks):
+            end = k + 1
+        self._cut(k, end, found, gain)
+        return end
 
-    def _spare(self, k: int, found: Passage) -> bool:
+    def _join(self, k: int, end: int, found: Passage, was_cut: bool) -> None:
+        """Add a flight that agrees, with the impacts that the engine has in it."""
+        course, begin = self.course, self.impacts[-1].time
+        if found.missed or end > k + 1 or was_cut:
+            self.risky.append(float(course.time[end]))
+            change = f':+{found.missed}' * bool(found.missed) + f':-{end - k - 1}' * (end > k + 1)
+            self.log.append(f'{k}{change or ":joined"}')
+        turns: list[Event] = []
+        held = bool(course.held[k].any())
+        hits = found.impacts
+        for event in found.events:
+            if event.kind is EventKind.REVERSAL:
+                turns.append(event)
+            elif event.kind is EventKind.IMPACT:
+                impact = Impact(_row_of(begin, event), 1 if event.stop == 1 else -1, begins=False)
+                if event is hits[-1]:
+                    # A state that is fitted on its other side is taken from there
+                    lone = bool(course.begins[end]) and (
+                        end + 1 >= len(course) or bool(course.begins[end + 1])
+                    )
+                    impact.row = _row_of(begin, event) if lone else self._own(end)
+                    impact.stop = int(course.stop[end])
+                impact.reversals = np.array([begin + turn.time for turn in turns])
+                impact.held = np.array([self._flat(begin, turn, held) for turn in turns], bool)
+                self.impacts.append(impact)
+                turns = []
+
+    def _cut(self, k: int, end: int, found: Passage, gain: float) -> None:
+        """Add a flight that does not count."""
+        time = float(self.course.time[end])
+        self.impacts.append(Impact(self._own(end), int(self.course.stop[end]), begins=True))
+        self.why_cut[len(self.impacts) - 1] = why = _why(found, gain)
+        if not self.course.begins[end] or end > k + 1:
+            self.memory.cuts.append((time, _OFTEN if gain else 1))
+            self.log.append(f'{k}:cut {why}')
+
+    def _flat(self, begin: float, event: Event, was_held: bool) -> bool:
+        """Return whether m hardly reverses at an event, so that its instant is held."""
+        x, v = np.array([event.x]), np.array([event.primary_velocity_before])
+        at = np.array([begin + event.time])
+        vibration = self.shooting.vibration(self.course.shared)
+        rate = vibration.acceleration(at, x, v, np.zeros(1))[0] - self.unknowns.slope
+        grip = self.unknowns.value(self.course.shared, 'grip')
+        limit = _FLAT * self.shooting.rate * self.largest + grip
+        # One that was held stays so a little longer, or rounds would alternate
+        return bool(abs(rate) < (2.0 * limit if was_held else limit))
+
+    def _spare(self, k: int, end: int, found: Passage) -> bool:
         """Return whether impacts of the engine may have been missed by the data."""
+        if found.missed > _MOST_INSERTED:
+            return False
         times = self.shooting.times_of_impacts(self.course.shared)
         if not len(times):
             return True
-        course = self.course
-        between = (times > course.time[k] + 1e-9) & (times < course.time[k + 1] - 1e-9)
-        spare = np.setdiff1d(np.flatnonzero(between), course.measured)
-        hits = np.array([course.time[k] + event.time for event in found.impacts[:-1]])
+        course, begin = self.course, self.impacts[-1].time
+        between = (times > begin + 1e-9) & (times < course.time[end] - 1e-9)
+        taken = np.delete(course.measured, np.arange(k + 1, end))
+        spare = np.setdiff1d(np.flatnonzero(between), taken)
         if not len(spare):
-            return self._unmeasured(found)
+            return found.missed == 1
+        hits = np.array([begin + event.time for event in found.impacts[:-1]])
         near = np.abs(times[spare][None, :] - hits[:, None]).min(1)
         limit = 8.0 * self.shooting.impact_deviation + 2e-3
         return bool(len(spare) >= len(hits) and (near < limit).all())
 
-    def _unmeasured(self, found: Passage) -> bool:
-        """Return whether an impact may have been there though its time was not measured."""
-        return found.missed == 1
-
-    def _passed(self, k: int, free: Flags) -> Passage | None:
-        """Return the passage to the impact after the next, if the engine passes the next one."""
-        course = self.course
-        if k + 2 >= len(course) or k + 1 in self.removed or k in self.removed or free[k]:
-            return None
-        found = self._passage(k, k + 2, self.tolerance)
-        return found if found.missed == 0 and not found.sticks else None
-
     def _rebuilt(self) -> Course:
-        """Return the course with impacts inserted and removed."""
-        course = self.course
-        keep = np.ones(len(course), bool)
-        keep[list(self.removed)] = False
-        for k in sorted(self.inserted, reverse=True):
-            hits = self.inserted[k].impacts
-            rows = np.array(
-                [
-                    (
-                        course.time[k] + e.time,
-                        e.x,
-                        e.primary_velocity_after,
-                        e.damper_velocity_after,
-                    )
-                    for e in hits[:-1]
-                ]
-            )
-            stops = np.array([1 if e.stop == 1 else -1 for e in hits[:-1]])
-            edges = [-np.inf, *(e.time for e in hits)]
-            turns = [
-                np.array(
-                    [
-                        course.time[k] + e.time
-                        for e in self.inserted[k].reversals
-                        if low < e.time < high
-                    ]
-                )
-                for low, high in pairwise(edges)
-            ]
-            course = course.inserted(k, rows, stops, turns)
-            keep = np.insert(keep, k + 1, np.ones(len(rows), bool))
-        course = course.kept(keep)
-        times = self.shooting.times_of_impacts(course.shared)
-        limit = max(6.0 * self.shooting.impact_deviation, 1e-9)
-        course.measured = matched(course.time, times, limit)
-        _rising(course)
+        """Return the course of the impacts."""
+        impacts = self.impacts
+        rows = np.array([impact.row for impact in impacts])
+        for k in range(1, len(rows)):
+            rows[k, 0] = max(rows[k, 0], rows[k - 1, 0] + _LEAST_SPAN)
+        times = self.shooting.times_of_impacts(self.course.shared)
+        course = Course(
+            self.course.shared.copy(),
+            *rows.T.copy(),
+            np.array([impact.stop for impact in impacts]),
+            np.array([impact.begins for impact in impacts]),
+            matched(rows[:, 0], times, max(6.0 * self.shooting.impact_deviation, 1e-9)),
+        )
+        for k, impact in enumerate(impacts[1:]):
+            inside = (impact.reversals > rows[k, 0]) & (impact.reversals < rows[k + 1, 0])
+            course.reversals[k], course.held[k] = impact.reversals[inside], impact.held[inside]
         return course
 
 
-def _rising(course: Course) -> None:
-    """Move instants that cross apart by a little."""
-    least = 1e-6
-    for k in range(len(course) - 1):
-        if course.time[k + 1] <= course.time[k] + least:
-            course.time[k + 1] = course.time[k] + 2.0 * least
-        low, high = course.time[k], course.time[k + 1]
-        inside = (course.reversals[k] > low) & (course.reversals[k] < high)
-        course.reversals[k], course.held[k] = course.reversals[k][inside], course.held[k][inside]
+def _row_of(begin: float, event: Event) -> list[float]:
+    return [
+        begin + event.time,
+        event.x,
+        event.primary_velocity_after,
+        event.damper_velocity_after,
+    ]
 
 
 def _why(found: Passage, gain: float) -> str:

@@ -85,11 +85,8 @@ def revised(course: Course, problem: Problem, *, report: bool = False) -> Revise
     """Revise and fit a course until nothing changes, or for `MOST_ROUNDS` rounds."""
     shooting = problem(course)
     step = float(np.median(np.diff(shooting.record.time)))
-    timed = len(shooting.impact_times) > 0
     period = 2.0 * np.pi / shooting.rate
     tolerance = max(_SAMPLES * step, _PART * period)
-    if timed:
-        tolerance = _DEVIATIONS * shooting.impact_deviation
     memory = Memory(_SAME * period)
     course, least_chi = _first_fit(course, problem)
     undone = 0
