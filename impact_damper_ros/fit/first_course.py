@@ -10,13 +10,13 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .course import Course
 from .first_guess import regressed
-from .partition import Edges, Record, fit_vibration, jumps_between, partition
+from .partition import Record, fit_vibration, jumps_between, partition
 from .unknowns import Unknowns
 from .vibration import Array, Vibration
 
 #: What a further impact must take from the sum of squares, in variances; where one was measured;
-#: and how much more in the first round, in which K and C are guesses.
-PENALTY, _PENALTY_MEASURED, _FIRST_ROUND = 24.0, 6.0, 3.0
+#: and the part of it while K and C are sought, which missed impacts bias more than false ones.
+PENALTY, _PENALTY_MEASURED, _SOUGHT = 24.0, 6.0, 0.5
 _ROUNDS = 4
 #: Longest delay of impact times that is looked for, as a phase of M, rad.
 _LONGEST_LAG = 1.0
@@ -122,11 +122,9 @@ def first_course(
     lag = _lag(record, rig, deviation, measured) if delay >= 0 else 0.0
     measured = measured - lag
     cuts = _penalties(record, measured, impact_deviation)
-    edges: Edges = np.array([0, len(record.time)])
-    for number in range(_ROUNDS):
+    for _ in range(_ROUNDS):
         vibration = Vibration.of(rig, stiffness, damping)
-        more = 1.0 if number or len(measured) else _FIRST_ROUND
-        edges = partition(record, vibration, deviation, cuts * more)
+        edges = partition(record, vibration, deviation, cuts * _SOUGHT)
         before = stiffness, damping
         stiffness, damping = fit_vibration(record, rig, edges, before, deviation)
         if (
@@ -134,7 +132,9 @@ def first_course(
             and abs(damping / before[1] - 1.0) < _CHANGE_DAMPING
         ):
             break
-    jumps = jumps_between(record, Vibration.of(rig, stiffness, damping), edges, measured)
+    vibration = Vibration.of(rig, stiffness, damping)
+    edges = partition(record, vibration, deviation, cuts)
+    jumps = jumps_between(record, vibration, edges, measured)
     check_impacts(len(jumps.time))
     stops = np.where(jumps.jump >= 0.0, 1, -1)
     if (crossings := int((np.diff(stops) != 0).sum())) < _LEAST_CROSSINGS:

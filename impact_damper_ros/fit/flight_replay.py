@@ -22,6 +22,8 @@ from .vibration import Array
 _ROOM = 48
 #: Of the impacts of a replay, those up to this one may be the end of the flight.
 _MOST_IMPACTS = 6
+#: Part of its duration by which the end of a flight may be off.
+_PART = 0.06
 _AT_REST = (EventKind.STICK, EventKind.REST)
 
 
@@ -86,7 +88,7 @@ def passage(
     sticks = False
     hits = 0
     for k, event in enumerate(events):
-        if event.time > spans[-1] + tolerance or hits > _MOST_IMPACTS:
+        if event.time > spans[-1] * (1.0 + _PART) + tolerance or hits > _MOST_IMPACTS:
             break
         sticks |= event.kind in _AT_REST
         if event.kind is not EventKind.IMPACT:
@@ -94,7 +96,7 @@ def passage(
         hits += 1
         apart = np.where(stops == (1 if event.stop == 1 else -1), np.abs(spans - event.time), np.inf)
         nearest = int(apart.argmin())
-        if apart[nearest] < tolerance:
+        if apart[nearest] < max(tolerance, _PART * spans[nearest]):
             return Passage(nearest + 1, events[: k + 1], sticks)
     sticks = any(event.kind in _AT_REST for event in events if event.time < spans[0])
     return Passage(0, [], sticks)

@@ -41,7 +41,7 @@ class NodeMotion(Nodes):
     ) -> None:
         super().__init__(course)
         self.record, self.unknowns, self.impact_times = record, unknowns, impact_times
-        self._weight = weight
+        self.weight = weight
         self.count = len(unknowns.names)
         self.size = self.count + 5 * self.count_of_nodes
         self._hold_values = np.zeros(len(self.holds))
@@ -129,9 +129,12 @@ class NodeMotion(Nodes):
         time: Array,
     ) -> Array:
         """Return the measured quantity at times in the flights after nodes."""
-        at = states[node]
-        push, _ = self._pushes(grip, node)
-        x, v = vibration.later(at[:, T], at[:, X], at[:, V], push, time - at[:, T])
+        return self.signal(vibration, states[node], self._pushes(grip, node)[0], time)
+
+    def signal(self, vibration: Vibration, states: Array, push: Array, time: Array) -> Array:
+        """Return the measured quantity at times after states under constant pushes."""
+        since = time - states[:, T]
+        x, v = vibration.later(states[:, T], states[:, X], states[:, V], push, since)
         if self.record.order == 0:
             return x
         if self.record.order == 1:
@@ -144,10 +147,10 @@ class NodeMotion(Nodes):
         node, inside = self._node_of_samples(states)
         vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
         signal = self._measured(vibration, grip, states, node, self.record.time)
-        signal = self._sensed(shared, signal)
-        return np.where(inside, signal, np.nan), inside & (self._weight > 0.0)
+        signal = self.sensed(shared, signal)
+        return np.where(inside, signal, np.nan), inside & (self.weight > 0.0)
 
-    def _sensed(self, shared: Array, signal: Array) -> Array:
+    def sensed(self, shared: Array, signal: Array) -> Array:
         """Return what the sensor shows of a signal."""
         value = self.unknowns.value
         return value(shared, 'gain') * signal + value(shared, 'bias')

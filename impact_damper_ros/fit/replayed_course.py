@@ -33,6 +33,10 @@ _FLAT = 0.1
 _LEAST_GRIP = 1e-9
 #: What is cut, or searched, so often at an instant is left as it is.
 _OFTEN = 2
+#: Residuals of the data in a flight that changes the course, in standard deviations.
+_MISFIT = 3.0
+#: Part of the speed of approach by which that of a new start may be off.
+_APPROACH = 0.3
 #: Least time between two nodes, s.
 _LEAST_SPAN = 2e-6
 
@@ -103,7 +107,7 @@ class ReplayedCourse:
         ends = slice(k + 1, k + 2 + _MOST_PASSED)
         spans, stops = course.time[ends] - time, course.stop[ends]
         events = self.replay.events(
-            time, last.stop, x, velocity, damper, float(spans[-1]) + self.margin
+            time, last.stop, x, velocity, damper, 1.1 * float(spans[-1]) + self.margin
         )
         return passage(events, spans, stops, tolerance)
 
@@ -129,6 +133,28 @@ class ReplayedCourse:
         last.row[3], last.stop = found
         return self._passage(k, 4.0 * self.tolerance)
 
+    def _start_again(self, k: int) -> Passage | None:
+        """
+        Look for a flight from where the motion begins anew that passes the next impact.
+
+        Any next impact can be reached from there; if none follows from that, it may be a false one.
+        """
+        course, last = self.course, self.impacts[-1]
+        kept = list(last.row), last.stop
+        self.memory.starts.append((last.time, 1))
+        for end in range(k + 2, min(k + 2 + _MOST_PASSED, len(course) - 1)):
+            if course.begins[end + 1]:
+                continue
+            found = self._search_start(k, end)
+            if found.ahead == end - k and not found.missed and not found.sticks:
+                hit, wanted = found.impacts[-1], self._arrival(end)
+                approach = hit.damper_velocity_before - hit.primary_velocity_before
+                if abs(hit.damper_velocity_before - wanted) < _APPROACH * abs(approach):
+                    self.log.append(f'{k}:again')
+                    return found
+            last.row[:], last.stop = kept
+        return None
+
     def revise(self) -> Course:
         """Return the course that the engine's flights suggest."""
         course = self.course
@@ -143,14 +169,15 @@ class ReplayedCourse:
         course, memory = self.course, self.memory
         found = self._passage(k, self.tolerance)
         was_cut = bool(course.begins[k + 1])
-        begins = self.impacts[-1].begins
-        if begins and found.ahead != 1 or found.missed:
-            searched = memory.count(memory.starts, self.impacts[-1].time)
-            if begins and not was_cut and searched < _OFTEN:
-                memory.starts.append((self.impacts[-1].time, 1))
-                found = self._search_start(k, k + 1)
-                self.risky.append(float(course.time[k + 1]))
-                self.log.append(f'{k}:start')
+        free = self.impacts[-1].begins
+        free &= memory.count(memory.starts, self.impacts[-1].time) < _OFTEN
+        if free and not was_cut and (found.ahead != 1 or found.missed):
+            memory.starts.append((self.impacts[-1].time, 1))
+            found = self._search_start(k, k + 1)
+            self.risky.append(float(course.time[k + 1]))
+            self.log.append(f'{k}:start')
+        elif free and not k and k + 2 < len(course) and course.begins[k + 2]:
+            found = self._start_again(k) or found
         if found.ahead > 0:
             end = k + found.ahead
         else:
@@ -160,6 +187,8 @@ class ReplayedCourse:
         agrees = found.ahead > 0 and not found.sticks and not banned and not gain
         if agrees and found.missed:
             agrees = self._spare(k, end, found)
+        if agrees and (found.missed or end > k + 1 or was_cut):
+            agrees = self._misfit(found) < _MISFIT
         if agrees:
             self._join(k, end, found, was_cut)
             return end
@@ -167,6 +196,33 @@ class ReplayedCourse:
             end = k + 1
         self._cut(k, end, found, gain)
         return end
+
+    def _misfit(self, found: Passage) -> float:
+        """Return the residuals of the data on a passage, rms, in standard deviations."""
+        shooting, shared = self.shooting, self.course.shared
+        record, last = shooting.record, self.impacts[-1]
+        begin, end = last.time, last.time + found.events[-1].time
+        states, pushes = [last.row], []
+        stop, direction = last.stop, -last.stop
+        grip, air = self.unknowns.value(shared, 'grip'), self.unknowns.air
+        for event in found.events:
+            pushes.append(self.unknowns.rig.mass_ratio * (direction * grip + stop * air))
+            states.append(_row_of(begin, event))
+            if event.kind is EventKind.IMPACT:
+                stop = 1 if event.stop == 1 else -1
+                direction = -stop
+            else:
+                direction = -direction
+        rows = np.array(states)
+        inside = slice(*np.searchsorted(record.time, [begin, end]))
+        time, weight = record.time[inside], shooting.weight[inside]
+        if not weight.any():
+            return 0.0
+        node = np.clip(np.searchsorted(rows[:, 0], time, side='right') - 1, 0, len(pushes) - 1)
+        vibration = shooting.vibration(shared)
+        signal = shooting.signal(vibration, rows[node], np.array(pushes)[node], time)
+        left = (shooting.sensed(shared, signal) - record.motion[inside]) * weight
+        return float(np.sqrt(left @ left / (weight > 0.0).sum()))
 
     def _join(self, k: int, end: int, found: Passage, was_cut: bool) -> None:
         """Add a flight that agrees, with the impacts that the engine has in it."""

@@ -13,7 +13,7 @@ from .vibration import Array, Vibration
 
 _POINTS = 80
 _MOST = 4
-#: No reversal is looked for in this part of a flight, at its start.
+#: No reversal is looked for in this part of a flight behind its start, or another reversal.
 _EARLY = 0.03
 #: Reversals with less relative acceleration than this part of M's largest are held.
 _FLAT = 0.1
@@ -57,7 +57,7 @@ def expected_reversals(course: Course, unknowns: Unknowns, vibration: Vibration)
         for _ in range(_MOST):
             pull = slope - direction * grip
             ahead = direction * (w + pull * (times[k] - since) - v[k])
-            late = np.flatnonzero((times[k] > start + _EARLY * span[k]) & (ahead < 0.0))
+            late = np.flatnonzero((times[k] > since + _EARLY * span[k]) & (ahead < 0.0))
             if not len(late):
                 break
             j = int(late[0])

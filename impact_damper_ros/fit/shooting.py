@@ -167,8 +167,8 @@ class Shooting(NodeMotion):
         node, inside = self._node_of_samples(states)
         vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
         signal = self._measured(vibration, grip, states, node, self.record.time)
-        left = self._sensed(shared, signal) - self.record.motion
-        return np.where(inside, left, 0.0) * self._weight
+        left = self.sensed(shared, signal) - self.record.motion
+        return np.where(inside, left, 0.0) * self.weight
 
     def _data_rates(self, u: Array) -> sparse.csr_array:
         """Return derivatives of the residuals of the samples."""
@@ -183,7 +183,7 @@ class Shooting(NodeMotion):
         matrix, by_push = _rates_of(vibration, span, record.order)
         x_rate, v_rate = matrix
         signal = self._measured(vibration, grip, states, node, time)
-        weight = np.where(inside, self._weight, 0.0)
+        weight = np.where(inside, self.weight, 0.0)
         scale = weight * value(shared, 'gain')
         rates = np.zeros((len(time), 3 + self.count))
         rates[:, 0] = -(x_rate * at[:, V] + v_rate * start) * scale
