@@ -107,12 +107,13 @@ def _where(revised: Revised) -> str:
 def _remarks(parameters: dict[str, Estimate], correlations: Correlations) -> list[str]:
     """Return which parameters the motion does not distinguish."""
     remarks = []
-    names = list(parameters)
+    both = 'restitution_1', 'restitution_2'
+    common = set(both) <= set(parameters) and correlations[both[0]][both[1]] > 0.999999
+    names = [name for name in parameters if not (common and name == both[1])]
     for i, one in enumerate(names):
         for other in names[:i]:
             correlation = correlations[other][one]
-            common = {one, other} == {'restitution_1', 'restitution_2'} and correlation > 0.999999
-            if common or not abs(correlation) > CORRELATED:
+            if not abs(correlation) > CORRELATED:
                 continue
             poor = [
                 name

@@ -19,6 +19,8 @@ from .vibration import Array
 MOST_GAIN = 20.0
 #: Fall of the sum of squares at which a fit with soft laws ends, and most steps of it.
 _ROUGH, _ROUGH_STEPS = 1.0, 12
+#: Most steps of a fit with exact laws, which a later round may continue.
+_STEPS = 15
 #: Median of the square of a normal variable; residuals of a flight that are too large, in standard
 #: deviations of their sum of squares.
 _MEDIAN, _LARGE = 0.4549, 6.0
@@ -60,7 +62,7 @@ def to_release(gains: Array, limit: float) -> dict[int, float]:
 def _solved(shooting: Shooting) -> Solution:
     """Return the fit of a course, made roughly with soft laws first."""
     rough = solve(shooting, shooting.start(), soft=1.0, most=_ROUGH_STEPS, least_gain=_ROUGH)
-    return solve(shooting, rough.unknowns)
+    return solve(shooting, rough.unknowns, most=_STEPS)
 
 
 def without_contradictions(
@@ -71,7 +73,7 @@ def without_contradictions(
 
     Returns the equations of the course, their solution and what each flight costs.
     """
-    solution = _solved(shooting) if softly else solve(shooting, shooting.start())
+    solution = _solved(shooting) if softly else solve(shooting, shooting.start(), most=_STEPS)
     gains = gains_of(shooting, solution)
     for _ in range(_MOST_RELEASES):
         chosen = to_release(gains, _CONTRADICTION)

@@ -94,7 +94,9 @@ def passage(
         if event.kind is not EventKind.IMPACT:
             continue
         hits += 1
-        apart = np.where(stops == (1 if event.stop == 1 else -1), np.abs(spans - event.time), np.inf)
+        apart = np.where(
+            stops == (1 if event.stop == 1 else -1), np.abs(spans - event.time), np.inf
+        )
         nearest = int(apart.argmin())
         if apart[nearest] < max(tolerance, _PART * spans[nearest]):
             return Passage(nearest + 1, events[: k + 1], sticks)

@@ -3,10 +3,11 @@
 What the exact engine says of each flight of a course, and the course that follows from it.
 
 From each impact the engine flies on until it hits a stop where and when the course has an impact.
-If that is the next one, the flight agrees. If it is a later one, those passed are removed; what the
-engine hits on its way is inserted: without measured times always, with them where there is one to
-spare for each, or one impact that was missed. The reversals of the engine become nodes. A flight
-that sticks, or from which the engine arrives nowhere, is cut out, until a later round agrees.
+If that is the next one, the flight agrees. If it is a later one, those passed are removed; what
+the engine hits on its way is inserted: without measured times always, with them where there is
+one to spare for each, or one impact that was missed. The data must agree with what is changed.
+The reversals of the engine become nodes. A flight that sticks, or from which the engine arrives
+nowhere, is cut out, until a later round agrees.
 """
 
 from __future__ import annotations
@@ -137,7 +138,7 @@ class ReplayedCourse:
         """
         Look for a flight from where the motion begins anew that passes the next impact.
 
-        Any next impact can be reached from there; if none follows from that, it may be a false one.
+        Any next impact can be reached from there; if none follows, it may be a false one.
         """
         course, last = self.course, self.impacts[-1]
         kept = list(last.row), last.stop

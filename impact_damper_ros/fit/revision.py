@@ -22,7 +22,7 @@ from .replayed_course import Memory, ReplayedCourse
 from .shooting import Shooting
 from .vibration import Array
 
-MOST_ROUNDS = 14
+MOST_ROUNDS = 10
 #: Largest law, in standard deviations of the data, that counts as exact.
 EXACT = 5e-2
 #: Rise of chi that undoes a round, and how often that is done.
@@ -97,9 +97,13 @@ def revised(course: Course, problem: Problem, *, report: bool = False) -> Revise
         turn = ReplayedCourse(course, shooting, memory, gains_now, tolerance)
         proposed = turn.revise()
         if kept and not turn.log and proposed.structure == course.structure:
-            return kept._replace(
-                unchanged=kept.solution.broken < EXACT, rounds=number, why_cut=turn.why_cut
-            )
+            kept = kept._replace(rounds=number, why_cut=turn.why_cut)
+            if kept.solution.broken < EXACT:
+                return kept._replace(unchanged=True)
+            gains_now = _unmet(kept.shooting, kept.solution)
+            if not gains_now:
+                return kept
+            continue
         state = proposed.structure, tuple(gains_now)
         seen[state] += 1
         if kept and seen[state] > _MOST_REPEATS:
@@ -130,12 +134,18 @@ def revised(course: Course, problem: Problem, *, report: bool = False) -> Revise
         course = shooting.course_of(solution.unknowns)
         least_chi = min(least_chi, chi)
         gains_now = to_release(gains, MOST_GAIN)
-        if laws.max(initial=0.0) > 1.0 and not gains_now:
-            flight = int(shooting.law_flights[int(laws.argmax())])
-            gains_now = {flight: 1e3 * float(laws.max())} if flight >= 0 else {}
+        if solution.broken > 1.0 and not gains_now:
+            gains_now = _unmet(shooting, solution)
         kept = Revised(course, shooting, solution, gains, False, number + 1, turn.why_cut)
     assert kept is not None
     return kept
+
+
+def _unmet(shooting: Shooting, solution: Solution) -> dict[int, float]:
+    """Return the flight whose laws are met least, to be cut; none if it is no law of m."""
+    laws = np.abs(solution.equations.condition)
+    flight = int(shooting.law_flights[int(laws.argmax())])
+    return {flight: 1e3 * float(laws.max())} if flight >= 0 else {}
 
 
 def _first_fit(course: Course, problem: Problem) -> tuple[Course, float]:

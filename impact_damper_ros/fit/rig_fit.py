@@ -114,7 +114,8 @@ class RigFit(NamedTuple):
     fit_percent : float
         100 (1 - |residual|/|motion - mean|).
     whiteness : float
-        Correlation of neighbouring residuals over its standard deviation, 0 for white ones.
+        Correlation of neighbouring residuals over its standard deviation, 0 for white ones; NaN
+        if nothing could be fitted, or the residuals are those of rounding.
     deviation : float
         Standard deviation of the noise, from the residuals.
     impacts : ndarray of IMPACT_TYPE
@@ -270,7 +271,9 @@ def _result(measured: MeasuredMotion, found: Revised, chi: float) -> RigFit:
     unknowns, u = shooting.unknowns, solution.unknowns
     shared, _ = shooting.parts(u)
     swing = float(np.std(measured.motion[measured.used]))
-    scale = max(chi_of(shooting, solution), _ROUNDING * swing / shooting.deviation)
+    rounding = _ROUNDING * swing / shooting.deviation
+    chi_now = chi_of(shooting, solution)
+    scale = max(chi_now, rounding)
     columns = np.arange(shooting.count)
     covariance = System(solution.equations, 1e-11).covariance(columns) * scale**2
     parameters, correlations = estimates_of(unknowns, shared, covariance)
@@ -289,7 +292,7 @@ def _result(measured: MeasuredMotion, found: Revised, chi: float) -> RigFit:
         correlations=correlations,
         chi_squared=chi * chi,
         fit_percent=100.0 * (1.0 - float(np.linalg.norm(used)) / size) if size else 0.0,
-        whiteness=_whiteness(used),
+        whiteness=_whiteness(used) if chi_now > rounding else math.nan,
         deviation=shooting.deviation * scale,
         impacts=_impacts(shooting, u),
         flights=_flights(found, residuals, shooting.deviation * scale),

@@ -106,7 +106,7 @@ def _counted_reasons(found: RigFit) -> list[str]:
 
 def _whiteness_words(found: RigFit) -> str:
     if math.isnan(found.whiteness):
-        return NONE
+        return 'those of rounding: the record has no noise' if found.parameters else NONE
     if abs(found.whiteness) < _WHITE:
         return f'white ({found.whiteness:+.1f} standard deviations)'
     return (

@@ -161,7 +161,10 @@ def test_a_recording_of_a_rig_names_it(tmp_path, capsys):
     for name in FITTED:
         one = found['parameters'][name]
         assert one['value'] == pytest.approx(getattr(rig, name), rel=1e-5), name
-    capsys.readouterr()
+    text = capsys.readouterr().out
+    assert 'those of rounding' in text
+    assert 'restitution_2 and' not in text
+    assert 'and restitution_2' not in text
 
 
 @pytest.mark.parametrize(

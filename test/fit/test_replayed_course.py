@@ -1,0 +1,86 @@
+"""A course with wrong impacts is set right by the engine, and reversals are expected in order."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.fit.replayed_course import Memory, ReplayedCourse
+from impact_damper_ros.fit.reversals import expected_reversals
+from impact_damper_ros.fit.shooting import Shooting
+from impact_damper_ros.fit.unknowns import Unknowns
+
+from .random_rigs import DEVIATION, measure, random_rig, true_course
+
+
+def truth(seed, impacts=40, timed=False):
+    rng = np.random.default_rng(seed)
+    rig = random_rig(rng)
+    measurement = measure(rig, rng, impacts=impacts, timed=timed)
+    unknowns = Unknowns(rig, False, ())
+    record, course = true_course(unknowns, measurement)
+    times = measurement.record.impact_times
+    times = np.zeros(0) if times is None else times
+
+    def problem(of):
+        return Shooting(record, measurement.deviation, unknowns, of, times, DEVIATION)
+
+    return unknowns, course, problem
+
+
+@pytest.mark.parametrize('seed', [101, 105, 108])
+def test_reversals_are_expected_in_order_and_where_they_are(seed):
+    unknowns, course, problem = truth(seed)
+    vibration = problem(course).vibration(course.shared)
+    found = expected_reversals(course, unknowns, vibration)
+    for k, (low, high) in enumerate(pairwise(course.time.tolist())):
+        nodes = [low, *found.reversals[k].tolist(), high]
+        assert np.all(np.diff(nodes) > 0.0)
+        if found.possible[k] and not course.begins[k + 1] and not found.held[k].any():
+            assert len(found.reversals[k]) == len(course.reversals[k])
+            # Between two of the points that are looked at
+            apart = (high - low) / 80
+            np.testing.assert_allclose(found.reversals[k], course.reversals[k], atol=2.0 * apart)
+
+
+def revised(course, problem):
+    turn = ReplayedCourse(course, problem(course), Memory(0.01), {}, 0.006)
+    return turn.revise(), turn
+
+
+@pytest.mark.parametrize('timed', [False, True])
+def test_wrong_impacts_are_replaced_by_those_of_the_engine(timed):
+    _, course, problem = truth(105, timed=timed)
+    assert course.flies.all()
+    _, turn = revised(course, problem)
+    assert not turn.log
+    # One is missing, one is false, and one is in a wrong place
+    keep = np.ones(len(course), bool)
+    keep[12] = False
+    wrong = course.kept(keep)
+    middle = 0.5 * (wrong.time[20] + wrong.time[21])
+    wrong = wrong.inserted(
+        20, np.array([[middle, 0.0, 0.0, 0.0]]), np.array([1]), [np.zeros(0), np.zeros(0)]
+    )
+    wrong.time[30] += 0.012
+    wrong.begins[[21, 22, 30, 31]] = True
+    found, turn = revised(wrong, problem)
+    assert found.flies.all(), turn.log
+    np.testing.assert_allclose(found.time, course.time, atol=1e-9)
+    np.testing.assert_array_equal(found.stop, course.stop)
+    for mine, true in zip(found.reversals, course.reversals, strict=True):
+        np.testing.assert_allclose(mine, true, atol=1e-9)
+
+
+def test_what_the_data_contradict_is_not_changed():
+    _, course, problem = truth(105)
+    keep = np.ones(len(course), bool)
+    keep[12] = False
+    wrong = course.kept(keep)
+    shooting = problem(course)
+    # M moves as if nothing had hit it between the two
+    inside = (shooting.record.time > course.time[11]) & (shooting.record.time < course.time[13])
+    shooting.record.motion[inside] += 20.0 * shooting.deviation
+    found, turn = revised(wrong, problem)
+    assert not found.flies[11]
+    assert turn.why_cut
