@@ -297,12 +297,16 @@ class ReplayedCourse:
         for k in range(1, len(rows)):
             rows[k, 0] = max(rows[k, 0], rows[k - 1, 0] + _LEAST_SPAN)
         times = self.shooting.times_of_impacts(self.course.shared)
+        time, x, velocity, damper_velocity = rows.T.copy()
         course = Course(
             self.course.shared.copy(),
-            *rows.T.copy(),
+            time,
+            x,
+            velocity,
+            damper_velocity,
             np.array([impact.stop for impact in impacts]),
             np.array([impact.begins for impact in impacts]),
-            matched(rows[:, 0], times, max(6.0 * self.shooting.impact_deviation, 1e-9)),
+            matched(time, times, max(6.0 * self.shooting.impact_deviation, 1e-9)),
         )
         for k, impact in enumerate(impacts[1:]):
             inside = (impact.reversals > rows[k, 0]) & (impact.reversals < rows[k + 1, 0])
