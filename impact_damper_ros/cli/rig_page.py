@@ -29,7 +29,8 @@ from impact_damper_ros.parameters.quoting import shown
 from .command_line import EXIT_FAILED, CommandError, command_parser, outcome, path_of, say
 
 COMMAND = 'rig_page'
-NODE_END_S = 10.0
+#: Time that a node has to end and to finish its recording, s.
+NODE_END_S = 60.0
 #: How often is looked whether the node lives, the pause before it is started again, doubled each
 #: time, and how long it must live for the first pause to hold again, which is the longest one, s.
 _LOOK_S, _FIRST_PAUSE_S, _LIVED_S = 0.2, 0.5, 30.0

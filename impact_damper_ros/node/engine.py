@@ -222,7 +222,7 @@ class Engine:
         """Start the thread."""
         self._thread.start()
 
-    def stop(self, timeout: float = 5.0) -> None:
+    def stop(self, timeout: float = 20.0) -> None:
         """End the thread after its present tick; safe to call twice, or before `start`."""
         self._stopping.set()
         if self._thread.is_alive():

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from impact_damper_ros.bag import RecordingError, RunWriter
 
 # Longest wait for the engine to release a log.
-RELEASE_TIMEOUT_S = 5.0
+RELEASE_TIMEOUT_S = 20.0
 
 
 class RecordingStatus(NamedTuple):
