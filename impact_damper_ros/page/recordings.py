@@ -61,8 +61,8 @@ class Recordings:
         # The directory of the reports, and these by the name of their bag
         self._directory: Path | None = None
         self._reports: dict[str, Path] = {}
-        #: Comparisons and fits under way by recording, with their processes once those run
-        self._comparing: dict[str, asyncio.subprocess.Process | None] = {}
+        # Comparisons and fits under way by recording: which of them, and the process once it runs
+        self._comparing: dict[str, tuple[str, asyncio.subprocess.Process | None]] = {}
         # What has been read of each bag, and the files that it was read of
         self._known: dict[Path, tuple[object, dict[str, Any]]] = {}
 
@@ -114,17 +114,22 @@ class Recordings:
             raise LookupError('there is no such report')
         return self._reports[name]
 
-    def start_comparison(self, name: str) -> None:
-        """Note that a bag is being compared; LookupError if it is already, or two others are."""
-        if name in self._comparing or len(self._comparing) > 1:
+    def start_comparison(self, name: str, work: str = 'compare') -> bool:
+        """Note what is made of a bag; return whether it begins now; a LookupError if not yet."""
+        present, _ = self._comparing.get(name, ('', None))
+        if present == work:
+            return False
+        if present or len(self._comparing) > 1:
             raise LookupError(
-                'it is being compared or fitted already, or two others are: wait for them'
+                'the other of comparison and fit is being made of it, or two of other recordings: '
+                'wait for them'
             )
-        self._comparing[name] = None
+        self._comparing[name] = work, None
+        return True
 
     def cancel_comparison(self, name: str) -> None:
         """End a comparison, if there is one."""
-        process = self._comparing.get(name)
+        _, process = self._comparing.get(name, ('', None))
         if process is not None and process.returncode is None:
             process.terminate()
 
@@ -132,15 +137,16 @@ class Recordings:
         """Compare a bag with theory, or fit a rig to it; return the message for the pages."""
         name = printable(path.name)
         try:
-            ok, text = await self._compare(path, name, *_WORK[work])
+            ok, text = await self._compare(path, name, work)
         finally:
             self._comparing.pop(name, None)
         url = f'/reports/{quote(name, safe="")}/report.html' if ok else ''
         done = {'type': 'compare_done', 'recording': name, 'work': work}
         return {**done, 'ok': ok, 'url': url, 'text': text}
 
-    async def _compare(self, path: Path, name: str, command: str, word: str) -> tuple[bool, str]:
+    async def _compare(self, path: Path, name: str, work: str) -> tuple[bool, str]:
         """Run a command on a bag in a child process; return whether it has written a report."""
+        command, word = _WORK[work]
         if self._directory is None:
             self._directory = Path(tempfile.mkdtemp(prefix='impact_damper_reports_'))
         directory = Path(tempfile.mkdtemp(dir=self._directory))
@@ -152,7 +158,7 @@ class Recordings:
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,
         )
-        self._comparing[name] = process
+        self._comparing[name] = work, process
         try:
             output, _ = await asyncio.wait_for(process.communicate(), _PATIENCE_S)
         except (TimeoutError, asyncio.CancelledError):

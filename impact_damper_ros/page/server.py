@@ -318,7 +318,9 @@ class PageServer:
             return {'ok': True, 'reason': ''}
         try:
             path = await asyncio.to_thread(self.recordings.path, name)
-            self.recordings.start_comparison(name)
+            if not self.recordings.start_comparison(name, kind):
+                # All pages are informed of its end.
+                return {'ok': True, 'reason': ''}
         except LookupError as error:
             raise RequestError(str(error)) from error
 

@@ -989,6 +989,9 @@ def test_a_recording_goes_on_where_the_connection_was_lost(playing, browser, tmp
         if not playing:
             page.click('#play')
             page.expect('#status').to_have_text('paused')
+            page.click('#recordings-open')
+            page.click('[data-compare]')
+            page.expect('[data-compare]').to_contain_text('Cancel (')
         page.wait(f'impactDamper.history.paused === {json.dumps(not playing)}')
         server.close(signal.SIGKILL)
         page.expect('#status').to_have_text('no server')
@@ -998,6 +1001,8 @@ def test_a_recording_goes_on_where_the_connection_was_lost(playing, browser, tmp
         page.wait(f'impactDamper.received.frames > {frames + 5 * playing}')
         page.wait(f'impactDamper.history.end {">" if playing else "==="} {left}')
         assert page.run('impactDamper.history.end') < 59.0
+        if not playing:
+            page.wait("document.querySelector('#report').open")
     finally:
         page.close()
         server.close()

@@ -327,6 +327,7 @@ connection.addEventListener('status', ({ detail }) => {
   setStatus(detail.state, detail.text);
   if (detail.state === 'ended') player.show(detail.time);
 });
+connection.addEventListener('again', () => recordings.goOn());
 connection.addEventListener('lost', () => {
   player.leave(state.address.bag, history.end);
   setStatus('offline');

@@ -46,6 +46,8 @@ export class Connection extends EventTarget {
     this.pending = new Map();
     /** Whether the server has begun to show what was joined. */
     this.joined = false;
+    /** Whether the connection was lost, and is not there again. */
+    this.lost = false;
   }
 
   /** Join a rig, a recording, or what the server offers first. */
@@ -74,7 +76,8 @@ export class Connection extends EventTarget {
         this.dispatchEvent(new CustomEvent('missing'));
         return;
       }
-      this.dispatchEvent(new CustomEvent('lost', { detail: { wait: this.wait } }));
+      this.lost = true;
+      this.dispatchEvent(new CustomEvent('lost'));
       this.timer = setTimeout(() => this.open(), this.wait);
       this.wait = Math.min(LONGEST_WAIT, 1.6 * this.wait);
     };
@@ -101,6 +104,10 @@ export class Connection extends EventTarget {
     }
     this.dispatchEvent(new CustomEvent(message.type, { detail: message }));
     for (const { message: asked } of again) this.send(asked);
+    if (message.type === 'hello' && this.lost) {
+      this.lost = false;
+      this.dispatchEvent(new CustomEvent('again'));
+    }
   }
 
   /** Give up requests, all or some of them. */

@@ -16,7 +16,7 @@ export class Recordings {
   constructor(connection, play) {
     this.connection = connection;
     this.play = play;
-    // Comparisons and fits under way, and when they began, ms.
+    // Comparisons and fits under way: which of them, and when it began, ms.
     this.busy = new Map();
     setInterval(() => { if (this.busy.size) this.show(this.list); }, 1000);
     this.list = [];
@@ -44,11 +44,10 @@ export class Recordings {
     write(row.querySelector('strong'), one.name);
     write(row.querySelector('p'), about.filter((text) => text !== null && text !== undefined && text !== '–').join(' · '));
     const compare = row.querySelector('[data-compare]');
-    const begun = this.busy.get(one.name);
-    const busy = begun !== undefined;
+    const busy = this.busy.get(one.name);
     // One thing at a time is made of a recording.
-    row.querySelector('[data-fit]').hidden = busy;
-    write(compare, busy ? `Cancel (${Math.round((performance.now() - begun) / 1000)} s)` : 'Compare');
+    row.querySelector('[data-fit]').hidden = Boolean(busy);
+    write(compare, busy ? `Cancel (${Math.round((performance.now() - busy.begun) / 1000)} s)` : 'Compare');
     mark(compare, 'aria-label', busy ? `Cancel the work on ${one.name}` : `Compare ${one.name} with theory`);
     return row;
   }
@@ -76,15 +75,19 @@ export class Recordings {
   }
 
   /** Compare a recording with theory, or fit a rig to it; or cancel what is under way. */
-  async compare(name, type = 'compare') {
-    const on = !this.busy.has(name);
-    if (on) this.busy.set(name, performance.now());
+  async compare(name, type = 'compare', on = !this.busy.has(name)) {
+    if (on) this.busy.set(name, { type, begun: this.busy.get(name)?.begun ?? performance.now() });
     this.show(this.list);
     const { ok, reason } = await this.connection.ask({ type, recording: name, on });
     if (ok) return;
     this.busy.delete(name);
     this.show(this.list);
     toast(`No ${type === 'fit' ? 'fit' : 'comparison'} of ${name}: ${reason}`, 'bad');
+  }
+
+  /** Ask again for what is under way, as its end may have been missed without a connection. */
+  goOn() {
+    for (const [name, { type }] of this.busy) this.compare(name, type, true);
   }
 
   /** A comparison has ended; its report opens in the page. */
