@@ -13,17 +13,18 @@ REVERSAL, STICK, RELEASE, REST = (
 )
 STICKS, RESTS = {REVERSAL, STICK, RELEASE}, {RELEASE, REST}
 RESTS_AND_TURNS = {RELEASE, REST, REVERSAL}
-#: Seed of a rig, impacts and cycles of the motion that it settles into, and other events of it
+#: Seed of a rig, impacts and cycles of the motion that it settles into, and other events of it. Rigs
+#: that settle elsewhere from a start that is 1e-15 to 1e-10 gaps away are not among them.
 TABLE = [
     (1029, 1, 1, {REVERSAL}),
     (481, 1, 2, STICKS),
     (39, 2, 1, STICKS),
     (555, 2, 2, set()),
-    (793, 2, 3, {REVERSAL}),
+    (13605, 2, 3, {REVERSAL}),
     (1797, 2, 3, STICKS),
     (1093, 3, 1, STICKS),
     (396, 3, 2, set()),
-    (1828, 3, 2, STICKS),
+    (18753, 3, 2, STICKS),
     (1746, 3, 3, {REVERSAL}),
     (454, 4, 1, set()),
     (193, 4, 2, {REVERSAL}),
@@ -37,8 +38,8 @@ TABLE = [
     (1569, 7, 2, RESTS),
     (2459, 7, 4, RESTS_AND_TURNS),
     (15, 8, 1, RESTS_AND_TURNS | STICKS),
-    (63, 8, 2, RESTS_AND_TURNS),
-    (1212, 8, 5, set()),
+    (1645, 8, 2, RESTS_AND_TURNS),
+    (2576, 8, 4, set()),
     (175, 9, 1, RESTS_AND_TURNS),
     (970, 9, 2, RESTS_AND_TURNS),
     (643, 10, 1, RESTS),
