@@ -13,8 +13,8 @@ REVERSAL, STICK, RELEASE, REST = (
 )
 STICKS, RESTS = {REVERSAL, STICK, RELEASE}, {RELEASE, REST}
 RESTS_AND_TURNS = {RELEASE, REST, REVERSAL}
-#: Seed of a rig, impacts and cycles of the motion that it settles into, and other events of it. Rigs
-#: that settle elsewhere from a start that is 1e-15 to 1e-10 gaps away are not among them.
+#: Seed of a rig, impacts and cycles of the motion that it settles into, and other events of it.
+#: No rig is here that settles elsewhere from a start that is 1e-15 to 1e-10 gaps away.
 TABLE = [
     (1029, 1, 1, {REVERSAL}),
     (481, 1, 2, STICKS),
