@@ -179,10 +179,7 @@ class ReplayedCourse:
             self.log.append(f'{k}:start')
         elif free and not k and k + 2 < len(course) and course.begins[k + 2]:
             found = self._start_again(k) or found
-        if found.ahead > 0:
-            end = k + found.ahead
-        else:
-            end = k + 1
+        end = k + max(found.ahead, 1)
         gain = self.gains.get(k, 0.0)
         banned = memory.count(memory.cuts, float(course.time[end])) >= _OFTEN
         agrees = found.ahead > 0 and not found.sticks and not banned and not gain

@@ -66,7 +66,7 @@ class _Service:
 
     def __init__(self, node: Node, kind: Any, name: str) -> None:
         self._kind = kind
-        # One that moves the rig would do so twice.
+        # A step or a reset that is asked for again would be made twice.
         self._repeatable = kind is not Trigger
         self._client = node.create_client(kind, name)
         self._waiting: dict[int, asyncio.Future[Any]] = {}

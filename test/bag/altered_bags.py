@@ -111,7 +111,7 @@ def file_of(bag):
 
 def rewritten(bag, change, copy=None):
     """
-    Give the file of a bag other bytes, or its copy; return the path of that.
+    Write other bytes into the file of a bag, or into a copy; return its path.
 
     `change` alters the `bytearray` that it is given, or returns other bytes.
     """

@@ -199,7 +199,7 @@ def test_pandas_alone_reads_the_table(tmp_path, suffix):
 
 
 def test_a_table_with_columns_of_earlier_names_is_read(tmp_path):
-    """Also the rigs of a sweep that was begun with them."""
+    """Rigs of a sweep that was begun with the earlier names are read, too."""
     grid = grid_of(gap=[31.31, 36.0])
     table = sweep(grid, tmp_path / 'new.parquet')
     earlier = table.rename(columns={'kind': 'motion', 'cycles': 'period'})
