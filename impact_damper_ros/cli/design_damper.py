@@ -288,6 +288,11 @@ def _mass_ratios(arguments: argparse.Namespace, rig: RigParameters) -> Sequence[
     if arguments.mass_ratio is None:
         return MASS_RATIOS if rig.mass_ratio == _ANY_MASS_RATIO else (rig.mass_ratio,)
     low, high = arguments.mass_ratio
+    if high > 1.0:
+        raise ValueError(
+            f'--mass-ratio is {high:g}, a damper heavier than the structure: give at most 1, or '
+            f'{high:g}%'
+        )
     if low == high:
         return (low,)
     return [float(f'{ratio:.3g}') for ratio in np.geomspace(low, high, len(MASS_RATIOS))]

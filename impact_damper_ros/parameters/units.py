@@ -25,7 +25,7 @@ UNITS: dict[str, dict[str, float]] = {
     'm/s': _SPEEDS,
     'm/s^2': _ACCELERATIONS,
     _OF_BASE: {_OF_BASE: 1.0, **_LENGTHS, **_SPEEDS, **_ACCELERATIONS},
-    'kg': {'kg': 1.0, 'g': 1e-3, 't': 1e3},
+    'kg': {'kg': 1.0, 'g': 1e-3, 'mg': 1e-6, 't': 1e3},
     'N': {'N': 1.0, 'mN': 1e-3, 'kN': 1e3},
     'N/m': {'N/m': 1.0, 'kN/m': 1e3, 'N/mm': 1e3},
     'N s/m': {'N s/m': 1.0, 'Ns/m': 1.0, 'kg/s': 1.0},

@@ -81,6 +81,7 @@ def test_a_light_damper_has_to_be_started(capsys):
         (['--base', '1mm', '--levels', '2:3'], 'give a range of factors around 1'),
         (['--base', '1mm', '--damping-ratio', '0'], '--damping-ratio is 0'),
         (['--base', '1mm', '--damping-ratio', '2'], 'from 0 to 0.9999, or 2 %'),
+        (['--base', '1mm', '--mass-ratio', '5'], 'give at most 1, or 5%'),
         (['--base', '1mm', '--mass', 'nan'], 'primary_mass'),
         (['--base', '1mm', '--mass', '-5kg'], 'primary_mass is -5.0 kg: give a number from'),
         (['--base', '1mm', '--check', 'bench_rig'], '--mass does not go with --check'),

@@ -26,6 +26,38 @@ from impact_damper_ros.replay import RecordedRun, Replay  # noqa: E402
 
 RIG = specification.RIG
 
+#: On-off control that doubles the force on the way, and asks for a gap that is refused.
+FORCE_STEP = f"""
+import sys
+
+from impact_damper_ros.node.controller import run
+
+sys.path.append({str(CONTROLLERS)!r})
+from on_off_gap import OnOffGap
+
+
+class ForceStep(OnOffGap):
+    force = 10
+
+    async def command(self, time, seen):
+        if time > 1.5 and self.force == 10:
+            self.force = 20
+            await self.set_rig(force_amplitudes=[self.force])
+            try:
+                await self.set_rig(gap=-1, damping=0.8)
+            except ValueError:
+                return super().command(time, seen)
+            raise RuntimeError('a gap of -1 m was accepted')
+        return super().command(time, seen)
+
+
+run(ForceStep)
+"""
+
+
+#: What is the same in each run, with the instants of changes.
+TOPICS = ('joint_states', 'impacts', 'gap_control', 'measurements', 'parameter_events')
+
 
 @contextmanager
 def busy_processors(directory, count=2):
@@ -44,7 +76,7 @@ def recorded(bag, seconds):
             (r.stamp_ns, r.content) for r in reader.records([name]) if r.stamp_ns < seconds * 1e9
         ]
         for name, _ in reader.topics
-        if name.endswith(('/joint_states', '/impacts', '/gap_control', '/measurements'))
+        if name.endswith(TOPICS)
     }
 
 
@@ -61,7 +93,9 @@ def rms(values):
 
 
 def test_two_runs_in_lock_step_are_the_same_bits(tmp_path):
-    """With noise, latency, jitter and losses, on an idle and on a busy machine."""
+    """With noise, latency, jitter, losses and a change of the force; idle and busy machine."""
+    script = tmp_path / 'force_step.py'
+    script.write_text(FORCE_STEP)
     rig = {
         **RIG,
         'gap_control_noise_position': 1e-4,
@@ -78,14 +112,17 @@ def test_two_runs_in_lock_step_are_the_same_bits(tmp_path):
     runs = []
     for name in ('idle', 'busy'):
         with busy_processors(tmp_path, 0 if name == 'idle' else 2):
-            bag = lock_step.run_in_lock_step(
-                CONTROLLERS / 'on_off_gap.py', seconds, tmp_path / name, rig, gaps
-            )
+            bag = lock_step.run_in_lock_step(script, seconds, tmp_path / name, rig, gaps)
         runs.append(recorded(bag, seconds))
         replayed(bag, seconds)
-    assert runs[0].keys() == {'joint_states', 'impacts', 'gap_control', 'measurements'}
-    for topic, messages in runs[0].items():
-        assert messages == runs[1][topic], topic
+    assert runs[0].keys() == set(TOPICS)
+    for topic in TOPICS[:-1]:
+        assert runs[0][topic] == runs[1][topic], topic
+    # The start, and the one change that was accepted, at the instant its measurement came
+    idle, busy = ([stamp for stamp, _ in run['parameter_events']] for run in runs)
+    assert idle == busy
+    assert len(idle) == 2
+    assert 1.5e9 < idle[1] < 1.52e9
     # A tenth is lost.
     assert 500 < len(runs[0]['measurements']) < 580
     assert len(runs[0]['gap_control']) >= len(runs[0]['measurements'])
