@@ -71,6 +71,9 @@ LESS = (
     ('=0.4:1.2:33', '=0.4:1.2:2 --no-search'),
     ('--cycles 300 --watch 100', '--cycles 60 --watch 21'),
     ('--restitution 0.3:0.8', '--restitution 0.3:0.8 --mass-ratio 5%'),
+    ('--optimum greatest', '--optimum greatest --no-search --cycles 60 --watch 21'),
+    ('=27:37:120', '=27:37:120 --no-search'),
+    ('--impacts 1:4 --cycles 1:3', '--impacts 1:2 --cycles 1:2'),
 )
 RANGE = re.compile(r'(=-?[0-9.]+(?:Hz)?:-?[0-9.]+(?:Hz)?):\d+')
 

@@ -41,7 +41,7 @@ def test_the_best_gap_is_that_of_running_rigs(seed):
     assert found.ok, str(found)
 
 
-@pytest.mark.parametrize('mass_ratio', [0.01, 0.03, 0.05, 0.1])
+@pytest.mark.parametrize('mass_ratio', [0.03, 0.05])
 def test_what_is_reached_from_rest(mass_ratio):
     design = best_design(structure(mass_ratio=mass_ratio))
     settled = settle(Rig(design.rig))

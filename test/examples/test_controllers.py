@@ -106,7 +106,7 @@ def test_two_runs_in_lock_step_are_the_same_bits(tmp_path):
         'measurement_jitter': 0.004,
         'measurement_loss': 0.1,
     }
-    seconds = 3.0
+    seconds = 1.5
     # Switched by the noise as well
     gaps = {'narrow': 0.1, 'wide': 0.2, 'threshold': 0.03, 'hysteresis': 0.001, 'memory': 0.05}
     runs = []
@@ -124,7 +124,7 @@ def test_two_runs_in_lock_step_are_the_same_bits(tmp_path):
     assert len(idle) == 2
     assert 1.5e9 < idle[1] < 1.52e9
     # A tenth is lost.
-    assert 500 < len(runs[0]['measurements']) < 580
+    assert 250 < len(runs[0]['measurements']) < 290
     assert len(runs[0]['gap_control']) >= len(runs[0]['measurements'])
 
 
@@ -153,7 +153,7 @@ def test_the_timed_law_as_a_node_is_as_good_as_that_of_the_rig(tmp_path):
 
 def test_skyhook_damping(tmp_path):
     """Without impacts: the frequency response with a dashpot that is held, half a hold late."""
-    seconds, rate, dashpot = 12.0, 200.0, 10.0
+    seconds, rate, dashpot = 4.0, 200.0, 10.0
     bag = lock_step.run_in_lock_step(
         CONTROLLERS / 'skyhook.py',
         seconds,

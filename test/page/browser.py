@@ -8,6 +8,12 @@ from playwright.sync_api import Error, expect, sync_playwright
 from running import DEADLINE_S
 
 OPTIONS = ('--disable-gpu', '--autoplay-policy=no-user-gesture-required', '--mute-audio')
+#: A screen of eight pictures per second. A page draws once for each, and to draw takes most of the
+#: processor's time, whatever it shows.
+SLOW_SCREEN = """{
+    const next = requestAnimationFrame.bind(globalThis);
+    globalThis.requestAnimationFrame = (draw) => setTimeout(() => next(draw), 110);
+}"""
 expect.set_options(timeout=1000.0 * DEADLINE_S)
 
 
@@ -31,6 +37,7 @@ class Browser:
             device_scale_factor=scale,
             color_scheme='dark' if dark else 'light',
         )
+        context.add_init_script(SLOW_SCREEN)
         return Page(context, address)
 
     def close(self):
