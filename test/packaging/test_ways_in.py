@@ -30,7 +30,11 @@ def test_installation_of_the_slim_image(tmp_path):
     patterns = shutil.ignore_patterns(*ignored, '_build', '*.egg-info', '.*_cache')
     shutil.copytree(ROOT, source, ignore=patterns)
     runs.mkdir()
-    venv.create(place, with_pip=True)
+    venv.create(place)
+    # Its pip is that of here, which installs for the new environment.
+    pip = place / 'bin' / 'pip'
+    pip.write_text(f'#!/bin/sh\nexec {sys.executable} -m pip --python {place}/bin/python "$@"\n')
+    pip.chmod(0o755)
     # What it needs is here already: nothing is fetched.
     own = Path(sysconfig.get_path('purelib', vars={'base': str(place)}))
     (own / 'here.pth').write_text(sysconfig.get_path('purelib'), encoding='utf-8')

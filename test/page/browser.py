@@ -86,6 +86,10 @@ class Page:
             assert time.monotonic() < end, f'in vain: {script}; {self.described()}'
             time.sleep(0.05)
 
+    def drawn(self):
+        """Wait until all that has changed is drawn, by the pictures of a whole turn."""
+        self.run('new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))')
+
     def described(self):
         """Return what a failed test should say of the page."""
         state = self.run("""[location.href, document.querySelector('#status')?.textContent,
