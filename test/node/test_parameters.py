@@ -116,8 +116,6 @@ def test_a_request_is_judged_as_a_whole(rig):
 def test_bad_parameters_at_start_end_the_node(launch):
     cases = {
         'write stiffness': {'stifness': 3},
-        'give a number from 1e-09': {'gap': -1},
-        "damping is 'soft'": {'damping': 'soft'},
         'between the stops': {'initial_damper_offset': 30},
         'not [1, 0.5]': {'force_amplitudes': '[1, 0.5]'},
         'cannot record to': {'record': True, 'bag_directory': '/dev/null/runs'},
@@ -156,7 +154,6 @@ FOR_OTHERS = {
         '/rig1/sim_node: {ros__parameters: {gap: 1.0}}\n'
         '/rig2: {sim_node: {ros__parameters: {gap: 2.0}}}'
     ),
-    'camera.yaml': 'camera: {ros__parameters: {gap: 1.0}}',
     'empty.yaml': '',
 }
 
@@ -176,21 +173,13 @@ def test_a_file_without_parameters_for_the_node(launch, tmp_path):
         ended['two.yaml'].output
     )
     assert 'holds no parameters' in ended['empty.yaml'].output
-    files = [paths['camera.yaml'], paths['two.yaml']]
+    camera = tmp_path / 'camera.yaml'
+    camera.write_text('camera: {ros__parameters: {gap: 1.0}}')
+    files = [camera, paths['two.yaml']]
     process = launch('__ns:=/rig2', parameters_file=files)
     until(lambda: 'runs in real time' in process.output, lambda: process.output)
     assert 'gap 2 m' in process.output
     assert 'no parameters for /rig2/sim_node among camera' in process.output
-    assert process.stop() == 0
-
-
-def test_units_at_the_start(launch, tmp_path):
-    path = tmp_path / 'rig.yaml'
-    path.write_text(HEAD + '    gap: 12mm\n    angle: 10 deg\n')
-    process = launch(parameters_file=path, force_frequencies='5 Hz')
-    until(lambda: 'runs in real time' in process.output, lambda: process.output)
-    assert '5.00 Hz (31.42 rad/s)' in process.output
-    assert 'gap 0.012 m; inclined by 10°' in process.output
     assert process.stop() == 0
 
 
@@ -213,19 +202,30 @@ def _plain(value):
     return list(value) if hasattr(value, '__len__') and not isinstance(value, str) else value
 
 
-HEAD = '/**:\n  ros__parameters:\n'
+#: A file with units, a thousand parameters of other nodes, and an entry of another name.
+MANY = f"""\
+/**:
+  ros__parameters:
+    gap: 12mm
+    angle: 10 deg
+    "\\e[31mred": 1
+{''.join(f'    p{number}: 1{chr(10)}' for number in range(1000))}
+/other/sim_node: {{ros__parameters: {{gap: 0.5}}}}
+"""
 
 
-def test_a_thousand_parameters_of_other_nodes_are_warned_of_in_a_few_lines(launch, tmp_path):
+def test_a_start_says_what_applies(launch, namespace, tmp_path):
     path = tmp_path / 'many.yaml'
-    lines = ''.join(f'    p{k}: {k}\n' for k in range(1000))
-    path.write_text(HEAD + lines + '    "\\e[31mred": 1\n    gap: 3.0\n')
-    process = launch(parameters_file=path)
-    until(lambda: 'runs in real time' in process.output, lambda: process.output)
-    said = process.output
-    assert said.count('is not one of this node; it is ignored') == 8
-    assert '993 more parameters are ignored as well' in said
-    assert '\x1b[31m' not in said
+    path.write_text(MANY)
+    process = launch(f'__ns:={namespace}', parameters_file=path, force_frequencies='5 Hz')
+    until(lambda: 'recording  off' in process.output, lambda: process.output)
+    text = process.output
+    assert f'are given, by {path} (/**), the command line\n' in text
+    assert '5.00 Hz (31.42 rad/s)' in text
+    assert 'gap 0.012 m; inclined by 10°' in text
+    assert text.count('is not one of this node; it is ignored') == 8
+    assert '993 more parameters are ignored as well' in text
+    assert '\x1b[31m' not in text
     assert process.stop() == 0
 
 

@@ -31,7 +31,6 @@ sys.exit(sim_node.main())
     [
         (signal.SIGTERM, signal.SIGTERM),
         (signal.SIGHUP,),
-        (signal.SIGINT, signal.SIGTERM, signal.SIGINT),
     ],
     ids=lambda signals: '+'.join(s.name for s in signals),
 )

@@ -1,11 +1,9 @@
 """What the node says as it starts, and of another one that publishes the clock."""
 
-import subprocess
-import sys
-
 from diagnostic_msgs.msg import DiagnosticArray
 from running import until
 
+from impact_damper_ros.cli.set_rig import main as set_rig
 from impact_damper_ros.node.parameters import parameters_from_overrides
 from impact_damper_ros.node.sim_node import given_text, start_message
 from node.rig_client import LIVELY
@@ -33,18 +31,6 @@ def test_start_message_names_what_runs():
     assert some.startswith('2 of ')
 
 
-def test_the_node_says_which_entries_of_its_files_apply(launch, namespace, tmp_path):
-    path = tmp_path / 'two.yaml'
-    path.write_text(
-        '/**: {ros__parameters: {gap: 0.02}}\n/other/sim_node: {ros__parameters: {gap: 0.5}}\n'
-    )
-    process = launch(f'__ns:={namespace}', parameters_file=path, friction=0.1)
-    until(lambda: 'recording  off' in process.output, lambda: process.output)
-    assert f'are given, by {path} (/**), the command line\n' in process.output
-    assert 'gap 0.02 m' in process.output
-    assert process.stop() == 0
-
-
 def test_start_message_of_a_recording_and_of_a_frequency_in_hertz():
     text = start_text('runs/rig_1', force_frequencies='[5.0]', real_time_factor=0.5)
     assert 'recording  to runs/rig_1\n' in text
@@ -53,7 +39,7 @@ def test_start_message_of_a_recording_and_of_a_frequency_in_hertz():
     assert 'if Hz were meant, give 31.4159' in text
 
 
-def test_two_nodes_of_one_name_are_reported(client, launch, namespace):
+def test_two_nodes_of_one_name_are_reported(client, launch, namespace, capsys):
     """By the nodes, in their log and in the diagnostics; set_rig sets neither."""
     both = [launch(f'__ns:={namespace}') for _ in range(2)]
     reports = client.listen(DiagnosticArray, '/diagnostics')
@@ -66,21 +52,8 @@ def test_two_nodes_of_one_name_are_reported(client, launch, namespace):
         return any(s.name.endswith('network') and words in s.message for s in statuses)
 
     until(reported)
-    done = subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'impact_damper_ros.cli.set_rig',
-            '--node',
-            f'{namespace}/sim_node',
-            'gap=1',
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2, done.stdout
-    assert f'2 nodes are named {namespace}/sim_node' in done.stderr
+    assert set_rig(['--node', f'{namespace}/sim_node', 'gap=1']) == 2
+    assert words in capsys.readouterr().err
     for process in both:
         assert process.stop() == 0
 
