@@ -4,6 +4,7 @@ The data of the tutorial 'From data to damper', as a bench would give them.
 
 A rig whose parameters are not those of its drawing is released without its damper, and then
 started from rest with it. A laser shows the place of M with noise, an accelerometer the impacts.
+A microphone has the bounces of a ball.
 
     python examples/twin/measure.py [DIRECTORY]
 """
@@ -50,6 +51,15 @@ def from_rest(rng):
     return time, place, np.sort(hits + rng.normal(0.0, 3e-4, len(hits)))
 
 
+def bounces(rng):
+    """Return when a table-tennis ball hits a plate, whose restitution falls with its speed."""
+    times, speed = [0.412], 2.6
+    for _ in range(13):
+        times.append(times[-1] + 2.0 * speed / 9.80665)
+        speed *= 0.93 - 0.03 * speed
+    return np.array(times) + rng.normal(0.0, 2e-4, len(times))
+
+
 def main():
     """Write the files."""
     directory = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
@@ -60,7 +70,8 @@ def main():
     time, place, hits = from_rest(rng)
     rows = [f'{t:.3f},{1e3 * x:.3f}' for t, x in zip(time, place, strict=True)]
     (directory / 'start.csv').write_text('t [s],x [mm]\n' + '\n'.join(rows) + '\n')
-    (directory / 'hits.csv').write_text('t [s]\n' + '\n'.join(f'{t:.4f}' for t in hits) + '\n')
+    for name, times in (('hits.csv', hits), ('bounces.csv', bounces(rng))):
+        (directory / name).write_text('t [s]\n' + '\n'.join(f'{t:.4f}' for t in times) + '\n')
 
 
 if __name__ == '__main__':

@@ -16,7 +16,7 @@ from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
 from impact_damper_ros.parameters.parameters_file import presets, rig_yaml
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.parameters.units import UNITS, in_si, split_number
+from impact_damper_ros.parameters.units import STANDARD_GRAVITY, UNITS, in_si, split_number
 
 from .command_line import (
     EXIT_FAILED,
@@ -51,7 +51,8 @@ _DESCRIPTION = """\
 Fit a rig to the measured motion of M: stiffness, damping, restitution, friction and gap, each with
 its 95 % interval. DATA is a CSV file whose header has units (t [s], x [mm], accel [g],
 force [N], impact), the export of a phone, .uff, .lvm, or a bag; or --topic takes a live one. With
---structure frequency and damping come from a ring-down or a sweep without the damper.
+--structure frequency and damping come from a ring-down or a sweep without the damper; with
+--rebounds restitution over speed from the bounces of a dropped damper.
 """
 _EPILOG = """\
 Masses, force and angle are those of --rig, whose stiffness and damping are guesses (within 5 and
@@ -61,6 +62,7 @@ the input is invalid; 130 on Ctrl-C, 143 on SIGTERM.
 Examples:
   fit_rig free.csv --structure --rig rig.yaml --rig-out start.yaml
   fit_rig run.csv --impacts hits.csv --rig start.yaml --rig-out fitted.yaml --report report
+  fit_rig bounces.wav --rebounds
   fit_rig --topic /joint_states --seconds 20 --rig bench_rig
 """
 
@@ -93,10 +95,17 @@ def _parser() -> argparse.ArgumentParser:
         '--node', default='', metavar='NAME', help='which rig, if that file describes several'
     )
     add_set_option(parser)
-    parser.add_argument(
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument(
         '--structure',
         action='store_true',
         help='fit frequency and damping of the structure alone; with --rig its masses are used',
+    )
+    form.add_argument(
+        '--rebounds',
+        action='store_true',
+        help='fit restitution over speed to the times, or the sound (.wav), of a damper that '
+        'bounces on a stop',
     )
     parser.add_argument(
         '--also',
@@ -107,7 +116,9 @@ def _parser() -> argparse.ArgumentParser:
         'the force or of the impact times; may be repeated',
     )
     data = parser.add_argument_group('the data')
-    add_path_option(data, '--impacts', 'times of impacts, or an accelerometer with their spikes')
+    add_path_option(
+        data, '--impacts', 'times of impacts, or a signal or sound (.wav) with their spikes'
+    )
     data.add_argument(
         '--impact-deviation',
         type=number(1e-7, 1.0, 's'),
@@ -224,6 +235,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error('give the file of the data, or a live topic with --topic')
     if arguments.data is not None and arguments.seconds is not None:
         parser.error('--seconds goes with a live --topic: leave out the file, or --seconds')
+    if arguments.rebounds and (arguments.report or arguments.rig_out or arguments.data is None):
+        parser.error('--rebounds takes a file, and --json FILE: leave out the other outputs')
     if arguments.set and arguments.rig is None:
         parser.error('--set changes the rig of --rig: give it')
     command = shlex.join(['fit_rig', *(sys.argv[1:] if argv is None else argv)])
@@ -233,6 +246,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.report is not None:
             need_matplotlib()
             check_directory(arguments.report)
+        if arguments.rebounds:
+            return _rebounds(arguments)
         run = _structure if arguments.structure else _rig
         return run(arguments, command)
 
@@ -309,6 +324,24 @@ def _structure(arguments: argparse.Namespace, command: str) -> int:
 
     text = fit_report.structure_text(found)
     return _finish(arguments, text, found.accepted, rig_text)
+
+
+def _rebounds(arguments: argparse.Namespace) -> int:
+    from impact_damper_ros.fit.measured_motion import read_impacts
+    from impact_damper_ros.fit.rebounds import fit_rebounds
+    from impact_damper_ros.report import fit_report
+
+    times, _ = read_impacts(arguments.data)
+    low, high = arguments.from_time, arguments.to_time
+    within = (times >= (-math.inf if low is None else low)) & (
+        times <= (math.inf if high is None else high)
+    )
+    rig = _start(arguments, None)
+    found = fit_rebounds(times[within], STANDARD_GRAVITY if rig is None else rig.gravity)
+    write_json(arguments.json, fit_report.rebounds_json(found))
+    text = fit_report.rebounds_text(found, str(arguments.data))
+    print(text, file=text_stream(arguments.json))
+    return 0
 
 
 def _of_rig(found: StructureFit, mass: float) -> dict[str, Estimate]:

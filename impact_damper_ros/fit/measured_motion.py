@@ -9,12 +9,14 @@ in `prepared`, which fills gaps in time, masks samples that are saturated, and f
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.io import wavfile
 
 from impact_damper_ros.parameters.base_motion import quantity_of
 from impact_damper_ros.parameters.measured_table import (
@@ -26,6 +28,7 @@ from impact_damper_ros.parameters.measured_table import (
     INSTANT,
     TIME,
     VELOCITY,
+    ColumnError,
     MeasuredTable,
     TableError,
     read_table,
@@ -39,6 +42,8 @@ Mask = NDArray[np.bool_]
 LEAST_SAMPLES = 20
 #: Intervals may differ by this part of one; a longer one is a gap, of at most so many samples.
 _SAME_STEP, _LONGEST_GAP = 0.3, 1000
+#: Times with few digits: steps that differ, at least, and how far they are off, in the last digit.
+_ROUNDED_STEPS, _OFF_BY = 0.1, 0.6
 #: Steps of the resolution by which a signal runs into saturation, at least.
 _STEEP = 4.0
 #: Around an impact an acceleration is that of the sensor, not of M: before and after it, s.
@@ -46,6 +51,9 @@ _RINGING = (5e-4, 5e-3)
 #: A spike stands out by so many standard deviations of the noise, and by this factor from the
 #: spike before it.
 _OUTSTANDING, _NEXT_SPIKE = 8.0, 3.0
+#: Interval in which a sound is judged by its loudest sample, s; how long its echoes count, s, and
+#: the factor by which an impact is louder.
+_SOUND_STEP, _ECHO = 5e-4, (0.02, 4.0)
 #: Standard deviation of an impact time of which nothing is known, s.
 IMPACT_DEVIATION = 5e-4
 
@@ -176,19 +184,23 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
         table = read_table(path, {'time': TIME, **wanted}, optional, {'motion': options.column})
         key, quantity = 'motion', quantity_of(table.columns['motion'].unit)
     else:
-        table = read_table(path, {'time': TIME}, {**_MOTIONS, **optional})
-        found = [name for name in _MOTIONS if name in table.columns]
-        if not found:
-            # With the reason, if there is a column of one of the names
-            read_table(path, {'displacement': DISPLACEMENT})
-        key = quantity = found[0]
+        try:
+            table = read_table(path, {'time': TIME}, {**_MOTIONS, **optional})
+            key = quantity = next((name for name in _MOTIONS if name in table.columns), '')
+            if not key:
+                # With the reason, if there is a column of one of the names
+                read_table(path, {'displacement': DISPLACEMENT})
+        except ColumnError as error:
+            remedy = '; or name that of M with --column' if error.key in _MOTIONS else ''
+            raise ColumnError(error.key, f'{error}{remedy}') from None
+    even = _even(table.columns['time'].values)
+    table.columns['time'] = table.columns['time']._replace(values=even)
     table.check_rising('time')
     for name in ('force', 'base', 'impact'):
         if name in table.columns:
             table.check_finite(name)
     time = table.columns['time'].values
-    step = float(np.median(np.diff(time)))
-    times, deviation = None, step / math.sqrt(12.0)
+    times, deviation = None, _deviation(time)
     if options.impacts is not None:
         times, deviation = read_impacts(options.impacts)
     elif 'impact' in table.columns:
@@ -217,6 +229,21 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
     )
 
 
+def _even(time: Array) -> Array:
+    """Return instants at equal intervals where the given ones are these, with few digits."""
+    steps = np.diff(time)
+    sizes = np.unique(np.round(steps, 9))
+    if not np.isfinite(time).all() or len(sizes) < 2:
+        return time
+    # A clock that writes whole milliseconds is off by half of one, at many samples; a sample that
+    # is missing or twice there makes two steps different
+    digit = float(np.diff(sizes).min())
+    many = np.mean(np.abs(steps - np.median(steps)) > 0.5 * digit) > _ROUNDED_STEPS
+    places = np.arange(len(time))
+    grid = time[0] + np.polyval(np.polyfit(places, time - time[0], 1), places)
+    return grid if many and np.abs(grid - time).max() <= _OFF_BY * digit else time
+
+
 def _place(table: MeasuredTable, row: int) -> str:
     return (
         f'{as_line(str(table.path))}, line {table.lines[row]}, column '
@@ -226,18 +253,48 @@ def _place(table: MeasuredTable, row: int) -> str:
 
 def read_impacts(path: Path) -> tuple[Array, float]:
     """Return the impact times of a file, and their standard deviation, s."""
-    try:
-        table = read_table(path, {'time': TIME, 'acceleration': ACCELERATION})
-    except TableError:
-        table = read_table(path, {'time': INSTANT})
-        table.check_finite('time')
-        return np.unique(table.columns['time'].values), IMPACT_DEVIATION
-    table.check_rising('time')
-    table.check_finite('acceleration')
+    if path.suffix.lower() == '.wav':
+        time, loudness = _loudness(path)
+        return spike_times(time, loudness, *_ECHO), _deviation(time)
+    table = read_table(path, {'time': INSTANT}, {'acceleration': ACCELERATION, 'impact': IMPACT})
     time = table.columns['time'].values
-    step = float(np.median(np.diff(time)))
-    found = spike_times(time, table.columns['acceleration'].values)
-    return found, step / math.sqrt(12.0)
+    for name, instants in (('acceleration', spike_times), ('impact', _rises)):
+        if name in table.columns:
+            table.check_rising('time')
+            table.check_finite(name)
+            return instants(time, table.columns[name].values), _deviation(time)
+    table.check_finite('time')
+    times = np.unique(time)
+    steps = np.diff(times)
+    if len(times) >= LEAST_SAMPLES and np.ptp(steps) < _SAME_STEP * np.median(steps):
+        raise TableError(
+            f'{as_line(str(path))}: {len(times)} times at equal intervals, which are no impacts: '
+            'give their times, or name the signal that shows them accel [g] or impact [V]'
+        )
+    return times, IMPACT_DEVIATION
+
+
+def _loudness(path: Path) -> tuple[Array, Array]:
+    """Return the largest sound pressure of a .wav file in each half millisecond."""
+    try:
+        rate, sound = wavfile.read(path)
+    except (ValueError, EOFError, struct.error) as error:
+        raise TableError(
+            f'{as_line(str(path))}: no sound that can be read ({as_line(str(error))}): give a '
+            '.wav file of PCM samples'
+        ) from None
+    channels = np.abs(sound.astype(float).reshape(len(sound), -1))
+    loudest = channels[:, int(np.argmax(channels.max(axis=0, initial=0.0)))]
+    size = max(1, round(rate * _SOUND_STEP))
+    blocks = loudest[: len(loudest) // size * size].reshape(-1, size).max(axis=1)
+    if len(blocks) < LEAST_SAMPLES:
+        raise TableError(f'{as_line(str(path))}: {len(sound) / rate:.3g} s of sound: record more')
+    return np.arange(len(blocks)) * (size / rate), blocks
+
+
+def _deviation(time: Array) -> float:
+    """Return the standard deviation of an instant between two samples, s."""
+    return float(np.median(np.diff(time))) / math.sqrt(12.0)
 
 
 def _rises(time: Array, level: Array) -> Array:
@@ -251,25 +308,27 @@ def _rises(time: Array, level: Array) -> Array:
     return instants
 
 
-def spike_times(time: Array, acceleration: Array) -> Array:
+def spike_times(
+    time: Array, acceleration: Array, ringing: float = _RINGING[1], factor: float = _NEXT_SPIKE
+) -> Array:
     """
     Return the instants at which an acceleration has the spikes of impacts, s.
 
     Notes
     -----
     An impact is between the first sample of a spike and the one before it. What rings on behind a
-    spike is none, unless it stands out from that by a factor of 3.
+    spike for some time is none, unless it stands out from that by a factor.
     """
     step = float(np.median(np.diff(time)))
     bend = np.abs(np.diff(acceleration, 2))
     noise = 1.4826 * float(np.median(bend))
-    window = max(3, round(_RINGING[1] / step))
+    window = max(3, round(ringing / step))
     found: list[int] = []
     for k in np.flatnonzero(bend > _OUTSTANDING * noise):
         peak = bend[k : k + 3].max()
         before = bend[max(0, k - window) : k].max(initial=0.0)
         # The bend at k is that of the samples k, k + 1 and k + 2
-        if before <= max(_OUTSTANDING * noise, peak / _NEXT_SPIKE):
+        if factor * before <= peak:
             if found and k + 1 - found[-1] < 3:
                 continue
             found.append(int(k) + 1)

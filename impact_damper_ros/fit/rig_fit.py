@@ -19,12 +19,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .acceptance import judged
 from .alternatives import Alternative, alternatives
 from .course import Course
 from .estimate import Estimate
+from .excitation import ExcitationError, excited
 from .first_course import UnfitRecordError, first_course
 from .gauss_newton import System, solve
 from .measured_motion import MeasuredMotion
@@ -168,8 +170,9 @@ def fit_rig(
     measured : MeasuredMotion
         The motion of M, with impact times if there are any.
     start : RigParameters
-        The rig: masses, force or motion of the base, and angle are taken from it, stiffness and
-        damping are guesses (within some 5 % and 60 %). The rest of it does not count.
+        The rig: masses, force or motion of the base (unless they were recorded), and angle are
+        taken from it, stiffness and damping are guesses (within some 5 % and 60 %). The rest of it
+        does not count.
     also : sequence of str, optional
         What to fit besides: 'restitution_2' for a restitution of its own of stop 2, 'gain' and
         'bias' of the sensor, 'force_delay' of the force, 'impact_delay' of the impact times.
@@ -189,6 +192,18 @@ def fit_rig(
     for name in also:
         if name not in FURTHER:
             raise FitOptionError(f'{name!r} cannot be fitted: give names of {", ".join(FURTHER)}')
+    try:
+        start, remarks = excited(measured, start)
+    except ExcitationError as error:
+        return _refused(measured, [str(error)])
+    found = _fitted(measured, start, also, report=report)
+    return found._replace(remarks=[*remarks, *found.remarks])
+
+
+def _fitted(
+    measured: MeasuredMotion, start: RigParameters, also: Sequence[str], *, report: bool
+) -> RigFit:
+    """Fit a rig whose excitation is known."""
     faults = faults_of(measured, start)
     if faults:
         return _refused(measured, faults)
@@ -219,6 +234,8 @@ def fit_rig(
         found = revised(course, problem, report=report)
     except UnfitRecordError as error:
         return _refused(measured, [str(error)])
+    except ParameterError as error:
+        return _refused(measured, [f'no rig is near the record: its {error}'])
     except (RuntimeError, np.linalg.LinAlgError) as error:
         # What SuperLU raises for a matrix that has no inverse
         return _refused(measured, [f'the equations of the fit have no unique solution ({error})'])

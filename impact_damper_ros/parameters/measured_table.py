@@ -10,11 +10,12 @@ readers are installed. Columns come out in SI units.
 
 from __future__ import annotations
 
+import codecs
 import csv
 import math
 import re
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,22 +34,35 @@ MOST_BYTES = 2 * 10**9
 _OF_TABLES = {
     '(m/s^2)^2/Hz': {
         'g^2/Hz': STANDARD_GRAVITY**2,
-        'g²/Hz': STANDARD_GRAVITY**2,
         '(m/s^2)^2/Hz': 1.0,
-        '(m/s²)²/Hz': 1.0,
         'm^2/s^3': 1.0,
     },
-    'N^2/Hz': {'N^2/Hz': 1.0, 'N²/Hz': 1.0},
+    'N^2/Hz': {'N^2/Hz': 1.0},
     # Of a logic signal
     'V': {'V': 1.0, 'mV': 1e-3},
+    's': {'sec': 1.0, 'seconds': 1.0, 'Sekunden': 1.0, 'µs': 1e-6, 'us': 1e-6},
+    'm': {'in': 0.0254, 'inch': 0.0254},
+    'm/s^2': {'G': STANDARD_GRAVITY, 'mg': 1e-3 * STANDARD_GRAVITY, 'm s^-2': 1.0},
+    'N': {'lbf': 4.4482216152605},
 }
 #: Units of the columns that `simulate_rig` and `replay_run` write without any.
 _OF_RIGS = {'time': 's', 'x': 'm', 'force': 'N', 'base': 'm'}
 _HEADER = re.compile(r'\s*(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>.*?)\s*[\])])?\s*$')
+#: A unit behind a name without brackets: time / s, time in s, x_mm.
+_BEHIND = re.compile(r'(?P<name>.+?)(?:\s*[/,]\s*|\s+in\s+|[\s_]+)(?P<unit>[^\s_]+)')
+_KNOWN = {unit for tables in (UNITS, _OF_TABLES) for units in tables.values() for unit in units}
 
 
 class TableError(ValueError):
     """A table of measured data that cannot be used; the text names column, line and remedy."""
+
+
+class ColumnError(TableError):
+    """A quantity (`key`) for which no column is there, or several ones are."""
+
+    def __init__(self, key: str, problem: str) -> None:
+        super().__init__(problem)
+        self.key = key
 
 
 class Quantity(NamedTuple):
@@ -155,7 +169,7 @@ class MeasuredTable(NamedTuple):
                 key,
                 row,
                 f'{self.as_given(key, row)} after {self.as_given(key, row - 1)}: the column must '
-                'rise, leave out the rows that repeat, or sort them',
+                'rise; leave out rows that repeat, sort them, or export more digits',
             )
 
     def check_positive(self, key: str) -> None:
@@ -175,9 +189,15 @@ def _unit_of(quantity: Quantity, unit: str) -> tuple[str, float] | None:
     """Return SI unit and factor of a unit of a quantity; None if it is none of it."""
     for si in quantity.units:
         factors = {**UNITS.get(si, {}), **_OF_TABLES.get(si, {})}
-        if unit in factors:
-            return si, factors[unit]
+        if _usual(unit) in factors:
+            return si, factors[_usual(unit)]
     return None
+
+
+def _usual(unit: str) -> str:
+    """Return a unit as the tables have it: with the sign of micro, and ^ before an exponent."""
+    written = unit.replace('μ', 'µ').replace('**', '^')
+    return re.sub(r'(?<=s)2$', '^2', written.replace('²', '^2'))
 
 
 def _is_named(quantity: Quantity, name: str) -> bool:
@@ -194,77 +214,166 @@ class _Sheet(NamedTuple):
     numbers: Callable[[int], Array]
 
 
-def _delimiter(header: str) -> str:
-    return max(';\t,', key=header.count) if any(c in header for c in ';\t,') else ','
+def _split_row(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line; an empty delimiter stands for spaces."""
+    if not delimiter:
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+
+
+def _delimiter(header: str, row: str) -> str:
+    """Return what separates the cells of a header and of the first row below it."""
+    if any(mark in header for mark in ';\t,'):
+        return max(';\t,', key=header.count)
+    # Of one column, whose name may have spaces, or of several
+    return '' if len(row.split()) > 1 else ';'
+
+
+def _titles(header: str, row: str, delimiter: str) -> list[str]:
+    """Return the cells of a header; between spaces those that the row has."""
+    if delimiter:
+        return _split_row(header, delimiter)
+    wide = re.split(r'\s{2,}', header.strip())
+    return wide if len(wide) == len(row.split()) else header.split()
+
+
+def _first_row(lines: Sequence[str]) -> int | None:
+    """Return the first line of numbers; None if there is none."""
+    filled = [n for n, line in enumerate(lines) if line.strip()]
+
+    def numbers(n: int, cells: int | None = None) -> bool:
+        rows = (_split_row(lines[n], delimiter) for delimiter in (*';\t,', ''))
+        return any(_are_numbers(row[:cells]) for row in rows)
+
+    for at, n in enumerate(filled):
+        if numbers(n):
+            # With the lines above it that have something else in a later cell
+            while at and numbers(filled[at - 1], 1):
+                at -= 1
+            return filled[at]
+    return None
 
 
 def _text_sheet(path: Path, text: str) -> _Sheet:
-    """Return the columns of a text with separators."""
+    """Return the columns of a text with separators: its header stands above the numbers."""
     lines = text.splitlines()
-    start = next(
-        (
-            n
-            for n, line in enumerate(lines)
-            if line.strip() and not line.lstrip().startswith(('#', '%', '//'))
-        ),
-        None,
-    )
-    if start is None:
-        raise TableError(f'{as_line(str(path))}: empty; give a header and rows, as t [s], x [mm]')
-    delimiter = _delimiter(lines[start])
-    rows = [
-        (start + n, [cell.strip() for cell in cells])
-        for n, cells in enumerate(csv.reader(lines[start:], delimiter=delimiter), 1)
-        if any(cell.strip() for cell in cells)
+    name, first = as_line(str(path)), _first_row(lines)
+    above = [
+        n
+        for n, line in enumerate(lines[:first])
+        if line.strip() and not line.lstrip().startswith(('#', '%', '//'))
     ]
-    (_, header), *body = rows
-    if all(map(_is_number, filter(None, header))):
+    if not above:
+        if first is None:
+            raise TableError(f'{name}: empty; give a header and rows, as t [s], x [mm]')
         raise TableError(
-            f'{as_line(str(path))}, line {start + 1}: numbers where the header should be: name '
-            'each column and its unit, as t [s], x [mm]'
+            f'{name}, line {first + 1}: numbers where the header should be: name each column and '
+            'its unit, as t [s], x [mm]'
         )
-    if body and _are_units(header, body[0][1]):
-        units = body.pop(0)[1]
-        pairs = zip(header, [*units, *[''] * len(header)], strict=False)
-        header = [f'{name} [{unit.strip("[]()")}]' if unit else name for name, unit in pairs]
-
+    if first is None:
+        # No line has numbers only: what is wrong with them is said of each cell
+        above = above[:1]
+        first = above[0] + 1
+    row = lines[first] if first < len(lines) else ''
+    delimiter = _delimiter(lines[above[-1]], row)
+    header = _titles(lines[above[-1]], row, delimiter)
+    if len(above) > 1:
+        names = _titles(lines[above[-2]], row, delimiter)
+        if _are_units(names, header):
+            pairs = zip(names, [*header, *[''] * len(names)], strict=False)
+            header = [
+                f'{title} [{unit.strip("[]()")}]' if unit else title for title, unit in pairs
+            ]
     if 'primary_velocity' in header:
         header = [f'{t} [{_OF_RIGS[t]}]' if t in _OF_RIGS else t for t in header]
+    body = lines[first:]
+    rows = csv.reader(body, delimiter=delimiter) if delimiter else (line.split() for line in body)
+    cells_of = [
+        (first + n, [cell.strip() for cell in cells])
+        for n, cells in enumerate(rows, 1)
+        if any(cell.strip() for cell in cells)
+    ]
+    for line, cells in cells_of:
+        if any(cells[len(header) :]):
+            raise TableError(
+                f'{name}, line {line}: {len(cells)} cells below a header of {len(header)}: '
+                'separate columns by semicolons if numbers have decimal commas'
+            )
 
     def numbers(place: int) -> Array:
-        cells = ((line, row[place] if place < len(row) else '') for line, row in body)
-        found = _numbers(path, header[place], cells, delimiter != ',')
-        return np.fromiter(found, float, len(body))
+        column = [row[place] if place < len(row) else '' for _, row in cells_of]
+        found = _numbers(column, delimiter != ',')
+        wrong = next((n for n, number in enumerate(found) if isinstance(number, str)), None)
+        if wrong is not None:
+            raise TableError(
+                f'{name}, line {cells_of[wrong][0]}, column {shown(header[place])}: '
+                f'{shown(column[wrong])} {found[wrong]}'
+            )
+        return np.array(found, float)
 
-    return _Sheet(path, header, np.array([line for line, _ in body]), numbers)
+    return _Sheet(path, header, np.array([line for line, _ in cells_of]), numbers)
 
 
 def _are_units(header: Sequence[str], row: Sequence[str]) -> bool:
     """Return whether a row below a header without units has those."""
-    known = {unit for table in (UNITS, _OF_TABLES) for units in table.values() for unit in units}
-    bare = all(_HEADER.sub(r'\g<unit>', title) == '' for title in header)
-    return bare and all(cell.strip('[]()') in known for cell in row) and any(row)
+    bare = all(_split(title)[1] is None for title in header)
+    return bare and all(_usual(cell.strip('[]()')) in _KNOWN for cell in row) and any(row)
+
+
+#: What a spreadsheet or a program of measurement writes where there is no number.
+_MISSING = {'', '-', '--', 'nan', 'na', 'n/a', '#n/a', '#nv', 'null', 'none', '#value!', '#wert!'}
+#: 1 or 1000, as the reader is used to.
+_UNCLEAR = re.compile(r'[-+]?[1-9]\d{0,2}[.,]\d{3}')
 
 
 def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(',', '.'))
-    except ValueError:
-        return False
-    return True
+    return not isinstance(_numbers([cell], True)[0], str)
 
 
-def _numbers(
-    path: Path, title: str, cells: Iterator[tuple[int, str]], comma: bool
-) -> Iterator[float]:
-    for line, cell in cells:
+def _are_numbers(cells: Sequence[str]) -> bool:
+    """Return whether cells of a row are numbers, or missing ones, and one is a number at least."""
+    return all(map(_is_number, cells)) and any(cell.lower() not in _MISSING for cell in cells)
+
+
+def _numbers(cells: Sequence[str], comma: bool) -> list[float | str]:
+    """
+    Return the numbers of a column, NaN for missing ones, and of each other cell what is wrong.
+
+    Where a cell has both a comma and a point, the later one is the decimal mark, and the other one
+    separates thousands. Else the mark that there is, or the one that `comma` names, is decimal.
+    """
+    plain = [re.sub(r"[\s'’]", '', cell.replace('−', '-')) for cell in cells]
+    used = {mark: [cell for cell in plain if mark in cell] for mark in ',.'}
+    both = next((cell for cell in used['.'] if ',' in cell), '')
+    decimal = ',' if comma else '.'
+    if both:
+        decimal = max(',.', key=both.rfind)
+    elif not used[decimal]:
+        decimal = ',.'.replace(decimal, '')
+    if any(cell.count(decimal) > 1 for cell in used[decimal]):
+        decimal = ',.'.replace(decimal, '')
+    thousands = ',.'.replace(decimal, '')
+    grouped = re.compile(rf'[-+]?\d{{1,3}}(\{thousands}\d{{3}})+(\{decimal}\d*)?')
+    sure = both or any(cell.count(thousands) > 1 for cell in used[thousands])
+    # 1.016 among 998 is rather a thousand
+    whole = any(cell.lstrip('+-').isdigit() and len(cell) > 2 for cell in plain)
+    unclear = (whole or (decimal == ',' and not comma)) and not sure
+    unclear = unclear and bool(used[decimal]) and all(map(_UNCLEAR.fullmatch, used[decimal]))
+    found: list[float | str] = []
+    for cell in plain:
+        if (thousands in cell and not sure) or (unclear and decimal in cell):
+            mark = thousands if thousands in cell else decimal
+            both_ways = f'{cell.replace(mark, ".")} or {cell.replace(mark, "")}'
+            found.append(f'may be {both_ways}: write it without a separator of thousands')
+            continue
         try:
-            yield float((cell.replace(',', '.') if comma else cell) or 'nan')
+            if thousands in cell and not grouped.fullmatch(cell):
+                raise ValueError
+            number = cell.replace(thousands, '').replace(decimal, '.')
+            found.append(math.nan if number.lower() in _MISSING else float(number))
         except ValueError:
-            raise TableError(
-                f'{as_line(str(path))}, line {line}, column {shown(title)}: {shown(cell)} is no '
-                'number'
-            ) from None
+            found.append('is no number')
+    return found
 
 
 def _array_sheet(path: Path, columns: Sequence[tuple[str, str, Any]]) -> _Sheet:
@@ -351,6 +460,8 @@ def _labview_sheet(path: Path) -> _Sheet:
 
 
 def _decoded(content: bytes) -> str:
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return content.decode('utf-16', 'replace')
     try:
         return content.decode('utf-8-sig')
     except UnicodeDecodeError:
@@ -385,16 +496,21 @@ def _sheet(path: Path) -> _Sheet:
         return _universal_sheet(path)
     if kind == '.lvm':
         return _labview_sheet(path)
-    if kind == '.zip':
-        return _text_sheet(path, _zipped_text(path))
-    return _text_sheet(path, _decoded(path.read_bytes()))
+    text = _zipped_text(path) if kind == '.zip' else _decoded(path.read_bytes())
+    if '\0' in text:
+        raise TableError(f'{as_line(str(path))}: no text: export the data as CSV')
+    return _text_sheet(path, text)
 
 
 def _split(title: str) -> tuple[str, str | None]:
     """Return name and unit of a header."""
     match = _HEADER.match(title)
     assert match is not None
-    return match['name'], match['unit']
+    name, unit = match['name'], match['unit']
+    bare = _BEHIND.fullmatch(name) if unit is None else None
+    if bare is not None and _usual(bare['unit']) in _KNOWN:
+        return bare['name'], bare['unit']
+    return name, unit
 
 
 def _units_of(quantity: Quantity) -> str:
@@ -449,10 +565,7 @@ def _found(
         )
     if len(usable) > 1:
         both = ' and '.join(shown(title) for _, title, _, _ in usable[:2])
-        raise TableError(
-            f'{start}: {both} may both be the {key}: name the one that is meant, or rename the '
-            'other one'
-        )
+        raise ColumnError(key, f'{start}: {both} may both be the {key}: rename the other one')
     place, _, _, known = usable[0]
     assert known is not None
     return place, *known
@@ -501,10 +614,11 @@ def read_table(
         found = _found(sheet, key, quantity, needed=key in needed, column=column)
         if found is None:
             if key in needed:
-                raise TableError(
+                raise ColumnError(
+                    key,
                     f'{as_line(str(path))}: no column for the {key} among '
                     f'{", ".join(map(shown, sheet.titles))}: name it {quantity.names[0]} '
-                    f'[{quantity.units[0]}]'
+                    f'[{quantity.units[0]}]',
                 )
             continue
         place, unit, factor = found

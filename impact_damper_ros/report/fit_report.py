@@ -14,6 +14,7 @@ import numpy as np
 
 from impact_damper_ros.fit.estimate import Estimate
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
+from impact_damper_ros.fit.rebounds import Rebounds
 from impact_damper_ros.fit.rig_fit import RigFit
 from impact_damper_ros.fit.structure import StructureFit
 from impact_damper_ros.parameters.quoting import counted
@@ -118,8 +119,8 @@ def _whiteness_words(found: RigFit) -> str:
 def _size(found: RigFit, data: MeasuredMotion) -> str:
     used = sum(flight.used for flight in found.flights)
     return (
-        f'{counted(len(data.time), "sample")} of {data.quantity} from {data.time[0]:.4g} to '
-        f'{data.time[-1]:.4g} s, {counted(len(found.impacts), "impact")}, {used} of '
+        f'{counted(len(data.time), "sample")} of {data.quantity} from {data.time[0]:.10g} to '
+        f'{data.time[-1]:.10g} s, {counted(len(found.impacts), "impact")}, {used} of '
         f'{counted(len(found.flights), "flight")} used.'
     )
 
@@ -353,7 +354,7 @@ def structure_text(found: StructureFit) -> str:
     lines = [
         data.source,
         f'{what[found.kind]}: {counted(int(data.used.sum()), "sample")} of {data.quantity} from '
-        f'{data.time[0]:.4g} to {data.time[-1]:.4g} s',
+        f'{data.time[0]:.10g} to {data.time[-1]:.10g} s',
         '',
         estimate_table(structure_parameters(found)).text('  '),
         '',
@@ -378,6 +379,47 @@ def structure_text(found: StructureFit) -> str:
     return '\n'.join(lines)
 
 
+def _rebound_parameters(found: Rebounds) -> dict[str, Estimate]:
+    return {'restitution': found.restitution, 'slope over speed': found.slope}
+
+
+def rebounds_text(found: Rebounds, source: str) -> str:
+    """Return the fit of the bounces of a damper as text."""
+    low, high = found.speeds.min(), found.speeds.max()
+    middle, slope = found.restitution.value, found.slope.value
+    law = [f'{middle + slope * (v - found.mean_speed):.4g} at {v:.3g} m/s' for v in (low, high)]
+    first, last = found.slope.interval
+    words = 'does not change with the speed, as far as the data show'
+    if first > 0.0 or last < 0.0:
+        words = f'{"rises" if first > 0.0 else "falls"} with the speed: {law[0]}, {law[1]}'
+    return '\n'.join(
+        [
+            f'{source}: {counted(len(found.residuals), "bounce")}, speeds from {high:.3g} to '
+            f'{low:.3g} m/s',
+            '',
+            estimate_table(_rebound_parameters(found)).text('  '),
+            '',
+            f'restitution is that at the mean speed of {found.mean_speed:.4g} m/s; it {words}',
+            f'standard deviation of a time {1e3 * found.deviation:.2g} ms, from the residuals',
+        ]
+    )
+
+
+def rebounds_json(found: Rebounds) -> dict[str, Any]:
+    """Return the fit of the bounces of a damper for JSON."""
+    parameters = {
+        name.replace(' ', '_'): one.as_dict() for name, one in _rebound_parameters(found).items()
+    }
+    return {
+        'parameters': parameters,
+        'mean_speed': found.mean_speed,
+        'speeds': found.speeds.tolist(),
+        'restitutions': found.restitutions.tolist(),
+        'residuals': found.residuals.tolist(),
+        'noise': found.deviation,
+    }
+
+
 def write_structure_report(found: StructureFit, directory: Path, command: str) -> Path:
     """Write the page of a fit of a structure, and its numbers as report.json beside it."""
     with page_style():
@@ -392,7 +434,7 @@ def write_structure_report(found: StructureFit, directory: Path, command: str) -
         kicker='frequency and damping of a structure',
         accepted=found.accepted,
         size=f'{counted(int(data.used.sum()), "sample")} of {data.quantity} from '
-        f'{data.time[0]:.4g} to {data.time[-1]:.4g} s.',
+        f'{data.time[0]:.10g} to {data.time[-1]:.10g} s.',
         reasons=found.reasons,
         remarks=[],
         tiles=_tiles(found.chi_squared, found.fit_percent, []),

@@ -33,7 +33,7 @@ def test_the_files_of_the_tutorial_are_those_of_its_program(tmp_path):
     module = measured()
     module.sys.argv = ['measure.py', str(tmp_path)]
     module.main()
-    for name in ('free.csv', 'start.csv', 'hits.csv'):
+    for name in ('free.csv', 'start.csv', 'hits.csv', 'bounces.csv'):
         made, there = (
             np.array([row.replace(',', '.').replace(';', ',').split(',') for row in rows], float)
             if name == 'free.csv'
@@ -167,6 +167,28 @@ def test_a_recording_of_a_rig_names_it(tmp_path, capsys):
     assert 'and restitution_2' not in text
 
 
+def test_rebounds_of_a_ball(tmp_path, capsys):
+    """R = 0.93 - 0.03 v, from times that are known to 0.2 ms."""
+    arguments = ['--rebounds', '--json', str(tmp_path / 'found.json')]
+    assert main([str(TWIN / 'bounces.csv'), *arguments]) == 0
+    found = json.loads((tmp_path / 'found.json').read_text('utf-8'))
+    true = {'slope_over_speed': -0.03, 'restitution': 0.93 - 0.03 * found['mean_speed']}
+    for name, value in true.items():
+        one = found['parameters'][name]
+        assert abs(one['value'] - value) < 3.5 * one['standard_deviation']
+        assert one['standard_deviation'] < 1e-3
+    assert len(found['residuals']) == 14
+    text = capsys.readouterr().out
+    assert '14 bounces, speeds from 2.6 to 0.693 m/s' in text
+    assert 'it falls with the speed: 0.90' in text
+    assert main([str(TWIN / 'bounces.csv'), '--rebounds', '--from', '2.5s']) == 0
+    assert '9 bounces' in capsys.readouterr().out
+    rows = (TWIN / 'bounces.csv').read_text().splitlines()
+    (tmp_path / 'less.csv').write_text('\n'.join(rows[:5] + rows[6:]))
+    assert main([str(tmp_path / 'less.csv'), '--rebounds']) == 2
+    assert 'is missing or is none' in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ('arguments', 'problem'),
     [
@@ -174,6 +196,9 @@ def test_a_recording_of_a_rig_names_it(tmp_path, capsys):
         (['no.csv', '--rig', 'bench_rig'], 'no.csv: cannot be read (No such file'),
         (['free.csv'], 'masses and force are not known: give the parameters file'),
         (['free.csv', '--set', 'gap=1'], '--set changes the rig of --rig: give it'),
+        (['--rebounds', '--topic', '/hits'], '--rebounds takes a file, and --json FILE'),
+        (['free.csv', '--rebounds', '--structure'], 'not allowed with argument'),
+        (['free.csv', '--rebounds'], '1600 times at equal intervals, which are no impacts'),
         (['free.csv', '--seconds', '5'], '--seconds goes with a live --topic'),
         (['free.csv', '--structure', '--rig-out', 'o.yaml'], '--rig-out needs the masses'),
         (['free.csv', '--structure', '--from', '9s'], '0 samples from 9 to inf s: give a longer'),

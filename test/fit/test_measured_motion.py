@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.io import wavfile
 
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.fit.measured_motion import (
     NO_OPTIONS,
     ReadingOptions,
+    read_impacts,
     read_table_motion,
     saturated,
     spike_times,
@@ -152,6 +154,54 @@ def test_gaps_in_time_are_filled_and_not_used(written):
 def test_refusals(written, text, problem):
     with pytest.raises(ValueError, match=problem):
         read_table_motion(written(text), NO_OPTIONS)
+
+
+def test_times_with_few_digits_are_at_equal_intervals(written):
+    """A logger of 400 Hz writes whole milliseconds: steps of 2 and 3 ms."""
+    rows = '\n'.join(f'{t:.3f},{x:.6f}' for t, x in zip(0.5 * TIME, MOTION, strict=True))
+    data = read_table_motion(written(f't [s],x [mm]\n{rows}\n'))
+    assert np.diff(data.time) == pytest.approx(0.0025, abs=1e-6)
+    assert data.time == pytest.approx(0.5 * TIME, abs=6e-4)
+    # A sample that is twice there is none of these
+    twice = np.insert(TIME, 200, TIME[200])
+    with pytest.raises(TableError, match=r'line 203.* 1 after 1: the column must'):
+        read_table_motion(written(columns('t [s],x [mm]', twice, np.insert(MOTION, 200, 0.0))))
+
+
+def test_a_column_that_is_not_found_is_named_by_an_option(written):
+    for head in ('t [s],laser [mm],probe [mm]', 't [s],x1 [mm],x2 [mm]'):
+        with pytest.raises(TableError, match='or name that of M with --column'):
+            read_table_motion(written(columns(head, TIME, MOTION, MOTION)))
+
+
+def test_impacts_of_a_contact_or_a_sound(written, tmp_path):
+    """A signal beside its times is not taken for times of impacts."""
+    hits = np.array([0.3, 0.7, 1.2, 1.85])
+    level = np.where(np.abs(TIME[:, None] - hits - 0.006).min(axis=1) < 0.006, 5.0, 0.0)
+    found, _ = read_impacts(written(columns('t [s],contact [V]', TIME, level)))
+    assert found == pytest.approx(hits + 0.0025)
+    with pytest.raises(TableError, match='400 times at equal intervals, which are no impacts'):
+        read_impacts(written(columns('t [s],x [mm]', TIME, MOTION)))
+    found, deviation = read_impacts(sounded(tmp_path / 'hits.wav', hits))
+    assert found == pytest.approx(hits, abs=6e-4)
+    assert deviation < 5e-4
+    (tmp_path / 'no.wav').write_text('no sound')
+    with pytest.raises(TableError, match=r'no\.wav: no sound that can be read'):
+        read_impacts(tmp_path / 'no.wav')
+
+
+def sounded(path, hits, rate=44100):
+    """Write clicks that ring, and echo in a room, over the noise of a microphone."""
+    rng = np.random.default_rng(3)
+    sound = rng.normal(0.0, 1e-3, int(rate * (hits[-1] + 0.5)))
+    for hit in hits:
+        start = int(hit * rate)
+        later = np.arange(len(sound) - start) / rate
+        ring = np.exp(-later / 1.5e-3) * np.sin(2.0 * np.pi * 3500.0 * later)
+        echo = 0.08 * np.exp(-later / 0.08) * rng.normal(0.0, 1.0, len(later))
+        sound[start:] += 0.5 * (ring + echo)
+    wavfile.write(path, rate, (32767.0 * sound).astype(np.int16))
+    return path
 
 
 def test_impacts_of_another_clock(written):

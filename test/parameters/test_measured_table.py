@@ -82,6 +82,51 @@ def test_refusals(written, text, problem):
     assert re.search(pattern, str(error.value))
 
 
+@pytest.mark.parametrize(
+    ('text', 'encoding'),
+    [
+        ('sep=;\nt [s];x [mm]\n0;1,5\n0,1;-2,25\n', 'utf-8-sig'),
+        ('t [s]\tx [mm]\n0\t1,5\n0,1\t-2,25\n', 'utf-16'),
+        ('Zeit [s];Weg [µm]\n0;1.500,0\n0,1;-2.250,0\n', 'cp1252'),
+        ('Run 3\nRate,200\n\nt [s],x [μm]\n0,"1,500.0"\n0.1,"-2,250.0"\n', 'utf-8'),
+        ('Messung 3; Labor\nt;x\ns;mm\n0;1,5\n0,1;-2,25\n', 'utf-8'),
+        ("t / s,x / µm\n0,1'500\n0.1,-2'250\n", 'utf-8'),
+        ('t in s,x_mm\n0,1.5\n0.1,−2.25\n', 'utf-8'),
+        ('time[s]  x[mm]\n 0    1.5\n 0.1 -2.25\n', 'utf-8'),
+        ('t [s],x [mm]\n"0","1,5"\n"0,1","-2,25"\n', 'utf-8'),
+        (',t [s],x [mm]\n0,0,1.5\n1,0.1,-2.25\n', 'utf-8'),
+        ('t [ms],x [in]\n0,0.0590551181\n100,-0.0885826772\n', 'utf-8'),
+    ],
+)
+def test_what_spreadsheets_and_programs_export(written, text, encoding):
+    table = read_table(written(text, encoding), {'time': TIME, 'x': DISPLACEMENT})
+    assert table.columns['time'].values == pytest.approx([0.0, 0.1])
+    assert table.columns['x'].values == pytest.approx([1.5e-3, -2.25e-3])
+
+
+def test_cells_without_a_number_are_missing(written):
+    text = 't [s],x [mm]\n0,1\n1,-\n2,#N/A\n3,nan\n4,\n5,6\n'
+    values = read_table(written(text), {'time': TIME, 'x': DISPLACEMENT}).columns['x'].values
+    assert np.isnan(values).tolist() == [False, *[True] * 4, False]
+
+
+@pytest.mark.parametrize(
+    ('text', 'problem'),
+    [
+        ('t [s],x [mm]\n0,005,1,5\n0,010,2,5\n', r'line 2: 4 cells below a header of 2: sep'),
+        ('t [s],x [µm]\n0,998\n1,"1,016"\n', r"'1,016' may be 1\.016 or 1016: write it without"),
+        ('t [s];x [µm]\n0;998\n1;1.016\n', r"line 3, .*'1\.016' may be 1\.016 or 1016"),
+        ('t [s],x [µm]\n0,998.5\n1,"1,016"\n', r"'1,016' may be 1\.016 or 1016"),
+        ('\x89PNG\0\1', 'no text: export the data as CSV'),
+        ('Time,x [mm]\n2024-05-01 12:00:01,1\n2024-05-01 12:00:02,1\n', "'Time' has no unit"),
+        ('t [s],x [mm]\n0,abc\n1,2\n', "line 2, column .*'abc' is no number"),
+    ],
+)
+def test_numbers_that_may_be_read_in_two_ways(written, text, problem):
+    with pytest.raises(TableError, match=problem):
+        read_table(written(text), {'time': TIME, 'x': DISPLACEMENT})
+
+
 def test_gaps_and_times_that_do_not_rise(written):
     def of(times, values='1,2,3,4,5'):
         rows = zip(times.split(','), values.split(','), strict=True)
