@@ -24,6 +24,11 @@ MOST_CHI = 1.1
 #: Least part of the flights that must be used, and least number of them. In fits that leave out
 #: more, the course of m is often a wrong one.
 LEAST_USED, LEAST_FLIGHTS = 0.93, 10
+#: What else may be the cause where a fit leads nowhere.
+WRONG_RIG = (
+    'see that the damper is in the record, and that masses, angle and force (size, frequency, '
+    'phase) are those of it'
+)
 #: A further parameter beyond this many standard deviations is one that the model lacks.
 MOST_Z = 4.0
 #: Correlations beyond this are reported.
@@ -54,14 +59,18 @@ def judged(
     if used < LEAST_FLIGHTS:
         reasons.append(
             f'{used} of {flights} flights between impacts obey the laws of the damper, and a fit '
-            f'needs {LEAST_FLIGHTS}: record more impacts ({LEAST_IMPACTS} are the least that is '
-            'tried)'
+            f'needs {LEAST_FLIGHTS}: '
+            + (
+                WRONG_RIG
+                if flights > 2 * LEAST_FLIGHTS
+                else f'record more impacts ({LEAST_IMPACTS} are the least that is tried)'
+            )
         )
     elif used < LEAST_USED * flights:
         reasons.append(
             f'only {used} of {flights} flights obey one set of parameters'
             f'{_where(revised)}: impacts closer than the samples, or two rigs in one record; '
-            'record at a higher rate, or with impact times'
+            f'record at a higher rate, or with impact times; else {WRONG_RIG}'
         )
     if not revised.unchanged:
         reasons.append(
@@ -86,7 +95,8 @@ def judged(
         f'{check.meaning}: {check.name} {check.value:.3g} ± {check.standard_deviation:.2g}'
         f'{" " + check.unit if check.unit else ""}, {abs(check.z):.0f} standard deviations from 0'
         for check in checks
-        if abs(check.z) > MOST_Z
+        # Of a course that is mostly a wrong one they say nothing
+        if abs(check.z) > MOST_Z and 2 * used > flights
     ]
     deviations = [estimate.standard_deviation for estimate in parameters.values()]
     if not all(math.isfinite(deviation) and deviation > 0.0 for deviation in deviations):

@@ -95,7 +95,7 @@ def _columns(shooting: Shooting, solution: Solution) -> Iterator[_Column]:
         yield _Column(
             'bias',
             ('m', 'm/s', 'm/s^2')[shooting.record.order],
-            'the sensor has an offset',
+            'the sensor has an offset, which --also bias fits',
             residual,
             np.zeros(len(solution.equations.condition)),
         )
@@ -135,7 +135,7 @@ def _of_m(shooting: Shooting, solution: Solution) -> Iterator[_Column]:
         yield _Column(
             'restitution_2 less restitution_1',
             '',
-            'the stops have different restitution',
+            'the stops have different restitution, which --also restitution_2 fits',
             still,
             spread(np.where(shooting.kind[ends] == -1, 1.0, 0.0)),
         )
@@ -181,8 +181,20 @@ def _of_force(shooting: Shooting, solution: Solution) -> Iterator[_Column]:
         )
     )
     changes = [
-        ('force amplitude', '', larger, _STEP, 'the force is not as large as described'),
-        ('force delay', 's', later, delay, 'the force comes at another time than described'),
+        (
+            'force amplitude',
+            '',
+            larger,
+            _STEP,
+            'the force is not as large as described, or M not as heavy',
+        ),
+        (
+            'force delay',
+            's',
+            later,
+            delay,
+            'the force comes at another time than described, which --also force_delay fits',
+        ),
     ]
     for name, unit, other, step, meaning in changes:
         if name == 'force delay' and 'force_delay' in shooting.unknowns.extras:

@@ -122,6 +122,9 @@ def excited(measured: MeasuredMotion, rig: RigParameters) -> tuple[RigParameters
         }
         if kind == 'base':
             changes['base_quantity'] = quantity
+            if measured.force is None and _force_of(rig) == _force_of(RigParameters()):
+                # A file that says nothing of the force
+                changes['force_amplitudes'] = (0.0,)
         rig = rig.replace(sweep_mode='off', multisine_level=0.0, **changes)
         unit = _UNITS[quantity]
         pairs = zip(tones.amplitudes, tones.frequencies, strict=True)
@@ -131,6 +134,10 @@ def excited(measured: MeasuredMotion, rig: RigParameters) -> tuple[RigParameters
             + f'; that of the rig differs from it by {off:.3g} {unit} (rms)'
         )
     return rig, remarks
+
+
+def _force_of(rig: RigParameters) -> tuple[tuple[float, ...], ...]:
+    return rig.force_amplitudes, rig.force_frequencies, rig.force_phases
 
 
 def _described(rig: RigParameters, kind: str, quantity: str, time: Array) -> Array:

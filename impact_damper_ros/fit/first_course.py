@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .course import Course
@@ -38,8 +39,9 @@ def check_impacts(count: int) -> None:
     """Raise `UnfitRecordError` if there are too few impacts."""
     if count < LEAST_IMPACTS:
         raise UnfitRecordError(
-            f'{count} impacts were found in the record, and a fit needs {LEAST_IMPACTS} at '
-            'least: record a motion in which the damper hits its stops, for longer'
+            f'the record has {counted(count, "impact")}, and a fit needs {LEAST_IMPACTS}: '
+            'record a motion in which the damper hits its stops, for longer; a record without the '
+            'damper is one for --structure'
         )
 
 

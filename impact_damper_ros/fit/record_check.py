@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,15 +20,20 @@ _LONGEST_GAP = 0.5
 #: The motion over the response to the force alone: beyond this factor a unit is wrong.
 _FACTOR = 200.0
 _LEAST_SIGNAL = 3.0
+#: A mean of so many standard deviations is an offset of the sensor.
+_OFFSET = 2.0
 
 
-def faults_of(measured: MeasuredMotion, rig: RigParameters) -> list[str]:
+def faults_of(measured: MeasuredMotion, rig: RigParameters, also: Sequence[str] = ()) -> list[str]:
     """Return why nothing can be fitted to a record; empty if something can."""
     time, used = np.asarray(measured.time, float), np.asarray(measured.used, bool)
     motion = np.asarray(measured.motion, float)[used]
     source = measured.source or 'the record'
     if rig.one_sided:
-        return ['one_sided is true: rigs with one stop are not fitted, their gap has no meaning']
+        return [
+            'one_sided is true: rigs with one stop are not fitted; bounces on the stop give its '
+            'restitution, see --rebounds'
+        ]
     if rig.sweep_mode != 'off':
         return [f'sweep_mode is {rig.sweep_mode}: fit the steps of a sweep one by one, with off']
     if len(motion) < _LEAST_SAMPLES:
@@ -51,6 +57,11 @@ def faults_of(measured: MeasuredMotion, rig: RigParameters) -> list[str]:
             f'{source} has {period / np.median(inside):.3g} samples in a natural period: sample '
             f'at {_LEAST_PER_PERIOD / period:.4g} Hz at least'
         ]
+    if abs(motion.mean()) > _OFFSET * np.std(motion) > 0.0 and 'bias' not in also:
+        return [
+            f'{measured.quantity} is {motion.mean():.4g} (SI) on average and varies by '
+            f'{np.std(motion):.3g}: subtract the offset of the sensor, or give --also bias'
+        ]
     return _faults_of_signal(measured, rig, motion)
 
 
@@ -61,7 +72,7 @@ def _faults_of_signal(measured: MeasuredMotion, rig: RigParameters, motion: Arra
     if swing < _LEAST_SIGNAL * noise:
         return [
             f'{measured.quantity} is mostly noise: it varies by {swing:.3g}, and its noise is '
-            f'{noise:.3g}; shake harder, or filter'
+            f'{noise:.3g}; see that the sensor is on M, shake harder, or filter'
         ]
     order = ORDERS[measured.quantity]
     time = np.asarray(measured.time, float)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .acceptance import judged
+from .acceptance import WRONG_RIG, judged
 from .alternatives import Alternative, alternatives
 from .course import Course
 from .estimate import Estimate
@@ -204,7 +204,7 @@ def _fitted(
     measured: MeasuredMotion, start: RigParameters, also: Sequence[str], *, report: bool
 ) -> RigFit:
     """Fit a rig whose excitation is known."""
-    faults = faults_of(measured, start)
+    faults = faults_of(measured, start, also)
     if faults:
         return _refused(measured, faults)
     extras = tuple(name for name in EXTRAS if name in also)
@@ -235,12 +235,12 @@ def _fitted(
     except UnfitRecordError as error:
         return _refused(measured, [str(error)])
     except ParameterError as error:
-        return _refused(measured, [f'no rig is near the record: its {error}'])
+        return _refused(measured, [f'no such rig moves like that (its {error}): {WRONG_RIG}'])
     except (RuntimeError, np.linalg.LinAlgError) as error:
         # What SuperLU raises for a matrix that has no inverse
         return _refused(measured, [f'the equations of the fit have no unique solution ({error})'])
     if not found.course.flies.any():
-        return _refused(measured, ['no flight between two impacts obeys the laws of the damper'])
+        return _refused(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
     chi = found.chi
     chi *= noise / max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
     # Weights of data and of impact times by the noise that the residuals show

@@ -90,6 +90,11 @@ def test_a_recorded_force_counts_and_not_the_described_one(bench):
     )
     assert drive == pytest.approx(wave - 0.3, abs=0.06)
     assert 'the recorded force is used, 1.2' in remarks[0]
+    # A file that has the base only leaves the force as it is by default, which is none here
+    base = start.replace(force_amplitudes=1.0, force_frequencies=1.0, force_phases=0.0)
+    shaken, _ = excited(record._replace(base=wave, base_quantity='acceleration'), base)
+    assert shaken.base_amplitudes == pytest.approx(rig.force_amplitudes, rel=2e-3)
+    assert shaken.force_amplitudes == (0.0,)
     # A described force that agrees is kept
     assert excited(record._replace(force=wave), rig) == (rig, [])
     fit = fit_rig(record._replace(force=wave), other)
@@ -106,6 +111,18 @@ def test_a_force_of_another_size(bench):
     other = start.replace(force_amplitudes=(1.5 * rig.force_amplitudes[0],))
     reasons = refused(_first(record, 600), other).reasons
     assert any('force' in reason for reason in reasons), reasons
+
+
+def test_an_offset_of_the_sensor(bench):
+    """A laser is 35 mm from M; a record of M without its damper has no impacts."""
+    _, start, record = bench
+    reasons = refused(record._replace(motion=record.motion + 0.035), start).reasons
+    assert 'subtract the offset of the sensor, or give --also bias' in reasons[0]
+    alone = np.real(np.exp((-0.3 + 32.0j) * record.time)) * 0.01
+    alone += np.random.default_rng(3).normal(0.0, 1e-4, len(alone))
+    still = start.replace(force_amplitudes=(0.0,))
+    reasons = refused(record._replace(motion=alone, impact_times=None), still).reasons
+    assert 'the damper is' in reasons[0]
 
 
 def test_a_swept_force_is_refused(bench):
