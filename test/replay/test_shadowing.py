@@ -33,14 +33,14 @@ def elsewhere(monkeypatch):
         yield lambda rig: there.undo() or rig
 
 
-def record(rig):
-    rig = RecordedRig(rig, InitialConditions(initial_primary_position=0.004)).start().run(500)
-    return rig.run(700, ('change', {'damping': 1.0}))
+def record(rig, before=500, after=700):
+    rig = RecordedRig(rig, InitialConditions(initial_primary_position=0.004)).start().run(before)
+    return rig.run(after, ('change', {'damping': 1.0}))
 
 
 @pytest.mark.parametrize('name', RIGS)
 def test_agrees_within_round_off(tmp_path, elsewhere, monkeypatch, name):
-    rig = elsewhere(record(RIGS[name]))
+    rig = elsewhere(record(RIGS[name], 200, 300))
     bag = rig.save(tmp_path / 'bag')
     findings = replayed(bag)
     assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:1]
