@@ -9,9 +9,9 @@ positive (`keeps_sign`), or to fall (`falls`) and to have one root if it is not 
 end. Where neither is certain, the step is halved. A function that comes to zero within its
 round-off and goes away again has no root.
 
-Most steps need less: along the grid, as long as m certainly approaches one stop, only the
-clearance there is looked at, and the root is found by a Taylor series about the nearest point,
-which needs neither a sine nor the closed form.
+Most steps need less: along the grid, as long as m certainly approaches one stop, or turns once
+since Y'' keeps its sign, only the clearance there is looked at, and the root is found by a Taylor
+series about the nearest point, which needs neither a sine nor the closed form.
 
 "Just left the stop" is handled here only. A flight that begins on a stop has exactly zero
 clearance and a positive rate there. A flight that begins with a release has neither; its jerk
@@ -21,6 +21,7 @@ leads it away.
 from __future__ import annotations
 
 from math import copysign, inf, nan, nextafter, sqrt
+from typing import NamedTuple
 
 from .compiled import kernel
 from .flight import (
@@ -41,7 +42,6 @@ from .flight import (
     series_at,
     starting_motion,
     tail,
-    with_derivatives,
 )
 from .oscillator import POINTS, Oscillator, free_bound
 from .state import Lines, Moving, RigConstants, Run, Waves, advance_time, on_stop_1, on_stop_2
@@ -454,16 +454,23 @@ def look_for(
 
 
 @kernel
-def first_of(
-    moving: Moving,
-    start: float,
-    motion_a: Motion,
-    end: float,
-    motion_b: Motion,
-) -> None:
+def first_of(moving: Moving, start: float, end: float) -> None:
     """Let the flight end at the first event between two times, if there is one."""
     run = moving.run
     run.tau = inf
+    motion_a: Motion = motion_at(moving, start)
+    motion_b: Motion = motion_at(moving, end)
+    look_for_all(moving, start, motion_a, end, motion_b)
+    if run.kind == NO_EVENT:
+        run.searched = end
+
+
+@kernel
+def look_for_all(
+    moving: Moving, start: float, motion_a: Motion, end: float, motion_b: Motion
+) -> None:
+    """Let the flight end at the first root of all that is watched, if there is one."""
+    run = moving.run
     if run.joint:
         if run.support_high < inf:
             look_for(moving, RELEASE_UP, start, motion_a, end, motion_b)
@@ -553,6 +560,17 @@ def drive_at(lines: Lines, first: int, waves: Waves) -> float:
 
 
 @kernel(inline=True)
+def drive_before(lines: Lines, waves: Waves) -> float:
+    """Return the acceleration of M by the harmonics at the point of the grid before."""
+    drive = -0.0
+    for j in range(len(waves)):
+        line = lines[j]
+        wave = waves[j]
+        drive += line.force * (wave.sine * line.turn_cosine - wave.cosine * line.turn_sine)
+    return drive
+
+
+@kernel(inline=True)
 def root_by_series(
     series: Series,
     sign: float,
@@ -599,16 +617,7 @@ def root_by_series(
 
 @kernel(inline=True)
 def contact_by_series(
-    moving: Moving,
-    side: float,
-    t: float,
-    offset: float,
-    x: float,
-    velocity: float,
-    travel: float,
-    guess: float,
-    low: float,
-    high: float,
+    moving: Moving, side: float, point: Point, guess: float, low: float, high: float
 ) -> bool:
     """Set the end of the flight by a contact near a point of the grid; or return that it fails."""
     constants = moving.constants
@@ -617,16 +626,14 @@ def contact_by_series(
     waves = moving.waves
     oscillator: Oscillator = constants.free
     step = oscillator.step
+    t, offset, x, velocity, travel, speed_here = point
     fall = run.relative_acceleration + run.acceleration
-    launched = run.relative_velocity + run.velocity
-    speed_here = launched + fall * t - velocity
     rate_here = fall - (
         drive_at(lines, 0, waves)
         - 2.0 * oscillator.decay * velocity
         - oscillator.omega_squared * offset
     )
     if t == 0.0:
-        speed_here = run.relative_velocity
         rate_here = run.relative_acceleration
     left = (run.clearance_1 if side > 0.0 else run.clearance_2) - side * travel
     series: Series = series_at(oscillator, lines, 0, waves, offset, velocity)
@@ -677,31 +684,122 @@ def acceleration_now(
 
 
 @kernel
-def gathers_speed(
-    f_a: float, d_a: float, f_b: float, d_b: float, step: float, bound: float
-) -> bool:
+def turned_root(f_a: float, d_a: float, e_a: float, f_b: float, step: float) -> float:
+    """Return a guess of where a function, concave in a step, falls to zero after its crest."""
+    root = (d_a + sqrt(d_a * d_a - 2.0 * e_a * f_a)) / -e_a
+    # The parabola, and the cubic that ends where the function does
+    third = (f_b - f_a - step * (d_a + 0.5 * step * e_a)) / (step * step * step)
+    slope = d_a + root * (e_a + 3.0 * third * root)
+    if slope < 0.0:
+        root -= third * root * root * root / slope
+    return root
+
+
+class Point(NamedTuple):
+    """Motion at a point of the grid; `offset` is X less its constant part, `speed` is Y'."""
+
+    time: float
+    offset: float
+    x: float
+    velocity: float
+    travel: float
+    speed: float
+
+
+#: What m does in a step: nothing that is certain, ...
+UNKNOWN = 0
+#: ... no more than to move between the stops, ...
+CLEAR = 1
+#: ... approach one stop throughout, or ...
+APPROACH = 2
+#: ... turn once, far from the one and perhaps into the other.
+TURN = 3
+
+
+@kernel
+def way_between(
+    moving: Moving, free: float, a: Point, b: Point
+) -> tuple[int, float, float, float]:
     """
-    Return whether a speed, which may begin with zero, is certain to be positive in a step.
+    Return what m does in a step by the sign of Y'', towards which side, and Y'' at both ends.
 
     Notes
     -----
-    It is no less than the parabolas through either end, with the bound of its second derivative.
+    Between two instants Y'' is off its chord by an eighth of step^2 times the bound of its second
+    derivative, at most. The waves are at `b`.
     """
-    if not (f_a >= 0.0 and d_a > 0.0 and f_b > 0.0):
-        return False
-    ahead = (d_a + sqrt(d_a * d_a + 2.0 * bound * f_a)) / bound if bound > 0.0 else inf
-    behind = (sqrt(d_b * d_b + 2.0 * bound * f_b) - d_b) / bound if bound > 0.0 else inf
-    return ahead + behind > step
+    lines = moving.lines
+    run = moving.run
+    waves = moving.waves
+    oscillator: Oscillator = moving.constants.free
+    omega_squared = oscillator.omega_squared
+    step = oscillator.step
+    fall = run.relative_acceleration + run.acceleration
+    error = ERROR * (abs(b.velocity) + abs(b.speed) + abs(a.speed))
+    rate_b = fall - acceleration_now(oscillator, lines, run, waves, b.x, b.velocity)
+    # What is given at the origin is exact.
+    rate_a = run.relative_acceleration
+    error_a = 0.0
+    if a.time > 0.0:
+        drag = 2.0 * oscillator.decay * a.velocity + omega_squared * a.x
+        rate_a = fall - (run.constant + drive_before(lines, waves) - drag)
+        error_a = error
+    side = copysign(1.0, rate_a)
+    omega = sqrt(omega_squared)
+    least = 0.125 * step * step * (omega * free + oscillator.rate_3)
+    terms = abs(fall) + abs(run.constant) + omega_squared * (abs(a.x) + abs(b.x))
+    if min(side * rate_a, side * rate_b) > least + ERROR * (terms + abs(rate_b)):
+        # The speed changes one way. With friction m moves in its direction, up to the turn.
+        along = side * run.direction
+        if side * a.speed >= error_a and along >= 0.0:
+            return APPROACH, side, rate_a, rate_b
+        if side * b.speed < -error and along <= 0.0:
+            return APPROACH, -side, rate_a, rate_b
+        if (
+            side * a.speed < -error_a
+            and side * b.speed > error
+            and along <= 0.0
+            and stays_off(moving, free, -side, a, b)
+        ):
+            return TURN, side, rate_a, rate_b
+    else:
+        side = 1.0 * run.direction if run.direction != 0 else copysign(1.0, a.speed + b.speed)
+        bound = (omega + 2.0 * oscillator.decay) * omega * free + oscillator.rate_4
+        f_a, f_b = side * a.speed - error_a, side * b.speed - error
+        if keeps_sign(f_a, side * rate_a, f_b, side * rate_b, step, bound):
+            return APPROACH, side, rate_a, rate_b
+    if (
+        run.direction == 0
+        and stays_off(moving, free, 1.0, a, b)
+        and stays_off(moving, free, -1.0, a, b)
+    ):
+        return CLEAR, side, rate_a, rate_b
+    return UNKNOWN, side, rate_a, rate_b
+
+
+@kernel
+def stays_off(moving: Moving, free: float, side: float, a: Point, b: Point) -> bool:
+    """Return whether m certainly touches a stop nowhere in a step."""
+    run = moving.run
+    oscillator: Oscillator = moving.constants.free
+    clearance = run.clearance_1 if side > 0.0 else run.clearance_2
+    if clearance == inf:
+        return True
+    bound = sqrt(oscillator.omega_squared) * free + oscillator.rate_3
+    error = ERROR * (abs(b.x) + abs(run.x) + abs(a.travel) + abs(b.travel))
+    # What is given at the origin is exact.
+    f_a = clearance - side * a.travel - (error if a.time > 0.0 else 0.0)
+    f_b = clearance - side * b.travel - error
+    return keeps_sign(f_a, -side * a.speed, f_b, -side * b.speed, oscillator.step, bound)
 
 
 @kernel(inline=True)
 def search_moving(moving: Moving) -> None:
     """Search the next steps of the grid while m moves between standing stops."""
-    constants = moving.constants
     lines = moving.lines
     run = moving.run
     waves = moving.waves
-    oscillator: Oscillator = constants.free
+    oscillator: Oscillator = moving.constants.free
     tau = run.searched
     # m alone
     fall = run.relative_acceleration + run.acceleration
@@ -723,149 +821,50 @@ def search_moving(moving: Moving) -> None:
     start_x = run.x
     clearance_1 = run.clearance_1
     clearance_2 = run.clearance_2
-    x_a = motion.x
-    offset_a = motion.x - resting
-    velocity_a = motion.velocity
-    travel_a = motion.travel
-    speed_a = motion.relative_velocity
-    t_a = tau
+    x, velocity = motion.x, motion.velocity
+    a = Point(tau, x - resting, x, velocity, motion.travel, motion.relative_velocity)
     for k in range(POINTS):
-        offset_b, velocity_b = next_point(
-            lines, 0, waves, offset_a, velocity_a, x_x, x_v, v_x, v_v
-        )
-        t_b = tau + step * (k + 1)
-        x_b = resting + offset_b
-        travel_b = t_b * (launched + 0.5 * fall * t_b) - (x_b - start_x)
-        speed_b = launched + fall * t_b - velocity_b
+        offset, velocity = next_point(lines, 0, waves, a.offset, a.velocity, x_x, x_v, v_x, v_v)
+        t = tau + step * (k + 1)
+        x = resting + offset
+        travel = t * (launched + 0.5 * fall * t) - (x - start_x)
+        b = Point(t, offset, x, velocity, travel, launched + fall * t - velocity)
         # The stop that m approaches, as long as the speeds are clear
-        side = leading if leading != 0.0 else copysign(1.0, speed_a)
-        error = ERROR * (abs(velocity_b) + abs(speed_b) + abs(speed_a))
-        approaching = min(side * speed_a, side * speed_b) > sag + error
-        if not approaching and t_a == 0.0:
-            rate_b = fall - acceleration_now(oscillator, lines, run, waves, x_b, velocity_b)
-            if leading == 0.0 and speed_a == 0.0:
-                side = copysign(1.0, run.relative_acceleration)
-            approaching = gathers_speed(
-                side * speed_a,
-                side * run.relative_acceleration,
-                side * speed_b - error,
-                side * rate_b,
-                step,
-                free + oscillator.bound_3,
-            )
-        left = (clearance_1 if side > 0.0 else clearance_2) - side * travel_b
-        if approaching and left <= 0.0:
-            guess = falling_root(
-                left + side * (travel_b - travel_a), -side * speed_a, left, -side * speed_b, step
-            )
+        side = leading if leading != 0.0 else copysign(1.0, a.speed)
+        error = ERROR * (abs(velocity) + abs(b.speed) + abs(a.speed))
+        way = APPROACH
+        rate = 0.0
+        if not min(side * a.speed, side * b.speed) > sag + error:
+            way, side, rate, rate_b = way_between(moving, free, a, b)
+            if way == TURN and leading != 0.0:
+                d_a, d_b = leading * a.speed, leading * b.speed
+                e_a, e_b = leading * rate, leading * rate_b
+                root_between(moving, REVERSAL, a.time, d_a, e_a, t, d_b, e_b)
+                return
+        left = (clearance_1 if side > 0.0 else clearance_2) - side * travel
+        hits = way >= APPROACH and left <= 0.0
+        if hits:
+            before = max(0.0, left + side * (travel - a.travel))
+            guess = 0.0
+            if way == TURN:
+                guess = turned_root(before, -side * a.speed, -side * rate, left, step)
+            elif before > 0.0:
+                guess = falling_root(before, -side * a.speed, left, -side * b.speed, step)
             # By the nearer point
-            t, x, travel = t_b, x_b, travel_b
+            point = b
             if guess > 0.5 * step:
                 guess -= step
-                offset_a = offset_b
-                velocity_a = velocity_b
             else:
-                t, x, travel = t_a, x_a, travel_a
+                point = a
                 turn_back(lines, 0, waves)
-            ends = contact_by_series(
-                moving,
-                side,
-                t,
-                offset_a,
-                x,
-                velocity_a,
-                travel,
-                guess,
-                t_a,
-                t_b,
-            )
-            if ends:
+            if contact_by_series(moving, side, point, guess, a.time, t):
                 return
-        if (approaching and left <= 0.0) or (
-            not approaching
-            and not clears_stops(
-                constants, run, free, travel_a, speed_a, travel_b, speed_b, abs(x_b) + abs(start_x)
-            )
-        ):
-            if approaching:
-                motion_b: Motion = motion_at(moving, t_b)
-                motion_a: Motion = motion_at(moving, t_a)
-            else:
-                motion_b = grid_motion(moving, x_b, velocity_b, travel_b, speed_b)
-                turn_back(lines, 0, waves)
-                motion_a = grid_motion(moving, x_a, velocity_a, travel_a, speed_a)
-                if t_a == 0.0:
-                    motion_a = starting_motion(moving)
-            first_of(moving, t_a, motion_a, t_b, motion_b)
+        if hits or way == UNKNOWN:
             # The waves are elsewhere now: the search begins again from here.
-            if run.kind == NO_EVENT:
-                run.searched = t_b
+            first_of(moving, a.time, t)
             return
-        t_a = t_b
-        x_a = x_b
-        offset_a = offset_b
-        velocity_a = velocity_b
-        travel_a = travel_b
-        speed_a = speed_b
-    run.searched = t_a
-
-
-@kernel
-def grid_motion(
-    moving: Moving,
-    x: float,
-    velocity: float,
-    travel: float,
-    speed: float,
-) -> Motion:
-    """Return the motion at a point of the grid, where the waves are."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
-    oscillator = oscillator_of(constants, run)
-    x_2 = acceleration_now(oscillator, lines, run, waves, x, velocity)
-    fall = run.relative_acceleration + run.acceleration
-    return with_derivatives(
-        oscillator, lines, run.first, waves, x, velocity, travel, speed, fall - x_2, x_2
-    )
-
-
-@kernel
-def clears_stops(
-    constants: RigConstants,
-    run: Run,
-    free: float,
-    travel_a: float,
-    speed_a: float,
-    travel_b: float,
-    speed_b: float,
-    size: float,
-) -> bool:
-    """Return whether m turns in a step without an event: it touches no stop, without friction."""
-    if run.direction != 0:
-        return False
-    oscillator: Oscillator = constants.free
-    bound = sqrt(oscillator.omega_squared) * free + oscillator.rate_3
-    error = ERROR * (size + abs(travel_a) + abs(travel_b))
-    return keeps_sign(
-        run.clearance_1 - travel_a - error,
-        -speed_a,
-        run.clearance_1 - travel_b - error,
-        -speed_b,
-        oscillator.step,
-        bound,
-    ) and (
-        run.clearance_2 == inf
-        or keeps_sign(
-            run.clearance_2 + travel_a - error,
-            speed_a,
-            run.clearance_2 + travel_b - error,
-            speed_b,
-            oscillator.step,
-            bound,
-        )
-    )
+        a = b
+    run.searched = a.time
 
 
 @kernel
@@ -914,12 +913,7 @@ def search_joint(moving: Moving) -> None:
             (high == inf or keeps_sign(high - x_2, -x_3, high - x_2_b, -x_3_b, t_b - t_a, bound))
             and (low == -inf or keeps_sign(x_2 - low, x_3, x_2_b - low, x_3_b, t_b - t_a, bound))
         ):
-            x_b = offset + run.constant / oscillator.omega_squared
-            motion_b: Motion = grid_motion(moving, x_b, velocity, 0.0, 0.0)
-            motion_a: Motion = motion_at(moving, t_a)
-            first_of(moving, t_a, motion_a, t_b, motion_b)
-            if run.kind == NO_EVENT:
-                run.searched = t_b
+            first_of(moving, t_a, t_b)
             return
         t_a = t_b
         x_2 = x_2_b
@@ -1004,15 +998,8 @@ def search_on(moving: Moving) -> None:
 @kernel
 def search_all(moving: Moving) -> None:
     """Search the next step of the grid for all that may end the flight."""
-    constants = moving.constants
-    run = moving.run
-    start = run.searched
-    end = start + oscillator_of(constants, run).step
-    motion_a: Motion = motion_at(moving, start)
-    motion_b: Motion = motion_at(moving, end)
-    first_of(moving, start, motion_a, end, motion_b)
-    if run.kind == NO_EVENT:
-        run.searched = end
+    start = moving.run.searched
+    first_of(moving, start, start + oscillator_of(moving.constants, moving.run).step)
 
 
 @kernel

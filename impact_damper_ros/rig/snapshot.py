@@ -33,8 +33,9 @@ FORMAT = 8
 #: the sine of a harmonic's turn in a step twice, took the nominal gap for the bound of a chatter,
 #: and began the estimate of the amplitude at 0, 8 looked for events by certified steps where the
 #: grid was in doubt, 9 stamped some events of a change an ulp before it, 10 took powers of numpy
-#: in the bounds of oscillators, and the energy of an actuator as a share of that at full speed.
-ARITHMETIC = 11
+#: in the bounds of oscillators, and the energy of an actuator as a share of that at full speed,
+#: 11 polished the contact of an m that turned within a step by the closed form.
+ARITHMETIC = 12
 #: Latest time that a rig can reach, s; there the floats are 2 ms apart.
 LATEST = 1e13
 #: Rounding: what a state says of its time may differ by this, s.

@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 
 from impact_damper_ros import EventKind, InitialConditions, Mode, Rig, RigParameters
-from impact_damper_ros.motion.first_event import falling_root, falls, gathers_speed, keeps_sign
+from impact_damper_ros.motion.first_event import (
+    APPROACH,
+    CLEAR,
+    TURN,
+    Point,
+    falling_root,
+    falls,
+    keeps_sign,
+    turned_root,
+    way_between,
+)
 from impact_damper_ros.motion.flight import (
     CONTACT_1,
     CONTACT_2,
@@ -16,8 +26,11 @@ from impact_damper_ros.motion.flight import (
     RELEASE_UP,
     REVERSAL,
     begin_flight,
+    motion_at,
+    starting_motion,
 )
 from impact_damper_ros.motion.next_event import ALL_STEPS, find_event
+from impact_damper_ros.motion.oscillator import free_bound
 from impact_damper_ros.motion.state import Moving
 from motion.break_contact import (
     GENERATORS,
@@ -104,27 +117,19 @@ def test_what_keeps_its_sign_does():
     assert unsure < certain
 
 
-def test_what_falls_or_gathers_speed_does():
+def test_what_falls_does():
     """Waves beside the bound of their second derivative, at any phase; as above."""
     rng = np.random.default_rng(2)
     s = np.linspace(0.0, 1.0, 401)
-    falling, gathering = [0, 0], [0, 0]
-    waves = rng.uniform((0.5, 0.0, -1.5), (9.0, math.tau, 1.5), (6000, 3))
-    for frequency, phase, offset in waves:
-        turn = frequency * s + phase
-        wave, rate = offset + np.cos(turn), -frequency * np.sin(turn)
-        bound = frequency**2
-        below, above = (wave < 0.0).all(), (wave > 0.0).all()
-        if falls(wave[0], wave[-1], 1.0, bound):
-            assert below
-            falling[0] += 1
-        falling[1] += below
-        if gathers_speed(wave[0], rate[0], wave[-1], rate[-1], 1.0, bound):
-            assert above
-            gathering[0] += 1
-        gathering[1] += above and rate[0] > 0.0
-    assert falling[0] > 0.2 * falling[1]
-    assert gathering[0] > 0.2 * gathering[1]
+    certain = below = 0
+    for frequency, phase, offset in rng.uniform((0.5, 0.0, -1.5), (9.0, math.tau, 1.5), (6000, 3)):
+        wave = offset + np.cos(frequency * s + phase)
+        falling = (wave < 0.0).all()
+        below += falling
+        if falls(wave[0], wave[-1], 1.0, frequency**2):
+            assert falling
+            certain += 1
+    assert certain > 0.2 * below
 
 
 @pytest.mark.parametrize('slopes', [(-1.0, -1.2), (-1e-9, -2.0), (0.0, -1.5), (-3.0, -0.1)])
@@ -134,6 +139,62 @@ def test_a_guess_of_a_root_is_that_of_the_cubic(slopes):
     guess = falling_root(f_a, d_a, f_b, d_b, 1.0)
     c_2, c_3 = 3.0 * (f_b - f_a) - 2.0 * d_a - d_b, d_a + d_b - 2.0 * (f_b - f_a)
     assert f_a + guess * (d_a + guess * (c_2 + guess * c_3)) == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize(('start', 'speed'), [(0.0, 1.0), (0.0, 1e-9), (0.3, 0.5), (0.3, -0.5)])
+def test_a_guess_of_a_root_after_a_crest_is_that_of_the_cubic(start, speed):
+    bend, third = -3.0, 0.2
+
+    def cubic(t):
+        return start + t * (speed + t * (0.5 * bend + t * third))
+
+    guess = turned_root(start, speed, bend, cubic(1.0), 1.0)
+    assert cubic(1.0) < 0.0 < guess < 1.0
+    assert cubic(guess) == pytest.approx(0.0, abs=0.02 * (start + abs(speed)))
+
+
+def point_of(moving, motion, time):
+    """Return a motion as a point of the grid."""
+    offset = motion.x - moving.run.constant / moving.constants.free.omega_squared
+    speed = motion.relative_velocity
+    return Point(time, offset, motion.x, motion.velocity, motion.travel, speed)
+
+
+@pytest.mark.parametrize('name', GENERATORS)
+def test_what_is_certain_in_a_step_holds(name):
+    """Approaches of one stop, single turns and steps clear of both, at many instants within."""
+    cases = launchable(GENERATORS[name](500, np.random.default_rng(6)))
+    seen = dict.fromkeys(range(4), 0)
+    for flight in zip(*plain(*flights_of(cases)), strict=True):
+        moving = Moving(*flight, [])
+        begin_flight(moving)
+        run, oscillator = moving.run, moving.constants.free
+        start = starting_motion(moving)
+        free = free_bound(oscillator, start.x_3, start.x_4)
+        if start.relative_velocity == 0.0 and start.relative_2 == 0.0:
+            continue
+        a = point_of(moving, start, 0.0)
+        for k in range(3):
+            t_a, t_b = k * oscillator.step, (k + 1) * oscillator.step
+            b = point_of(moving, motion_at(moving, t_b), t_b)
+            way, side, *_ = way_between(moving, free, a, b)
+            within = [motion_at(moving, t_a + s * (t_b - t_a)) for s in np.linspace(0, 1, 41)]
+            most = max(abs(m.velocity) + abs(m.relative_velocity) for m in within)
+            far = max(abs(m.x) + abs(m.travel) for m in within)
+            speeds = np.array([side * m.relative_velocity for m in within])
+            beyond = np.array([side * m.travel for m in within])
+            clearances = (run.clearance_1, run.clearance_2)[:: int(side)]
+            seen[way] += 1
+            if way == APPROACH:
+                assert (speeds > -1e-13 * most).all()
+            elif way == TURN:
+                assert (np.diff(speeds) > -1e-13 * most).all()
+            if way in (CLEAR, TURN):
+                assert (clearances[1] + beyond > -1e-13 * far).all()
+            if way == CLEAR:
+                assert (clearances[0] - beyond > -1e-13 * far).all()
+            a = b
+    assert min(seen.values()) > 20
 
 
 NOTHING = ('x0', 'v0', 'y0', 'w0', 'gz', 'zeta', 'const_acc')
