@@ -34,7 +34,8 @@ FORMAT = 8
 #: and began the estimate of the amplitude at 0, 8 looked for events by certified steps where the
 #: grid was in doubt, 9 stamped some events of a change an ulp before it, 10 took powers of numpy
 #: in the bounds of oscillators, and the energy of an actuator as a share of that at full speed,
-#: 11 polished the contact of an m that turned within a step by the closed form.
+#: 11 polished the contact of an m that turned within a step by the closed form, and took the
+#: sines of several harmonics from the C library.
 ARITHMETIC = 12
 #: Latest time that a rig can reach, s; there the floats are 2 ms apart.
 LATEST = 1e13

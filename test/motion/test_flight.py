@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.motion.first_event import next_point
-from impact_damper_ros.motion.flight import begin_flight, motion_at, starting_motion
+from impact_damper_ros.motion.flight import (
+    begin_flight,
+    motion_at,
+    sine_and_cosine,
+    starting_motion,
+)
 from impact_damper_ros.motion.oscillator import POINTS, free_bound
 from impact_damper_ros.motion.state import Moving
 from motion.break_contact import flights_of, launchable, plain
@@ -161,3 +166,14 @@ def test_bounds_hold_over_a_search():
 def test_the_start_of_a_search_is_the_origin():
     for flight in begun(random_flights(20, RNG(7))):
         assert starting_motion(flight) == pytest.approx(motion_at(flight, 0.0), rel=1e-14)
+
+
+@pytest.mark.parametrize('largest', [7.0, 1e3, 1e6 + 7.0])
+def test_sine_and_cosine_of_several_harmonics(largest):
+    """As far as phases go, and near multiples of a quarter turn, where one of them vanishes."""
+    rng = np.random.default_rng(3)
+    quarters = np.round(rng.uniform(-largest, largest, 500) / (0.5 * math.pi)) * 0.5 * math.pi
+    for phase in [*rng.uniform(-largest, largest, 2000).tolist(), *quarters.tolist()]:
+        exact = mp.sin(mp.mpf(phase)), mp.cos(mp.mpf(phase))
+        for value, there in zip(sine_and_cosine(phase), exact, strict=True):
+            assert abs(value - there) <= 0.9 * math.ulp(max(abs(value), 1e-3))
