@@ -142,7 +142,9 @@ def test_what_is_predicted_stands_beside_what_was_measured(run, page):
     named = {row[0]: row for row in rows}
     assert named['largest |X|'][1:3] == ['5.072124', '5.072124']
     assert named['Xmax / A'][1:3] == ['0.2113439', '0.2113439']
-    assert named['decay per period'][1:3] == ['0.9410476', '0.9410652']
+    measured, predicted = named['decay per period'][1:3]
+    # That of the last deviations, whose last digits are round-off
+    assert (float(measured), predicted) == (pytest.approx(0.94105, abs=1e-5), '0.9410652')
     impacts = rows_of(section(parsed(page), 1), 'Impacts of the last period')
     assert impacts[0][1:3] == ['phase [cycles]', 'X [m]']
     first = impacts.index(['Impact 1, on stop 1'])
