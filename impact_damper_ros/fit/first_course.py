@@ -11,8 +11,8 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .course import Course
 from .first_guess import regressed
-from .partition import Record, fit_vibration, jumps_between, partition
-from .unknowns import Unknowns
+from .partition import Record, fit_vibration, free_vibrations, jumps_between, partition
+from .unknowns import Unknowns, later
 from .vibration import Array, Vibration
 
 #: What a further impact must take from the sum of squares, in variances; where one was measured;
@@ -21,6 +21,8 @@ PENALTY, _PENALTY_MEASURED, _SOUGHT = 24.0, 6.0, 0.5
 _ROUNDS = 4
 #: Longest delay of impact times that is looked for, as a phase of M, rad.
 _LONGEST_LAG = 1.0
+#: Phases of the force that are tried, and stiffnesses, in that of the start.
+_PHASES, _STIFFNESSES = 16, (0.96, 0.98, 1.0, 1.02, 1.04)
 #: Least first guess of the gap, in the swing of M at impacts.
 _LEAST_GAP = 1e-2
 #: Changes of K, and of C, after which the impacts are looked for again.
@@ -92,6 +94,31 @@ def _lag(record: Record, rig: RigParameters, deviation: float, measured: Array) 
     return float(np.median(near[at : at + size]))
 
 
+def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float, float]:
+    """
+    Return by how much the force comes later than described, and the stiffness, by trial.
+
+    That phase of it is right with which the motion is made of the fewest free vibrations. Near
+    resonance an error of the stiffness shifts the phase of the response, too.
+    """
+    period = 2.0 * np.pi / max(rig.first_harmonic[1], 1e-3 * rig.omega)
+    damping = max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
+
+    def cost(tried: tuple[float, float]) -> float:
+        delay, stiffness = tried
+        vibration = Vibration.of(rig, stiffness, damping, delay)
+        edges = partition(record, vibration, deviation, PENALTY)
+        left = free_vibrations(record, vibration, edges).residual
+        return float(left @ left) / deviation**2 + PENALTY * len(edges)
+
+    parts = np.arange(_PHASES) / _PHASES
+    delays = period * np.where(parts > 0.5, parts - 1.0, parts)
+    return min(
+        ((float(delay), rig.stiffness * factor) for delay in delays for factor in _STIFFNESSES),
+        key=cost,
+    )
+
+
 def _offset(record: Record, rig: RigParameters) -> float:
     """Return the mean over whole periods of the force: the offset of a sensor, nearly."""
     period = 2.0 * np.pi / max(rig.first_harmonic[1], 1e-3 * rig.omega)
@@ -120,6 +147,10 @@ def first_course(
     offset = _offset(record, rig) if bias >= 0 else 0.0
     record = record._replace(motion=record.motion - offset)
     stiffness, damping = rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
+    late, force_delay = 0.0, unknowns.column('force_delay')
+    if force_delay >= 0:
+        late, stiffness = _delay(record, rig, deviation)
+        rig = later(rig, late)
     delay = unknowns.column('impact_delay')
     lag = _lag(record, rig, deviation, measured) if delay >= 0 else 0.0
     measured = measured - lag
@@ -152,6 +183,8 @@ def first_course(
         shared[bias] = offset
     if delay >= 0:
         shared[delay] = lag
+    if force_delay >= 0:
+        shared[force_delay] = late
     ratio = rig.primary_mass / rig.damper_mass
     alpha = np.where(stops == 1, alphas[0], alphas[1])
     begins = np.zeros(len(stops), bool)

@@ -21,6 +21,21 @@ from .vibration import Array
 EXTRAS = ('gain', 'bias', 'force_delay', 'impact_delay')
 
 
+def later(rig: RigParameters, delay: float) -> RigParameters:
+    """Return a rig whose force and base come later by a delay, s."""
+    if not delay:
+        return rig
+    changes = {}
+    for what in ('force', 'base'):
+        frequencies, phases = (
+            getattr(rig, f'{what}_{name}') for name in ('frequencies', 'phases')
+        )
+        changes[f'{what}_phases'] = tuple(
+            p - w * delay for w, p in zip(frequencies, phases, strict=True)
+        )
+    return rig.replace(**changes)
+
+
 class Unknowns(NamedTuple):
     """
     The shared unknowns, in order.
@@ -97,21 +112,11 @@ class Unknowns(NamedTuple):
         """Return the rig of shared unknowns; values that no rig has are put to the nearest."""
         first, second = self.alpha_columns()
         grip = max(self.value(shared, 'grip'), least_grip)
-        delay = self.value(shared, 'force_delay')
-        changes = {}
-        if delay:
-            for what in ('force', 'base'):
-                frequencies = getattr(self.rig, f'{what}_frequencies')
-                phases = getattr(self.rig, f'{what}_phases')
-                changes[f'{what}_phases'] = tuple(
-                    p - w * delay for w, p in zip(frequencies, phases, strict=True)
-                )
-        return self.rig.replace(
+        return later(self.rig, self.value(shared, 'force_delay')).replace(
             stiffness=self.value(shared, 'stiffness'),
             damping=self.value(shared, 'damping'),
             restitution_1=min(max(self.restitution(shared[first]), 0.0), 1.0),
             restitution_2=min(max(self.restitution(shared[second]), 0.0), 1.0),
             friction=grip / self.normal if self.normal > 0.0 else self.rig.friction,
             gap=max(self.value(shared, 'gap'), 1e-9),
-            **changes,
         )

@@ -5,7 +5,6 @@ import pytest
 
 from fit.random_rigs import guess_of, measure, random_rig
 from impact_damper_ros import InitialConditions, Rig
-from impact_damper_ros.fit.excitation import excited, tones_of
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.rig_fit import fit_rig
 
@@ -71,40 +70,6 @@ def test_too_few_impacts(bench):
     assert 'impacts' in refused(record, start).reasons[0]
 
 
-def test_a_recorded_force_counts_and_not_the_described_one(bench):
-    """The description is wrong in all; the record has an offset and noise."""
-    rig, start, record = bench
-    rng = np.random.default_rng(3)
-    wave = rig.force_amplitudes[0] * np.sin(
-        rig.force_frequencies[0] * record.time + rig.force_phases[0]
-    )
-    wave += 0.3 + rng.normal(0.0, 0.01, len(wave))
-    other = start.replace(force_amplitudes=(0.7,), force_frequencies=(11.0,))
-    # On a clock that counts from 1970 on
-    late = 1.7e9 + record.time
-    found, remarks = excited(record._replace(time=late, force=wave), other)
-    assert found.force_amplitudes == pytest.approx(rig.force_amplitudes, rel=2e-3)
-    assert found.force_frequencies == pytest.approx(rig.force_frequencies, rel=1e-4)
-    drive = found.force_amplitudes[0] * np.sin(
-        found.force_frequencies[0] * late + found.force_phases[0]
-    )
-    assert drive == pytest.approx(wave - 0.3, abs=0.06)
-    assert 'the recorded force is used, 1.2' in remarks[0]
-    # A file that has the base only leaves the force as it is by default, which is none here
-    base = start.replace(force_amplitudes=1.0, force_frequencies=1.0, force_phases=0.0)
-    shaken, _ = excited(record._replace(base=wave, base_quantity='acceleration'), base)
-    assert shaken.base_amplitudes == pytest.approx(rig.force_amplitudes, rel=2e-3)
-    assert shaken.force_amplitudes == (0.0,)
-    # A described force that agrees is kept
-    assert excited(record._replace(force=wave), rig) == (rig, [])
-    fit = fit_rig(record._replace(force=wave), other)
-    assert fit.accepted, fit.reasons
-    assert fit.remarks[0].startswith('the recorded force is used')
-    for name in ('stiffness', 'damping', 'gap', 'restitution_1'):
-        one = fit.parameters[name]
-        assert abs(one.value - getattr(rig, name)) < 4.0 * one.standard_deviation, name
-
-
 def test_a_force_of_another_size(bench):
     """It is refused, recorded by a wrong sensor as well as described."""
     rig, start, record = bench
@@ -123,19 +88,6 @@ def test_an_offset_of_the_sensor(bench):
     still = start.replace(force_amplitudes=(0.0,))
     reasons = refused(record._replace(motion=alone, impact_times=None), still).reasons
     assert 'the damper is' in reasons[0]
-
-
-def test_a_swept_force_is_refused(bench):
-    """A few tones are found, also one that is small."""
-    _, start, record = bench
-    time = record.time
-    two = tones_of(time, 1.5 * np.sin(30.0 * time) + 0.05 * np.cos(90.0 * time))
-    assert two.amplitudes == pytest.approx([1.5, 0.05], rel=1e-6)
-    assert two.frequencies == pytest.approx([30.0, 90.0], rel=1e-6)
-    sweep = np.sin(2.0 * np.pi * (3.0 * time + 0.2 * time**2))
-    reasons = refused(record._replace(force=sweep), start).reasons
-    assert 'the recorded force: 6 tones leave' in reasons[0]
-    assert 'sweeps, random excitation and blows are not fitted' in reasons[0]
 
 
 def test_two_rigs_in_one_record(bench):
