@@ -2,9 +2,10 @@
 A page of the documentation as its reader works through it, block by block, in one directory.
 
 A ``python`` or ``yaml`` block that begins with the name of a file as a comment is saved under that
-name; other ``python`` blocks share one namespace. ``bash`` blocks run in bash; a node or page goes
-on in the background. A ``text`` block is what the block before it prints: '...' stands for
-anything, and numbers agree to one unit of their last digit.
+name; other ``python`` blocks share one namespace. ``bash`` blocks run in bash, but for those that
+are only commands of this package; a node or page goes on in the background. A ``text`` block is
+what the block before it prints: '...' stands for anything, and numbers agree to one unit of their
+last digit.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import shlex
 import signal
 import subprocess
 import sys
+from importlib import import_module
 
 from running import DEADLINE_S, Running
 from setup_file import COMMANDS, ROOT
@@ -32,6 +34,8 @@ _LONG = 'Rig(rig), cycles=22_000', 'Rig(rig, compiled=None), cycles=22_000'
 _FEWER = '7.6Hz:12.4Hz:25', '7.6Hz:12.4Hz:7'
 
 _FENCE = re.compile(r'^```(python|yaml|bash|text)\n(.*?)^```$', re.DOTALL | re.MULTILINE)
+#: What only a shell understands.
+_SHELL = re.compile(r'[|;&<>$]')
 _NUMBER = re.compile(r'-?\d+(?:\.\d+)?(?:e[-+]?\d+)?')
 
 
@@ -138,6 +142,28 @@ class Reader:
                 self._start(words)
             elif words and words[0] not in FOREIGN:
                 lines.append(line)
+        commands = [shlex.split(line, comments=True) for line in lines]
+        if all(words[0] in COMMANDS for words in commands) and not _SHELL.search(''.join(lines)):
+            self.printed = ''.join(map(self._command, commands))
+        else:
+            self._shell(lines)
+
+    def _command(self, words):
+        """Return what a command prints; it runs in this process, which has all loaded."""
+        name, *words = words
+        printed = io.TextIOWrapper(io.BytesIO(), encoding='utf-8', write_through=True)
+        words += ['--jobs', '1'] if name == 'sweep_rig' else []
+        with (
+            contextlib.chdir(self.place),
+            contextlib.redirect_stdout(printed),
+            contextlib.redirect_stderr(printed),
+        ):
+            code = import_module(f'impact_damper_ros.cli.{name}').main(words)
+        text = printed.buffer.getvalue().decode()
+        assert code == 0, text
+        return text
+
+    def _shell(self, lines):
         done = subprocess.run(
             ['bash', '-e', '-c', '\n'.join(lines)],
             cwd=self.place,
