@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Least squares under conditions: Gauss-Newton steps from the sparse system of their multipliers.
+Least squares under conditions: Gauss-Newton steps from the system of their multipliers.
 
-Each step minimises the linearised residuals where the linearised conditions hold, exactly. The
-same system gives the covariance of the estimates and, for each condition, the multiplier that
-says how much the sum of squares would fall without it [1]_.
+Each step minimises the linearised residuals where the linearised conditions hold, exactly. A
+condition joins neighbouring nodes, so that the system is a band but for the shared unknowns, which
+are eliminated last. The same system gives the covariance of the estimates and, for each condition,
+the multiplier that says how much the sum of squares would fall without it [1]_.
 
 References
 ----------
@@ -18,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from .shooting import Equations, Shooting
 from .vibration import Array
@@ -78,23 +79,58 @@ class System:
         hessian, below = (self._rates.T @ self._rates).tocoo(), self._laws.tocoo()
         diagonal = damping * (squares / scale**2 + 1e-4)
         both = np.arange(size + count)
-        row = np.concatenate([hessian.row, below.row + size, below.col, both])
-        column = np.concatenate([hessian.col, below.col, below.row + size, both])
+        self._order = _band_order(equations)
+        place = np.empty_like(both)
+        place[self._order] = both
+        row = place[np.concatenate([hessian.row, below.row + size, below.col, both])]
+        column = place[np.concatenate([hessian.col, below.col, below.row + size, both])]
         entries = [hessian.data, below.data, below.data, diagonal, np.full(count, -_GIVE)]
-        whole = sparse.csc_array((np.concatenate(entries), (row, column)), shape=(len(both),) * 2)
-        self._factors = splu(whole)
+        self._factor(row, column, np.concatenate(entries), size + count - equations.shared)
+
+    def _factor(
+        self, row: NDArray[np.int64], column: NDArray[np.int64], entries: Array, inner: int
+    ) -> None:
+        """Factor the band of the first unknowns, and the Schur complement of the others."""
+        in_band = (row < inner) & (column < inner)
+        apart = row[in_band] - column[in_band]
+        self._reach = reach = int(apart.max())
+        depth, last = 3 * reach + 1, int(column.max()) + 1 - inner
+        at = column[in_band] * depth + 2 * reach + apart
+        band = np.bincount(at, entries[in_band], depth * inner).reshape(inner, depth).T
+        self._band, self._pivots, info = dgbtrf(band, reach, reach, overwrite_ab=True)
+        if info > 0:
+            raise np.linalg.LinAlgError('the flights do not determine their states')
+        beside = column >= inner
+        at = row[beside] * last + column[beside] - inner
+        edge: Array = np.bincount(at, entries[beside], (inner + last) * last).reshape(-1, last)
+        self._edge, corner = edge[:inner], edge[inner:]
+        self._through = self._solve_band(self._edge)
+        self._corner = corner - self._edge.T @ self._through
+
+    def _solve_band(self, right: Array) -> Array:
+        found, _ = dgbtrs(self._band, self._reach, self._reach, right, self._pivots)
+        return np.asarray(found)
+
+    def _solve(self, right: Array) -> Array:
+        """Return the solution of the system for right-hand sides, shape (n,) or (n, k)."""
+        ordered, inner = right[self._order], len(self._edge)
+        first = self._solve_band(ordered[:inner])
+        last = np.linalg.solve(self._corner, ordered[inner:] - self._edge.T @ first)
+        found = np.empty_like(right)
+        found[self._order] = np.concatenate([first - self._through @ last, last])
+        return found
 
     def step(self, equations: Equations) -> tuple[Array, Array]:
         """Return the step, and the multipliers of the conditions."""
         right = np.concatenate([-(self._rates.T @ equations.residual), -equations.condition])
-        found = self._factors.solve(right)
+        found = self._solve(right)
         return found[: self._size] / self.scale, found[self._size :]
 
     def covariance(self, columns: NDArray[np.int64]) -> Array:
         """Return the covariance of some unknowns."""
         right = np.zeros((self._size + self._count, len(columns)))
         right[columns, np.arange(len(columns))] = 1.0 / self.scale[columns]
-        found = self._factors.solve(right)[columns] / self.scale[columns, None]
+        found = self._solve(right)[columns] / self.scale[columns, None]
         covariance: Array = 0.5 * (found + found.T)
         return covariance
 
@@ -102,7 +138,7 @@ class System:
         """Return standard deviations of quantities, whose derivatives are rows of a matrix."""
         right = np.zeros((self._size + self._count, rates.shape[0]))
         right[: self._size] = (rates @ sparse.diags_array(1.0 / self.scale)).toarray().T
-        found = self._factors.solve(right)
+        found = self._solve(right)
         variances: Array = (right * found).sum(0)
         deviations: Array = np.sqrt(np.maximum(variances, 0.0))
         return deviations
@@ -110,14 +146,25 @@ class System:
     def information(self, residual_rate: Array, condition_rate: Array) -> float:
         """Return what the data say of a further unknown, the others being fitted again."""
         right = np.concatenate([self._rates.T @ residual_rate, condition_rate])
-        return float(residual_rate @ residual_rate - right @ self._factors.solve(right))
+        return float(residual_rate @ residual_rate - right @ self._solve(right))
 
     def released(self, rows: NDArray[np.int64]) -> Array:
         """Return the block of the inverse system that belongs to some conditions."""
         right = np.zeros((self._size + self._count, len(rows)))
         right[self._size + rows, np.arange(len(rows))] = 1.0
-        found: Array = self._factors.solve(right)[self._size + rows]
+        found: Array = self._solve(right)[self._size + rows]
         return found
+
+
+def _band_order(equations: Equations) -> NDArray[np.int64]:
+    """Return unknowns and conditions, node by node, with the shared unknowns last."""
+    laws, shared = equations.condition_rates, equations.shared
+    unknowns = np.arange(equations.residual_rates.shape[1])
+    # A condition stands before the unknowns of the last node in it
+    conditions = laws.indices[laws.indptr[1:] - 1]
+    keys = np.concatenate([2 * ((unknowns - shared) // 5) + 1, 2 * ((conditions - shared) // 5)])
+    keys[:shared] = keys.max(initial=0) + 1
+    return np.argsort(keys, kind='stable')
 
 
 def _scaled(rates: sparse.csr_array, scale: Array) -> sparse.csr_array:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +12,7 @@ from .course import Course
 from .nodes import Nodes, T, V, W, X, Y
 from .partition import Record
 from .unknowns import Unknowns
-from .vibration import Array, Vibration
+from .vibration import Array, Phasors, Vibration
 
 
 class NodeMotion(Nodes):
@@ -120,34 +122,42 @@ class NodeMotion(Nodes):
         moved = (before[:, W] + 0.5 * pull * span) * span
         return x, v, w, before[:, Y] + before[:, X] + moved - x
 
-    def _measured(
+    @cached_property
+    def _turning(self) -> Phasors:
+        """The harmonics at the samples, of phasors 1 at time 0."""
+        frequencies = self.vibration(self.course.shared).frequencies
+        turning: Phasors = np.exp(1j * frequencies * self.record.time[:, None])
+        return turning
+
+    def signal(
         self,
         vibration: Vibration,
-        grip: float,
         states: Array,
+        push: Array,
         node: NDArray[np.int64],
-        time: Array,
+        samples: slice = slice(None),
     ) -> Array:
-        """Return the measured quantity at times in the flights after nodes."""
-        return self.signal(vibration, states[node], self._pushes(grip, node)[0], time)
+        """Return the measured quantity at samples, by the states and pushes at nodes."""
+        order = self.record.order
+        free = vibration.free_phasors(states[:, T], states[:, X], states[:, V], push)
+        since = self.record.time[samples] - states[node, T]
+        vibrating = (vibration.root**order * free)[node] * np.exp(vibration.root * since)
+        steady = self._turning[samples] @ vibration.steady_phasors(order)
+        constant = 0.0 if order else (push / vibration.stiffness)[node]
+        found: Array = vibrating.real + steady.imag + constant
+        return found
 
-    def signal(self, vibration: Vibration, states: Array, push: Array, time: Array) -> Array:
-        """Return the measured quantity at times after states under constant pushes."""
-        since = time - states[:, T]
-        x, v = vibration.later(states[:, T], states[:, X], states[:, V], push, since)
-        if self.record.order == 0:
-            return x
-        if self.record.order == 1:
-            return v
-        return vibration.acceleration(time, x, v, push)
+    def _signal(self, shared: Array, states: Array, node: NDArray[np.int64]) -> Array:
+        """Return the measured quantity at all samples, in the flights after nodes."""
+        vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
+        push, _ = self._pushes(grip, np.arange(self.count_of_nodes))
+        return self.signal(vibration, states, push, node)
 
     def motion(self, u: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return the fitted signal at all samples, NaN where there is none, and which count."""
         shared, states = self.parts(u)
         node, inside = self._node_of_samples(states)
-        vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
-        signal = self._measured(vibration, grip, states, node, self.record.time)
-        signal = self.sensed(shared, signal)
+        signal = self.sensed(shared, self._signal(shared, states, node))
         return np.where(inside, signal, np.nan), inside & (self.weight > 0.0)
 
     def sensed(self, shared: Array, signal: Array) -> Array:

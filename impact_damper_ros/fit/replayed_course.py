@@ -218,7 +218,7 @@ class ReplayedCourse:
             return 0.0
         node = np.clip(np.searchsorted(rows[:, 0], time, side='right') - 1, 0, len(pushes) - 1)
         vibration = shooting.vibration(shared)
-        signal = shooting.signal(vibration, rows[node], np.array(pushes)[node], time)
+        signal = shooting.signal(vibration, rows[:-1], np.array(pushes), node, inside)
         left = (shooting.sensed(shared, signal) - record.motion[inside]) * weight
         return float(np.sqrt(left @ left / (weight > 0.0).sum()))
 

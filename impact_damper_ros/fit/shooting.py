@@ -51,13 +51,16 @@ class Equations(NamedTuple):
     condition : ndarray
         What must be zero, in standard deviations of the data.
     residual_rates, condition_rates : sparse matrix
-        Derivatives by the unknowns.
+        Derivatives by the unknowns; the columns of a row rise.
+    shared : int
+        How many unknowns belong to no node; they come first, then five of each node.
     """
 
     residual: Array
     condition: Array
     residual_rates: sparse.csr_array
     condition_rates: sparse.csr_array
+    shared: int
 
 
 class Shooting(NodeMotion):
@@ -152,6 +155,7 @@ class Shooting(NodeMotion):
             condition,
             sparse.csr_array(sparse.vstack(rates)),
             sparse.csr_array(all_rates[~laws]),
+            self.count,
         )
 
     def _split(
@@ -165,9 +169,7 @@ class Shooting(NodeMotion):
     def _data(self, u: Array) -> Array:
         shared, states = self.parts(u)
         node, inside = self._node_of_samples(states)
-        vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
-        signal = self._measured(vibration, grip, states, node, self.record.time)
-        left = self.sensed(shared, signal) - self.record.motion
+        left = self.sensed(shared, self._signal(shared, states, node)) - self.record.motion
         return np.where(inside, left, 0.0) * self.weight
 
     def _data_rates(self, u: Array) -> sparse.csr_array:
@@ -176,17 +178,17 @@ class Shooting(NodeMotion):
         record, value = self.record, self.unknowns.value
         node, inside = self._node_of_samples(states)
         vibration, grip = self.vibration(shared), value(shared, 'grip')
-        at, time = states[node], record.time
-        push, _ = self._pushes(grip, node)
-        span = time - at[:, T]
-        start = vibration.acceleration(at[:, T], at[:, X], at[:, V], push)
+        time, nodes = record.time, np.arange(self.count_of_nodes)
+        push, _ = self._pushes(grip, nodes)
+        span = time - states[node, T]
+        start = vibration.acceleration(states[:, T], states[:, X], states[:, V], push)
         matrix, by_push = _rates_of(vibration, span, record.order)
         x_rate, v_rate = matrix
-        signal = self._measured(vibration, grip, states, node, time)
+        signal = self._signal(shared, states, node)
         weight = np.where(inside, self.weight, 0.0)
         scale = weight * value(shared, 'gain')
         rates = np.zeros((len(time), 3 + self.count))
-        rates[:, 0] = -(x_rate * at[:, V] + v_rate * start) * scale
+        rates[:, 0] = -(x_rate * states[node, V] + v_rate * start[node]) * scale
         rates[:, 1], rates[:, 2] = x_rate * scale, v_rate * scale
         ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
         own = rates[:, 3:]
@@ -195,8 +197,7 @@ class Shooting(NodeMotion):
         for column, step in self._varied.items():
             other = shared.copy()
             other[column] += step
-            varied = self._measured(self.vibration(other), grip, states, node, time)
-            own[:, column] = (varied - signal) / step * scale
+            own[:, column] = (self._signal(other, states, node) - signal) / step * scale
         if (column := self.unknowns.column('gain')) >= 0:
             own[:, column] = signal * weight
         if (column := self.unknowns.column('bias')) >= 0:

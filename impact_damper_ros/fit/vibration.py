@@ -18,6 +18,7 @@ from impact_damper_ros.orbits.response import forced_response, free_response
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 Array = NDArray[np.float64]
+Phasors = NDArray[np.complex128]
 
 #: How often the displacement was differentiated in time, by what was measured.
 ORDERS = {'displacement': 0, 'velocity': 1, 'acceleration': 2}
@@ -64,9 +65,9 @@ class Vibration(NamedTuple):
         """The eigenvalue -a + ib."""
         return complex(-self.decay, self.damped)
 
-    def phasors(self, times: Array) -> NDArray[np.complex128]:
+    def phasors(self, times: Array) -> Phasors:
         """Return the harmonics of the drive at times as phasors; the drive is their sine."""
-        turning: NDArray[np.complex128] = self.forces * np.exp(
+        turning: Phasors = self.forces * np.exp(
             1j * (self.frequencies * times[..., None] + self.phases)
         )
         return turning
@@ -78,10 +79,26 @@ class Vibration(NamedTuple):
 
     def steady(self, times: Array, order: int) -> Array:
         """Return a time derivative of the steady response at times."""
+        turning = np.exp(1j * self.frequencies * times[..., None])
+        total: Array = (turning @ self.steady_phasors(order)).imag
+        return total
+
+    def steady_phasors(self, order: int) -> Phasors:
+        """Return the phasors at time 0 of a time derivative of the steady response."""
         w = self.frequencies
         gain = (1j * w) ** order / (self.stiffness - w * w + 2j * self.decay * w)
-        total: Array = (gain * self.phasors(times)).imag.sum(-1)
-        return total
+        phasors: Phasors = gain * self.forces * np.exp(1j * self.phases)
+        return phasors
+
+    def free_phasors(self, times: Array, x: Array, velocity: Array, push: Array) -> Phasors:
+        """
+        Return c of the free vibration Re(c exp(root s)), s after times.
+
+        X is that, the steady response and what a constant push deflects M by.
+        """
+        offset = x - push / self.stiffness - self.steady(times, 0)
+        rate = velocity - self.steady(times, 1)
+        return offset - 1j * (rate + self.decay * offset) / self.damped
 
     def later(
         self, times: Array, x: Array, velocity: Array, push: Array, spans: Array
