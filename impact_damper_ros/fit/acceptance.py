@@ -17,13 +17,12 @@ from .contradictions import MOST_GAIN
 from .estimate import Estimate
 from .first_course import LEAST_IMPACTS
 from .parameter_estimates import Correlations
-from .revision import EXACT, Revised
+from .revision import EXACT, LEAST_USED, Revised
 
 #: Largest root of chi squared, by the noise that fourth differences show.
 MOST_CHI = 1.1
-#: Least part of the flights that must be used, and least number of them. In fits that leave out
-#: more, the course of m is often a wrong one.
-LEAST_USED, LEAST_FLIGHTS = 0.93, 10
+#: Least number of flights that must be used, and least part of them if others are doubtful.
+LEAST_FLIGHTS, LEAST_FIRM = 10, 0.75
 #: What else may be the cause where a fit leads nowhere.
 WRONG_RIG = (
     'see that the damper is in the record, and that masses, angle and force (size, frequency, '
@@ -66,7 +65,7 @@ def judged(
                 else f'record more impacts ({LEAST_IMPACTS} are the least that is tried)'
             )
         )
-    elif used < LEAST_USED * flights:
+    elif used < max(LEAST_USED * (flights - revised.doubtful), LEAST_FIRM * flights):
         reasons.append(
             f'only {used} of {flights} flights obey one set of parameters'
             f'{_where(revised)}: impacts closer than the samples, or two rigs in one record; '

@@ -81,8 +81,7 @@ def without_contradictions(
             break
         course = shooting.course_of(solution.unknowns)
         for k, gain in chosen.items():
-            course.begins[k + 1] = True
-            course.reversals[k], course.held[k] = np.zeros(0), np.zeros(0, bool)
+            course.leave_out(k)
             why_cut[k + 1] = f'its laws cost {gain:.0f} in the sum of squares'
         shooting = problem(course)
         solution = _solved(shooting)

@@ -84,6 +84,11 @@ class Course:
         counts: Flags = ~self.begins[1:]
         return counts
 
+    def leave_out(self, flight: int) -> None:
+        """Let the motion begin anew at the end of a flight."""
+        self.begins[flight + 1] = True
+        self.reversals[flight], self.held[flight] = np.zeros(0), np.zeros(0, bool)
+
     def kept(self, keep: Flags) -> Course:
         """Return the course without some impacts; flights join as the first of them is."""
         index = np.flatnonzero(keep)

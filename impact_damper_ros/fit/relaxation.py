@@ -4,7 +4,8 @@ From a first course to one that nearly obeys the laws of m, which are imposed in
 
 At first M alone obeys its laws, and those of m are soft. Flights that break them by far, since an
 impact was missed or m sticks, are left to M alone, and then cut out. Without measured impact times
-weak impacts, and the weaker of two that are closer than the samples, are taken for noise.
+weak impacts, and the weaker of two that are closer than the samples, are taken for noise; and the
+course begins with the impact before the first one that is so strong that its bounces are seen.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ _CUT = 10.0
 _STEPS = 15
 #: Jumps below this many standard deviations are noise; impacts closer than this many samples one.
 _WEAK, _CLOSE = 4.0, 1.6
+#: A jump of so many standard deviations has bounces that are seen at a restitution of 1/4; such a
+#: one is looked for in this part of the record.
+_CLEAR, _FIRST = 4.0 * _WEAK, 0.2
 #: Laws broken by this many standard deviations, and this many times the median.
 _BROKEN, _TIMES_MEDIAN = 4.0, 5.0
 
@@ -37,9 +41,12 @@ def relaxed(course: Course, problem: Problem, *, timed: bool) -> Course:
     """Return the course with the laws of m nearly imposed."""
     broken = np.zeros(len(course), bool)  # by the impact at which the flight starts
     weak = np.zeros(len(course), bool)
+    jump = deviation = np.zeros(len(course))
     for soft in _STAGES:
         if soft < _STAGES[0] and not timed:
             weak[[0, -1]] = False
+            if soft == _STAGES[1]:
+                weak[: _unclear(jump, deviation)] = True
             if weak.any():
                 course, broken = course.kept(~weak), broken[~weak]
                 check_impacts(len(course))
@@ -87,6 +94,12 @@ def _jumps(shooting: Shooting, u: Array, soft: float) -> tuple[Array, Array]:
     """Return the jump of X' at each impact, and its standard deviation; 0 where a part begins."""
     system = System(shooting.equations(u, soft), 1e-9)
     return shooting.jumps(u), system.deviations(shooting.jump_rates(u))
+
+
+def _unclear(jump: Array, deviation: Array) -> int:
+    """Return how many impacts are too early to be followed by bounces that are seen."""
+    clear = np.flatnonzero(jump[1:] ** 2 > (_CLEAR * deviation[1:]) ** 2)
+    return int(clear[0]) if len(clear) and clear[0] < _FIRST * len(jump) else 0
 
 
 def _breaking(shooting: Shooting, u: Array, soft: float, impacts: int) -> Flags:

@@ -34,6 +34,8 @@ _FLAT = 0.1
 _LEAST_GRIP = 1e-9
 #: What is cut, or searched, so often at an instant is left as it is.
 _OFTEN = 2
+#: Searches for a start in a round, of which each takes hundreds of replays.
+_MOST_SEARCHES = 10
 #: Residuals of the data in a flight that changes the course, in standard deviations.
 _MISFIT = 3.0
 #: Part of the speed of approach by which that of a new start may be off.
@@ -90,6 +92,7 @@ class ReplayedCourse:
         self.largest = float(np.abs(course.velocity).max())
         self.impacts: list[Impact] = []
         self.risky: list[float] = []
+        self.searches = 0
         self.why_cut: dict[int, str] = {}
         self.log: list[str] = []
 
@@ -124,6 +127,7 @@ class ReplayedCourse:
 
     def _search_start(self, k: int, end: int) -> Passage:
         """Look for the velocity of m with which it gets from where it begins anew to an impact."""
+        self.searches += 1
         course, last = self.course, self.impacts[-1]
         span = float(course.time[end]) - last.time
         wanted = self._arrival(end), self.largest, self.shooting.rate
@@ -165,12 +169,21 @@ class ReplayedCourse:
             k = self._fly(k)
         return self._rebuilt()
 
+    def confirms(self, k: int) -> bool:
+        """Return whether the engine flies from an impact to the next one as the course has it."""
+        course = self.course
+        self.impacts = [Impact(self._own(k), int(course.stop[k]), begins=bool(course.begins[k]))]
+        found = self._passage(k, self.tolerance)
+        turns = sum(event.kind is EventKind.REVERSAL for event in found.events)
+        agrees = found.ahead == 1 and not found.missed and not found.sticks
+        return agrees and turns == len(course.reversals[k])
+
     def _fly(self, k: int) -> int:
         """Add the flight from an impact, and return the impact of the course where it ends."""
         course, memory = self.course, self.memory
         found = self._passage(k, self.tolerance)
         was_cut = bool(course.begins[k + 1])
-        free = self.impacts[-1].begins
+        free = self.impacts[-1].begins and self.searches < _MOST_SEARCHES
         free &= memory.count(memory.starts, self.impacts[-1].time) < _OFTEN
         if free and not was_cut and (found.ahead != 1 or found.missed):
             memory.starts.append((self.impacts[-1].time, 1))

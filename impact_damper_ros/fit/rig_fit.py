@@ -243,6 +243,7 @@ def _fitted(
         return _refused(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
     chi = found.chi
     chi *= noise / max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
+    found = found.without_doubtful()
     # Weights of data and of impact times by the noise that the residuals show
     noise = max(noise * found.chi, _ROUNDING * least / _LEAST_NOISE)
     shooting = problem(found.course)

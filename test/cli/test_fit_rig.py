@@ -130,8 +130,8 @@ def test_two_dampers_in_one_record_are_refused(tmp_path, structure, capsys):
     """The second half is that of a softer stop."""
     states, rig = tmp_path / 'states.csv', tmp_path / 'rig.yaml'
     rig.write_text(rig_yaml(TRUE, 'the rig on the bench'))
-    change = ['--change', '6s:restitution_1=0.3', '--change', '6s:restitution_2=0.3']
-    command = [str(rig), '--duration', '12', '--states', str(states), '--rate', '200', *change]
+    change = ['--change', '3s:restitution_1=0.3', '--change', '3s:restitution_2=0.3']
+    command = [str(rig), '--duration', '6', '--states', str(states), '--rate', '200', *change]
     assert simulate_rig(command) == 0
     table = np.genfromtxt(states, delimiter=',', names=True)
     place = table['x'] + np.random.default_rng(4).normal(0.0, 5e-5, len(table))

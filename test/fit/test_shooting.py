@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from impact_damper_ros.fit.gauss_newton import System
 from impact_damper_ros.fit.shooting import Shooting
 from impact_damper_ros.fit.unknowns import EXTRAS, Unknowns
 
@@ -49,3 +50,36 @@ def test_the_exact_motion_obeys_all_laws_and_derivatives_are_those_of_difference
             for k, rates in enumerate((equations.residual_rates, equations.condition_rates)):
                 wanted = (after[k] - before[k]) / (2.0 * step)
                 np.testing.assert_allclose(rates @ way, wanted, atol=3e-6 * np.abs(wanted).max())
+
+
+def test_a_step_and_the_covariance_are_those_of_the_whole_system():
+    rng = np.random.default_rng(101)
+    rig = random_rig(rng)
+    measurement = measure(rig, rng, impacts=20)
+    unknowns = Unknowns(rig, True, EXTRAS)
+    record, course = true_course(unknowns, measurement)
+    course.begins[[5, 6, 12]] = True
+    course.lawless[9] = True
+    times = measurement.record.impact_times
+    shooting = Shooting(record, measurement.deviation, unknowns, course, times, DEVIATION)
+    equations = shooting.equations(
+        shooting.start() * (1.0 + 1e-6 * rng.normal(size=shooting.size))
+    )
+    rates, laws = (part.toarray() for part in equations[2:4])
+    # Least squares in the null space of the conditions, which repeat each other in places
+    start = -np.linalg.pinv(laws, rcond=1e-12) @ equations.condition
+    _, singular, ways = np.linalg.svd(laws)
+    ways = ways[int((singular > 1e-12 * singular[0]).sum()) :].T
+    scale = np.linalg.norm(rates @ ways, axis=0)
+    inner = rates @ ways / scale
+    wanted = start - ways / scale @ np.linalg.pinv(inner) @ (equations.residual + rates @ start)
+    system = System(equations, 1e-13)
+    step, _ = system.step(equations)
+    shared = slice(shooting.count)
+    deviations = np.sqrt(
+        np.diag(ways / scale @ np.linalg.pinv(inner.T @ inner) @ (ways / scale).T)
+    )
+    found = np.sqrt(np.diag(system.covariance(np.arange(shooting.count))))
+    np.testing.assert_allclose(found, deviations[shared], rtol=1e-3)
+    assert np.abs((step - wanted)[shared] / deviations[shared]).max() < 1e-3
+    assert np.abs(laws @ step + equations.condition).max() < 1e-6
