@@ -94,9 +94,7 @@ def passage(
         if event.kind is not EventKind.IMPACT:
             continue
         hits += 1
-        apart = np.where(
-            stops == (1 if event.stop == 1 else -1), np.abs(spans - event.time), np.inf
-        )
+        apart = np.where(stops == event.side, np.abs(spans - event.time), np.inf)
         nearest = int(apart.argmin())
         if apart[nearest] < max(tolerance, _PART * spans[nearest]):
             return Passage(nearest + 1, events[: k + 1], sticks)
@@ -141,7 +139,7 @@ def start_velocity(
                     continue
                 events = replay.events(instant, side, x, velocity, tried, span + margin)
                 hit = next((k for k, e in enumerate(events) if e.kind is EventKind.IMPACT), None)
-                if hit is None or events[hit].stop != (1 if stop > 0 else 2):
+                if hit is None or events[hit].side != stop:
                     continue
                 apart = abs(events[hit].damper_velocity_before - damper_velocity)
                 score = (

@@ -102,7 +102,8 @@ class System:
             raise np.linalg.LinAlgError('the flights do not determine their states')
         beside = column >= inner
         at = row[beside] * last + column[beside] - inner
-        edge: Array = np.bincount(at, entries[beside], (inner + last) * last).reshape(-1, last)
+        sums = np.asarray(np.bincount(at, entries[beside], (inner + last) * last), np.float64)
+        edge = sums.reshape(-1, last)
         self._edge, corner = edge[:inner], edge[inner:]
         self._through = self._solve_band(self._edge)
         self._corner = corner - self._edge.T @ self._through

@@ -220,7 +220,7 @@ class ReplayedCourse:
             pushes.append(self.unknowns.rig.mass_ratio * (direction * grip + stop * air))
             states.append(_row_of(begin, event))
             if event.kind is EventKind.IMPACT:
-                stop = 1 if event.stop == 1 else -1
+                stop = event.side
                 direction = -stop
             else:
                 direction = -direction
@@ -249,7 +249,7 @@ class ReplayedCourse:
             if event.kind is EventKind.REVERSAL:
                 turns.append(event)
             elif event.kind is EventKind.IMPACT:
-                impact = Impact(_row_of(begin, event), 1 if event.stop == 1 else -1, begins=False)
+                impact = Impact(_row_of(begin, event), event.side, begins=False)
                 if event is hits[-1]:
                     # A state that is fitted on its other side is taken from there
                     lone = bool(course.begins[end]) and (

@@ -88,6 +88,11 @@ class Event(NamedTuple):
     impulse: float
     mode: int = -1
 
+    @property
+    def side(self) -> int:
+        """Sign of Y at its stop: +1 at stop 1, -1 at stop 2."""
+        return 1 if self.stop == 1 else -1
+
 
 class Sample(NamedTuple):
     """

@@ -5,8 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from impact_damper_ros.fit.gauss_newton import solve
 from impact_damper_ros.fit.replayed_course import Memory, ReplayedCourse
 from impact_damper_ros.fit.reversals import expected_reversals
+from impact_damper_ros.fit.revision import Revised
 from impact_damper_ros.fit.shooting import Shooting
 from impact_damper_ros.fit.unknowns import Unknowns
 
@@ -84,3 +86,34 @@ def test_what_the_data_contradict_is_not_changed():
     found, turn = revised(wrong, problem)
     assert not found.flies[11]
     assert turn.why_cut
+
+
+def test_only_flights_that_the_engine_makes_are_confirmed():
+    _, course, problem = truth(105)
+    course.damper_velocity[12] *= 1.1
+    course.reversals[20] = np.append(course.reversals[20], 0.5 * (course.time[20:22].sum()))
+    course.held[20] = np.zeros(len(course.reversals[20]), bool)
+    turn = ReplayedCourse(course, problem(course), Memory(0.01), {}, 0.006)
+    confirmed = [turn.confirms(k) for k in range(len(course) - 1)]
+    assert [k for k, sure in enumerate(confirmed) if not sure] == [12, 20]
+
+
+def test_reversals_that_are_held_and_impacts_that_may_be_none_are_left_out():
+    _, course, problem = truth(108)
+    flies = course.flies.copy()
+    turning = next(k for k in range(25) if flies[k] and len(course.reversals[k]))
+    course.held[turning] = np.ones(len(course.reversals[turning]), bool)
+    shooting = problem(course)
+    # M moves on behind the impact as before it
+    course.velocity[30] = shooting.before_nodes(shooting.start())[1][shooting.impacts[30] - 1]
+    shooting = problem(course)
+    solution = solve(shooting, shooting.start(), most=0)
+    revised = Revised(course, shooting, solution, np.zeros(len(course) - 1), True, 1, {})
+    found = revised.without_doubtful()
+    assert np.flatnonzero(flies & ~found.course.flies).tolist() == [turning, 29, 30]
+    assert found.doubtful == 3
+    assert found.why_cut[turning + 1] == 'm hardly reverses in it'
+    assert found.why_cut[30] == found.why_cut[31] == 'm hardly touches a stop'
+    # A measured time shows that there was one
+    course.measured[30] = 0
+    assert revised.without_doubtful().doubtful == 1

@@ -23,10 +23,12 @@ def fitted(seed, also=(), **options):
         (104, {'timed': False}),
         (105, {'quantity': 'velocity', 'timed': False}),
         (105, {'quantity': 'acceleration'}),
+        # m bounces on a stop at the start, with jumps that the noise hides
+        (70019, {'timed': False, 'impacts': 100}),
     ],
 )
 def test_a_rig_is_found_from_its_motion(seed, options):
-    rig, record, fit = fitted(seed, impacts=60, **options)
+    rig, record, fit = fitted(seed, **{'impacts': 60, **options})
     assert fit.accepted, fit.reasons
     z = errors(fit, rig)
     assert max(map(abs, z.values())) < 3.5, z
