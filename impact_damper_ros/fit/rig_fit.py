@@ -36,7 +36,7 @@ from .record_check import faults_of
 from .relaxation import relaxed
 from .revision import Revised, chi_of, revised
 from .shooting import Shooting
-from .unknowns import EXTRAS, Unknowns
+from .unknowns import EXTRAS, Unknowns, later
 from .vibration import ORDERS, Array
 
 #: What may be fitted beside K, C, one restitution, friction and gap.
@@ -45,6 +45,8 @@ FURTHER = ('restitution_2', *EXTRAS)
 #: an acceleration, which jumps there.
 _CONTACT, _AROUND = 1e-3, 0.75
 
+#: A clock that begins so far from 0, s, leaves too few digits for derivatives by the time.
+_FAR = 1e4
 #: Impacts are looked for as if the noise were at least this part of the motion (rms): a record of
 #: a simulation has none, and what the first, rough model leaves would pass for impacts.
 _LEAST_NOISE = 0.01
@@ -196,8 +198,34 @@ def fit_rig(
         start, remarks = excited(measured, start)
     except ExcitationError as error:
         return _refused(measured, [str(error)])
-    found = _fitted(measured, start, also, report=report)
-    return found._replace(remarks=[*remarks, *found.remarks])
+    began = float(measured.time[0])
+    if abs(began) < _FAR or start.multisine_level:
+        began = 0.0
+    found = _fitted(_earlier(measured, began), later(start, -began), also, report=report)
+    found = found._replace(remarks=[*remarks, *found.remarks])
+    return _on_clock(found, began) if began else found
+
+
+def _earlier(measured: MeasuredMotion, began: float) -> MeasuredMotion:
+    """Return a record whose clock begins anew at an instant."""
+    times = measured.impact_times
+    return measured._replace(
+        time=np.asarray(measured.time, float) - began,
+        impact_times=None if times is None else np.asarray(times, float) - began,
+    )
+
+
+def _on_clock(found: RigFit, began: float) -> RigFit:
+    """Return a fit on the clock of a record that began anew."""
+    impacts = found.impacts.copy()
+    for name in ('time', 'measured_time'):
+        impacts[name] += began
+    flights = [
+        flight._replace(start=flight.start + began, end=flight.end + began)
+        for flight in found.flights
+    ]
+    rig = None if found.rig is None else later(found.rig, began)
+    return found._replace(impacts=impacts, flights=flights, rig=rig)
 
 
 def _fitted(

@@ -8,6 +8,7 @@ comes from an approach at alpha J. Friction enters as an acceleration gamma g co
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -30,8 +31,9 @@ def later(rig: RigParameters, delay: float) -> RigParameters:
         frequencies, phases = (
             getattr(rig, f'{what}_{name}') for name in ('frequencies', 'phases')
         )
+        turned = [p - w * delay for w, p in zip(frequencies, phases, strict=True)]
         changes[f'{what}_phases'] = tuple(
-            p - w * delay for w, p in zip(frequencies, phases, strict=True)
+            p if abs(p) < math.tau else math.remainder(p, math.tau) for p in turned
         )
     return rig.replace(**changes)
 

@@ -72,8 +72,20 @@ def test_a_force_whose_phase_is_not_known(bench, phase):
     other = start.replace(
         force_phases=(rig.force_phases[0] + phase,), stiffness=1.03 * rig.stiffness
     )
+    # On a clock that counts from 1970 on, and one from 0 on
+    began = 1.7e9 if phase > 0.0 else 0.0
+    record = record._replace(time=record.time + began, impact_times=record.impact_times + began)
+    if began:
+        turn = rig.force_frequencies[0] * began
+        other = other.replace(
+            force_phases=float(np.mod(other.force_phases[0] - turn, 2.0 * np.pi))
+        )
     fit = fit_rig(record, other, also=('force_delay',))
     assert fit.accepted, fit.reasons
+    assert fit.impacts['time'] == pytest.approx(
+        fit.impacts['measured_time'], abs=0.01, nan_ok=True
+    )
+    assert abs(fit.flights[0].start - began) < 5.0
     assert max(map(abs, errors(fit, rig).values())) < 4.0
     delay = fit.parameters['force_delay']
     turned = rig.force_frequencies[0] * delay.value - phase
