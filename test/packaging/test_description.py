@@ -60,17 +60,18 @@ def test_bench_rig_is_what_its_comments_say(bench):
 @pytest.mark.parametrize(
     ('changes', 'stops', 'peak'),
     [
-        ({}, (1, 2), 3.25e-3),
-        ({'gap': 0.012}, None, 7.53e-3),
-        ({'angle': 0.1}, (1, 2), 3.39e-3),
-        ({'gap': 0.032}, None, 9.26e-3),
+        ({}, (1, 2), pytest.approx(3.25e-3, rel=0.01)),
+        ({'gap': 0.012}, None, pytest.approx(7.53e-3, rel=0.01)),
+        ({'angle': 0.1}, (1, 2), pytest.approx(3.39e-3, rel=0.01)),
+        # Of 40 runs with other last bits, 200 cycles each, the largest |X| are from 7.6 to 15.0 mm
+        ({'gap': 0.032}, None, pytest.approx(11.3e-3, abs=5e-3)),
     ],
     ids=['as_it_is', 'too_narrow', 'inclined', 'too_wide'],
 )
 def test_bench_rig_moves_as_its_comments_say(bench, changes, stops, peak):
     found = settle(Rig(bench.replace(**changes)))
     assert (found.rhythm.stops if found.period else None) == stops
-    assert found.x_max == pytest.approx(peak, rel=0.01 if stops else 0.2)
+    assert found.x_max == peak
 
 
 #: Rigs whose pictures differ: by size, gap to swing, incline, control, and number of stops.
