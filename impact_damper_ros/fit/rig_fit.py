@@ -265,7 +265,7 @@ def _fitted(
     except ParameterError as error:
         return _refused(measured, [f'no such rig moves like that (its {error}): {WRONG_RIG}'])
     except (RuntimeError, np.linalg.LinAlgError) as error:
-        # What SuperLU raises for a matrix that has no inverse
+        # A matrix without an inverse, or a flight that the engine cannot compute
         return _refused(measured, [f'the equations of the fit have no unique solution ({error})'])
     if not found.course.flies.any():
         return _refused(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])

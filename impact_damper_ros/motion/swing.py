@@ -24,11 +24,17 @@ def turning_point(
     if step <= 0.0:
         return x_1
     rise = (x_1 - x_0) / step
-    a, b = 3.0 * (v_0 + v_1 - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * v_0 - v_1)
-    # The cubic's velocity v_0 + b s + a s^2 changes sign once in 0 < s < 1.
-    root = math.sqrt(max(b * b - 4.0 * a * v_0, 0.0))
-    s = 2.0 * v_0 / (-b + math.copysign(root, v_0))
-    return x_0 + step * s * (v_0 + s * (b / 2.0 + s * a / 3.0))
+    # In parts of the largest velocity, since squares of very small ones are 0
+    largest = max(abs(v_0), abs(v_1), abs(rise))
+    first, last, mean = v_0 / largest, v_1 / largest, rise / largest
+    a, b = 3.0 * (first + last - 2.0 * mean), 2.0 * (3.0 * mean - 2.0 * first - last)
+    # The cubic's velocity, first + b s + a s^2, changes sign once in 0 < s < 1.
+    root = math.copysign(math.sqrt(max(b * b - 4.0 * a * first, 0.0)), first)
+    if root * b > 0.0:
+        s = -(b + root) / (2.0 * a)
+    else:
+        s = 2.0 * first / ((root - b) or 1.0)
+    return x_0 + step * largest * s * (first + s * (b / 2.0 + s * a / 3.0))
 
 
 def positions_passed(last: Sample, events: Sequence[Event], sample: Sample) -> list[float]:

@@ -15,7 +15,7 @@ from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameter
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
-from impact_damper_ros.motion.swing import Swing
+from impact_damper_ros.motion.swing import Swing, turning_point
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 PAPER = ROOT / 'config' / 'paper.yaml'
@@ -200,6 +200,11 @@ def test_swing_finds_the_turning_point_between_samples():
         x, v = 3.0 * math.sin(t), 3.0 * math.cos(t)
         swing.look(Sample(t, x, v, *[0.0] * 8), [])
     assert swing.largest == pytest.approx(3.0, rel=1e-6)
+
+
+@pytest.mark.parametrize('x', [1.0, math.nextafter(1.0, 2.0)])
+def test_a_turning_point_where_the_primary_hardly_moves(x):
+    assert turning_point(0.0, 1.0, 5e-324, 0.02, x, -1e-300) == pytest.approx(x, abs=1e-15)
 
 
 def test_an_output_that_is_full():
