@@ -90,6 +90,16 @@ class Page:
         """Wait until all that has changed is drawn, by the pictures of a whole turn."""
         self.run('new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))')
 
+    def still(self, **options):
+        """Return a picture of a page when it does not change any more."""
+        before, end = b'', time.monotonic() + DEADLINE_S
+        while (picture := self.tab.screenshot(**options)) != before:
+            assert time.monotonic() < end, f'it goes on moving; {self.described()}'
+            before = picture
+            for _ in range(4):
+                self.drawn()
+        return picture
+
     def described(self):
         """Return what a failed test should say of the page."""
         state = self.run("""[location.href, document.querySelector('#status')?.textContent,
