@@ -132,7 +132,7 @@ def moving(browser, work, path):
     """Write the animated picture: a gap that becomes too wide, at a quarter of the speed."""
     server = PageProcess(work, '--node', '/sim_node')
     # Slow enough for a picture of every frame.
-    node = SimProcess(work, parameters_file=BENCH, real_time_factor=FACTOR)
+    node = SimProcess(work, parameters_file=BENCH, real_time_factor=FACTOR, predict_motion=True)
     try:
         pictures = filmed(browser.open(server.address, width=FILM[0], height=FILM[1]))
     finally:
@@ -181,7 +181,8 @@ def filmed(page):
 def still(browser, work, arguments):
     """Write the pictures of all views."""
     server = PageProcess(work, '--node', '/sim_node')
-    node = SimProcess(work, parameters_file=BENCH, bag_directory=str(server.recordings))
+    bags = str(server.recordings)
+    node = SimProcess(work, parameters_file=BENCH, bag_directory=bags, predict_motion=True)
     try:
         for name, address, seconds, condition in VIEWS:
             page = browser.open(server.address + address)
