@@ -170,7 +170,7 @@ class ReplayedCourse:
         return self._rebuilt()
 
     def confirms(self, k: int) -> bool:
-        """Return whether the engine flies from an impact to the next one as the course has it."""
+        """Return whether the engine reaches the next impact with the events of the course."""
         course = self.course
         self.impacts = [Impact(self._own(k), int(course.stop[k]), begins=bool(course.begins[k]))]
         found = self._passage(k, self.tolerance)

@@ -469,7 +469,7 @@ def first_of(moving: Moving, start: float, end: float) -> None:
 def look_for_all(
     moving: Moving, start: float, motion_a: Motion, end: float, motion_b: Motion
 ) -> None:
-    """Let the flight end at the first root of all that is watched, if there is one."""
+    """Let the flight end at the first of its possible events in a step, if there is one."""
     run = moving.run
     if run.joint:
         if run.support_high < inf:

@@ -95,7 +95,7 @@ def test_a_recording_looks_as_it_did(browser, played, size, dark, tmp_path):
         page.run('document.activeElement.blur()')
         # Scales of what was seen on the way are kept for a while.
         page.run('impactDamper.drawing.rescale(NaN); impactDamper.drawing.redraw()')
-        # Values that were turned fade, and scales are gone to smoothly.
+        # The marks of changed values fade, and the scales change smoothly.
         page.run('new Promise(done => setTimeout(done, 2500))')
         name = f'recording_{size}_{"dark" if dark else "light"}'
         compare(page.still(full_page=size == 'phone'), name, tmp_path)
