@@ -30,13 +30,9 @@ class Browser:
         self._driver = sync_playwright().start()
         self._browser = self._driver.chromium.launch(executable_path=path, args=OPTIONS)
 
-    def open(self, address, *, width=1280, height=800, scale=1.0, dark=False):
-        """Open a page that has never been there before."""
-        context = self._browser.new_context(
-            viewport={'width': width, 'height': height},
-            device_scale_factor=scale,
-            color_scheme='dark' if dark else 'light',
-        )
+    def open(self, address='about:blank', *, width=1280, height=800):
+        """Open a page in a tab of its own, which takes three times as long as `Page.visit`."""
+        context = self._browser.new_context(viewport={'width': width, 'height': height})
         context.add_init_script(SLOW_SCREEN)
         return Page(context, address)
 
@@ -61,6 +57,21 @@ class Page:
         self.tab.on('console', lambda one: self.console.append(f'{one.type}: {one.text}'))
         self.tab.on('pageerror', lambda error: self.console.append(f'exception: {error}'))
         self.tab.goto(address)
+
+    def visit(self, address, size=(1280, 800)):
+        """Load a page as one that has never been there before."""
+        self.leave()
+        self.console.clear()
+        self.shade(dark=False)
+        self.resize(*size)
+        self.tab.goto(address)
+        return self
+
+    def leave(self):
+        """Show nothing, and keep nothing."""
+        with contextlib.suppress(Error):  # where there is no storage
+            self.run('sessionStorage.clear()')
+        self.tab.goto('about:blank')
 
     def __call__(self, selector):
         """Return what stands at a selector."""

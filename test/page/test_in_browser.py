@@ -51,25 +51,29 @@ def browser():
     browser.close()
 
 
+@pytest.fixture(scope='module')
+def tab(browser):
+    return browser.open()
+
+
 @pytest.fixture
-def opened(browser, site):
+def opened(tab, site):
     """Open pages from the disk; at the end none has complained, or asked anywhere else."""
-    pages, asked = [], []
+    asked = []
+
+    def note(request):
+        asked.append(request.url)
 
     def open_page(place='', size=DESK):
-        width, height = size
-        page = browser.open('about:blank', width=width, height=height)
-        page.tab.on('request', lambda one: asked.append(one.url))
-        page.tab.goto(f'file://{site}/index.html{place}')
-        pages.append(page)
-        page.wait(MOVES)
-        return page
+        tab.visit(f'file://{site}/index.html{place}', size)
+        tab.wait(MOVES)
+        return tab
 
+    tab.tab.on('request', note)
     yield open_page
-    consoles = [text for page in pages for text in page.console]
-    for page in pages:
-        page.close()
-    assert consoles == []
+    tab.leave()
+    tab.tab.remove_listener('request', note)
+    assert tab.console == []
     assert asked
     assert [url for url in asked if not url.startswith(f'file://{site}/')] == []
 
@@ -80,10 +84,9 @@ def opened(browser, site):
 @pytest.fixture(scope='module')
 def bare(browser, site):
     """Return a page with the rig, and without the pictures."""
-    page = browser.open('about:blank')
+    page = browser.open()
     page.tab.add_script_tag(path=site / 'rig.js')
-    yield page
-    page.close()
+    return page
 
 
 def compared(page, cases):
@@ -131,14 +134,13 @@ def test_presets_have_every_event(bare):
         ('(constants.slope - (direction', '(constants.slope + (direction'),
     ],
 )
-def test_a_wrong_sign_is_noticed(browser, site, random, right, wrong):
+def test_a_wrong_sign_is_noticed(tab, site, random, right, wrong):
     text = (site / 'rig.js').read_text(encoding='utf-8')
     assert text.count(right) == 1
-    page = browser.open('about:blank')
-    page.tab.add_script_tag(content=text.replace(right, wrong))
+    tab.leave()
+    tab.tab.add_script_tag(content=text.replace(right, wrong))
     some = {name: random[name] for name in range(20)}
-    disagree, _ = disagreements(some, compared(page, some))
-    page.close()
+    disagree, _ = disagreements(some, compared(tab, some))
     assert len(disagree) > 3
 
 
@@ -337,7 +339,7 @@ class Folder(SimpleHTTPRequestHandler):
         pass
 
 
-def test_in_the_page_of_a_lecture(browser, site):
+def test_in_the_page_of_a_lecture(tab, site):
     """The page is embedded, from a server, with the preset of a link."""
     link = 'try/index.html#preset=bench&gap=0.034&window=3'
     lecture = site.parent / 'lecture.html'
@@ -347,12 +349,12 @@ def test_in_the_page_of_a_lecture(browser, site):
     )
     with ThreadingHTTPServer(('127.0.0.1', 0), partial(Folder, directory=site.parent)) as server:
         Thread(target=server.serve_forever, daemon=True).start()
-        page = browser.open(f'http://127.0.0.1:{server.server_port}/lecture.html')
-        inside = page.tab.frame_locator('iframe').locator
+        tab.visit(f'http://127.0.0.1:{server.server_port}/lecture.html')
+        inside = tab.tab.frame_locator('iframe').locator
         expect(inside('#rig-line')).to_contain_text('gap 34.0')
         expect(inside('#status')).to_have_text('running')
         inside('#glossary-open').click()
         expect(inside('#glossary')).to_be_visible()
-        page.close()
+        tab.leave()
         server.shutdown()
-    assert page.console == []
+    assert tab.console == []
