@@ -1,18 +1,14 @@
-"""Processes and clients for the integration tests."""
+"""Nodes and clients for the integration tests."""
 
 import itertools
 
 import pytest
-from running import until
-from sensor_msgs.msg import JointState
-from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
-from node.rig_client import LATCHED, LIVELY, RigClient, RigParametersClient, SimProcess
+from node.rig_client import LIVELY, LiveRig, RigClient, SimProcess
 
 _numbers = itertools.count(1)
 
@@ -36,14 +32,19 @@ def launch(tmp_path):
 
     yield start
     for process in started:
-        if process.running():
-            process.kill()
+        process.kill()
 
 
 @pytest.fixture
-def namespace():
-    """Return a namespace that no other test uses."""
-    return f'/rig{next(_numbers)}'
+def start(client, launch):
+    """Start a `LiveRig` in a namespace that no other test uses."""
+
+    def start(*remaps, space='', node='sim_node', **parameters):
+        space = space or f'/rig{next(_numbers)}'
+        process = launch(f'__ns:={space}', f'__node:={node}', *remaps, **parameters)
+        return LiveRig(client, process, space, node)
+
+    return start
 
 
 @pytest.fixture(autouse=True)
@@ -60,52 +61,26 @@ def every_bag_is_replayed(tmp_path):
         assert findings.verdict is ReplayVerdict.IDENTICAL, (description.parent, findings)
 
 
-class SharedRig:
-    """The one node, without namespace and with the paper's names, that most tests talk to."""
-
-    def __init__(self, client, process):
-        self.client = client
-        self.process = process
-        self.parameters = RigParametersClient(client)
-        self.states = client.listen(JointState, 'joint_states')
-        self.impacts = client.listen(JointState, 'impacts')
-        self.snapshots = client.listen(String, 'snapshot', LATCHED)
-        self.await_states()
-
-    def await_states(self, count=1):
-        """Wait for so many more joint states."""
-        have = len(self.states)
-        until(
-            lambda: len(self.states) >= have + count or not self.process.running(),
-            'no joint states come',
-        )
-        assert self.process.running(), self.process.output
-
-    def reset(self):
-        """Reset the rig; then no earlier snapshot is under way any more."""
-        have = len(self.snapshots)
-        assert self.client.call(Trigger, '/sim_node/reset').success
-        until(lambda: any('"reason": "reset"' in m.data for m in self.snapshots[have:]))
-
-
 @pytest.fixture(scope='package')
 def shared_rig(tmp_path_factory):
     process = SimProcess(tmp_path_factory.mktemp('shared'), **LIVELY)
     try:
         with RigClient() as client:
-            yield SharedRig(client, process)
-        assert process.stop() == 0, process.output
-        assert 'a callback failed' not in process.output, process.output
+            rig = LiveRig(client, process)
+            rig.await_states()
+            yield rig
+        rig.stop()
     finally:
         process.kill()
 
 
 @pytest.fixture
 def rig(shared_rig):
-    """Lend the shared rig, and put its parameters back afterwards."""
+    """Lend the one node that most tests talk to; it runs with its own parameters afterwards."""
     parameters = shared_rig.parameters
-    names = [name for name in parameters.names() if name in LIVELY or name.startswith('initial')]
-    names += ['force_phases', 'angle', 'one_sided', 'record', 'bag_directory']
+    described = parameters.describe(*parameters.names())
+    names = [one.name for one in described if not one.read_only]
     before = dict(zip(names, parameters.get(*names), strict=True))
     yield shared_rig
-    assert parameters.set_atomically(**before) == ''
+    shared_rig.change(**before)
+    assert shared_rig.call('pause', data=False)[0]

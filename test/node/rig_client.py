@@ -1,10 +1,16 @@
 """What the integration tests need: the node as a process, and a plain rclpy client."""
 
+import json
 import math
+import signal
 import threading
 import time
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -20,7 +26,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from running import Running, until
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
+
+from impact_damper_ros.bag import RunReader
+from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
 
 #: After which a request is made again whose answer may have been lost.
 ASK_AGAIN_S = 1.0
@@ -55,6 +66,12 @@ def stamp_ns(stamp):
     return stamp.sec * 10**9 + stamp.nanosec
 
 
+def children(process):
+    """Return the processes that a process has started."""
+    paths = Path(f'/proc/{process}/task').glob('*/children')
+    return [int(number) for path in paths for number in path.read_text().split()]
+
+
 class SimProcess(Running):
     """
     One `sim_node`.
@@ -85,6 +102,7 @@ class SimProcess(Running):
         for name, value in {'predict_motion': False, **parameters}.items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             arguments += ['-p', f'{name}:={text}']
+        self.directory = directory
         directory.mkdir(exist_ok=True)
         super().__init__(directory, *program, *arguments)
 
@@ -170,57 +188,41 @@ class RigParametersClient:
         self._client = client
         self.node = node
 
+    def service(self, name, request=None):
+        """Call a service of the node."""
+        return self._client.call(SERVICES[name], f'{self.node}/{name}', request)
+
     def get(self, *names):
-        response = self._client.call(
-            GetParameters, f'{self.node}/get_parameters', GetParameters.Request(names=names)
-        )
+        response = self.service('get_parameters', GetParameters.Request(names=names))
         values = [parameter_value_to_python(value) for value in response.values]
         return values[0] if len(names) == 1 and values else values
 
     def names(self):
-        response = self._client.call(ListParameters, f'{self.node}/list_parameters')
-        return list(response.result.names)
+        return list(self.service('list_parameters').result.names)
 
     def describe(self, *names):
-        response = self._client.call(
-            DescribeParameters,
-            f'{self.node}/describe_parameters',
-            DescribeParameters.Request(names=names),
-        )
-        return response.descriptors
+        request = DescribeParameters.Request(names=names)
+        return self.service('describe_parameters', request).descriptors
 
     def set(self, **values):
         """Set one after the other; return the reasons of the rejections, empty if accepted."""
-        response = self._client.call(
-            SetParameters,
-            f'{self.node}/set_parameters',
-            SetParameters.Request(parameters=_messages(values)),
-        )
-        assert all(r.reason or r.successful for r in response.results)
-        reasons = ['' if result.successful else result.reason for result in response.results]
+        request = SetParameters.Request(parameters=_messages(values))
+        reasons = [_reason(result) for result in self.service('set_parameters', request).results]
         return reasons[0] if len(values) == 1 else reasons
 
-    def service(self, name, request):
-        """Call `reset`, `pause`, `step` or `step_to_impact` of the node."""
-        return self._client.call(SERVICES[name], f'{self.node}/{name}', request)
-
     def set_atomically(self, **values):
-        """Set all or none; return the reason of the rejection, empty if accepted."""
-        response = self._client.call(
-            SetParametersAtomically,
-            f'{self.node}/set_parameters_atomically',
-            SetParametersAtomically.Request(parameters=_messages(values)),
-        )
-        # A change of the base that waits is accepted with a reason.
-        assert response.result.reason or response.result.successful
-        return '' if response.result.successful else response.result.reason
+        """Set all or none; return the reason of a rejection, empty if accepted."""
+        return _reason(self.request(**values))
 
-    def set_base(self, **values):
-        """Set all or none; return whether that was done, and what is said of it."""
+    def request(self, **values):
+        """Set all or none; return the answer, which may say what waits."""
         request = SetParametersAtomically.Request(parameters=_messages(values))
-        kind, name = SetParametersAtomically, f'{self.node}/set_parameters_atomically'
-        result = self._client.call(kind, name, request).result
-        return result.successful, result.reason
+        return self.service('set_parameters_atomically', request).result
+
+
+def _reason(result):
+    assert result.reason or result.successful
+    return '' if result.successful else result.reason
 
 
 def _messages(values):
@@ -230,3 +232,152 @@ def _messages(values):
         else Parameter(name, value=value).to_parameter_msg()
         for name, value in values.items()
     ]
+
+
+class Report(NamedTuple):
+    """What a node reports of one of its tasks."""
+
+    level: bytes
+    message: str
+    values: dict[str, str]
+
+
+class LiveRig:
+    """A node, and what is heard of it; a topic is subscribed to when it is first looked at."""
+
+    def __init__(self, client, process, space='', node='sim_node'):
+        self.client, self.process, self.space = client, process, space
+        self.name = f'{space}/{node}'
+        self.parameters = RigParametersClient(client, self.name)
+        self._decoded = {'snapshots': [], 'reports': []}
+
+    def listen(self, kind, topic, qos=None):
+        return self.client.listen(kind, f'{self.space}/{topic}', qos)
+
+    @cached_property
+    def states(self):
+        return self.listen(JointState, 'joint_states')
+
+    @cached_property
+    def impacts(self):
+        return self.listen(JointState, 'impacts')
+
+    @cached_property
+    def acts(self):
+        return self.listen(JointState, 'gap_control')
+
+    @cached_property
+    def _snapshots(self):
+        return self.listen(String, 'snapshot', LATCHED)
+
+    @cached_property
+    def _reports(self):
+        return self.client.listen(DiagnosticArray, '/diagnostics')
+
+    def _each(self, name, messages, decode):
+        """Return messages decoded, each once."""
+        known = self._decoded[name]
+        known += map(decode, messages[len(known) :])
+        return known
+
+    def snapshots(self, *reasons):
+        """Return the snapshots that have come, or those with one of some reasons."""
+        every = self._each('snapshots', self._snapshots, lambda message: json.loads(message.data))
+        return [one for one in every if not reasons or one['reason'] in reasons]
+
+    def reports(self, *tasks):
+        """Return the reports of the node that have all of these tasks, each a `Report` by task."""
+        every = self._each('reports', self._reports, self._report_of)
+        return [report for report in every if report and all(task in report for task in tasks)]
+
+    def _report_of(self, array):
+        prefix = f'{self.name[1:]}: '
+        return {
+            status.name.removeprefix(prefix): Report(
+                status.level, status.message, {v.key: v.value for v in status.values}
+            )
+            for status in array.status
+            if status.name.startswith(prefix)
+        }
+
+    def report(self, task):
+        """Return the last report on a task."""
+        return ([Report(b'', '', {})] + [report[task] for report in self.reports(task)])[-1]
+
+    def await_report(self, *tasks, holds=lambda *_: True):
+        """Wait for reports on tasks, still to come, for which something holds; return them."""
+        seen = len(self.reports(*tasks))
+
+        def found():
+            nonlocal seen
+            for report in self.reports(*tasks)[seen:]:
+                seen += 1
+                of_tasks = [report[task] for task in tasks]
+                if holds(*of_tasks):
+                    return of_tasks
+            return None
+
+        found = self.until(found, lambda: str([self.report(task) for task in tasks]))
+        return found[0] if len(tasks) == 1 else found
+
+    def until(self, condition, what=''):
+        """Wait for a condition while the node runs, and return its value."""
+
+        def holds():
+            value = condition()
+            assert value or self.process.running(), self.process.output
+            return value
+
+        return until(holds, what or (lambda: self.process.output))
+
+    def await_states(self, count=1):
+        """Wait for so many more joint states."""
+        enough = len(self.states) + count
+        self.until(lambda: len(self.states) >= enough)
+
+    @property
+    def stands_still(self):
+        """Whether its last joint states are those of a paused or held rig."""
+        return bool(self.states) and self.states[-1].header.frame_id == PAUSED_FRAME
+
+    def change(self, **values):
+        """Set parameters, all at once."""
+        assert self.parameters.set_atomically(**values) == '', values
+
+    def call(self, name, **values):
+        """Call `reset`, `pause`, `step` or `step_to_impact`; return success and message."""
+        answer = self.parameters.service(name, SERVICES[name].Request(**values))
+        return answer.success, answer.message
+
+    def pause(self, data=True):
+        """Pause it, or resume, and wait until that is heard."""
+        assert self.call('pause', data=data)[0]
+        self.until(lambda: self.stands_still is data)
+
+    def reset(self):
+        """Reset it, and return the snapshot that shows that."""
+        count = len(self.snapshots('reset'))
+        assert self.call('reset')[0]
+        return self.until(lambda: self.snapshots('reset')[count:])[0]
+
+    def bags(self):
+        """Return what it has recorded, the oldest first."""
+        return sorted((self.process.directory / 'runs').iterdir())
+
+    def bag(self):
+        """Return its one recording, which must be whole."""
+        (bag,) = self.bags()
+        reader = RunReader(bag)
+        assert (reader.complete, reader.unusable) == (True, 0)
+        return bag
+
+    def stop(self, number=signal.SIGINT):
+        """End it by a signal."""
+        self.process.send(number)
+        self.ended()
+
+    def ended(self):
+        """Wait for its end, and see that it reports no error."""
+        assert self.process.wait() == 0, self.process.output
+        for words in ('Traceback', 'a callback failed'):
+            assert words not in self.process.output, self.process.output

@@ -5,13 +5,12 @@ import re
 
 import pytest
 from running import until
-from sensor_msgs.msg import JointState
 
 from impact_damper_ros import RigParameters
 from impact_damper_ros.cli.set_rig import main as set_rig
-from node.rig_client import RigParametersClient, stamp_ns
+from node.bench import Bench, done
+from node.rig_client import stamp_ns
 from node.test_absurd_rigs import HAMMERING
-from node.test_engine import Bench, done
 
 #: b = -B sin(W t + 0.4) of an acceleration: it first rises through zero at 0.873 s.
 SHAKEN = RigParameters(
@@ -52,15 +51,15 @@ def test_a_change_of_the_base_waits_and_all_else_does_not():
         louder = SHAKEN.replace(base_amplitudes=0.9, gap=0.02)
         stiffer = louder.replace(stiffness=2000.0, damping=2.0)
         newest = stiffer.replace(base_amplitudes=0.8)
-        answers = run(
-            bench, *(lambda rig=rig: bench.change(rig=rig) for rig in (louder, stiffer, newest))
-        )
-    for answer in answers:
-        assert answer.time_ns == 0
-        assert answer.result == (
+        rigs = louder, stiffer, newest
+        answers = run(bench, *(lambda rig=rig: bench.change(rig=rig) for rig in rigs))
+    assert {(answer.time_ns, answer.result) for answer in answers} == {
+        (
+            0,
             'base_amplitudes: in 0.8731 s, at rig time 0.87311868 s, when the base next passes '
-            'zero upwards'
+            'zero upwards',
         )
+    }
     assert deeds(bench) == [
         (0, 'change', {'gap': 0.02}),
         (0, 'change', {'stiffness': 2000.0, 'damping': 2.0}),
@@ -69,9 +68,8 @@ def test_a_change_of_the_base_waits_and_all_else_does_not():
     # b is continuous: the first joint states after it lie on the new motion that begins there.
     for message in bench.samples():
         time = stamp_ns(message.header.stamp) / 1e9
-        base = -0.6 / 3.14**2 * math.sin(3.14 * time + 0.4)
-        if time > ZERO_NS / 1e9:
-            base = -0.8 / 3.14**2 * math.sin(3.14 * time + 0.4)
+        level = 0.6 if time <= ZERO_NS / 1e9 else 0.8
+        base = -level / 3.14**2 * math.sin(3.14 * time + 0.4)
         assert message.position[5] == pytest.approx(base, abs=1e-10)
 
 
@@ -89,12 +87,9 @@ def test_a_change_back_ends_the_waiting():
 
 def test_a_reset_makes_what_waits_as_the_base_begins_anew():
     with Bench(SHAKEN) as bench:
-        run(
-            bench,
-            lambda: bench.change(rig=SHAKEN.replace(base_amplitudes=0.9)),
-            lambda: bench.ask('reset'),
-        )
-    (change, reset) = deeds(bench)
+        louder = SHAKEN.replace(base_amplitudes=0.9)
+        run(bench, lambda: bench.change(rig=louder), lambda: bench.ask('reset'))
+    change, reset = deeds(bench)
     assert change == (0, 'change', {'base_amplitudes': [0.9]})
     assert reset[:2] == (0, 'reset')
     assert bench.engine.parameters.rig.base_amplitudes == (0.9,)
@@ -108,9 +103,8 @@ def test_a_change_waits_through_a_pause():
         assert done(ticket).result.startswith('base_amplitudes: in 0.8731 s')
         until(lambda: len(bench.paused()) > 2)
         assert deeds(bench) == []
-        done(bench.ask('pause', False))
-        until(lambda: bench.engine.stamp_ns() > 2 * ZERO_NS)
-        bench.engine.stop()
+        bench.pause(False)
+        bench.pass_by(2 * ZERO_NS / 1e9)
     assert deeds(bench) == [(ZERO_NS, 'change', {'base_amplitudes': [0.9]})]
 
 
@@ -120,12 +114,11 @@ def test_a_base_begins_at_once_and_ends_at_an_upward_zero():
         begun = bench.change(rig=SHAKEN)
         bench.engine.start()
         assert done(begun).result == ''
-        until(lambda: bench.engine.stamp_ns() > 0.3 * ZERO_NS)
+        bench.pass_by(0.3 * ZERO_NS / 1e9)
         ended = done(bench.change(rig=off))
         until(lambda: deeds(bench)[1:])
-        bench.engine.stop()
     # From zero phase of b on
-    (on, end) = deeds(bench)
+    on, end = deeds(bench)
     assert on == (0, 'change', {'base_amplitudes': [0.6]})
     assert end[1:] == ('change', {'base_amplitudes': [0.0]})
     turns = end[0] / 1e9 * 3.14 / math.tau
@@ -138,71 +131,46 @@ def test_a_rig_that_is_held_takes_a_change_at_once():
     hammering = SHAKEN.replace(
         gap=0.01, **{n: v for n, v in HAMMERING.items() if not n.startswith('initial')}
     )
-    calm = SHAKEN.replace(base_amplitudes=0.9)
-    with Bench(hammering) as bench:
+    with Bench(hammering).started() as bench:
         initial = bench.engine.parameters.initial
-        done_at_start = bench.change(
-            initial=initial.replace(initial_damper_offset=0.005 - 1.25e-13)
-        )
-        bench.ask('reset')
-        bench.engine.start()
-        done(done_at_start)
-        until(lambda: bench.engine.status().held)
-        ticket = done(bench.change(rig=calm))
-        assert (ticket.error, ticket.result) == (None, '')
-        assert bench.engine.status().held == ''
-        bench.engine.stop()
+        bench.reset(initial.replace(initial_damper_offset=HAMMERING['initial_damper_offset']))
+        until(lambda: bench.status.held)
+        change = done(bench.change(rig=SHAKEN.replace(base_amplitudes=0.9)))
+        assert (change.error, change.result, bench.status.held) == (None, '', '')
     assert deeds(bench)[-1][2]['base_amplitudes'] == [0.9]
 
 
-def test_the_answer_says_from_when_on(client, launch, namespace, capsys, tmp_path):
+def test_the_answer_says_from_when_on(start, capsys):
     """By the parameter services, and by set_rig; the recording is reproduced bit for bit."""
     values = {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in SHAKEN.as_dict().items()
         if name.startswith('base_') or name in ('stiffness', 'primary_mass', 'gap')
     }
-    node = f'{namespace}/sim_node'
-    process = launch(
-        f'__ns:={namespace}', **values, force_amplitudes=[0.0], record=True, real_time_factor=2.0
+    rig = start(**values, force_amplitudes=[0.0], record=True, real_time_factor=2.0)
+    rig.await_states()
+    rig.change(gap=0.02)
+    answer = rig.parameters.request(base_amplitudes=[0.9])
+    assert answer.successful
+    words = re.fullmatch(
+        r'base_amplitudes: in (.*) s, at rig time (.*) s, when the .*', answer.reason
     )
-    states = client.listen(JointState, f'{namespace}/joint_states')
-    until(lambda: states, lambda: process.output)
-    parameters = RigParametersClient(client, node)
-    assert parameters.set_base(gap=0.02) == (True, '')
-    done_, words = parameters.set_base(base_amplitudes=[0.9])
-    assert done_
-    wait, time = map(
-        float,
-        re.fullmatch(
-            r'base_amplitudes: in (.*) s, at rig time (.*) s, when the .*', words
-        ).groups(),
-    )
+    wait, time = map(float, words.groups())
     assert 0.0 < wait < 1.001 * math.tau / 3.14
     turns = (time * 3.14 + 0.4 - math.pi) / math.tau
     assert turns == pytest.approx(round(turns), abs=1e-7)
-    assert list(parameters.get('base_amplitudes')) == [0.9]
-    assert set_rig(['base_frequencies=0.6 Hz', '--node', node]) == 0
+    assert list(rig.parameters.get('base_amplitudes')) == [0.9]
+    assert set_rig(['base_frequencies=0.6 Hz', '--node', rig.name]) == 0
     assert 'when the base next passes zero upwards' in capsys.readouterr().err
-    count = len(states)
-    until(lambda: len(states) > count + 500)
-    swept = {
-        'sweep_mode': 'up',
-        'sweep_low': 6.0,
-        'sweep_high': 60.0,
-        'sweep_step': 0.6,
-        'sweep_spacing': 'logarithmic',
-        'sweep_rate': 60.0,
-        'sweep_notch_frequencies': [20.0, 30.0],
-        'sweep_notch_factors': [1.0, 0.3],
-    }
-    assert parameters.set_base(**swept)[0]
-    assert parameters.set_base(sweep_notch_factors=[1.0, 0.5, 1.0]) == (
-        False,
+    rig.await_states(200)
+    sweep = {'mode': 'up', 'low': 6.0, 'high': 60.0, 'step': 0.6, 'spacing': 'logarithmic'}
+    sweep |= {'rate': 60.0, 'notch_frequencies': [20.0, 30.0], 'notch_factors': [1.0, 0.3]}
+    swept = {f'sweep_{name}': value for name, value in sweep.items()}
+    assert rig.parameters.request(**swept).successful
+    assert rig.parameters.set_atomically(sweep_notch_factors=[1.0, 0.5, 1.0]) == (
         'sweep_notch_frequencies has 2 entries and sweep_notch_factors 3: give both together, '
-        'with the same length',
+        'with the same length'
     )
-    count = len(states)
-    until(lambda: len(states) > count + 1500)
-    assert process.stop() == 0, process.output
-    assert list(tmp_path.rglob('metadata.yaml'))  # held against the rig by `every_bag_is_replayed`
+    rig.await_states(600)
+    rig.stop()
+    assert rig.bag()

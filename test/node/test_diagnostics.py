@@ -34,15 +34,21 @@ def received(array):
     return deserialize_message(encode(array), DiagnosticArray)
 
 
+TASKS = ('pacing', 'rig', 'recording', 'gap control', 'controller', 'network')
+
+
 def report(engine, recording=None, factor=1.0):
+    """Return the statuses of a report by task, with the values of each in a dictionary."""
     now = [1.0]
     diagnostics = Diagnostics('/lab/rig', 200.0, factor, lambda: now[0])
     now[0] = 2.0
     array = received(diagnostics.report(1_500_000_000, engine, recording or RecordingStatus()))
     assert (array.header.stamp.sec, array.header.stamp.nanosec) == (1, 500_000_000)
-    tasks = ('pacing', 'rig', 'recording', 'gap control', 'controller', 'network')
-    assert [s.name for s in array.status] == [f'lab/rig: {task}' for task in tasks]
-    return array.status
+    assert [s.name for s in array.status] == [f'lab/rig: {task}' for task in TASKS]
+    return {
+        task: (s.level, s.message, {v.key: v.value for v in s.values})
+        for task, s in zip(TASKS, array.status, strict=True)
+    }
 
 
 @pytest.mark.parametrize(
@@ -58,10 +64,8 @@ def report(engine, recording=None, factor=1.0):
     ],
 )
 def test_pacing(engine, factor, level, words):
-    status = report(engine, factor=factor)[0]
-    assert status.level == level
-    assert words in status.message
-    values = {v.key: v.value for v in status.values}
+    found, message, values = report(engine, factor=factor)['pacing']
+    assert (found, words in message) == (level, True)
     assert float(values['Achieved rate [Hz]']) == engine.pacing.ticks
     assert values['Overruns'] == str(engine.pacing.overruns)
     assert values['Worst lateness since the last report [ms]'] == '1.500'
@@ -80,26 +84,23 @@ def test_counts_are_totals_and_differences_are_since_the_last_report():
 
 
 def test_rig():
-    status = report(second(mode='REST_1'))[1]
-    values = {v.key: v.value for v in status.values}
-    assert (status.level, status.message) == (OK, 'rest 1')
+    level, message, values = report(second(mode='REST_1'))['rig']
+    assert (level, message) == (OK, 'rest 1')
     assert (values['Impacts'], values['Time [s]']) == ('3', '1.000')
-    assert report(second(paused=True))[1].message == 'paused, free'
+    assert report(second(paused=True))['rig'][1] == 'paused, free'
 
 
 def test_gap_control():
-    off = report(second())[3]
-    assert (off.level, off.message) == (OK, 'off')
-    assert {v.value for v in off.values} == {'off', 'independent', '', '0'}
+    level, message, values = report(second())['gap control']
+    assert (level, message) == (OK, 'off')
+    assert set(values.values()) == {'off', 'independent', '', '0'}
     act = ControlRecord(0.9, Action.ARRIVED, 8.5, -7.5, 2.25, 0.0, 0.0, 1.0, 0.5, 0.25)
     law = GapControlParameters(gap_control='timed')
-    on = report(second(control=law, commands=12, last_act=act))[3]
-    assert on.message == 'timed'
-    values = {v.key: v.value for v in on.values}
+    _, message, values = report(second(control=law, commands=12, last_act=act))['gap control']
+    assert (message, values['Commands']) == ('timed', '12')
     assert values['Stop 1 to Y [m]'] == '8.5'
     assert values['Amplitude of X [m]'] == '2.25'
     assert values['Energy spent on stop 2 [J]'] == '0.25'
-    assert values['Commands'] == '12'
 
 
 def test_the_motion_goes_with_the_rest_or_alone():
@@ -130,13 +131,10 @@ def test_the_motion_goes_with_the_rest_or_alone():
     ],
 )
 def test_recording(recording, level, words):
-    status = report(second(), recording)[2]
-    assert status.level == level
-    assert words in status.message
-    values = {v.key: v.value for v in status.values}
-    assert values['File'] == recording.path
-    assert values['Messages'] == str(recording.messages)
-    assert values['Bytes'] == str(recording.size)
+    found, message, values = report(second(), recording)['recording']
+    assert (found, words in message) == (level, True)
+    shown = [values[key] for key in ('File', 'Messages', 'Bytes')]
+    assert shown == [recording.path, str(recording.messages), str(recording.size)]
 
 
 @pytest.mark.parametrize(
@@ -150,9 +148,8 @@ def test_recording(recording, level, words):
     ],
 )
 def test_controller(controller, level, words):
-    status = report(second()._replace(controller=controller))[4]
-    assert (status.level, words in status.message) == (level, True)
-    values = {v.key: v.value for v in status.values}
+    found, message, values = report(second(controller=controller))['controller']
+    assert (found, words in message) == (level, True)
     assert values['Commands refused'] == str(controller.refused)
     assert values['Stops parked'] == str(controller.parked)
 
@@ -160,9 +157,10 @@ def test_controller(controller, level, words):
 @pytest.mark.parametrize(('ticks', 'paused'), [(0, False), (0, True), (200, False)])
 def test_a_rig_in_lock_step_says_for_what_it_waits(ticks, paused):
     controller = ControllerStatus(accepted=9, age_ns=0, awaited='force_command, stop_commands')
-    engine = second(ticks=ticks, time_ns=ticks * 5_000_000, paused=paused)
-    pacing, *_, status, _ = report(engine._replace(controller=controller))
+    engine = second(ticks=ticks, time_ns=ticks * 5_000_000, paused=paused, controller=controller)
+    statuses = report(engine)
     waits = ticks == 0 and not paused
-    assert ('stands still: lock-step waits for a command' in pacing.message) == waits
+    assert ('stands still: lock-step waits for a command' in statuses['pacing'][1]) == waits
+    level, message, _ = statuses['controller']
     words = 'lock-step waits for a command on force_command, stop_commands'
-    assert (status.message == words) == (status.level == WARN) == waits
+    assert (message == words) == (level == WARN) == waits

@@ -1,37 +1,20 @@
 """Topics and services of a running node: values, stamps, QoS and names."""
 
-import json
 import re
 
-import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from running import until
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
-from node.rig_client import LATCHED, RigParametersClient, stamp_ns
-
-
-def snapshot_after(rig, count, condition=lambda _: True):
-    """
-    Return the first snapshot beyond so many that a condition holds for.
-
-    An earlier one may still be under way when the answer to the request that caused it is there.
-    """
-    texts = until(
-        lambda: [s for s in (json.loads(m.data) for m in rig.snapshots[count:]) if condition(s)],
-        'no such snapshot came',
-    )
-    return texts[0]
+from node.rig_client import stamp_ns
 
 
 def test_quality_of_service(rig):
     info = rig.client.node.get_publishers_info_by_topic
     offered = {
-        topic: until(lambda t=topic: info(t), f'nobody publishes {topic}')[0].qos_profile
+        topic: rig.until(lambda t=topic: info(t))[0].qos_profile
         for topic in ('/joint_states', '/impacts', '/snapshot')
     }
     assert {q.reliability for q in offered.values()} == {ReliabilityPolicy.RELIABLE}
@@ -41,51 +24,48 @@ def test_quality_of_service(rig):
 
 def test_services(rig):
     """Their answers, and what they do to the stamps; what to the motion is in `test_engine`."""
-
-    def call(name, kind=Trigger, **values):
-        answer = rig.client.call(kind, f'/sim_node/{name}', kind.Request(**values))
-        return answer.success, answer.message
-
-    start = {'initial_primary_position': 0.01, 'initial_damper_offset': -0.002}
-    assert rig.parameters.set_atomically(**start) == ''
+    first = len(rig.states)
+    rig.change(initial_primary_position=0.01, initial_damper_offset=-0.002)
 
     def state_after_reset():
         """Return the first joint states after a reset, unless a busy machine lost them."""
-        count = len(rig.snapshots)
-        ok, text = call('reset')
-        assert (ok, 'primary at 0.01 m' in text) == (True, True), text
-        snapshot = snapshot_after(rig, count, lambda s: s['reason'] == 'reset')
+        snapshot = rig.reset()
         instant = snapshot['stamp_offset_ns'] + snapshot['time_ns']
-        until(lambda: stamp_ns(rig.states[-1].header.stamp) >= instant)
-        return [m for m in list(rig.states) if stamp_ns(m.header.stamp) == instant]
+        rig.until(lambda: stamp_ns(rig.states[-1].header.stamp) >= instant)
+        return [m for m in rig.states[first:] if stamp_ns(m.header.stamp) == instant]
 
-    (state,) = until(state_after_reset)
+    (state,) = rig.until(state_after_reset)
     assert list(state.position) == [0.01, 0.01 - 0.002, 0.015, 0.005, 0.0, 0.0, 0.01]
+    assert 'primary at 0.01 m' in rig.call('reset')[1]
     # The gap has closed on where the damper would start: said, and harmless.
-    assert rig.parameters.set(gap=0.002) == ''
-    ok, text = call('reset')
+    rig.change(gap=0.002)
+    ok, text = rig.call('reset')
     assert (ok, 'between the stops' in text) == (False, True), text
-    ok, text = call('step')
+    ok, text = rig.call('step')
     assert (ok, 'pause it first' in text) == (False, True), text
-    count = len(rig.snapshots)
-    assert 'paused, at rig time' in call('pause', SetBool, data=True)[1]
-    assert call('pause', SetBool, data=True) == (True, 'was paused already')
-    assert rig.parameters.set(gap=0.02) == ''
-    held = snapshot_after(rig, count, lambda s: s['state']['parameters']['gap'] == 0.02)
+    count = len(rig.snapshots())
+    assert 'paused, at rig time' in rig.call('pause', data=True)[1]
+    assert rig.call('pause', data=True) == (True, 'was paused already')
+    rig.change(gap=0.02)
+
+    def later(reason):
+        return [s for s in rig.snapshots()[count:] if s['reason'] == reason]
+
+    held = rig.until(lambda: later('change'))[-1]
+    assert held['state']['parameters']['gap'] == 0.02
     for _ in range(3):
         samples = len(samples_of(rig.states))
-        ok, text = call('step')
+        ok, text = rig.call('step')
         assert ok
         assert re.fullmatch(r'paused after a step, at rig time [\d.]+ s', text)
-        until(lambda: rig.states[-1].header.frame_id == PAUSED_FRAME)
+        rig.until(lambda: rig.stands_still)
     assert len(samples_of(rig.states)) == samples + 1
-    ok, text = call('step_to_impact')
+    ok, text = rig.call('step_to_impact')
     assert (ok, text[:39]) == (True, 'running on until after the next impact,')
-    call('pause', SetBool, data=False)
-    resumed = snapshot_after(rig, count, lambda s: s['reason'] == 'resume')
-    assert resumed['time_ns'] >= held['time_ns']
+    rig.call('pause', data=False)
+    assert rig.until(lambda: later('resume'))[0]['time_ns'] >= held['time_ns']
     rig.await_states(5)
-    stamps = [stamp_ns(m.header.stamp) for m in list(rig.states)]
+    stamps = [stamp_ns(m.header.stamp) for m in rig.states[first:]]
     assert stamps == sorted(set(stamps))
 
 
@@ -94,70 +74,97 @@ def samples_of(states):
     return [m for m in list(states) if m.header.frame_id != PAUSED_FRAME]
 
 
-def test_theory_is_published(client, launch, namespace):
-    """Documents are latched, each with the rig that it is of."""
-    texts = client.listen(String, f'{namespace}/theory', LATCHED)
-    process = launch(f'__ns:={namespace}', gravity=0.0, predict_motion=True)
-    parameters = RigParametersClient(client, f'{namespace}/sim_node')
+def test_others_are_answered_during_a_step(rig):
+    """The next sample is seconds away."""
+    rig.change(real_time_factor=0.001)
 
-    def orbit(gap):
-        last = json.loads(texts[-1].data) if texts else {}
-        there = (last.get('orbit') and last['time'] > 0.0) or gap == 37.0
-        return last['orbit'] if there and last.get('orbit') else None
+    def step_begun():
+        """Return a step that is under way; a busy machine may be too late to notice one."""
+        while True:
+            rig.pause()
+            step = rig.client.request(f'{rig.name}/step', Trigger.Request())
+            if rig.call('step')[1] == 'a step is under way':
+                return step
 
-    assert until(lambda: orbit(37.0))['x_max_ratio'] == pytest.approx(0.104644, abs=1e-6)
-    # That of the rig before does not stay.
-    assert parameters.set(gap=36.0) == ''
-    assert until(lambda: orbit(36.0))['x_max_ratio'] != pytest.approx(0.104644, abs=1e-6)
-    assert parameters.set(predict_motion=False) == ''
-    until(lambda: 'predict_motion is false' in texts[-1].data)
-    assert process.stop() == 0, process.output
+    def asked_during_a_step():
+        """Set a parameter, which takes less than a step may: two seconds, but not each time."""
+        step = step_begun()
+        rig.change(gap=0.02)
+        return None if step.done() else step
+
+    step = rig.until(asked_during_a_step)
+    answer = rig.until(lambda: step.done() and step.result())
+    assert answer.success
+    assert answer.message.startswith('on the way to the next joint states, at rig time')
+    # A pause ends the step, and the answer comes at once.
+    step = step_begun()
+    rig.pause()
+    answer = rig.until(lambda: step.done() and step.result())
+    assert 'the step was ended by a pause' in answer.message or 'on the way' in answer.message
 
 
-PARAMETERS_FILE = """
+#: A file with units, a thousand parameters of other nodes, and entries of other names.
+GIVEN = f"""\
 /**:
   ros__parameters:
-    gap: 2
+    gap: 12mm
+    angle: 10 deg
     force_amplitudes: [1, 2]
+    "\\e[31mred": 1
+{''.join(f'    p{number}: 1{chr(10)}' for number in range(1000))}
 /**/damper:
-  ros__parameters:
-    force_frequencies: [1.0, 1.5]
-    initial_primary_position: 1
-another_node:
-  ros__parameters:
-    gap: 99
+  ros__parameters: {{force_frequencies: [1.0, 1.5], initial_primary_position: 1}}
+/other/sim_node: {{ros__parameters: {{gap: 0.5}}}}
 """
+#: Files with entries for one node, which is not this one, and for two, one of which is.
+OTHERS = {
+    'camera.yaml': 'camera: {ros__parameters: {gap: 1.0}}',
+    'two.yaml': '/one/damper: {ros__parameters: {friction: 0.1}}\n'
+    '/given: {damper: {ros__parameters: {friction: 0.2}}}',
+}
 
 
-def test_what_a_node_is_started_with(client, launch, namespace, tmp_path):
-    """A parameters file, a quality of service, and a simulated clock as fast as possible."""
+def test_what_a_node_is_started_with(client, start, tmp_path):
+    """Parameters files, a quality of service, and a simulated clock as fast as possible."""
     best_effort = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
     clocks = client.listen(Clock, '/clock', best_effort)
-    states = client.listen(JointState, f'{namespace}/joint_states', best_effort)
-    file = tmp_path / 'rig.yaml'
-    file.write_text(PARAMETERS_FILE)
-    quality = f'qos_overrides.{namespace}/joint_states.publisher.reliability'
-    process = launch(
-        *(f'__ns:={namespace}', '__node:=damper'),
-        parameters_file=file,
+    files = [tmp_path / name for name in (*OTHERS, 'given.yaml')]
+    for path, text in zip(files, (*OTHERS.values(), GIVEN), strict=True):
+        path.write_text(text)
+    quality = 'qos_overrides./given/joint_states.publisher.reliability'
+    rig = start(
+        space='/given',
+        node='damper',
+        parameters_file=files,
         **{quality: 'best_effort'},
+        restitution_1=0.6,
         publish_clock=True,
         real_time_factor=0,
         state_rate=50,
     )
-    until(lambda: clocks and states, lambda: process.output)
-    (offered,) = client.node.get_publishers_info_by_topic(f'{namespace}/joint_states')
+    rig.until(lambda: 'recording  off' in rig.process.output)
+    text = rig.process.output
+    assert 'runs as fast as possible' in text
+    applied = f'{files[1]} (/given/damper), {files[2]} (/**), {files[2]} (/**/damper)'
+    assert f'are given, by {applied}, the command line\n' in text
+    assert 'no parameters for /given/damper among camera' in text
+    assert 'gap 0.012 m; inclined by 10°' in text
+    assert text.count('is not one of this node; it is ignored') == 8
+    assert '993 more parameters are ignored as well' in text
+    assert '\x1b[31m' not in text
+    states = rig.listen(JointState, 'joint_states', best_effort)
+    rig.until(lambda: clocks and states)
+    (offered,) = client.node.get_publishers_info_by_topic('/given/joint_states')
     assert offered.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
-    parameters = RigParametersClient(client, f'{namespace}/damper')
-    names = ('gap', 'force_amplitudes', 'force_frequencies', 'force_phases')
-    assert parameters.get(*names) == [2.0, [1.0, 2.0], [1.0, 1.5], [0.0, 0.0]]
-    assert parameters.get('initial_primary_position', quality) == [1.0, 'best_effort']
+    names = ('gap', 'friction', 'force_amplitudes', 'force_frequencies', 'force_phases')
+    assert rig.parameters.get(*names) == [0.012, 0.2, [1.0, 2.0], [1.0, 1.5], [0.0, 0.0]]
+    assert rig.parameters.get('initial_primary_position', quality) == [1.0, 'best_effort']
     # The first ticks may be over before the client is known to the node.
-    until(lambda: stamp_ns(clocks[-1].clock) > 100e9)
+    rig.until(lambda: stamp_ns(clocks[-1].clock) > 100e9)
     assert all(stamp_ns(c.clock) % 20_000_000 == 0 for c in list(clocks))
     assert all(stamp_ns(m.header.stamp) % 20_000_000 == 0 for m in list(states))
-    assert client.call(SetBool, f'{namespace}/damper/pause', SetBool.Request(data=True)).success
+    assert rig.call('pause', data=True)[0]
     count = len(clocks)
     # /clock goes on while the rig is held, for those who join meanwhile.
-    until(lambda: len(clocks) >= count + 3 and clocks[-1] == clocks[-2] == clocks[-3])
-    assert process.stop() == 0
+    rig.until(lambda: len(clocks) >= count + 3 and clocks[-1] == clocks[-2] == clocks[-3])
+    rig.stop()

@@ -72,24 +72,18 @@ def test_bytes_depend_on_the_values_alone():
 
 
 def test_clock_and_text_read_back():
-    assert deserialize_message(clock_message(5_000_000_007), Clock) == Clock(
-        clock=time_of(5_000_000_007)
-    )
+    clock = deserialize_message(clock_message(5_000_000_007), Clock)
+    assert clock == Clock(clock=time_of(5_000_000_007))
     text = encode(messages.String('{"a": 1}'))
     assert deserialize_message(text, String) == String(data='{"a": 1}')
 
 
 @pytest.mark.parametrize('kind', [ParameterEvent, DiagnosticArray, JointState])
 def test_messages_are_stamped_anew(kind):
-    message = kind()
-    if kind is ParameterEvent:
-        message.node = '/rig'
-    data = restamped(serialize_message(message), 1_700_000_000_000_000_001)
-    stamp = time_of(1_700_000_000_000_000_001)
-    if kind is ParameterEvent:
-        message.stamp = stamp
-    else:
-        message.header.stamp = stamp
+    message, stamp_ns = kind(), 1_700_000_000_000_000_001
+    holder = message if kind is ParameterEvent else message.header
+    data = restamped(serialize_message(message), stamp_ns)
+    holder.stamp = time_of(stamp_ns)
     assert deserialize_message(data, kind) == message
 
 

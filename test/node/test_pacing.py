@@ -1,10 +1,13 @@
 """The grid of ticks, and what is made of lateness."""
 
+import os
+import threading
 from fractions import Fraction
 
 import pytest
 
-from impact_damper_ros.node.pacing import CATCH_UP_NS, Pacer
+from impact_damper_ros.node.pacing import CATCH_UP_NS, ORDINARY, Pacer, take_priority
+from impact_damper_ros.node.parameters import NodeParameters
 from impact_damper_ros.rig.tick_grid import TickGrid
 
 MS = 1_000_000
@@ -115,3 +118,39 @@ def test_a_pause_ends_at_its_instant_and_is_no_tick():
     made.pause_until(4 * MS)
     assert time.now == 5_000_000_000 + 5 * MS
     assert made.counts() == (0, 0, 0, 0, 0)
+
+
+def in_a_thread(action):
+    """Return what an action returns in a thread of its own, whose scheduling ends with it."""
+    results = []
+    thread = threading.Thread(target=lambda: results.append(action()))
+    thread.start()
+    thread.join()
+    return results[0]
+
+
+def permitted():
+    """Return whether a process may have a real-time priority."""
+
+    def probe():
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        except PermissionError:
+            return False
+        return True
+
+    return in_a_thread(probe)
+
+
+def test_a_priority_is_taken_where_it_is_permitted():
+    def taken(priority):
+        return in_a_thread(lambda: (take_priority(priority), os.sched_getscheduler(0)))
+
+    assert taken(0) == (ORDINARY, os.SCHED_OTHER)
+    if permitted():
+        assert taken(2) == ('SCHED_FIFO 2', os.SCHED_FIFO)
+    else:
+        reason = f'{ORDINARY}: no permission for SCHED_FIFO 2'
+        assert taken(2) == (reason, os.SCHED_OTHER)
+    # Without a pace it would keep the processor from all others.
+    assert NodeParameters(real_time_priority=3, real_time_factor=0.0).priority == 0

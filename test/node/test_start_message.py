@@ -1,9 +1,5 @@
-"""What the node says as it starts, and of another one that publishes the clock."""
+"""What the node says as it starts."""
 
-from diagnostic_msgs.msg import DiagnosticArray
-from running import until
-
-from impact_damper_ros.cli.set_rig import main as set_rig
 from impact_damper_ros.node.parameters import parameters_from_overrides
 from impact_damper_ros.node.sim_node import given_text, start_message
 from node.rig_client import LIVELY
@@ -37,34 +33,3 @@ def test_start_message_of_a_recording_and_of_a_frequency_in_hertz():
     assert 'runs at 0.5 times real time' in text
     assert 'force 10 N at 0.796 Hz (5 rad/s), 0.158 times the natural one' in text
     assert 'if Hz were meant, give 31.4159' in text
-
-
-def test_two_nodes_of_one_name_are_reported(client, launch, namespace, capsys):
-    """By the nodes, in their log and in the diagnostics; set_rig sets neither."""
-    both = [launch(f'__ns:={namespace}') for _ in range(2)]
-    reports = client.listen(DiagnosticArray, '/diagnostics')
-    words = f'2 nodes are named {namespace}/sim_node'
-    for process in both:
-        until(lambda process=process: words in process.output)
-
-    def reported():
-        statuses = [s for report in list(reports) for s in report.status]
-        return any(s.name.endswith('network') and words in s.message for s in statuses)
-
-    until(reported)
-    assert set_rig(['--node', f'{namespace}/sim_node', 'gap=1']) == 2
-    assert words in capsys.readouterr().err
-    for process in both:
-        assert process.stop() == 0
-
-
-def test_two_rigs_that_publish_the_clock_warn(launch, namespace):
-    both = [
-        launch(f'__ns:={namespace}_{factor:.0f}', real_time_factor=factor) for factor in (2.0, 3.0)
-    ]
-    words = 'another node publishes /clock, too'
-    for process in both:
-        until(lambda process=process: words in process.output)
-    for process in both:
-        assert process.stop() == 0
-        assert process.output.count(words) == 1
