@@ -3,7 +3,6 @@
 
 PYTHON := python3
 ARGS :=
-AMENT := impact_damper_ros launch setup.py
 PY := .venv/bin/python
 VENV := PYTHON='$(PYTHON)' .ci/venv
 
@@ -46,12 +45,10 @@ docs:  ## build the documentation into docs/_build/html, without network
 	@$(PY) -m sphinx -q -E -W --keep-going -b html docs docs/_build/html
 	@echo "The documentation is in docs/_build/html/index.html"
 
-lint:  ## check the style (ruff, and the linters of ament)
+lint:  ## check the style (ruff)
 	@$(VENV) ros,plot,test,dev
 	@$(PY) -m ruff check .
 	@$(PY) -m ruff format --check .
-	@said=$$($(PY) -m ament_flake8.main --config .ci/ament_flake8.ini $(AMENT)) || { echo "$$said"; exit 1; }
-	@said=$$($(PY) -m ament_pep257.main --add-ignore D401 D402 D413 -- $(AMENT) 2>&1) || { echo "$$said"; exit 1; }
 
 format:  ## put the code into style (ruff)
 	@$(VENV) ros,plot,test,dev

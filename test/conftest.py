@@ -61,10 +61,13 @@ settings.load_profile('few')
 _domain_lock: socket.socket | None = None
 _log_directory: tempfile.TemporaryDirectory[str] | None = None
 
-# Settings of the caller's shell that would change what a node is called or whom it meets.
+# Settings of the caller's shell that would change what a node is called, whom it meets, or how
+# long it takes to start.
 FOREIGN_SETTINGS = (
     'FASTRTPS_DEFAULT_PROFILES_FILE',
     'FASTDDS_DEFAULT_PROFILES_FILE',
+    # Hundreds of processes would each compile all that they import.
+    'PYTHONDONTWRITEBYTECODE',
     'RCUTILS_CONSOLE_OUTPUT_FORMAT',
     'RMW_IMPLEMENTATION',
     'ROS_DISCOVERY_SERVER',
@@ -99,6 +102,7 @@ def _isolate_ros() -> None:
     global _log_directory
     for name in FOREIGN_SETTINGS:
         os.environ.pop(name, None)
+    sys.dont_write_bytecode = False
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['ROS_DOMAIN_ID'] = str(_take_domain())
     _log_directory = tempfile.TemporaryDirectory(prefix='ros_log_')

@@ -269,7 +269,7 @@ def compiled_namespace() -> dict[str, Any]:
 
 def _once_for_all_values(function: Any) -> Any:
     """Return a compiled function that has one form for all whole numbers, not one for each."""
-    from numba.core.types import unliteral  # type: ignore[attr-defined]
+    from numba.core.types import unliteral
 
     template = function.get_call_template
 
