@@ -95,9 +95,10 @@ def falls(d_a: float, d_b: float, step: float, bound: float) -> bool:
 
 @kernel(inline=True)
 def falling_root(f_a: float, d_a: float, f_b: float, d_b: float, step: float) -> float:
-    """Return a guess of where a falling function is zero between two instants."""
+    """Return a guess of where a function falls to zero between two instants."""
     change = f_b - f_a
-    part = -f_a / change
+    # One that rises from zero first is zero at its start as well: from the other end then
+    part = -f_a / change if f_a > 0.0 else 1.0
     if d_a < _UNEVEN * d_b and d_b < _UNEVEN * d_a:
         # The inverse function as a Hermite cubic
         m_a = change / d_a
@@ -230,12 +231,7 @@ def end_near(run: Run, kind: int, tau: float, motion: Motion, step: float) -> fl
 
 @kernel
 def first_root(
-    moving: Moving,
-    kind: int,
-    start: float,
-    motion: Motion,
-    end: float,
-    step: float,
+    moving: Moving, kind: int, start: float, motion: Motion, end: float, step: float
 ) -> float:
     """
     Return the first root of a watched function between two times of at most `POINTS` steps.
@@ -310,18 +306,16 @@ def root_between(
     f_high: float,
     d_high: float,
 ) -> float:
-    """Return the root of a watched function that falls between two times; as `first_root`."""
+    """Return where a watched function falls to zero between two times; as `first_root`."""
     constants = moving.constants
     run = moving.run
     oscillator = oscillator_of(constants, run)
-    tau = low
-    if f_low > 0.0:
-        tau = low + falling_root(f_low, d_low, f_high, d_high, high - low)
-        if not low <= tau <= high:
-            tau = 0.5 * (low + high)
+    if f_low < 0.0 or (f_low == 0.0 and d_low <= 0.0):
+        return end_near(run, kind, low, motion_at(moving, low), 0.0)
+    tau = low + falling_root(f_low, d_low, f_high, d_high, high - low)
+    if not low <= tau <= high:
+        tau = 0.5 * (low + high)
     motion: Motion = motion_at(moving, tau)
-    if f_low <= 0.0:
-        return end_near(run, kind, tau, motion, 0.0)
     for _ in range(60):
         value, rate, bend, _ = watched(constants, run, kind, tau, motion)
         if value > 0.0:
@@ -427,12 +421,7 @@ def leap(moving: Moving, longest: float) -> float:
 
 @kernel
 def look_for(
-    moving: Moving,
-    kind: int,
-    start: float,
-    motion: Motion,
-    end: float,
-    motion_end: Motion,
+    moving: Moving, kind: int, start: float, motion: Motion, end: float, motion_end: Motion
 ) -> None:
     """Let the flight end at the first root of a function, if it is earlier than what is found."""
     constants = moving.constants
@@ -568,6 +557,19 @@ def drive_before(lines: Lines, waves: Waves) -> float:
         wave = waves[j]
         drive += line.force * (wave.sine * line.turn_cosine - wave.cosine * line.turn_sine)
     return drive
+
+
+@kernel(inline=True)
+def drive_rates(lines: Lines, waves: Waves) -> tuple[float, float]:
+    """Return the rates of that acceleration at the point before, and where the waves are."""
+    before = now = -0.0
+    for j in range(len(waves)):
+        line = lines[j]
+        wave = waves[j]
+        push = line.force * line.frequency
+        before += push * (wave.cosine * line.turn_cosine + wave.sine * line.turn_sine)
+        now += push * wave.cosine
+    return before, now
 
 
 @kernel(inline=True)
@@ -768,6 +770,18 @@ def way_between(
         f_a, f_b = side * a.speed - error_a, side * b.speed - error
         if keeps_sign(f_a, side * rate_a, f_b, side * rate_b, step, bound):
             return APPROACH, side, rate_a, rate_b
+        moves = f_a > 0.0 or (f_a == 0.0 and side * rate_a > 0.0)
+        if run.direction != 0 and moves and side * b.speed < -error:
+            # The speed has changed its sign. If Y''' does not, it did so once.
+            drag_a = 2.0 * oscillator.decay * (fall - rate_a) + omega_squared * a.velocity
+            drag_b = 2.0 * oscillator.decay * (fall - rate_b) + omega_squared * b.velocity
+            drive_a, drive_b = drive_rates(lines, waves)
+            jerk_a, jerk_b = side * (drag_a - drive_a), side * (drag_b - drive_b)
+            least = 0.125 * step * step * bound
+            least += ERROR * (abs(drag_a) + abs(drag_b) + oscillator.jerk_bound)
+            bends = max(jerk_a, jerk_b) < -least or (f_a > 0.0 and min(jerk_a, jerk_b) > least)
+            if bends and stays_off(moving, free, side, a, b):
+                return TURN, -side, rate_a, rate_b
     if (
         run.direction == 0
         and stays_off(moving, free, 1.0, a, b)
@@ -883,19 +897,11 @@ def search_joint(moving: Moving) -> None:
     velocity = motion.velocity
     x_2 = motion.x_2
     x_3 = motion.x_3
+    x_x, x_v = oscillator.x_x, oscillator.x_v
+    v_x, v_v = oscillator.v_x, oscillator.v_v
     t_a = tau
     for k in range(POINTS):
-        offset, velocity = next_point(
-            lines,
-            first,
-            waves,
-            offset,
-            velocity,
-            oscillator.x_x,
-            oscillator.x_v,
-            oscillator.v_x,
-            oscillator.v_v,
-        )
+        offset, velocity = next_point(lines, first, waves, offset, velocity, x_x, x_v, v_x, v_v)
         t_b = tau + oscillator.step * (k + 1)
         x_2_b = drive_at(lines, first, waves)
         x_2_b -= 2.0 * oscillator.decay * velocity + oscillator.omega_squared * offset

@@ -35,8 +35,9 @@ FORMAT = 8
 #: grid was in doubt, 9 stamped some events of a change an ulp before it, 10 took powers of numpy
 #: in the bounds of oscillators, and the energy of an actuator as a share of that at full speed,
 #: 11 polished the contact of an m that turned within a step by the closed form, and took the
-#: sines of several harmonics from the C library.
-ARITHMETIC = 12
+#: sines of several harmonics from the C library, 12 polished some reversals of a
+#: step in which Y'' changes its sign between other ends.
+ARITHMETIC = 13
 #: Latest time that a rig can reach, s; there the floats are 2 ms apart.
 LATEST = 1e13
 #: Rounding: what a state says of its time may differ by this, s.

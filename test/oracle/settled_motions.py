@@ -104,7 +104,7 @@ def multipliers_of(orbit: PeriodicOrbit) -> list[complex]:
 
 def trial(seed: int) -> Trial | None:
     """Settle a rig and hold it against the oracle; None if its motion has no impacts to repeat."""
-    settled = settle(Rig(any_rig(seed), compiled=None), cycles=1500)
+    settled = settle(Rig(any_rig(seed), compiled=None), cycles=10000)
     if settled.rhythm is None:
         return None
     orbit = settled.orbit
