@@ -34,7 +34,7 @@ from .motion import Era, ForcePhase, Motion
 from .numbers import numbers_of
 from .presets import change_between, preset_with
 from .source import RequestError, Source
-from .structure import FieldError, answer_json, designed, settings_of, structure_of
+from .structure import FieldError, designed, note_on, settings_of, structure_of
 
 if TYPE_CHECKING:
     from .ros_client import RigLink
@@ -405,9 +405,14 @@ class LiveRig(Source):
                 answer = await designed(rig)
         except FieldError as error:
             return {'ok': False, 'reason': str(error), 'field': error.field}
-        shown = answer_json(answer, rig, self.values.get('state_rate', math.inf))
-        values = as_json(settings_of(rig, answer.gap))
-        return {'ok': True, 'reason': '', 'values': values, 'design': as_json(shown)}
+        note = note_on(rig, self.values.get('state_rate', math.inf))
+        values = as_json(settings_of(rig, answer['gap']))
+        return {
+            'ok': True,
+            'reason': '',
+            'values': values,
+            'design': {**as_json(answer), 'note': note},
+        }
 
 
 def _level(reports: Iterable[DiagnosticStatus]) -> str:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -112,67 +111,36 @@ def structure_of(typed: Mapping[str, Any]) -> RigParameters:
         raise FieldError('size', str(error)) from None
 
 
-@dataclass(frozen=True)
-class Answer:
-    """
-    The best damper of a structure, as the page shows it; SI units.
-
-    Attributes
-    ----------
-    gap, x_max : float
-        The best gap that a rig from rest makes use of, and largest |X| with it.
-    best_gap, best_x_max : float
-        The best gap of all, and largest |X| once m hits both stops.
-    reached : bool
-        Whether a rig from rest comes to that.
-    without, mass_damper : float
-        Amplitude without a damper, and with the same mass as a tuned mass damper.
-    damper_mass : float
-        Mass of the damper, kg.
-    level_low, level_high : float
-        Levels within which the motion of the best gap lasts, as factors.
-    impact_speed : float
-        Largest speed of approach at a stop.
-    """
-
-    gap: float
-    x_max: float
-    best_gap: float
-    best_x_max: float
-    reached: bool
-    without: float
-    mass_damper: float
-    damper_mass: float
-    level_low: float
-    level_high: float
-    impact_speed: float
-
-
-def _designed(rig: RigParameters) -> Iterator[Answer | None]:
-    """Yield the best damper of a rig; None if there is none."""
+def _designed(rig: RigParameters) -> Iterator[dict[str, float] | None]:
+    """Yield what the page shows of the best damper of a rig, SI units; None if there is none."""
     design = best_design(rig)
     if design is None:
         yield None
         return
     other = mass_damper_response(rig, np.array([rig.first_harmonic[1]]))
-    yield Answer(
-        design.gap,
-        design.x_max,
-        design.rig.gap,
-        design.orbit.x_max,
-        design.reached_from_rest,
-        design.bare,
-        float(other[0]),
-        rig.damper_mass,
-        design.level_range.low,
-        design.level_range.high,
-        design.impact_speed,
-    )
+    yield {
+        # The best gap that a rig from rest makes use of, and largest |X| with it
+        'gap': design.gap,
+        'x_max': design.x_max,
+        # The best gap of all, largest |X| once m hits both stops, and whether a rig from rest
+        # comes to that
+        'best_gap': design.rig.gap,
+        'best_x_max': design.orbit.x_max,
+        'reached': design.reached_from_rest,
+        # Amplitude without a damper, and with the same mass as a tuned mass damper
+        'without': design.bare,
+        'mass_damper': float(other[0]),
+        'damper_mass': rig.damper_mass,
+        # Levels within which the motion of the best gap lasts, as factors; speed of approach
+        'level_low': design.level_range.low,
+        'level_high': design.level_range.high,
+        'impact_speed': design.impact_speed,
+    }
 
 
-async def designed(rig: RigParameters) -> Answer:
+async def designed(rig: RigParameters) -> dict[str, float]:
     """Return the best damper of a rig, from a process of its own; FieldError if there is none."""
-    call, found = BackgroundCall(_designed, rig), list[Answer | None]()
+    call, found = BackgroundCall(_designed, rig), list[dict[str, float] | None]()
     try:
         while not found and not call.end:
             await asyncio.sleep(_LOOK_S)
@@ -207,14 +175,13 @@ def settings_of(rig: RigParameters, gap: float) -> dict[str, Any]:
     return {**values, **about, **control.as_dict(), **InitialConditions().as_dict()}
 
 
-def answer_json(answer: Answer, rig: RigParameters, state_rate: float) -> dict[str, Any]:
-    """Return an answer for the page, with a note where the samples of the node are too few."""
+def note_on(rig: RigParameters, state_rate: float) -> str:
+    """Return what to do where the samples of the node are too few for a rig; else nothing."""
     hertz = rig.first_harmonic[1] / math.tau
-    note = ''
-    if state_rate < _FEWEST_SAMPLES * hertz:
-        rate = min(2000.0, float(f'{2.0 * _FEWEST_SAMPLES * hertz:.1g}'))
-        note = (
-            f'The node sends {state_rate:g} samples a second, too few for the traces of '
-            f'{hertz:.3g} Hz: start it with -p state_rate:={rate:.1f}'
-        )
-    return {**asdict(answer), 'note': note}
+    if state_rate >= _FEWEST_SAMPLES * hertz:
+        return ''
+    rate = min(2000.0, float(f'{2.0 * _FEWEST_SAMPLES * hertz:.1g}'))
+    return (
+        f'The node sends {state_rate:g} samples a second, too few for the traces of '
+        f'{hertz:.3g} Hz: start it with -p state_rate:={rate:.1f}'
+    )

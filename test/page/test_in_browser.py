@@ -259,10 +259,12 @@ def test_the_folder_is_small(site):
 
 
 @pytest.mark.parametrize('size', [DESK, PHONE], ids=['desk', 'phone'])
-def test_a_stranger_turns_the_gap(opened, size):
+def test_a_stranger_turns_the_gap_and_chooses_a_preset(opened, size):
     page = opened(size=size)
     page.expect('#status').to_have_text('running')
     page.expect('#preset-name').to_have_text('Bench rig')
+    page.expect('#verdict-text').to_have_text('2 impacts in 1 cycle, stable')
+    page.expect('#curve-line').to_contain_text('best gap 28')
     page.type('#knob-gap', '12')
     page.wait("location.hash.includes('gap=0.012')")
     page.expect('#rig-line').to_contain_text('gap 12.0')
@@ -274,52 +276,7 @@ def test_a_stranger_turns_the_gap(opened, size):
         page.expect(button).to_be_hidden()
     page.expect('a[href="../start/installation.html"]').to_be_attached()
     assert page.run('document.documentElement.scrollWidth') <= size[0]
-
-
-@pytest.mark.parametrize('size', [DESK, PHONE], ids=['desk', 'phone'])
-def test_presets_and_their_theory(opened, size):
-    page = opened(size=size)
-    page.expect('#verdict-text').to_have_text('2 impacts in 1 cycle, stable')
-    page.expect('#curve-line').to_contain_text('best gap 28')
-    page.click('#presets-open')
-    page.click('#presets [data-name=ring_down]')
-    page.expect('#preset-name').to_have_text('Ring-down')
-    page.wait('Math.abs(impactDamper.history.state.x) > 0.005')
-    page.wait("location.hash.includes('preset=ring_down')")
-    page.expect('#curve-line').to_have_text('')
-    page.expect('#map-title').to_have_text('Ring-down')
-    page.wait('impactDamper.drawing.ringDown.cycles.length > 3')
-    # The link starts the same rig, also after it has been loaded anew.
-    page.tab.reload()
-    page.wait(MOVES)
-    page.expect('#preset-name').to_have_text('Ring-down')
-
-
-@pytest.mark.parametrize('size', [DESK, PHONE], ids=['desk', 'phone'])
-def test_a_controller_moves_the_stops(opened, size):
-    page = opened('#preset=bench&gap_control=timed', size=size)
-    page.wait("document.querySelector('#knob-gap_control').value === 'timed'")
-    page.wait('impactDamper.history.own.acts.length > 10')
-    choices = page.run(
-        "[...document.querySelector('#knob-gap_control').options].map(o => o.value)"
-    )
-    assert choices == ['off', 'amplitude', 'timed']
-    page.wait("document.querySelector('#score dd').textContent !== '–'")
-
-
-@pytest.mark.parametrize('size', [DESK, PHONE], ids=['desk', 'phone'])
-def test_the_base_moves(opened, size):
-    page = opened('#preset=bench&force_amplitudes=[0]&base_amplitudes=[0.5]', size=size)
-    page.expect('#relative-switch').to_be_visible()
-    page.expect('#rig-line').to_contain_text('base')
-    page.click('#relative')
-    page.wait("location.hash.includes('relative=1')")
-    page.wait('impactDamper.history.state && Math.abs(impactDamper.history.state.base) < 1e-9')
-
-
-@pytest.mark.parametrize('size', [DESK, PHONE], ids=['desk', 'phone'])
-def test_pause_steps_and_reset(opened, size):
-    page = opened(size=size)
+    # Pause, steps, reset
     page.click('#pause')
     page.expect('#status').to_have_text('paused')
     impacts = page.run('impactDamper.history.impacts.end')
@@ -330,6 +287,34 @@ def test_pause_steps_and_reset(opened, size):
     page.wait('Math.abs(impactDamper.history.state.x) < 1e-6')
     page.click('#pause')
     page.expect('#status').to_have_text('running')
+    # A preset; the link starts the same rig, also after it has been loaded anew.
+    page.click('#presets-open')
+    page.click('#presets [data-name=ring_down]')
+    page.expect('#preset-name').to_have_text('Ring-down')
+    page.wait('Math.abs(impactDamper.history.state.x) > 0.005')
+    page.wait("location.hash.includes('preset=ring_down')")
+    page.expect('#curve-line').to_have_text('')
+    page.expect('#map-title').to_have_text('Ring-down')
+    page.wait('impactDamper.drawing.ringDown.cycles.length > 3')
+    page.tab.reload()
+    page.wait(MOVES)
+    page.expect('#preset-name').to_have_text('Ring-down')
+
+
+@pytest.mark.parametrize('size', [DESK, PHONE], ids=['desk', 'phone'])
+def test_a_controller_moves_the_stops_and_the_base_moves(opened, size):
+    link = '#preset=bench&gap_control=timed'
+    page = opened(f'{link}&force_amplitudes=[0]&base_amplitudes=[0.5]', size=size)
+    page.wait("document.querySelector('#knob-gap_control').value === 'timed'")
+    page.wait('impactDamper.history.own.acts.length > 10')
+    choices = page('#knob-gap_control option').evaluate_all('all => all.map(one => one.value)')
+    assert choices == ['off', 'amplitude', 'timed']
+    page.wait("document.querySelector('#score dd').textContent !== '–'")
+    page.expect('#relative-switch').to_be_visible()
+    page.expect('#rig-line').to_contain_text('base')
+    page.click('#relative')
+    page.wait("location.hash.includes('relative=1')")
+    page.wait('impactDamper.history.state && Math.abs(impactDamper.history.state.base) < 1e-9')
 
 
 class Folder(SimpleHTTPRequestHandler):

@@ -1,7 +1,6 @@
 """The page on a real node, over DDS; and the command."""
 
 import asyncio
-import json
 import re
 import signal
 import socket
@@ -13,6 +12,7 @@ from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess
 from running import until
 
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.page.presets import load_presets
 
 from .page_process import PageProcess
 from .served import in_loop, opened, serving
@@ -22,13 +22,18 @@ pytest.importorskip('rclpy')
 from impact_damper_ros.page.ros_client import RosClient
 
 
-@pytest.fixture
-def node(tmp_path):
-    process = SimProcess(tmp_path / 'node', bag_directory=tmp_path / 'runs', **LIVELY)
-    try:
+@pytest.fixture(scope='module')
+def runs(tmp_path_factory):
+    return tmp_path_factory.mktemp('runs')
+
+
+@pytest.fixture(scope='module')
+def node(tmp_path_factory, runs):
+    """Start a node whose impacts are sent best effort."""
+    override = {'qos_overrides./impacts.publisher.reliability': 'best_effort'}
+    given = {'bag_directory': runs, **LIVELY, **override}
+    with SimProcess(tmp_path_factory.mktemp('node'), **given) as process:
         yield process
-    finally:
-        process.kill()
 
 
 def with_knobs(page):
@@ -36,13 +41,9 @@ def with_knobs(page):
 
 
 @in_loop
-async def test_requests_are_answered_by_the_node(node, tmp_path):
+async def test_requests_are_answered_by_the_node(node, runs):
     """What a browser shows of it is in `test_browser`."""
-    (tmp_path / 'runs').mkdir()
-    async with (
-        serving(tmp_path / 'runs', RosClient(), node='/sim_node') as server,
-        opened(server) as page,
-    ):
+    async with serving(runs, RosClient(), node='/sim_node') as server, opened(server) as page:
         await page.until(lambda: with_knobs(page), 'no parameters')
         knobs = {k['name']: k for k in with_knobs(page)[-1]['parameters']}
         assert (knobs['gap']['value'], knobs['record']['value']) == (0.01, False)
@@ -51,15 +52,26 @@ async def test_requests_are_answered_by_the_node(node, tmp_path):
         assert ends == sorted(ends)
         taken = server.sources['/sim_node'].motion.samples[:, 0]
         assert np.median(np.diff(taken)) == pytest.approx(0.005)
+        # As it was typed, in the unit in which it is shown
+        for text, unit, gap in (('24.5 mm', 'm', 0.0245), ('2,5', 'cm', 0.025)):
+            typed = {'gap': {'text': text, 'unit': unit}}
+            assert await page.ask(type='set', values=typed) == (True, '')
+            assert page.of('answer')[-1]['values'] == {'gap': gap}
+            await page.next('parameters', values={'gap': gap})
         # All or nothing, in the words of the node
         for values, words in (
+            ({'gap': -1.0}, 'gap is -1.0 m: give a number from 1e-09 to 1e+09 m'),
+            ({'gap': {'text': 'abc', 'unit': 'mm'}}, "gap is 'abc': give a number from 1e-06 to"),
+            ({'gab': {'text': '1', 'unit': 'mm'}}, 'gab is not a parameter'),
+            ({'gap': {'text': '1'}}, 'cannot be read'),
             ({'gap': 0.02, 'friction': -1.0}, 'friction is -1.0'),
             ({'gap': 'abc'}, "gap is 'abc': give a number from"),
             ({'nonsense': 1.0}, 'not a parameter'),
             ({'damping': 1e3}, 'underdamped'),
         ):
-            ok, reason = await page.ask(type='set', values=values)
-            assert (ok, words in reason) == (False, True), reason
+            for kind in ('set', 'begin'):
+                ok, reason = await page.ask(type=kind, values=values)
+                assert (ok, words in reason) == (False, True), reason
         assert (await page.ask(type='set', values={'record': True}))[0]
         await page.next('parameters', values={'record': True})
         hellos = len(page.of('hello'))
@@ -74,8 +86,15 @@ async def test_requests_are_answered_by_the_node(node, tmp_path):
         assert len(page.of('hello')) == hellos
         refused = await page.ask(type='service', name='step')
         assert (refused[0], 'pause it first' in refused[1]) == (False, True)
-        reset = await page.ask(type='service', name='reset')
-        assert reset[1].startswith('reset to primary at 0 m')
+        assert not (await page.ask(type='service', name='shutdown'))[0]
+        # A preset is set as a whole, then the rig is reset. What was refused has reset nothing.
+        assert 'reset' not in {one['kind'] for one in page.of('parameters')}
+        values = {**load_presets()['bench'].values, 'gap': 0.023}
+        ok, reason = await page.ask(type='begin', values=values)
+        assert (ok, reason.startswith('reset to primary at 0 m')) == (True, True)
+        await page.until(lambda: page.of('parameters')[-1]['kind'] == 'reset')
+        took = {name: v for one in page.of('parameters') for name, v in one['values'].items()}
+        assert (took['gap'], took['gap_max']) == (0.023, 0.3)
         assert (await page.ask(type='set', values={'record': False}))[0]
         listed = await page.until(
             lambda: [m for m in page.of('recordings') if any(r['whole'] for r in m['list'])]
@@ -129,20 +148,9 @@ async def test_a_node_that_stands_still_for_a_while_does_what_is_asked_once(
         ok, reason = await page.ask(type='set', values={'friction': 0.25})
         assert (ok, 'may or may not have been made' in reason) == (False, True), reason
         node.send(signal.SIGCONT)
-
-
-@in_loop
-async def test_impacts_of_a_node_that_publishes_best_effort(tmp_path):
-    override = {'qos_overrides./impacts.publisher.reliability': 'best_effort'}
-    node = SimProcess(tmp_path / 'node', **LIVELY, **override)
-    try:
-        async with (
-            serving(tmp_path, RosClient(), node='/sim_node') as server,
-            opened(server) as page,
-        ):
-            await page.until(lambda: sum(len(f.impacts) for f in page.frames) > 10)
-    finally:
-        node.kill()
+        monkeypatch.undo()
+        assert (await page.ask(type='service', name='pause'))[0]
+        await page.until(lambda: page.of('status')[-1]['state'] != 'paused')
 
 
 def test_a_node_is_named_without_its_slash(node, tmp_path):
@@ -176,6 +184,7 @@ def test_connections_without_end_do_not_stop_those_that_are_there(tmp_path):
 
     async def watch():
         async with opened(server) as page:
+            assert (await page.next('hello'))['bag'] == 'run'
             await page.until(lambda: page.frames)
             before = server.output
             idle.extend(socket.create_connection(('127.0.0.1', server.port)) for _ in range(200))
@@ -195,48 +204,25 @@ def test_connections_without_end_do_not_stop_those_that_are_there(tmp_path):
         assert server.close() == 0
 
 
-async def first_words(address):
-    from tornado.websocket import websocket_connect
-
-    socket = await websocket_connect(address.replace('http', 'ws') + 'ws')
-    message = json.loads(await socket.read_message())
-    socket.close()
-    while await socket.read_message() is not None:
-        pass
-    return message
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_the_command_starts_a_rig_and_ends_it(number, tmp_path):
+def test_the_command_starts_a_rig_and_ends_it(tmp_path):
+    """By SIGTERM it does so in `test_browser`. Loose files are recordings, one by one."""
+    loose = {'one.mcap', 'other.mcap'}
+    (tmp_path / 'runs').mkdir()
+    for name in loose:
+        (tmp_path / 'runs' / name).touch()
     server = PageProcess(tmp_path, '--start', 'bench_rig')
+
+    async def watch():
+        async with opened(server) as page:
+            hello = await page.next('hello')
+            assert hello['rig'] == '/sim_node'
+            assert {entry['name'] for entry in hello['recordings']} == loose
+
     try:
         assert re.fullmatch(r'http://127\.0\.0\.1:\d+/', server.address)
-        assert asyncio.run(first_words(server.address))['rig'] == '/sim_node'
+        asyncio.run(watch())
         nodes = [Path('/proc', str(number)) for number in server.nodes()]
         assert nodes
     finally:
-        assert server.close(number) == 0
+        assert server.close(signal.SIGINT) == 0
     until(lambda: not any(node.exists() for node in nodes), 'it runs on')
-
-
-def test_the_command_lists_loose_files_one_by_one(tmp_path):
-    runs = tmp_path / 'runs'
-    runs.mkdir()
-    for name in ('one.mcap', 'other.mcap'):
-        (runs / name).touch()
-    server = PageProcess(tmp_path)
-    try:
-        listed = asyncio.run(first_words(server.address))['recordings']
-        assert {entry['name'] for entry in listed} == {'one.mcap', 'other.mcap'}
-    finally:
-        assert server.close() == 0
-
-
-def test_the_command_plays_a_recording_without_ros(tmp_path):
-    bag = tmp_path / 'run'
-    assert simulate_rig(['bench_rig', '--duration', '2', '--bag', str(bag), '--quiet']) == 0
-    server = PageProcess(tmp_path, '--bag', bag)
-    try:
-        assert asyncio.run(first_words(server.address))['bag'] == 'run'
-    finally:
-        assert server.close() == 0

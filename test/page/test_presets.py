@@ -6,8 +6,14 @@ import re
 import numpy as np
 import pytest
 
-from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameters, settle
-from impact_damper_ros.design.damper_design import best_design
+from impact_damper_ros import (
+    EventKind,
+    GapControlParameters,
+    Rig,
+    RigParameters,
+    find_orbits,
+    settle,
+)
 from impact_damper_ros.page.knobs import GAP_CONTROL_SPECS, as_json
 from impact_damper_ros.page.presets import load_presets, preset_with
 from impact_damper_ros.parameters.parameters_file import load_parameters
@@ -159,13 +165,8 @@ def test_control_halves_the_motion_under_the_changing_load():
     for control in (preset.control, GapControlParameters()):
         rig = Rig(preset.rig, preset.initial, control=control)
         cycle = math.tau / preset.rig.force_frequencies[0]
-        rig.advance(50 * cycle)
-        times = 50 * cycle + np.arange(1, 6001) * cycle / 40
-        x = []
-        for time in times:
-            rig.advance(time)
-            x.append(abs(rig.sample().x))
-        largest.append(max(x))
+        run = rig.run(200 * cycle, instants=50 * cycle + np.arange(1, 6001) * cycle / 40)
+        largest.append(np.abs(run.samples['x']).max())
     assert largest[0] < 0.5 * largest[1]
 
 
@@ -231,4 +232,9 @@ def test_the_light_pole_is_a_tube_with_a_luminaire():
 @pytest.mark.parametrize('name', ['boring_bar', 'light_pole'])
 def test_their_gap_is_a_tenth_below_the_best(name):
     rig = PRESETS[name].rig
-    assert rig.gap == pytest.approx(0.9 * best_design(rig).rig.gap, rel=0.01)
+    beside, best, beyond = (
+        min(orbit.x_max for orbit in find_orbits(rig.replace(gap=gap), (1, 2)).orbits)
+        for gap in rig.gap / 0.9 * np.array([0.98, 1.0, 1.02])
+    )
+    assert best < beside
+    assert best < beyond
