@@ -11,7 +11,7 @@ from running import DEADLINE_S
 from tornado.httpclient import HTTPClientError
 from tornado.websocket import WebSocketClosedError
 
-from impact_damper_ros import RigParameters
+from impact_damper_ros import GapControlParameters, InitialConditions, Rig, RigParameters, settle
 from impact_damper_ros.page.client import Client
 from impact_damper_ros.page.live import LiveRig
 from impact_damper_ros.page.source import Source
@@ -43,7 +43,7 @@ async def test_every_answer_keeps_foreign_things_out(tmp_path):
 
 
 @in_loop
-async def test_foreign_host_is_refused_everywhere(tmp_path):
+async def test_foreign_host_and_origin_are_refused_everywhere(tmp_path):
     """DNS rebinding: the name of an attacker, which leads to this machine."""
     async with serving(tmp_path, FakeNetwork(FakeLink())) as server:
         port = server.gate.port
@@ -51,23 +51,13 @@ async def test_foreign_host_is_refused_everywhere(tmp_path):
             answer = await get(server, path, headers={'Host': f'attacker.example:{port}'})
             assert answer.code == 421
             assert b'attacker' not in answer.body
-
-
-@in_loop
-async def test_foreign_origin_is_refused(tmp_path):
-    async with serving(tmp_path, FakeNetwork(FakeLink())) as server:
-        own = url(server, '')
-        for origin in (
-            'http://attacker.example',
-            'null',
-            f'http://localhost:{server.gate.port}',
-        ):
+        for origin in ('http://attacker.example', 'null', f'http://localhost:{port}'):
             with pytest.raises(HTTPClientError) as refused:
                 async with opened(server, headers={'Origin': origin}):
                     pass
             assert refused.value.code == 403
             assert (await get(server, '/', headers={'Origin': origin})).code == 403
-        async with opened(server, headers={'Origin': own}) as page:
+        async with opened(server, headers={'Origin': url(server, '')}) as page:
             await page.next('hello')
 
 
@@ -186,7 +176,7 @@ async def test_a_page_is_shown_the_rig(tmp_path):
 
 
 @in_loop
-async def test_a_request_that_takes_long_holds_up_no_other(tmp_path):
+async def test_a_design_holds_up_no_other_request_and_the_rig_moves_so(tmp_path):
     """Nor the answer to a ping, which comes in the same order."""
     async with live_page(tmp_path) as (link, page):
         await page.until(lambda: [m for m in page.of('hello') if m['parameters']])
@@ -197,8 +187,22 @@ async def test_a_request_that_takes_long_holds_up_no_other(tmp_path):
         assert answer['ok']
         # It changes nothing by itself.
         assert link.rig.parameters.gap == 30.0
-        assert (await page.ask(type='begin', values=answer['values']))[0]
-        assert link.rig.parameters.gap == answer['values']['gap']
+        design, values = answer['design'], answer['values']
+        best = pytest.approx((0.0214847, 0.00176444), rel=1e-4)
+        assert (design['gap'], design['x_max']) == best
+        # From rest the rig comes to the best gap of all.
+        assert (design['best_gap'], design['best_x_max']) == best
+        assert design['reached']
+        there, start, control = (
+            kind(**{name: values[name] for name in kind().as_dict()})
+            for kind in (RigParameters, InitialConditions, GapControlParameters)
+        )
+        assert settle(Rig(there, start)).x_max == pytest.approx(design['x_max'], rel=1e-3)
+        assert control.gap_min < there.gap < control.gap_max
+        assert not control.active
+        assert there.sweep_low < there.omega < there.sweep_high
+        assert (await page.ask(type='begin', values=values))[0]
+        assert link.rig.parameters.gap == there.gap
         # Another knob comes first by now.
         knobs = [k['name'] for k in page.of('hello')[-1]['parameters'] if k['first']]
         assert 'base_amplitudes' in knobs
