@@ -64,7 +64,7 @@ const structure = new Structure((message) => connection.ask(message), async (des
 const recordings = new Recordings(connection, (name) => requests.join({ bag: name }));
 
 // Measurements: how much has come in, and of when the newest is.
-const received = { frames: 0, bytes: 0, latest: 0, epoch: 0 };
+const received = { frames: 0, latest: 0, epoch: 0 };
 globalThis.impactDamper = { received, history, theory, drawing, requests };
 
 // What is shown of the state
@@ -314,7 +314,6 @@ connection.addEventListener('frame', ({ detail: frame }) => {
     clicks.play(stop, impulse);
   }
   received.frames += 1;
-  received.bytes += frame.bytes;
   received.epoch = frame.epoch;
   received.latest = now;
   const due = frame.paused ? 'paused' : 'running';

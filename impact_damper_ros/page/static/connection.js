@@ -21,7 +21,7 @@ function openSource(query) {
 function readFrame(buffer, layout) {
   const view = new DataView(buffer);
   if (!layout || buffer.byteLength < layout.header || view.getUint8(0) !== layout.kind) return null;
-  const frame = { bytes: buffer.byteLength };
+  const frame = {};
   const set = view.getUint8(1);
   for (const [name, flag] of Object.entries(layout.flags)) frame[name] = (set & flag) !== 0;
   let place = layout.header;

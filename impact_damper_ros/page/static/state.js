@@ -35,7 +35,7 @@ export const isLive = () => state.hello.mode !== 'player';
 /** Whether this page may change the rig. */
 export const steers = () => isLive() && state.hello.steers;
 
-export function isReproducible(name) {
+function isReproducible(name) {
   const known = state.hello.parameters.find((one) => one.name === name);
   return !known || (!known.read_only && (REPRODUCIBLE.has(known.group) || name.startsWith('initial_')));
 }
