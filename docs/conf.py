@@ -36,12 +36,14 @@ extensions = [
     'sphinx.ext.autodoc',
     'sphinx.ext.autosummary',
     'sphinx.ext.napoleon',
-    'sphinx.ext.viewcode',
     'sphinx-mathjax-offline',
     'sphinx_copybutton',
     'sphinx_design',
     'sphinx_gallery.gen_gallery',
 ]
+# Half the time of a build: pages of source code, and the list of all pages beside each of them.
+quick = 'quick' in tags  # noqa: F821 - of Sphinx
+extensions += [] if quick else ['sphinx.ext.viewcode']
 exclude_patterns = ['_build']
 root_doc = 'index'
 nitpicky = False
@@ -75,6 +77,7 @@ sphinx_gallery_conf = {
     'remove_config_comments': True,
     'show_signature': False,
     'write_computation_times': False,
+    'plot_gallery': not quick,
 }
 
 html_theme = 'furo'
@@ -160,11 +163,15 @@ def _insert_links(_app: Any, name: str, source: list[str]) -> None:
     source[0] = re.sub(r'\]\(http://127\.0\.0\.1:8088/#([^)\s]+)\)', beside, source[0])
 
 
+def _leave_out_list(*arguments: Any) -> None:
+    """Leave out the list of all pages that is beside each page."""
+    arguments[3].pop('toctree', None)
+
+
 def _build_page(app: Any, exception: Exception | None) -> None:
     """Build the page with a rig of its own."""
     if exception is None and app.builder.name == 'html':
-        names = None if app.config.theory_of_presets else ()
-        build(Path(app.outdir) / 'try', with_theory=names)
+        build(Path(app.outdir) / 'try', with_theory=() if quick else None)
 
 
 SEARCH_WORDS = yaml.safe_load((ROOT / 'docs' / 'search_words.yaml').read_text(encoding='utf-8'))
@@ -301,9 +308,10 @@ def setup(app: Any) -> None:
     app.connect('source-read', _insert_glossary)
     app.connect('source-read', _insert_links)
     app.connect('source-read', _index)
-    app.add_config_value('theory_of_presets', True, '', [bool, int, str])
     app.connect('build-finished', _build_page)
     for kind in _ROWS:
         app.add_object_type(kind, kind)
     app.connect('doctree-read', _anchor_rows)
     app.connect('build-finished', _check_targets)
+    if quick:
+        app.connect('html-page-context', _leave_out_list, priority=400)

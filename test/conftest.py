@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
-from run_alone import RunAlone
+from run_alone import pytest_addoption, pytest_configure  # noqa: F401 - hooks
 
 # 1..101: above that, the ports of a domain reach into Linux's range of ephemeral ports.
 DOMAINS = 101
@@ -103,6 +103,8 @@ def _isolate_ros() -> None:
     for name in FOREIGN_SETTINGS:
         os.environ.pop(name, None)
     sys.dont_write_bytecode = False
+    # The second thread of a small product only waits, and takes a processor for that.
+    os.environ['OPENBLAS_NUM_THREADS'] = '1'
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['ROS_DOMAIN_ID'] = str(_take_domain())
     _log_directory = tempfile.TemporaryDirectory(prefix='ros_log_')
@@ -143,22 +145,6 @@ def _check_wheels() -> None:
 _check_wheels()
 _take_interruptions()
 _isolate_ros()
-
-
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add what `.ci/run` asks for."""
-    parser.addoption(
-        '--again-alone',
-        type=int,
-        metavar='N',
-        help='run up to N tests that failed once more, each alone, after all others',
-    )
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Hold failures back where they get a second run; the processes of pytest-xdist do not."""
-    if (most := config.getoption('--again-alone')) and not hasattr(config, 'workerinput'):
-        config.pluginmanager.register(RunAlone(config, most))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

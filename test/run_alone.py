@@ -15,6 +15,22 @@ import pytest
 AGAIN = 'rerun'
 
 
+def pytest_addoption(parser):
+    """Add what `.ci/run` asks for."""
+    parser.addoption(
+        '--again-alone',
+        type=int,
+        metavar='N',
+        help='run up to N tests that failed once more, each alone, after all others',
+    )
+
+
+def pytest_configure(config):
+    """Hold failures back where they get a second run; the processes of pytest-xdist do not."""
+    if (most := config.getoption('--again-alone')) and not hasattr(config, 'workerinput'):
+        config.pluginmanager.register(RunAlone(config, most))
+
+
 class RunAlone:
     """Holds the failures back until it is known whether they are failures alone, too."""
 

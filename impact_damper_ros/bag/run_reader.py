@@ -63,14 +63,17 @@ def bag_files(path: Path | str) -> list[Path]:
     They are those that `metadata.yaml` lists. Without a list that can be read, or where none of
     them is there, they are all files of the kind that rosbag2 writes; hidden ones never are.
     """
-    path = Path(path)
+    path, listing = Path(path), None
+    with suppress(RecordingError):
+        listing = read_listing(path) if path.is_dir() else None
+    return _files_of(path, listing)
+
+
+def _files_of(path: Path, listing: Mapping[str, Any] | None) -> list[Path]:
     if not path.is_dir():
         if not path.exists():
             raise RecordingError('read', path, 'there is no such file or directory', _REMEDY)
         return [path]
-    listing = None
-    with suppress(RecordingError):
-        listing = read_listing(path)
     if listing is not None:
         listed = [path / name for name in listed_files(listing)]
         if found := [file for file in listed if file.exists()]:
@@ -134,7 +137,14 @@ class RunReader:
         self._unpacked = Unpacked()
         self.files: list[McapFile | SqliteFile] = []
         self._empty: list[str] = []
-        paths = bag_files(self.path)
+        self._listing: Mapping[str, Any] | None = None
+        self._listing_error = ''
+        if self.path.is_dir():
+            try:
+                self._listing = read_listing(self.path)
+            except RecordingError as error:
+                self._listing_error = str(error)
+        paths = _files_of(self.path, self._listing)
         for name in paths:
             if len(self._empty) < len(paths) - 1 and _is_empty(name):
                 # A recorder of several files was killed before it wrote to its last one.
@@ -152,13 +162,7 @@ class RunReader:
             self.files.append(file)
         self.unusable = sum(file.unusable for file in self.files)
         self.complete = all(file.finished for file in self.files) and not self._empty
-        self._listing: Mapping[str, Any] | None = None
-        self._listing_error = ''
         if self.path.is_dir():
-            try:
-                self._listing = read_listing(self.path)
-            except RecordingError as error:
-                self._listing_error = str(error)
             self.complete &= self._listing is not None and not self.missing
         blocks = [block for file in self.files for block in file.blocks]
         self.start_ns: int | None = min((block.start_ns for block in blocks), default=None)

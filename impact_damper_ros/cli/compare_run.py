@@ -7,6 +7,7 @@ import argparse
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -110,10 +111,10 @@ def _write_report(arguments: argparse.Namespace, comparison: RunComparison, comm
 
 def _scored(arguments: argparse.Namespace) -> int:
     """Score recordings, and write what was asked for."""
-    from impact_damper_ros.compare.score import score_run
+    from impact_damper_ros.compare.score import Tried, score_run
     from impact_damper_ros.report.score_report import score_figure, score_table, score_text
 
-    runs = _each(arguments, 'score', score_run)
+    runs = _each(arguments, 'score', partial(score_run, tried=Tried(dict)))
     write_json(arguments.json, {'runs': [run.as_dict() for run in runs]})
     if arguments.markdown is not None:
         write_text(arguments.markdown, score_table(runs).markdown() + '\n')

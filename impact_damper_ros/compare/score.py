@@ -8,7 +8,9 @@ with M alone. In them no control acts, neither on the stops nor on M.
 
 from __future__ import annotations
 
+import json
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
@@ -20,7 +22,7 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 from impact_damper_ros.replay import RecordedRun, Replay, WhatIf
-from impact_damper_ros.replay.command import Command
+from impact_damper_ros.replay.command import Command, Setting
 from impact_damper_ros.replay.replay import Part
 from impact_damper_ros.replay.rows import NO_EVENTS
 from impact_damper_ros.rig.runaway import RunawayError
@@ -150,6 +152,25 @@ class _History:
                 self._parts.append(Part(last, NO_EVENTS, part.command, part.steps, part.before))
             yield part
 
+    def of_every_gap(self) -> str:
+        """Return all that a run with a fixed gap depends on beside the gap, as a text."""
+
+        def text(step: Any) -> str:
+            return repr(step.rig.replace(gap=1.0) if isinstance(step, Setting) else step)
+
+        here = WhatIf(self._start, {'gap_control': 'off'})
+        begun = self._start.initial if here.from_initial else json.dumps(self._start.state)
+        parts = [
+            (
+                part.samples['time'].tolist(),
+                part.command and part.command.time_ns,
+                [(time_ns, text(step)) for time_ns, step in part.steps],
+            )
+            for part in self._parts
+        ]
+        start = self._start.time_ns, text(Setting.of(self._start.state))
+        return repr((begun, start, self.begins, parts))
+
     def run(self, held: Mapping[str, Any]) -> list[RecordedStretch]:
         """Return the stretches of a run with some parameters held, or raise RunawayError."""
         other = WhatIf(self._start, {'gap_control': 'off', **held}, compiled=self.compiled)
@@ -167,10 +188,13 @@ def _best_gap(
     alone: Overall,
     rig: Any,
     own: set[float],
+    known: dict[float, float],
     progress: Callable[[float], object],
 ) -> float:
     """
     Return the fixed gap with which the rms of X over a history is least, m.
+
+    `known` has the rms over the logarithm of gaps that were tried, and gets what is tried here.
 
     Over the gap the rms is not smooth: the gaps of the run itself are tried, too, and there may be
     better ones between those that are tried.
@@ -185,10 +209,12 @@ def _best_gap(
 
     def rms(log_gap: float) -> float:
         progress(min(1.0, next(tries) / most))
-        try:
-            return _joined(history.run({'gap': math.exp(log_gap)})).x_rms
-        except RunawayError:
-            return math.inf
+        if log_gap not in known:
+            try:
+                known[log_gap] = _joined(history.run({'gap': math.exp(log_gap)})).x_rms
+            except RunawayError:
+                known[log_gap] = math.inf
+        return known[log_gap]
 
     ideal = math.log(share * alone.x_max)
     tried = ideal + np.log([*_NARROW, *_WIDE])
@@ -206,11 +232,21 @@ def _best_gap(
     return min(gaps, key=lambda gap: gaps[gap])
 
 
-def score_run(recorded: RecordedRun, *, progress: Callable[[float], object] = float) -> RunScore:
+#: For each history that was scored the rms of X, m, over the logarithm of the gaps tried.
+Tried = defaultdict[str, dict[float, float]]
+
+
+def score_run(
+    recorded: RecordedRun,
+    *,
+    tried: Tried | None = None,
+    progress: Callable[[float], object] = float,
+) -> RunScore:
     """
     Score a recorded run, beside the same run with the best fixed gap and with M alone.
 
-    `progress` is called now and then with the share of the work that is done.
+    `tried` keeps what was tried, for other recordings of the same history. `progress` is called
+    now and then with the share of the work that is done.
     """
     reader = recorded.reader
     span = reader.span or 1.0
@@ -243,6 +279,7 @@ def score_run(recorded: RecordedRun, *, progress: Callable[[float], object] = fl
     if _joined(alone).x_max:
         gap = _best_gap(
             *(history, _joined(alone), rig, own),
+            {} if tried is None else tried[history.of_every_gap()],
             lambda share: progress(_REPLAYED + (1.0 - _REPLAYED) * share),
         )
     fixed = history.run({'gap': gap})

@@ -11,7 +11,7 @@ from rigs import BENCH, OFF_RESONANCE
 
 from impact_damper_ros import GapControlParameters, InitialConditions, Order, Rig
 from impact_damper_ros.cli.compare_run import main
-from impact_damper_ros.compare.score import score_run
+from impact_damper_ros.compare.score import Tried, score_run
 from impact_damper_ros.replay import RecordedRun
 from impact_damper_ros.report.score_report import score_table
 
@@ -21,8 +21,12 @@ TIMED = GapControlParameters(
 LOUDER = {'force_amplitudes': (1.8,)}
 
 
-def scored(bag):
-    return score_run(RecordedRun(bag, purpose='score'))
+#: What `score` has tried
+TRIED = Tried(dict)
+
+
+def scored(bag, tried=None):
+    return score_run(RecordedRun(bag, purpose='score'), tried=tried)
 
 
 def recorded(tmp_path, parameters, *, seconds=12, control=None, initial=None, name='bag'):
@@ -39,7 +43,7 @@ def timed(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def score(timed):
-    return scored(timed)
+    return scored(timed, TRIED)
 
 
 @pytest.fixture
@@ -75,7 +79,7 @@ def test_m_alone_and_its_settling_time(tmp_path):
 def test_the_best_fixed_gap(score, tmp_path):
     """The same history recorded with that gap has the same numbers; other gaps are worse."""
     gap = score.best_gap
-    again = scored(recorded(tmp_path, BENCH.replace(gap=gap)))
+    again = scored(recorded(tmp_path, BENCH.replace(gap=gap)), TRIED)
     assert again.best_gap == gap
     for one, other in zip(score.stretches, again.stretches, strict=True):
         for name, value in vars(other.run).items():
@@ -87,6 +91,24 @@ def test_the_best_fixed_gap(score, tmp_path):
             squares.append(np.mean(rig.run(end, instants).samples['x'] ** 2))
             rig.change(rig.parameters.replace(**LOUDER))
         assert score.overall.fixed_gap.x_rms < 1.002 * math.sqrt(np.mean(squares))
+
+
+@pytest.mark.usefixtures('few_gaps')
+def test_gaps_are_tried_once_for_recordings_of_one_history(timed, tmp_path):
+    tried = Tried(dict)
+    scored(timed, tried)
+    (rms,) = tried.values()
+    before = {**rms}
+    off = recorded(tmp_path, BENCH.replace(gap=0.03), name='off')
+    shared = scored(off, tried)
+    assert list(tried.values()) == [before | {math.log(0.03): rms[math.log(0.03)]}]
+    assert vars(shared).keys() == vars(alone := scored(off)).keys()
+    for name in ('best_gap', 'stretches', 'overall'):
+        assert getattr(shared, name) == getattr(alone, name)
+    for name, changes in (('mass', {'damper_mass': 0.3}), ('stop', {'restitution_1': 0.5})):
+        scored(recorded(tmp_path, BENCH.replace(**changes), name=name), tried)
+    scored(recorded(tmp_path, BENCH, seconds=11, name='short'), tried)
+    assert len(tried) == 4
 
 
 def test_what_the_control_did(score):

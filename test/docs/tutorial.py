@@ -29,7 +29,10 @@ LIVE = {'sim_node': 'real time', 'rig_page': 'the page is at'}
 FOREIGN = ('make', 'pip', 'ros2', 'source')
 #: A node's clock runs ahead of the reader's, who also waits for plain Python.
 _FASTER = 'real_time_factor'
-_LONG = 'Rig(rig), cycles=22_000', 'Rig(rig, compiled=None), cycles=22_000'
+_LONG = {
+    'Rig(rig), cycles=22_000': 'Rig(rig, compiled=None), cycles=22_000',
+    'control, law=law)': 'control, law=law, compiled=not law and None)',
+}
 #: Fewer points of a curve, with those that the page prints among them.
 _FEWER = '7.6Hz:12.4Hz:25', '7.6Hz:12.4Hz:7'
 
@@ -130,8 +133,10 @@ class Reader:
         if self._saved(text):
             return
         printed = io.StringIO()
+        for plain, compiled in _LONG.items():
+            text = text.replace(plain, compiled)
         with contextlib.chdir(self.place), contextlib.redirect_stdout(printed):
-            exec(compile(text.replace(*_LONG), str(self.page), 'exec'), self.names)
+            exec(compile(text, str(self.page), 'exec'), self.names)
         self.printed = printed.getvalue()
 
     def _bash(self, text):

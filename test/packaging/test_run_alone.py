@@ -1,5 +1,6 @@
 """What `.ci/run` makes of tests that fail, in a folder of its own."""
 
+import os
 import re
 import shutil
 import signal
@@ -67,16 +68,17 @@ ALONE = {'test_call', 'test_before', 'test_after'}
 @pytest.fixture
 def tested(tmp_path):
     """Return a function that runs tests as `.ci/run` does, until they end."""
-    for name in ('conftest.py', 'run_alone.py'):
-        shutil.copy(SOURCE / 'test' / name, tmp_path)
-    settings = '[pytest]\naddopts = -ra --import-mode=importlib\npythonpath = .\n'
-    (tmp_path / 'pytest.ini').write_text(settings)
+    shutil.copy(SOURCE / 'test' / 'run_alone.py', tmp_path / 'conftest.py')
+    (tmp_path / 'pytest.ini').write_text('[pytest]\naddopts = -ra -p xdist.plugin\n')
+    # A dozen processes load no plugin that is not needed here.
+    environment = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1', 'PYTHONUNBUFFERED': '1'}
     (options,) = re.findall(r"ARGS='(.+)'", (SOURCE / '.ci' / 'run').read_text(encoding='utf-8'))
 
     def run(*tests):
         (tmp_path / 'test_some.py').write_text('\n'.join(tests))
         # All are in one file, for which one process is enough.
-        return Running(tmp_path, '-m', 'pytest', *options.replace('-n 4', '-n 1').split())
+        words = ['pytest', *options.replace('-n 4', '-n 1').split()]
+        return Running(tmp_path, '-m', *words, environment=environment)
 
     return run
 
@@ -125,6 +127,8 @@ def test_many_failures_are_failures(tested):
 def test_interrupted_run_shows_what_failed(tested, tmp_path):
     with tested(ONCE, LASTS) as process:
         process.until((tmp_path / 'lasts').exists)
+        # The failures before it are held back: each has its R in the line of progress.
+        process.until(lambda: process.output.count('R') == len(ALONE))
         assert process.stop(signal.SIGINT) == 2, process.output
         output = process.output
     assert listed(output) == (ALONE, set()), output
