@@ -9,18 +9,16 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from running import SOURCE
 from setup_file import COMMANDS
 from tqdm import tqdm
 
-import impact_damper_ros
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli import command_line
 from impact_damper_ros.cli.command_line import CommandError, outcome
 from impact_damper_ros.cli.rig_options import given_rig
 from impact_damper_ros.rig.runaway import RunawayError
-
-ROOT = Path(impact_damper_ros.__file__).parents[1]
 
 
 @pytest.fixture(scope='module')
@@ -111,11 +109,7 @@ def test_messages_are_above_a_progress_bar(capsys):
         ('simulate_rig bench_rig --duration 0.1 --quiet', 0),
         ('simulate_rig bench_rig --duration 0.1 --impacts -', 1),
         ('simulate_rig --parameters', 1),
-        ('simulate_rig --version', 1),
-        ('solve_periodic bench_rig --impacts 2 --cycles 1', 1),
         ('replay_run BAG', 1),
-        ('compare_run BAG', 1),
-        ('recover_run BAG', 1),
         ('set_rig --version', 1),
         ('sim_node --version', 1),
     ],
@@ -129,7 +123,7 @@ def test_a_standard_output_that_is_closed(words, code, tmp_path, short_bag):
     ended = subprocess.run(
         ['sh', '-c', program],
         cwd=tmp_path,
-        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        env={**os.environ, 'PYTHONPATH': str(SOURCE)},
         capture_output=True,
         text=True,
         check=False,
@@ -188,17 +182,12 @@ def test_version(command, capsys):
 
 
 def test_version_of_the_node():
-    """As a process: the node takes the signals of its own for good."""
+    """In a process: the node takes the signals of its own for good."""
     pytest.importorskip('rclpy')
-    said = [
-        subprocess.run(
-            [sys.executable, '-m', 'impact_damper_ros.node.sim_node', option],
-            env={**os.environ, 'PYTHONPATH': str(ROOT)},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for option in ('--version', '--help')
-    ]
-    assert said[0] == f'sim_node (impact_damper_ros) {__version__}\n'
-    assert '--version' in said[1]
+    code = 'import sys; from impact_damper_ros.node.sim_node import main; '
+    code += 'sys.exit(main(["", "--version"]) or main(["", "--help"]))'
+    words = [sys.executable, '-c', code]
+    environment = {**os.environ, 'PYTHONPATH': str(SOURCE)}
+    said = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    assert said.stdout.startswith(f'sim_node (impact_damper_ros) {__version__}\nusage: sim_node')
+    assert '--version]' in said.stdout

@@ -128,7 +128,7 @@ def test_an_angle_changed_on_the_way(tmp_path):
 def test_what_has_no_theory_is_measured(tmp_path, capsys, settings, kind, reason):
     params = params_file(tmp_path / 'params.yaml', BENCH)
     words = [word for setting in settings for word in ('--set', setting)]
-    words += ['--duration', '20', '--bag', str(tmp_path / 'bag'), '--quiet']
+    words += ['--duration', '12', '--bag', str(tmp_path / 'bag'), '--quiet']
     assert simulate_rig([str(params), *words]) == 0
     assert main([str(tmp_path / 'bag'), '--json', '-']) == 0
     said = capsys.readouterr()
@@ -335,9 +335,7 @@ def test_a_report(tmp_path, capsys):
 
 
 @pytest.mark.filterwarnings('error')
-@pytest.mark.parametrize(
-    ('count', 'value'), [(1, None), (2, 1e300), (3, None), (40, None), (40, 1e12), (600, 1e300)]
-)
+@pytest.mark.parametrize(('count', 'value'), [(1, None), (3, None), (40, 1e12), (600, 1e300)])
 def test_a_report_of_short_and_of_wrong_recordings(tmp_path, count, value):
     """A few messages, one of which may have a number that X cannot have."""
     pytest.importorskip('matplotlib')

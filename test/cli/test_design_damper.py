@@ -1,56 +1,60 @@
 """`design_damper` as a user runs it."""
 
 import csv
+import io
 import json
 import re
-from pathlib import Path
+from contextlib import redirect_stdout
 
 import pytest
+from running import SOURCE
 
-import impact_damper_ros
 from impact_damper_ros import load_parameters
-from impact_damper_ros.cli.design_damper import main
+from impact_damper_ros.cli.design_damper import _parser, _rig, main
 from impact_damper_ros.cli.fit_rig import main as fit_rig
 from impact_damper_ros.design.fitted import load_fitted
 
 STRUCTURE = ['--mass', '5kg', '--frequency', '10Hz', '--damping-ratio', '2%', '--base', '0.2g']
 
 
-def test_files_and_words(tmp_path, capsys):
-    outputs = {
-        '--csv': tmp_path / 'designs.csv',
-        '--json': tmp_path / 'design.json',
-        '--figure': tmp_path / 'design.png',
-        '--rig-out': tmp_path / 'rig.yaml',
-    }
-    words = [str(word) for pair in outputs.items() for word in pair]
-    assert main([*STRUCTURE, '--mass-ratio', '5%', '--restitution', '0.5:0.7', *words]) == 0
-    text = capsys.readouterr().out
+@pytest.fixture(scope='module')
+def designed(tmp_path_factory):
+    """Return the files of the design of the README, and what is printed."""
+    place = tmp_path_factory.mktemp('design')
+    names = {'csv': 'designs.csv', 'json': 'design.json', 'figure': 'd.png', 'rig-out': 'rig.yaml'}
+    outputs = {name: place / file for name, file in names.items()}
+    words = [word for name, path in outputs.items() for word in (f'--{name}', str(path))]
+    line = ['--mass-ratio', '5%', '--restitution', '0.5:0.7']
+    with redirect_stdout(io.StringIO()) as printed:
+        assert main([*STRUCTURE, *line, *words]) == 0
+    return outputs, ' '.join(printed.getvalue().split())
+
+
+def test_files_and_words(designed):
+    outputs, text = designed
     assert 'Chosen: 5 % of the mass, 250 g, for R = 0.6.' in text
     assert 'with R from 0.5 to 0.7 and the level from 0.5 to 2' in text
     assert 'tuned mass damper' in text
     assert 'Test plan' in text
-    found = json.loads(outputs['--json'].read_text())
+    assert 'In the settled motion alone R, friction and gap cannot be distinguished' in text
+    found = json.loads(outputs['json'].read_text())
     (design,) = found['designs']
     assert design['mass_ratio'] == pytest.approx(0.05)
     assert design['reached_from_rest']
     assert design['starts_by_itself'] is None
     assert 0.0 < design['reduction'] < 0.25
     assert found['uncertain']['ranges'] == {f'restitution_{n}': [0.5, 0.7] for n in (1, 2)}
-    (row,) = csv.DictReader(outputs['--csv'].read_text().splitlines())
-    assert float(row['gap']) == design['gap']
-    rig, _, _ = load_parameters(outputs['--rig-out'])
-    assert rig.gap == design['gap']
+    (row,) = csv.DictReader(outputs['csv'].read_text().splitlines())
+    rig, _, _ = load_parameters(outputs['rig-out'])
+    assert float(row['gap']) == rig.gap == design['gap']
     assert (rig.base_amplitudes, rig.base_quantity) == ((0.2 * 9.80665,), 'acceleration')
-    assert outputs['--figure'].read_bytes()[:4] == b'\x89PNG'
+    assert outputs['figure'].read_bytes()[:4] == b'\x89PNG'
 
 
-def test_the_answers_of_the_readme(capsys):
+def test_the_answers_of_the_readme(designed):
     """Its table has the numbers that the command prints for the mass that it chooses."""
-    line = ['--restitution', '0.5:0.7', '--mass-ratio', '5%']
-    assert main([*STRUCTURE, *line]) == 0
-    text = ' '.join(capsys.readouterr().out.split())
-    readme = (Path(impact_damper_ros.__file__).parents[1] / 'README.md').read_text()
+    _, text = designed
+    readme = (SOURCE / 'README.md').read_text()
     for number in ('250 g', '14.2 %', '1.76 mm', '2.33 mm'):
         assert number in text
         assert number in readme
@@ -59,11 +63,9 @@ def test_the_answers_of_the_readme(capsys):
     worst = float(re.search(r'a gap of ([0-9.]+) mm has the best worst case', text)[1])
     assert f'{worst:.1f} mm leaves half at worst' in readme
     assert re.search(r'best worst case from rest, (49|50)\.\d %', text)
-    gaps, levels = re.search(
-        r'to ([0-9.]+) mm \(Neimark-Sacker\), levels from ([0-9.]+)', text
-    ).groups()
-    assert float(gaps) / 21.48 == pytest.approx(1.05, abs=0.005)
-    assert float(levels) == pytest.approx(0.95, abs=0.005)
+    ends = re.search(r'to ([0-9.]+) mm \(Neimark-Sacker\), levels from ([0-9.]+)', text)
+    assert float(ends[1]) / 21.48 == pytest.approx(1.05, abs=0.005)
+    assert float(ends[2]) == pytest.approx(0.95, abs=0.005)
 
 
 def test_a_light_damper_has_to_be_started(capsys):
@@ -106,13 +108,8 @@ def test_a_structure_has_to_be_known(capsys):
     )
 
 
-def test_what_a_bench_test_shows(tmp_path, capsys):
-    rig, figure = tmp_path / 'damper.yaml', tmp_path / 'check.png'
-    assert main([*STRUCTURE, '--mass-ratio', '5%', '--rig-out', str(rig)]) == 0
-    design = capsys.readouterr().out
-    assert 'In the settled motion alone R, friction and gap cannot be distinguished' in ' '.join(
-        design.split()
-    )
+def test_what_a_bench_test_shows(designed, tmp_path, capsys):
+    rig, figure = designed[0]['rig-out'], tmp_path / 'check.png'
     words = ['--restitution', '0.5:0.7', '--friction', '0:0.2', '--figure', str(figure)]
     assert main(['--check', str(rig), *words, '--json', str(tmp_path / 'check.json')]) == 0
     text = ' '.join(capsys.readouterr().out.split())
@@ -150,28 +147,23 @@ FITTED = """\
 """
 
 
-def test_intervals_of_a_fit_are_the_uncertainty(tmp_path, capsys):
-    fitted, result = tmp_path / 'fitted.yaml', tmp_path / 'design.json'
+def test_intervals_of_a_fit_are_the_uncertainty(tmp_path):
+    fitted = tmp_path / 'fitted.yaml'
     fitted.write_text(FITTED)
-    assert main(['--fitted', str(fitted), '--json', str(result)]) == 0
-    found = json.loads(result.read_text())
-    assert found['uncertain']['ranges'] == {
-        'restitution_1': [0.58, 0.644],
-        'restitution_2': [0.57, 0.64],
-        'friction': [0.0, 0.01],
-        'stiffness': [19700.0, 19780.0],
-        'damping': [12.0, 13.2],
+    rig, ranges = _rig(_parser().parse_args(['--fitted', str(fitted)]))
+    assert ranges == {
+        'restitution_1': (0.58, 0.644),
+        'restitution_2': (0.57, 0.64),
+        'friction': (0.0, 0.01),
+        'stiffness': (19700.0, 19780.0),
+        'damping': (12.0, 13.2),
     }
-    (design,) = found['designs']
-    assert design['damper_mass'] == 0.3
-    assert found['chosen']['parameters']['force_amplitudes'] == [7.0]
-    text = ' '.join(capsys.readouterr().out.split())
-    assert 'R from 0.57 to 0.644, friction from 0 to 0.01, stiffness from' in text
+    assert (rig.damper_mass, rig.force_amplitudes) == (0.3, (7.0,))
 
 
 def test_from_measured_data_to_a_damper(tmp_path, capsys):
     """What fit_rig writes is read, in both forms."""
-    twin = Path(impact_damper_ros.__file__).parents[1] / 'examples' / 'twin'
+    twin = SOURCE / 'examples' / 'twin'
     fitted, fit, result = (tmp_path / name for name in ('fitted.yaml', 'fit.json', 'design.json'))
     files = [twin / 'start.csv', '--impacts', twin / 'hits.csv', '--rig', twin / 'rig.yaml']
     words = [str(word) for word in (*files, '--rig-out', fitted, '--json', fit)]
@@ -180,14 +172,14 @@ def test_from_measured_data_to_a_damper(tmp_path, capsys):
     more = ['--mass', '2kg', '--force', '1.5N', '--at', '5.0611Hz']
     words = ['--fitted', str(fit), '--mass-ratio', '6%', '--json', str(result), *more]
     assert main(words) == 0
-    for ranges in (
-        json.loads(result.read_text())['uncertain']['ranges'],
-        load_fitted(fitted).ranges,
-    ):
+    uncertain = json.loads(result.read_text())['uncertain']['ranges']
+    for ranges in (uncertain, load_fitted(fitted).ranges):
         for name in ('restitution_1', 'friction', 'stiffness', 'damping'):
             assert ranges[name] == pytest.approx(known[name]['interval'], rel=1e-3)
+    text = ' '.join(capsys.readouterr().out.split())
     low, high = (f'{end:.5g}' for end in known['stiffness']['interval'])
-    assert f'stiffness from {low} to {high} N/m' in ' '.join(capsys.readouterr().out.split())
+    assert f'stiffness from {low} to {high} N/m' in text
+    assert re.search(r'with R from 0\.\d+ to 0\.\d+, friction from 0\.\d+ to 0\.\d+, stiff', text)
 
 
 @pytest.mark.parametrize('text', ['{}', '{"parameters": {"friction": 3}}', '[', 'null'])

@@ -42,31 +42,18 @@ BAG = 'runs/run_20261120_221707'
 #: The one that a command of the README makes, for others after it.
 MADE = 'runs/bench'
 #: Of other packages: only what is said of this one in them is looked at.
-FOREIGN = (
-    'sed',
-    *(
-        'cd',
-        'colcon',
-        'dask',
-        'docker',
-        'done',
-        'eval',
-        'export',
-        'for',
-        'git',
-        'mkdir',
-        'pip',
-        'python3',
-        'rosdep',
-    ),
-    *('source', 'sudo', 'touch'),
-)
+FOREIGN = {
+    *('cd', 'colcon', 'dask', 'docker', 'done', 'eval', 'export', 'for', 'git', 'make', 'mkdir'),
+    *('pip', 'python', 'python3', 'ros2', 'rosdep', 'sed', 'source', 'sudo', 'touch'),
+}
 #: Less of the same, so that it does not take minutes: what is replaced, by what.
 LESS = (
     ('--duration 42000', '--duration 420'),
     ('sweep_dwell=2000', 'sweep_dwell=20'),
     ('--duration 3600', '--duration 20'),
     ('--duration 400', '--duration 16 --psd-lines 20'),
+    ('--duration 60 --states', '--duration 6 --states'),
+    ('--duration 60 --set force_amplitudes=[0]', '--duration 10 --set force_amplitudes=[0]'),
     ('multisine_lines=128', 'multisine_lines=16'),
     ('=0.4:1.2:33', '=0.4:1.2:2 --no-search'),
     ('--cycles 300 --watch 100', '--cycles 60 --watch 21'),
@@ -168,8 +155,7 @@ def test_every_line_is_known():
     for _, line in LINES:
         words = shlex.split(line, comments=True)
         first = next(word for word in words if '=' not in word)
-        known = own_words(line) or first in (*FOREIGN, 'ros2', 'make', 'python')
-        assert known, line
+        assert own_words(line) or first in FOREIGN, line
     replaced = ' '.join(line for _, line in LINES)
     for longer, _ in LESS:
         assert longer in replaced, f'{longer} stands in no page any more'
@@ -215,21 +201,19 @@ def carry_out(line):
 @pytest.mark.parametrize('line', OWN)
 @pytest.mark.usefixtures('place')
 def test_command(line, capfd):
+    command, *words = own_words(line)
+    checks = {
+        'sim_node': ('rclpy', check_node),
+        'set_rig': ('rclpy', check_settings),
+        'rig_page': ('tornado', check_page),
+    }
+    if command in checks:
+        library, check = checks[command]
+        pytest.importorskip(library)
+        check(words)
+        return
     for extra in ('matplotlib', 'pyarrow'):
         pytest.importorskip(extra)
-    command, *words = own_words(line)
-    if command == 'sim_node':
-        pytest.importorskip('rclpy')
-        check_node(words)
-        return
-    if command == 'rig_page':
-        pytest.importorskip('tornado')
-        check_page(words)
-        return
-    if command == 'set_rig':
-        pytest.importorskip('rclpy')
-        check_settings(words)
-        return
     if 'initial_' in line:
         line += ' --json basins.json'
     if command == 'simulate_rig' and MADE in words:

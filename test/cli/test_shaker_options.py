@@ -82,30 +82,50 @@ def test_seeds_of_base_and_force(table, tmp_path, capsys):
     assert rms == pytest.approx(math.sqrt(0.01 * 5.0))
 
 
+PSD, FORCE, BASE = 'f [Hz],level [g^2/Hz]\n', 't [s],force [N]\n', 't [s],a [g]\n'
+#: What the options add to the refusals of any table, by option.
+BAD = {
+    '--base-psd': {
+        PSD + '3,1e-4\n': '1 rows: give at least 2',
+        PSD + '3,1\n3,1\n': "line 3, column 'f [Hz]': 3 after 3",
+        'f [Hz],level [N^2/Hz]\n3,1\n4,1\n': "has the unit 'N^2/Hz'",
+        'f [Hz],x [g^2/Hz]\n3,1\n4,1\n': 'no column for the level',
+        None: 'cannot be read (No such file or directory): give the path of a table',
+    },
+    '--force-psd': {TABLE: "has the unit 'g^2/Hz': write it behind the name, as level [N^2/"},
+    '--force-record': {
+        FORCE + '0,1\n0.1,\n0.2,1\n': "line 3, column 'force [N]': no",
+        FORCE + '0,1\n0.1,nan\n0.2,1\n': 'line 3',
+        FORCE + '0,1\n0.2,2\n0.1,3\n': 'the column must rise',
+        FORCE + '0,1\n1,1\n2,1\n9,1\n': 'line 5, column',
+        't [s],a [g]\n0,1\n1,1\n': 'no column for the force',
+    },
+    '--base-record': {
+        't [s],a [N]\n0,1\n1,1\n': "has the unit 'N'",
+        't [s],base [mm]\n0,1\n1,1\n': "has the unit 'mm'",
+        BASE + '0,1\n1,1\n2,1\n': '3 samples: give 4 to',
+        't [ms],a [g]\n0,1\n1,1\n2,1\n3,1\n': 'lasts 0.003 s, less than a natural cycle',
+        BASE + '0,1\n1,high\n': "'high' is no number",
+    },
+    '--sweep-levels': {
+        'f [Hz],level [g]\n4,1\n5,0\n': "column 'level [g]': 0: give a positive number",
+        'f [Hz],level [kg]\n4,1\n5,1\n': 'kg',
+    },
+}
+
+
 @pytest.mark.parametrize(
-    ('text', 'option', 'problem'),
-    [
-        ('f [Hz],level [g^2/Hz]\n3,1e-4\n', '--base-psd', '1 rows: give at least 2'),
-        ('f [Hz],level [g^2/Hz]\n3,1\n3,1\n', '--base-psd', "line 3, column 'f [Hz]': 3 after 3"),
-        ('f [Hz],level [g^2/Hz]\n3,1\n4,\n', '--base-psd', "line 3, column 'level [g^2/Hz]': no"),
-        ('f [Hz],level\n3,1\n4,1\n', '--base-psd', "column 'level' has no unit"),
-        ('f [Hz],level [N^2/Hz]\n3,1\n4,1\n', '--base-psd', "has the unit 'N^2/Hz'"),
-        (TABLE, '--force-psd', "has the unit 'g^2/Hz': write it behind the name, as level [N^2/"),
-        ('f [Hz],x [g^2/Hz]\n3,1\n4,1\n', '--base-psd', 'no column for the level'),
-        ('', '--base-psd', 'empty; give a header'),
-        (
-            None,
-            '--base-psd',
-            'cannot be read (No such file or directory): give the path of a table',
-        ),
-    ],
+    ('option', 'text', 'problem'),
+    [(option, *row) for option, rows in BAD.items() for row in rows.items()],
 )
-def test_bad_tables(tmp_path, capsys, text, option, problem):
-    path = tmp_path / 'psd.csv'
+def test_bad_tables(tmp_path, capsys, option, text, problem):
+    path = tmp_path / 'table.csv'
     if text is not None:
         path.write_text(text)
-    assert simulate('--duration', 1, option, path) == 2
-    assert problem in capsys.readouterr().err
+    assert swept('--duration', 1, option, path) == 2
+    printed = capsys.readouterr().err
+    assert problem in printed
+    assert 'Traceback' not in printed
 
 
 def test_too_short_for_an_average(table, tmp_path, capsys):
@@ -183,89 +203,39 @@ def test_a_fine_record_is_the_harmonic_force(tmp_path, capsys):
     assert 'every second sample' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ('option', 'text', 'problem'),
-    [
-        (
-            '--force-record',
-            't [s],force [N]\n0,1\n0.1,\n0.2,1\n',
-            "line 3, column 'force [N]': no",
-        ),
-        ('--force-record', 't [s],force [N]\n0,1\n0.1,nan\n0.2,1\n', 'line 3'),
-        (
-            '--force-record',
-            't [s],force [N]\n0,1\n0.1,2\n0.1,3\n',
-            "line 4, column 't [s]': 0.1 af",
-        ),
-        ('--force-record', 't [s],force [N]\n0,1\n0.2,2\n0.1,3\n', 'the column must rise'),
-        ('--force-record', 't [s],force [N]\n0,1\n1,1\n2,1\n9,1\n', 'line 5, column'),
-        ('--force-record', 't [s],force\n0,1\n1,1\n', "column 'force' has no unit"),
-        ('--force-record', 't,force [N]\n0,1\n1,1\n', "column 't' has no unit"),
-        ('--force-record', 't [s],a [g]\n0,1\n1,1\n', 'no column for the force'),
-        ('--base-record', 't [s],a [N]\n0,1\n1,1\n', "has the unit 'N'"),
-        ('--base-record', 't [s],base [mm]\n0,1\n1,1\n', "has the unit 'mm'"),
-        ('--base-record', 't [s],a [g]\n0,1\n', '1 rows: give at least 2'),
-        ('--base-record', 't [s],a [g]\n0,1\n1,1\n2,1\n', '3 samples: give 4 to'),
-        (
-            '--base-record',
-            't [ms],a [g]\n0,1\n1,1\n2,1\n3,1\n',
-            'lasts 0.003 s, less than a natural cycle',
-        ),
-        ('--base-record', 't [s],a [g]\n0,1\n1,high\n', "'high' is no number"),
-    ],
-)
-def test_bad_records(tmp_path, capsys, option, text, problem):
-    path = tmp_path / 'record.csv'
-    path.write_text(text)
-    assert simulate(option, path) == 2
-    printed = capsys.readouterr().err
-    assert problem in printed
-    assert 'Traceback' not in printed
-
-
-@pytest.mark.parametrize('quantity', ['force', 'base'])
-def test_a_recorded_run_is_replayed(tmp_path, capsys, quantity):
-    """A bag has a copy of the record, and the replay is the same to the last bit."""
-    bag, states = tmp_path / 'bag', [tmp_path / f'{name}.csv' for name in ('a', 'b')]
-    record = (f'--{quantity}-record', CONFIG / f'{quantity}_record.csv', '--duration', 3)
-    change = ('--change', '1.0037:gap=0.02', '--set', 'force_amplitudes=0')
-    assert simulate(*record, *change, '--bag', bag, '--states', states[0]) == 0
-    assert replay_run([str(bag), '--states', str(states[1])]) == 0
-    printed = capsys.readouterr().out
-    assert 'identical: the run is reproduced bit for bit' in printed
+def test_a_recorded_run_under_records_is_replayed_and_measured_without_theory(tmp_path, capsys):
+    """A bag has copies of the records; each stretch is measured at its samples and events."""
+    bag, again, found = (tmp_path / name for name in ('bag', 'again.csv', 'found.json'))
+    tables = {name: tmp_path / f'{name}.csv' for name in ('states', 'impacts')}
+    words = [
+        f'--{quantity}-record={CONFIG / f"{quantity}_record.csv"}'
+        for quantity in ('force', 'base')
+    ]
+    words += ['--duration', 3, '--change', '1.0037:gap=0.004', '--set', 'force_amplitudes=0']
+    outputs = [word for name, path in tables.items() for word in (f'--{name}', path)]
+    assert simulate(*words, '--bag', bag, *outputs) == 0
+    assert replay_run([str(bag), '--states', str(again)]) == 0
+    assert 'identical: the run is reproduced bit for bit' in capsys.readouterr().out
+    rows = rows_of(tables['states'])
+    replayed = [(row['x'], row['base']) for row in rows_of(again)]
+    assert replayed == [(row['x'], row['base']) for row in rows]
     assert compare_run([str(bag), '--score']) == 2
     assert 'a measured record acts on its rig' in capsys.readouterr().err
-    tables = [list(csv.DictReader(path.read_text().splitlines())) for path in states]
-    assert [row['x'] for row in tables[0]] == [row['x'] for row in tables[1]]
-    assert [row['base'] for row in tables[0]] == [row['base'] for row in tables[1]]
-
-
-@pytest.mark.parametrize('quantity', ['force', 'base'])
-def test_a_recorded_run_is_measured_without_theory(tmp_path, quantity):
-    """Each stretch at its samples and events; a what-if beside it is measured alike."""
-    bag, states, found = tmp_path / 'bag', tmp_path / 'states.csv', tmp_path / 'found.json'
-    record = (f'--{quantity}-record', CONFIG / f'{quantity}_record.csv', '--duration', 3)
-    change = ('--change', '1.0037:gap=0.004', '--set', 'force_amplitudes=0')
-    tables = '--bag', bag, '--states', states, '--impacts', tmp_path / 'impacts.csv'
-    assert simulate(*record, *change, *tables) == 0
-    hits = (tmp_path / 'impacts.csv').read_text().count(',impact\n')
-    rows = rows_of(states)
-    time, x = (np.array([float(row[name]) for row in rows]) for name in ('time', 'x'))
+    hits = tables['impacts'].read_text().count(',impact\n')
     assert hits > 5
+    time, x = (np.array([float(row[name]) for row in rows]) for name in ('time', 'x'))
     assert compare_run([str(bag), '--json', str(found), '--report', str(tmp_path)]) == 0
     result = json.loads(found.read_text())
-    assert result['overall']['impacts'] == hits
-    assert result['overall']['force_work'] is None
+    assert (result['overall']['impacts'], result['overall']['force_work']) == (hits, None)
     for stretch, inside in zip(result['stretches'], (time < 1.0037, time > 1.0037), strict=True):
-        assert stretch['log'] == 'reproduced'
-        assert stretch['verdict'] == 'no prediction'
+        assert (stretch['log'], stretch['verdict']) == ('reproduced', 'no prediction')
         assert 'a measured record acts on the rig' in stretch['sentence']
         overall = stretch['overall']
         assert np.abs(x[inside]).max() <= overall['x_max'] < 1.05 * np.abs(x).max()
-        assert overall['x_rms'] == pytest.approx(np.sqrt(np.mean(x[inside] ** 2)), rel=1e-9)
         late = inside & (time >= stretch['measured']['start'])
-        expected = np.sqrt(np.mean(x[late] ** 2))
-        assert stretch['measured']['x_rms'] == pytest.approx(expected, rel=1e-9)
+        for part, samples in ((overall, inside), (stretch['measured'], late)):
+            assert part['x_rms'] == pytest.approx(np.sqrt(np.mean(x[samples] ** 2)), rel=1e-9)
+    # A what-if beside it is measured alike.
     assert replay_run([str(bag), '--set', 'gap=0.004', '--json', str(found)]) == 0
     both = json.loads(found.read_text())['what_if']
     assert both['recorded']['x_rms'] == result['overall']['x_rms']
@@ -335,29 +305,6 @@ def test_a_notched_sweep(tmp_path):
     levels = [float(r['level [N]']) for r in rows_of(response)]
     assert levels[::4] == pytest.approx([1.5, 0.5, 1.5])
     assert 'x - b [mm]' not in rows_of(response)[0]
-
-
-@pytest.mark.parametrize(
-    ('text', 'problem'),
-    [
-        ('f [Hz],level\n4,1\n5,2\n', 'level'),
-        ('f [Hz],level [g]\n4,1\n', '1 rows: give at least 2'),
-        (
-            'f [Hz],level [g]\n4,1\n4,2\n',
-            "line 3, column 'f [Hz]': 4 after 4: the column must rise",
-        ),
-        ('f [Hz],level [g]\n4,1\n5,0\n', "line 3, column 'level [g]': 0: give a positive number"),
-        ('f [Hz],level [g]\n4,1\n5,\n', "line 3, column 'level [g]': no number"),
-        ('f [Hz],level [kg]\n4,1\n5,1\n', 'kg'),
-        (None, 'cannot be read'),
-    ],
-)
-def test_bad_levels(tmp_path, capsys, text, problem):
-    table = tmp_path / 'levels.csv'
-    if text is not None:
-        table.write_text(text)
-    assert swept('--sweep-levels', table) == 2
-    assert problem in capsys.readouterr().err
 
 
 def test_a_response_needs_a_sweep_of_one_rig(tmp_path, capsys):

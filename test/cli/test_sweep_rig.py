@@ -109,49 +109,42 @@ def test_rigs_under_gap_control(tmp_path):
 
 def test_rigs_that_wait_for_an_external_controller(tmp_path, capsys):
     """They once ended the command, and no row was written."""
-    output = tmp_path / 'external.csv'
-    control = '--set', 'gap_control=external', '--cycles', '100', '--watch', '30'
-    assert run(*AT_102, *control, '--vary', 'gap=24:37:2', '--no-search', '-o', output) == 0
-    table = pd.read_csv(output, comment='#')
+    words = ['--set', 'gap_control=external', '--cycles', 30, '--watch', 21, '--vary', 'gap=24,37']
+    words += ['--measure', 'lyapunov_exponent', '--jobs', 1, '-o', tmp_path / 'external.csv']
+    assert run(*AT_102, *words) == 0
+    table = pd.read_csv(tmp_path / 'external.csv', comment='#')
     assert table.ok.all()
     assert set(table.kind) <= {'periodic', 'undecided'}
     assert table.lyapunov_exponent.isna().all()
-    other = '--measure', 'lyapunov_exponent', '-o', tmp_path / 'b.csv'
-    assert run(*AT_102, *control, '--vary', 'gap=24:37:2', *other) == 0
     assert 'exponents and multipliers are not measured' in capsys.readouterr().err
 
 
-def test_killed_sweep_loses_nothing_and_goes_on(tmp_path):
-    """Kill -9 in the middle; the workers end too; the same command completes the table."""
-    whole, table = tmp_path / 'whole.parquet', tmp_path / 'killed.parquet'
-    journal = tmp_path / 'killed.parquet.part'
-    with started(tmp_path / 'place', *LONG, '--jobs', '2', '-o', table) as process:
-        done = wait_for_rigs(process, journal, 3)
+def test_interrupted_and_killed_sweeps_lose_nothing_and_go_on(tmp_path):
+    """Ctrl-C, then kill -9: the workers end too, and the same command completes the table."""
+    place = tmp_path / 'place'
+    place.mkdir()
+    table, whole = place / 'cut.parquet', tmp_path / 'whole.parquet'
+    journal = place / 'cut.parquet.part'
+    words = (*LONG, '--jobs', '2', '-o', table)
+    with started(tmp_path / 'output', *words) as process:
+        done = wait_for_rigs(process, journal, 1)
+        assert process.stop() == 128 + signal.SIGINT
+    for text in ('interrupted', 'of 60 rigs are in', 'give the same command again to resume'):
+        assert text in process.errors
+    assert 'Traceback' not in process.errors
+    assert list(place.iterdir()) == [journal]
+    assert rigs_in(journal) >= done
+    with started(tmp_path / 'output', *words) as process:
+        done = wait_for_rigs(process, journal, rigs_in(journal) + 3)
         workers = children_of(process.pid)
     assert len(workers) >= 2
     until(lambda: not any(map(alive, workers)), 'a worker outlives the sweep')
     assert not table.exists()
-    kept = rigs_in(journal)
-    assert done <= kept < 60
-    assert run(*LONG, '--jobs', 1, '-o', table, '--quiet') == 0
+    assert done <= rigs_in(journal) < 60
+    for path in (table, whole):
+        assert run(*LONG, '--jobs', 1, '-o', path, '--quiet') == 0
     assert not journal.exists()
-    assert run(*LONG, '--jobs', 1, '-o', whole, '--quiet') == 0
     assert table.read_bytes() == whole.read_bytes()
-
-
-def test_an_interrupted_sweep_says_how_to_go_on(tmp_path):
-    place = tmp_path / 'place'
-    place.mkdir()
-    table = place / 'cut.parquet'
-    with started(tmp_path / 'output', *LONG, '--jobs', '2', '-o', table) as process:
-        wait_for_rigs(process, place / 'cut.parquet.part', 1)
-        assert process.stop() == 128 + signal.SIGINT
-    said = process.errors
-    assert 'interrupted' in said
-    assert 'of 60 rigs are in' in said
-    assert 'give the same command again to resume' in said
-    assert 'Traceback' not in said
-    assert [path.name for path in place.iterdir()] == ['cut.parquet.part']
 
 
 def test_another_command_on_the_same_output_is_refused(tmp_path, capsys):
