@@ -18,7 +18,7 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import (
     Command,
-    LaunchConfiguration,
+    LaunchConfiguration as Given,
     NotEqualsSubstitution,
     PathJoinSubstitution,
     PythonExpression,
@@ -28,10 +28,8 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 
 SHARE = FindPackageShare('impact_damper_ros')
-NAMESPACE = LaunchConfiguration('namespace')
-PARAMS_FILE = LaunchConfiguration('params_file')
-RATE = LaunchConfiguration('measurement_rate')
-SIMULATED = ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)
+NAMESPACE, PARAMS_FILE, CONTROLLER = Given('namespace'), Given('params_file'), Given('controller')
+SIMULATED = {'use_sim_time': ParameterValue(Given('use_sim_time'), value_type=bool)}
 #: The full name of the node of the rig.
 RIG = PythonExpression(["'/'.join(['', *filter(None, '", NAMESPACE, "'.split('/')), 'sim_node'])"])
 
@@ -45,9 +43,9 @@ OTHER_DESCRIPTION = ('robot_description', 'robot_state_publisher/robot_descripti
 # itself. The kernel then sends them a SIGTERM, upon which the node finishes its recording.
 ENDS_WITH_LAUNCH = {'prefix': 'setpriv --pdeathsig TERM'} if shutil.which('setpriv') else {}
 
-#: Arguments: default, description, and choices. Those of the node override the parameters file.
-BENCH = PathJoinSubstitution([SHARE, 'config', 'bench_rig.yaml'])
 SWITCH = ('true', 'false')
+# Arguments: default, description, and choices. Those of the node override the parameters file.
+# fmt: off
 OF_THE_NODE: dict[str, tuple[Any, ...]] = {
     'record': ('', 'record from the start', *SWITCH, ''),
     'bag_directory': ('', 'where recordings go'),
@@ -56,34 +54,28 @@ OF_THE_NODE: dict[str, tuple[Any, ...]] = {
     'force_record': ('', 'measured force on M, a table'),
     'base_record': ('', 'measured acceleration of the base, a table'),
     'measurement_rate': (
-        '',
+        PythonExpression(["'' if '", CONTROLLER, "' == 'none' else '200.0'"]),
         'measurements, Hz; 200 where a controller is started',
     ),
-    'lock_step': (
-        '',
-        'topic of commands to wait for',
-        'stop_commands',
-        'force_command',
-        '',
-    ),
+    'lock_step': ('', 'topic of commands to wait for', 'stop_commands', 'force_command', ''),
 }
 PATHS = ('bag_directory', 'force_record', 'base_record')
 ARGUMENTS: dict[str, tuple[Any, ...]] = {
-    'params_file': (BENCH, 'ROS 2 parameters file with the rig'),
-    'namespace': ('', 'namespace of all nodes and topics'),
-    **OF_THE_NODE,
-    'use_sim_time': (
-        PythonExpression(
-            [
-                "'", LaunchConfiguration('real_time_factor'), "' not in ('', '1', '1.0') or '",
-                LaunchConfiguration('publish_clock'), "' == 'true' or '",
-                LaunchConfiguration('lock_step'), "' != ''",
-            ]
-        ),
-        'whether the other nodes use the time of the rig',
+    'params_file': (
+        PathJoinSubstitution([SHARE, 'config', 'bench_rig.yaml']),
+        'ROS 2 parameters file with the rig',
     ),
+    'namespace': ('', 'namespace of all nodes and topics'),
     'controller': (
         'none', 'one of examples/controllers', 'none', 'on_off_gap', 'timed_gap', 'skyhook',
+    ),
+    **OF_THE_NODE,
+    'use_sim_time': (
+        PythonExpression([
+            "'", Given('real_time_factor'), "' not in ('', '1', '1.0') or '",
+            Given('publish_clock'), "' == 'true' or '", Given('lock_step'), "' != ''",
+        ]),
+        'whether the other nodes use the time of the rig',
     ),
     'use_robot_state_publisher': ('true', 'publish the frames (tf)', *SWITCH),
     'use_rviz': ('false', 'open RViz', *SWITCH),
@@ -92,33 +84,26 @@ ARGUMENTS: dict[str, tuple[Any, ...]] = {
         'view of RViz; paper.rviz beside it is for rigs of the size of config/paper.yaml',
     ),
     'page': ('false', 'show the rig in a browser, at http://127.0.0.1:8088/', *SWITCH),
-}  # fmt: skip
+}
+# fmt: on
+
+
+def program(package: str, executable: str, **options: Any) -> Node:
+    """Return a program of a package, which ends with the launch."""
+    words = {'package': package, 'executable': executable, 'exec_name': executable}
+    return Node(**words, **options, **ENDS_WITH_LAUNCH)
 
 
 def start_rig(context: LaunchContext) -> list[Node]:
     """Return the node, with the arguments that are given."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in OF_THE_NODE}
-    if LaunchConfiguration('controller').perform(context) != 'none':
-        given = {**given, 'gap_control': 'external'}
-        given['measurement_rate'] = given['measurement_rate'] or '200.0'
-    settings = {
-        name: text if name in PATHS else yaml.safe_load(text)
-        for name, text in given.items()
-        if text
-    }
+    given = {name: Given(name).perform(context) for name in OF_THE_NODE}
+    settings = {n: v if n in PATHS else yaml.safe_load(v) for n, v in given.items() if v}
+    if CONTROLLER.perform(context) != 'none':
+        settings['gap_control'] = 'external'
+    rig = {'name': 'sim_node', 'namespace': NAMESPACE, 'output': 'screen', 'emulate_tty': True}
+    parameters = [PARAMS_FILE, *([settings] if settings else [])]
     return [
-        Node(
-            package='impact_damper_ros',
-            executable='sim_node',
-            exec_name='sim_node',
-            name='sim_node',
-            namespace=NAMESPACE,
-            parameters=[PARAMS_FILE, *([settings] if settings else [])],
-            output='screen',
-            emulate_tty=True,
-            on_exit=Shutdown(),
-            **ENDS_WITH_LAUNCH,
-        )
+        program('impact_damper_ros', 'sim_node', **rig, parameters=parameters, on_exit=Shutdown())
     ]
 
 
@@ -127,61 +112,48 @@ def generate_launch_description() -> LaunchDescription:
     programs = [FindPackagePrefix('impact_damper_ros'), 'lib', 'impact_damper_ros']
     simulate_rig = PathJoinSubstitution([*programs, 'simulate_rig'])
     urdf = Command([simulate_rig, ' ', PARAMS_FILE, ' --urdf --node ', RIG])
-    name = PythonExpression(["'", LaunchConfiguration('controller'), ".py'"])
-    script = PathJoinSubstitution([SHARE, 'examples', 'controllers', name])
-    space = PythonExpression(["'/' + '", NAMESPACE, "'.strip('/')"])
-    recordings = PythonExpression(["'", LaunchConfiguration('bag_directory'), "' or 'runs'"])
-    rate = PythonExpression(["'rate:=' + ('", RATE, "' or '200.0')"])
+    described = {'robot_description': ParameterValue(urdf, value_type=str)}
+    recordings = PythonExpression(["'", Given('bag_directory'), "' or 'runs'"])
+    script = [SHARE, '/examples/controllers/', CONTROLLER, '.py']
+    space = PythonExpression(["'__ns:=/' + '", NAMESPACE, "'.strip('/')"])
+    rate = ['rate:=', Given('measurement_rate')]
+    arguments = [
+        DeclareLaunchArgument(
+            name, default_value=default, description=words, choices=choices or None
+        )
+        for name, (default, words, *choices) in ARGUMENTS.items()
+    ]
     return LaunchDescription(
         [
-            *(
-                DeclareLaunchArgument(
-                    name, default_value=default, description=words, choices=choices or None
-                )
-                for name, (default, words, *choices) in ARGUMENTS.items()
-            ),
+            *arguments,
             # The rig last: it does not start if one of the others is not installed.
-            Node(
-                package='robot_state_publisher',
-                executable='robot_state_publisher',
-                exec_name='robot_state_publisher',
+            program(
+                *('robot_state_publisher', 'robot_state_publisher'),
                 namespace=NAMESPACE,
-                parameters=[
-                    {'robot_description': ParameterValue(urdf, value_type=str)},
-                    {'use_sim_time': SIMULATED},
-                ],
+                parameters=[described, SIMULATED],
                 remappings=[*OWN_FRAMES, OTHER_DESCRIPTION],
-                condition=IfCondition(LaunchConfiguration('use_robot_state_publisher')),
-                **ENDS_WITH_LAUNCH,
+                condition=IfCondition(Given('use_robot_state_publisher')),
             ),
-            Node(
-                package='rviz2',
-                executable='rviz2',
-                exec_name='rviz2',
+            program(
+                *('rviz2', 'rviz2'),
                 namespace=NAMESPACE,
-                arguments=['-d', LaunchConfiguration('rviz_config')],
-                parameters=[{'use_sim_time': SIMULATED}],
+                arguments=['-d', Given('rviz_config')],
+                parameters=[SIMULATED],
                 remappings=[*OWN_FRAMES, OWN_DESCRIPTION],
-                condition=IfCondition(LaunchConfiguration('use_rviz')),
-                **ENDS_WITH_LAUNCH,
+                condition=IfCondition(Given('use_rviz')),
             ),
-            Node(
-                package='impact_damper_ros',
-                executable='rig_page',
-                exec_name='rig_page',
+            program(
+                *('impact_damper_ros', 'rig_page'),
                 arguments=['--node', RIG, '--open', '--recordings', recordings],
                 output='screen',
-                condition=IfCondition(LaunchConfiguration('page')),
-                **ENDS_WITH_LAUNCH,
+                condition=IfCondition(Given('page')),
             ),
             ExecuteProcess(
                 name='controller',
-                cmd=['python3', script, '--ros-args', '-r', ['__ns:=', space], '-p', rate],
+                cmd=['python3', script, '--ros-args', '-r', space, '-p', rate],
                 output='screen',
                 on_exit=Shutdown(),
-                condition=IfCondition(
-                    NotEqualsSubstitution(LaunchConfiguration('controller'), 'none')
-                ),
+                condition=IfCondition(NotEqualsSubstitution(CONTROLLER, 'none')),
                 **ENDS_WITH_LAUNCH,
             ),
             OpaqueFunction(function=start_rig),

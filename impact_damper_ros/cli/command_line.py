@@ -22,13 +22,15 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.outputs import check_file, in_words, is_stream, write_text
-from impact_damper_ros.parameters.quoting import as_message
-from impact_damper_ros.parameters.units import quantity
+from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
+from impact_damper_ros.parameters.quoting import as_message, shown
+from impact_damper_ros.parameters.units import UNITS, in_si, quantity, split_number
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
 
 from .completion import complete
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from tqdm import tqdm
 
 
@@ -262,6 +264,19 @@ def up_to(largest: int) -> Callable[[str], float]:
     return number(1, largest, whole=True)
 
 
+def motion_size(text: str) -> tuple[float, str]:
+    """Read the size of a motion, for `argparse`; return it in SI, and its quantity."""
+    size, unit, _ = split_number(text)
+    names = [name for units in QUANTITIES.values() for name in UNITS[units]]
+    if size is None or not size > 0.0 or unit not in names:
+        raise argparse.ArgumentTypeError(
+            f'{shown(text)}: give a positive displacement, velocity or acceleration with its '
+            'unit, such as 10mm, 2m/s or 3g'
+        )
+    of = quantity_of(unit)
+    return in_si(size, UNITS[QUANTITIES[of]][unit]), of
+
+
 def text_stream(json: Path | None) -> TextIO:
     """Return where a command prints its text: the standard output, unless its JSON goes there."""
     return sys.stderr if str(json) == '-' else sys.stdout
@@ -271,6 +286,20 @@ def write_json(path: Path | None, result: Any) -> None:
     """Write a result to the file given by ``--json``, if any."""
     if path is not None:
         write_text(path, dumps(result, indent=2) + '\n')
+
+
+def write_output(path: Path | None, text_of: Callable[..., str], *args: object) -> None:
+    """Write what a function returns to the file given by an option, if any."""
+    if path is not None:
+        write_text(path, text_of(*args))
+
+
+def draw(path: Path | None, figure_of: Callable[..., Figure], *args: object) -> None:
+    """Draw the figure that a function returns into the file given by ``--figure``, if any."""
+    if path is not None:
+        from impact_damper_ros.report.drawing import save_figure
+
+        save_figure(figure_of(*args), path)
 
 
 def need_matplotlib() -> None:

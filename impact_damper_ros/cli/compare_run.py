@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from impact_damper_ros.compare.comparison import compare_run
 from impact_damper_ros.compare.result import RunComparison
-from impact_damper_ros.outputs import check_directory, write_text
+from impact_damper_ros.outputs import check_directory
 from impact_damper_ros.parameters.quoting import printable
 from impact_damper_ros.replay.run import runs_of
 from impact_damper_ros.report.text_report import comparison_markdown, comparison_text
@@ -27,12 +27,14 @@ from .command_line import (
     add_run_option,
     check_outputs,
     command_parser,
+    draw,
     need_matplotlib,
     outcome,
     progress_bar,
     share_done,
     text_stream,
     write_json,
+    write_output,
 )
 from .rig_options import add_recorded_law_option
 
@@ -116,12 +118,8 @@ def _scored(arguments: argparse.Namespace) -> int:
 
     runs = _each(arguments, 'score', partial(score_run, tried=Tried(dict)))
     write_json(arguments.json, {'runs': [run.as_dict() for run in runs]})
-    if arguments.markdown is not None:
-        write_text(arguments.markdown, score_table(runs).markdown() + '\n')
-    if arguments.figure is not None:
-        from impact_damper_ros.report.drawing import save_figure
-
-        save_figure(score_figure(runs), arguments.figure)
+    write_output(arguments.markdown, lambda: score_table(runs).markdown() + '\n')
+    draw(arguments.figure, score_figure, runs)
     if not arguments.quiet:
         taken = arguments.json if str(arguments.markdown) != '-' else arguments.markdown
         print(printable(score_text(runs)), file=text_stream(taken))
@@ -151,9 +149,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         found = _each(arguments, 'compare', compare_run)
         results = [comparison.as_dict() for comparison in found]
         write_json(arguments.json, results[0] if len(found) == 1 else {'runs': results})
-        if arguments.markdown is not None:
-            text = '\n'.join(map(comparison_markdown, found))
-            write_text(arguments.markdown, printable(text) + '\n')
+        write_output(
+            arguments.markdown,
+            lambda: printable('\n'.join(map(comparison_markdown, found))) + '\n',
+        )
         taken = arguments.json if str(arguments.markdown) != '-' else arguments.markdown
         stream = text_stream(taken)
         if not arguments.quiet:

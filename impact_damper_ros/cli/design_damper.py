@@ -24,7 +24,6 @@ from impact_damper_ros.design.damper_design import (
 )
 from impact_damper_ros.design.fitted import load_fitted
 from impact_damper_ros.design.mass_damper import bare_response, mass_damper_response
-from impact_damper_ros.outputs import write_text
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
 from impact_damper_ros.parameters.parameters_file import load_parameters, presets, rig_yaml
 from impact_damper_ros.parameters.quoting import shown
@@ -38,11 +37,12 @@ from .command_line import (
     add_path_option,
     check_outputs,
     command_parser,
+    draw,
     long_work,
-    need_matplotlib,
     outcome,
     text_stream,
     write_json,
+    write_output,
 )
 from .rig_options import hint, rig_line
 
@@ -330,10 +330,7 @@ def _check(arguments: argparse.Namespace) -> int:
         found = bench_test(rig, ranges, levels)
     title = rig_line(rig)
     write_json(arguments.json, bench_report.bench_json(found))
-    if arguments.figure is not None:
-        from impact_damper_ros.report.drawing import save_figure
-
-        save_figure(bench_report.bench_figure(found, title), arguments.figure)
+    draw(arguments.figure, bench_report.bench_figure, found, title)
     texts = [title, '', bench_report.bench_text(found), '']
     texts.append(bench_report.test_plan(rig, found.plan))
     print('\n'.join(texts), file=text_stream(arguments.json))
@@ -346,8 +343,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         check_outputs(arguments, arguments.check, arguments.fitted)
-        if arguments.figure is not None:
-            need_matplotlib()
         return _check(arguments) if arguments.check is not None else _design(arguments)
 
     return outcome('design_damper', work)
@@ -400,17 +395,10 @@ def _write(
     """Write and print all that was asked for."""
     title = rig_line(chosen.built)
     write_json(arguments.json, report.design_json(found, chosen, unsure, compared, plan))
-    if arguments.csv is not None:
-        write_text(arguments.csv, report.design_csv(found))
-    if arguments.rig_out is not None:
-        gap = unsure.best[0] if arguments.worst_case else chosen.gap
-        built = chosen.rig.replace(gap=gap)
-        write_text(arguments.rig_out, rig_yaml(built, rig_line(built)))
-    if arguments.figure is not None:
-        from impact_damper_ros.report.drawing import save_figure
-
-        figure = report.design_figure(found, chosen, unsure, compared, title)
-        save_figure(figure, arguments.figure)
+    write_output(arguments.csv, report.design_csv, found)
+    built = chosen.rig.replace(gap=unsure.best[0] if arguments.worst_case else chosen.gap)
+    write_output(arguments.rig_out, rig_yaml, built, rig_line(built))
+    draw(arguments.figure, report.design_figure, found, chosen, unsure, compared, title)
     texts = [title, '', report.design_table(found).text(), '']
     texts += [
         report.design_text(chosen, unsure, compared),

@@ -11,12 +11,10 @@ from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from impact_damper_ros.outputs import check_directory, write_text
-from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
+from impact_damper_ros.outputs import check_directory
 from impact_damper_ros.parameters.parameters_file import presets, rig_yaml
-from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.parameters.units import STANDARD_GRAVITY, UNITS, in_si, split_number
+from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .command_line import (
     EXIT_FAILED,
@@ -27,6 +25,7 @@ from .command_line import (
     check_outputs,
     command_parser,
     long_work,
+    motion_size,
     need_matplotlib,
     number,
     outcome,
@@ -35,6 +34,7 @@ from .command_line import (
     say,
     text_stream,
     write_json,
+    write_output,
 )
 from .rig_options import add_set_option, given_rig, hint, rig_line
 
@@ -65,18 +65,6 @@ Examples:
   fit_rig bounces.wav --rebounds
   fit_rig --topic /joint_states --seconds 20 --rig bench_rig
 """
-
-
-def _size(text: str) -> tuple[float, str]:
-    """Read a displacement, velocity or acceleration with its unit."""
-    size, unit, _ = split_number(text)
-    names = [name for units in QUANTITIES.values() for name in UNITS[units]]
-    if size is None or not size > 0.0 or unit not in names:
-        raise argparse.ArgumentTypeError(
-            f'{shown(text)}: give a size with its unit, such as 16g or 5mm'
-        )
-    quantity = quantity_of(unit)
-    return in_si(size, UNITS[QUANTITIES[quantity]][unit]), quantity
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -128,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     data.add_argument('--column', default='', metavar='NAME', help='column of the motion of M')
     data.add_argument(
         '--saturation',
-        type=_size,
+        type=motion_size,
         metavar='SIZE',
         help='size from which on the sensor is saturated, such as 16g [found by itself]',
     )
@@ -263,8 +251,7 @@ def _finish(
         if arguments.rig_out is not None:
             say('fit_rig', f'{arguments.rig_out} is not written: the model does not fit')
         return EXIT_FAILED
-    if arguments.rig_out is not None:
-        write_text(arguments.rig_out, rig_text())
+    write_output(arguments.rig_out, rig_text)
     return 0
 
 

@@ -21,7 +21,6 @@ from impact_damper_ros.replay import RecordedRun, Replay, Setting
 from impact_damper_ros.replay.run import runs_of
 from impact_damper_ros.replay.what_if import WhatIf
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
-from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.report.replay_report import findings_json, findings_text
 from impact_damper_ros.report.run_pair import RunPair
 from impact_damper_ros.rig.runaway import RunawayError
@@ -39,6 +38,7 @@ from .command_line import (
     add_run_option,
     check_outputs,
     command_parser,
+    draw,
     outcome,
     path_of,
     progress_bar,
@@ -169,8 +169,7 @@ def _replayed(arguments: argparse.Namespace, recorded: RecordedRun) -> tuple[int
             text += f'\nrecorded    {arguments.recording}'
         if findings.difference_count:
             text += '\ncaution     the run is not reproduced from its log: see above'
-        if arguments.figure is not None:
-            save_figure(runs.figure(), arguments.figure)
+        draw(arguments.figure, runs.figure)
     return findings.verdict.value if findings.samples else 2, result, text
 
 

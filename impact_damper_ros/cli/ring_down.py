@@ -6,25 +6,28 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from impact_damper_ros.orbits.ring_down import RELEASES, ring_down
-from impact_damper_ros.outputs import write_text
-from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
-from impact_damper_ros.parameters.quoting import shown
-from impact_damper_ros.parameters.units import UNITS, in_si, split_number
+from impact_damper_ros.parameters.base_motion import QUANTITIES
+from impact_damper_ros.report.ring_down_figure import (
+    ring_down_figure,
+    ring_down_table,
+    ring_down_text,
+)
 
 from .command_line import (
     add_json_option,
     add_path_option,
     check_outputs,
     command_parser,
+    draw,
     long_work,
-    need_matplotlib,
+    motion_size,
     number,
     outcome,
     text_stream,
     write_json,
+    write_output,
 )
 from .rig_options import add_params_argument, add_set_option, given_rig, hint, rig_line
 
@@ -45,37 +48,13 @@ Examples:
 """
 
 
-class _Start(NamedTuple):
-    """A first amplitude of displacement, velocity or acceleration, in SI."""
-
-    size: float
-    quantity: str
-
-    def amplitude(self, omega: float) -> float:
-        """Return the amplitude of the displacement, m."""
-        power = list(QUANTITIES).index(self.quantity)
-        return float(self.size / omega**power)
-
-
-def _start(text: str) -> _Start:
-    size, unit, _ = split_number(text)
-    names = [name for units in QUANTITIES.values() for name in UNITS[units]]
-    if size is None or not size > 0.0 or unit not in names:
-        raise argparse.ArgumentTypeError(
-            f'{shown(text)}: give a positive displacement, velocity or acceleration of M with its '
-            'unit, such as 10mm, 2m/s or 3g'
-        )
-    quantity = quantity_of(unit)
-    return _Start(in_si(size, UNITS[QUANTITIES[quantity]][unit]), quantity)
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser('ring_down', _DESCRIPTION, _EPILOG)
     add_params_argument(parser)
     parser.add_argument(
         '--from',
         dest='start',
-        type=_start,
+        type=motion_size,
         required=True,
         metavar='SIZE',
         help='first amplitude of M: a displacement, a velocity or an acceleration, with its unit',
@@ -100,33 +79,22 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         check_outputs(arguments, arguments.params)
-        if arguments.figure is not None:
-            need_matplotlib()
         rig = given_rig(
             arguments.params, arguments.set, arguments.node, with_control=False
         ).parameters
         hint('ring_down', rig)
-        amplitude = arguments.start.amplitude(rig.omega)
+        size, quantity = arguments.start
+        amplitude = size / rig.omega ** list(QUANTITIES).index(quantity)
         with long_work('ring_down', 'still ringing down; Ctrl-C ends it'):
             found = ring_down(rig, amplitude, releases=int(arguments.releases))
         if not found.runs:
             raise ValueError(
                 f'from {amplitude:.4g} m M does not swing up once: give a larger amplitude'
             )
-        from impact_damper_ros.report.ring_down_figure import (
-            ring_down_figure,
-            ring_down_table,
-            ring_down_text,
-        )
-
         title = rig_line(found.parameters)
         write_json(arguments.json, found.as_dict())
-        if arguments.csv is not None:
-            write_text(arguments.csv, ring_down_table(found))
-        if arguments.figure is not None:
-            from impact_damper_ros.report.drawing import save_figure
-
-            save_figure(ring_down_figure(found, title), arguments.figure)
+        write_output(arguments.csv, ring_down_table, found)
+        draw(arguments.figure, ring_down_figure, found, title)
         print(f'{title}\n{ring_down_text(found)}', file=text_stream(arguments.json))
         return 0
 

@@ -8,10 +8,10 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
@@ -25,7 +25,7 @@ from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.motion.swing import Swing
 from impact_damper_ros.orbits.flight_arrays import FlightStart
 from impact_damper_ros.orbits.swept_response import SweptResponse, SweptRun
-from impact_damper_ros.outputs import is_stream, write_text
+from impact_damper_ros.outputs import is_stream
 from impact_damper_ros.parameters.measured_record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.parameters.parameter_spec import ParameterSpec
 from impact_damper_ros.parameters.parameters_file import rig_yaml
@@ -69,10 +69,12 @@ from .command_line import (
     add_quiet_option,
     check_outputs,
     command_parser,
+    draw,
     number,
     outcome,
     progress_bar,
     say,
+    write_output,
 )
 from .rig_options import (
     GivenRig,
@@ -95,9 +97,6 @@ from .shaker_options import (
     with_random_lines,
     with_sweep_levels,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: The force on M is that of the harmonics and of a controller.
 STATE_COLUMNS = (*Sample._fields, 'force', 'primary_acceleration')
@@ -493,14 +492,13 @@ def _simulate(
         beside = sampled.beside(compared)
         if not arguments.quiet:
             print(record_text(beside, records), file=sys.stderr)
-        _draw(arguments, record_figure, beside, records, rig_line(rig.parameters))
+        draw(arguments.figure, record_figure, beside, records, rig_line(rig.parameters))
     if swept is not None:
         _write_sweep(arguments, rig.parameters, swept.response())
     if response is not None:
         found = response.response()
-        if arguments.transmissibility is not None:
-            write_text(arguments.transmissibility, response_table(found))
-        _draw(arguments, response_figure, found, rig_line(rig.parameters))
+        write_output(arguments.transmissibility, response_table, found)
+        draw(arguments.figure, response_figure, found, rig_line(rig.parameters))
 
 
 def _rig(given: GivenRig, law: OwnLaw | None, records: Sequence[MeasuredRecord]) -> Rig:
@@ -527,17 +525,8 @@ def _write_sweep(arguments: argparse.Namespace, rig: RigParameters, found: Swept
     """Print the response to a sweep, and write table and figure."""
     if not arguments.quiet:
         print(swept_text(rig, found), file=sys.stderr)
-    if arguments.response is not None:
-        write_text(arguments.response, swept_table(rig, found))
-    _draw(arguments, swept_figure, rig, found, rig_line(rig))
-
-
-def _draw(arguments: argparse.Namespace, figure_of: Callable[..., Figure], *args: object) -> None:
-    """Draw the figure that is asked for, if any."""
-    if arguments.figure is not None:
-        from impact_damper_ros.report.drawing import save_figure
-
-        save_figure(figure_of(*args), arguments.figure)
+    write_output(arguments.response, swept_table, rig, found)
+    draw(arguments.figure, swept_figure, rig, found, rig_line(rig))
 
 
 def _response(arguments: argparse.Namespace, rig: Rig) -> ResponseSamples | None:
@@ -602,8 +591,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                     'simulate_rig',
                     'note: the force of the rig acts, too: --set force_amplitudes=0 leaves it out',
                 )
-        if arguments.rig_out is not None:
-            write_text(arguments.rig_out, rig_yaml(given[0], rig_line(given[0]), *given[1:]))
+        write_output(arguments.rig_out, rig_yaml, given[0], rig_line(given[0]), *given[1:])
         try:
             _simulate(arguments, given, law, changes, records)
         except RecordingError as error:

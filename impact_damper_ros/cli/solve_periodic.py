@@ -25,10 +25,10 @@ from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
 from impact_damper_ros.orbits.solution_curve import value_of
 from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import Transmissibility
-from impact_damper_ros.outputs import write_text
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
+from impact_damper_ros.report.branch_figure import branch_figure
 from impact_damper_ros.report.orbit_text import branch_table, branch_text, orbit_text
 from impact_damper_ros.rig.rig import Rig
 
@@ -39,11 +39,13 @@ from .command_line import (
     check_outputs,
     command_parser,
     discard_output,
+    draw,
     long_work,
     number,
     outcome,
     text_stream,
     write_json,
+    write_output,
 )
 from .rig_options import GivenRig, add_params_argument, add_set_option, given_rig, hint, rig_line
 
@@ -348,7 +350,11 @@ def _solve(arguments: argparse.Namespace) -> int:
         words = 'still following the branch; Ctrl-C ends it'
         with long_work('solve_periodic', words, quiet=arguments.quiet):
             followed = list(_branches(orbits[0], *arguments.follow))
-        _write_branches(arguments, given.parameters, [f for f in followed if f[1].points])
+        if drawn := [pair for pair in followed if pair[1].points]:
+            title = f'{drawn[0][1].name} varied; {rig_line(given.parameters)}'
+            branches = [branch for _, branch in drawn]
+            write_output(arguments.csv, branch_table, drawn)
+            draw(arguments.figure, branch_figure, branches, textwrap.fill(title, 120))
     if not arguments.quiet:
         texts = [textwrap.fill(rig_line(given.parameters), 99, subsequent_indent='  '), *reports]
         texts += ['\n' + orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
@@ -390,22 +396,6 @@ def _check(arguments: argparse.Namespace, parameters: RigParameters) -> None:
             '--settled takes the period and the stops from the motion: leave out '
             '--cycles and --stops'
         )
-
-
-def _write_branches(
-    arguments: argparse.Namespace,
-    parameters: RigParameters,
-    followed: Sequence[tuple[str, Branch]],
-) -> None:
-    """Write the table and the figure of branches, if they are asked for."""
-    if arguments.csv is not None and followed:
-        write_text(arguments.csv, branch_table(followed))
-    if arguments.figure is not None and followed:
-        from impact_damper_ros.report.branch_figure import branch_figure
-        from impact_damper_ros.report.drawing import save_figure
-
-        title = textwrap.fill(f'{followed[0][1].name} varied; {rig_line(parameters)}', 120)
-        save_figure(branch_figure([branch for _, branch in followed], title), arguments.figure)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -10,7 +10,7 @@ fully qualified node name, so that the reports of two rigs are distinguished.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from impact_damper_ros.bag.messages import DiagnosticArray, DiagnosticStatus
 from impact_damper_ros.parameters.quoting import counted
@@ -109,24 +109,20 @@ class Diagnostics:
             level, message = OK, f'runs {rig_time / elapsed:.3g} times as fast as real time'
         else:
             level, message = OK, f'holds {asked:g} Hz'
-        return self._status(
-            'pacing',
-            level,
-            message,
-            {
-                'State rate [Hz]': f'{self._state_rate:g}',
-                'Achieved rate [Hz]': f'{ticks / elapsed:.2f}',
-                'Real-time factor': f'{self.factor:g}',
-                'Achieved real-time factor': f'{rig_time / elapsed:.4f}',
-                'Ticks': counts.ticks,
-                'Overruns': counts.overruns,
-                'Overruns since the last report': overruns,
-                'Worst lateness since the last report [ms]': f'{worst_ms:.3f}',
-                f'Slips (late by more than {CATCH_UP_NS * 1e-6:g} ms)': counts.slips,
-                'Wall time given up in slips [s]': f'{counts.slipped_ns * 1e-9:.3f}',
-                'Scheduling': engine.scheduling,
-            },
-        )
+        values = {
+            'State rate [Hz]': f'{self._state_rate:g}',
+            'Achieved rate [Hz]': f'{ticks / elapsed:.2f}',
+            'Real-time factor': f'{self.factor:g}',
+            'Achieved real-time factor': f'{rig_time / elapsed:.4f}',
+            'Ticks': counts.ticks,
+            'Overruns': counts.overruns,
+            'Overruns since the last report': overruns,
+            'Worst lateness since the last report [ms]': f'{worst_ms:.3f}',
+            f'Slips (late by more than {CATCH_UP_NS * 1e-6:g} ms)': counts.slips,
+            'Wall time given up in slips [s]': f'{counts.slipped_ns * 1e-9:.3f}',
+            'Scheduling': engine.scheduling,
+        }
+        return self._status('pacing', level, message, values)
 
     def _network(self, troubles: Sequence[str]) -> DiagnosticStatus:
         message = '; '.join(troubles) or 'no other node interferes'
@@ -134,41 +130,34 @@ class Diagnostics:
 
     def _rig(self, engine: EngineStatus, elapsed: float) -> DiagnosticStatus:
         impacts = engine.impacts - (self._last.impacts if self._last else 0)
-        mode = mode_words(engine.mode)
-        return self._status(
-            'rig',
-            ERROR if engine.held else OK,
-            f'held: {engine.held}; it waits for a changed parameter or ~/reset'
-            if engine.held
-            else f'{"paused, " if engine.paused else ""}{mode}',
-            {
-                'Mode': engine.mode,
-                'Time [s]': f'{engine.time_ns * 1e-9:.3f}',
-                'Paused': engine.paused,
-                'Held': bool(engine.held),
-                'Events': engine.events,
-                'Impacts': engine.impacts,
-                'Impacts per wall second': f'{impacts / elapsed:.2f}',
-            },
-        )
+        level = ERROR if engine.held else OK
+        message = f'{"paused, " if engine.paused else ""}{mode_words(engine.mode)}'
+        if engine.held:
+            message = f'held: {engine.held}; it waits for a changed parameter or ~/reset'
+        values = {
+            'Mode': engine.mode,
+            'Time [s]': f'{engine.time_ns * 1e-9:.3f}',
+            'Paused': engine.paused,
+            'Held': bool(engine.held),
+            'Events': engine.events,
+            'Impacts': engine.impacts,
+            'Impacts per wall second': f'{impacts / elapsed:.2f}',
+        }
+        return self._status('rig', level, message, values)
 
     def _control(self, engine: EngineStatus) -> DiagnosticStatus:
         law, last = engine.control.gap_control, engine.last_act
-        return self._status(
-            'gap control',
-            OK,
-            law,
-            {
-                'Law': law,
-                'Stops': engine.control.gap_control_stops,
-                'Amplitude of X [m]': f'{last.amplitude:.6g}' if last else '',
-                'Stop 1 to Y [m]': f'{last.target_1:.6g}' if last else '',
-                'Stop 2 to Y [m]': f'{last.target_2:.6g}' if last else '',
-                'Energy spent on stop 1 [J]': f'{last.energy_1:.6g}' if last else '',
-                'Energy spent on stop 2 [J]': f'{last.energy_2:.6g}' if last else '',
-                'Commands': engine.commands,
-            },
-        )
+        values = {
+            'Law': law,
+            'Stops': engine.control.gap_control_stops,
+            'Amplitude of X [m]': f'{last.amplitude:.6g}' if last else '',
+            'Stop 1 to Y [m]': f'{last.target_1:.6g}' if last else '',
+            'Stop 2 to Y [m]': f'{last.target_2:.6g}' if last else '',
+            'Energy spent on stop 1 [J]': f'{last.energy_1:.6g}' if last else '',
+            'Energy spent on stop 2 [J]': f'{last.energy_2:.6g}' if last else '',
+            'Commands': engine.commands,
+        }
+        return self._status('gap control', OK, law, values)
 
     def _controller(self, engine: EngineStatus) -> DiagnosticStatus:
         """Report what came from a controller outside the node."""
@@ -184,20 +173,16 @@ class Diagnostics:
             level, message = WARN, 'no command has come in lock-step: the rig goes on without'
         elif now.parked:
             level, message = WARN, f'no command for {age} s: the stops are parked'
-        return self._status(
-            'controller',
-            level,
-            message,
-            {
-                'Age of the last command [s]': age,
-                'Commands accepted': now.accepted,
-                'Commands refused': now.refused,
-                'Last refusal': now.reason,
-                'Stops parked': now.parked,
-                'Forces limited': now.limited,
-                'Measurements without a command in lock-step': now.missed,
-            },
-        )
+        values = {
+            'Age of the last command [s]': age,
+            'Commands accepted': now.accepted,
+            'Commands refused': now.refused,
+            'Last refusal': now.reason,
+            'Stops parked': now.parked,
+            'Forces limited': now.limited,
+            'Measurements without a command in lock-step': now.missed,
+        }
+        return self._status('controller', level, message, values)
 
     def _recording(self, recording: RecordingStatus) -> DiagnosticStatus:
         if recording.error:
@@ -206,22 +191,18 @@ class Diagnostics:
             level, message = WARN, f'{recording.dropped} messages dropped'
         else:
             level, message = OK, 'recording' if recording.path else 'off'
-        return self._status(
-            'recording',
-            level,
-            message,
-            {
-                'File': recording.path,
-                'Messages': recording.messages,
-                'Bytes': recording.size,
-                'Messages waiting': recording.backlog,
-                'Messages dropped': recording.dropped,
-                'Error': recording.error,
-            },
-        )
+        values = {
+            'File': recording.path,
+            'Messages': recording.messages,
+            'Bytes': recording.size,
+            'Messages waiting': recording.backlog,
+            'Messages dropped': recording.dropped,
+            'Error': recording.error,
+        }
+        return self._status('recording', level, message, values)
 
     def _status(
-        self, task: str, level: int, message: str, values: dict[str, object]
+        self, task: str, level: int, message: str, values: Mapping[str, object]
     ) -> DiagnosticStatus:
         return DiagnosticStatus(
             level=level,

@@ -19,6 +19,12 @@ from impact_damper_ros.bag import RecordedMessage
 #: Time within which a topic has to be found, s.
 PATIENCE_S = 10.0
 _POLL_S = 0.002
+#: Reliable, and with what was published before, if all publishers offer that.
+_AS_OFFERED = QoSProfile(
+    depth=5000,
+    reliability=ReliabilityPolicy.BEST_AVAILABLE,
+    durability=DurabilityPolicy.BEST_AVAILABLE,
+)
 
 
 class TopicError(Exception):
@@ -102,25 +108,12 @@ class _Listener:
             if name in self._subscriptions:
                 continue
             usable = [t for t in there.get(name, ()) if t in self._types or name in beside]
-            publishers = self._node.get_publishers_info_by_topic(name)
-            if not usable or not publishers:
+            if not usable or not self._node.count_publishers(name):
                 continue
-            offered = [info.qos_profile for info in publishers]
-            reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offered)
-            latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offered)
-            qos = QoSProfile(
-                depth=5000,
-                reliability=ReliabilityPolicy.RELIABLE
-                if reliable
-                else ReliabilityPolicy.BEST_EFFORT,
-                durability=DurabilityPolicy.TRANSIENT_LOCAL
-                if latched
-                else DurabilityPolicy.VOLATILE,
-            )
             package, _, kind = usable[0].replace('/', '.').rpartition('.')
             interface = getattr(import_module(package), kind)
             subscription = self._node.create_subscription(
-                interface, name, lambda _: None, qos, raw=True
+                interface, name, lambda _: None, _AS_OFFERED, raw=True
             )
             self._subscriptions[name] = usable[0], subscription
 

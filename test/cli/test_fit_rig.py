@@ -175,7 +175,10 @@ def test_rebounds_of_a_ball(tmp_path, capsys):
         (['free.csv', '--structure', '--rig-out', 'o.yaml'], '--rig-out needs the masses'),
         (['free.csv', '--structure', '--from', '9s'], '0 samples from 9 to inf s: give a longer'),
         (['free.csv', '--structure', '--saturation', '16g'], '--saturation is an acceleration'),
-        (['free.csv', '--structure', '--saturation', '16'], 'give a size with its unit'),
+        (
+            ['free.csv', '--structure', '--saturation', '16'],
+            'acceleration with its unit, such as 10mm',
+        ),
         (['free.csv', '--structure', '--column', 'y'], "no column 'y' for the motion among"),
         (['free.csv', '--rig', 'rig.yaml', '--also', 'mass'], "invalid choice: 'mass'"),
         (['start.csv', '--structure', '--json', 'start.csv'], 'is, or is in, what is read'),

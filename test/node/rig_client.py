@@ -20,6 +20,7 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -107,8 +108,15 @@ class SimProcess(Running):
         super().__init__(directory, *program, *arguments)
 
 
+class _NeverExecuted(ReentrantCallbackGroup):
+    """Of subscriptions that are polled, which takes a small part of an executor's time."""
+
+    def can_execute(self, _entity):
+        return False
+
+
 class RigClient:
-    """A client of any number of rigs, spinning in a thread of its own."""
+    """A client of any number of rigs, with threads of its own."""
 
     def __init__(self):
         self.context = Context()
@@ -116,29 +124,42 @@ class RigClient:
         self.node = Node('test_client', context=self.context)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
-        self._clients = {}
-        self._spinning = True
-        self._thread = threading.Thread(target=self._spin)
-        self._thread.start()
+        self._clients, self._listened = {}, []
+        self._running = True
+        self._threads = [threading.Thread(target=each) for each in (self._spin, self._take)]
+        for thread in self._threads:
+            thread.start()
 
     def _spin(self):
-        while self._spinning:
+        while self._running:
             self._executor.spin_once(timeout_sec=0.05)
+
+    def _take(self):
+        while self._running:
+            for subscription, messages in list(self._listened):
+                take, kind = subscription.handle.take_message, subscription.msg_type
+                while (taken := take(kind, False)) is not None:
+                    messages.append(taken[0])
+            time.sleep(0.003)
 
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
-        self._spinning = False
-        self._thread.join()
+        self._running = False
+        for thread in self._threads:
+            thread.join()
         self._executor.shutdown()
         self.node.destroy_node()
         self.context.try_shutdown()
 
     def listen(self, kind, topic, qos=None):
         """Return a list that grows by what comes in."""
-        messages = []
-        self.node.create_subscription(kind, topic, messages.append, qos or QoSProfile(depth=1000))
+        messages, qos = [], qos or QoSProfile(depth=1000)
+        subscription = self.node.create_subscription(
+            kind, topic, messages.append, qos, callback_group=_NeverExecuted()
+        )
+        self._listened.append((subscription, messages))
         return messages
 
     def request(self, service, request):

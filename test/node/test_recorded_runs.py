@@ -2,6 +2,7 @@
 
 import json
 import resource
+from contextlib import suppress
 from itertools import pairwise
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -12,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from impact_damper_ros import RigParameters
-from impact_damper_ros.bag import RunReader, recover_run
+from impact_damper_ros.bag import RecordingError, RunReader, recover_run
 from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
@@ -156,8 +157,13 @@ def test_names_descriptions_and_what_a_killed_node_leaves(start):
         records = RunReader(second).records([topic['js']])
         return max((record.stamp_ns for record in records), default=0)
 
+    def is_written():
+        # The file may grow while it is read.
+        with suppress(RecordingError):
+            return written_ns() >= heard_ns
+
     # Half a second later, but for what the machine takes to get to it, it is in the file.
-    rig.until(lambda: written_ns() >= heard_ns)
+    rig.until(is_written)
     rig.process.kill()
     last_ns = written_ns()
     assert not RunReader(second).complete
