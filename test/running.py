@@ -18,12 +18,12 @@ DEADLINE_S = 400.0
 _numbers = itertools.count(1)
 
 
-def until(condition, what='nothing happened', deadline=DEADLINE_S):
-    """Wait for a condition and return its value."""
+def until(condition, what='nothing happened', deadline=DEADLINE_S, pause=0.005):
+    """Wait for a condition, looked at after pauses, and return its value."""
     end = time.monotonic() + deadline
     while not (value := condition()):
         assert time.monotonic() < end, what() if callable(what) else what
-        time.sleep(0.005)
+        time.sleep(pause)
     return value
 
 

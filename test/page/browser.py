@@ -8,11 +8,11 @@ from playwright.sync_api import Error, expect, sync_playwright
 from running import DEADLINE_S
 
 OPTIONS = ('--disable-gpu', '--autoplay-policy=no-user-gesture-required', '--mute-audio')
-#: A screen of eight pictures per second. A page draws once for each, and to draw takes most of the
+#: A screen of four pictures per second. A page draws once for each, and to draw takes most of the
 #: processor's time, whatever it shows.
 SLOW_SCREEN = """{
     const next = requestAnimationFrame.bind(globalThis);
-    globalThis.requestAnimationFrame = (draw) => setTimeout(() => next(draw), 110);
+    globalThis.requestAnimationFrame = (draw) => setTimeout(() => next(draw), 230);
 }"""
 expect.set_options(timeout=1000.0 * DEADLINE_S)
 
@@ -60,7 +60,8 @@ class Page:
 
     def visit(self, address, size=(1280, 800)):
         """Load a page as one that has never been there before."""
-        self.leave()
+        if self.tab.url != 'about:blank':
+            self.leave()
         self.console.clear()
         self.shade(dark=False)
         self.resize(*size)
