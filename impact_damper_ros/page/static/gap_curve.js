@@ -122,33 +122,27 @@ export class GapCurve extends Axes {
         context.setLineDash([]);
         context.globalAlpha = 1;
       };
+      /** Beside a line, on its left or right, at the top of the frame or at its bottom. */
+      const write = (text, place, fillStyle, left, textBaseline = 'top') => {
+        Object.assign(context, { fillStyle, textBaseline, font: font(0.75), textAlign: left ? 'right' : 'left' });
+        context.fillText(text, place + (left ? -4 : 4), textBaseline === 'top' ? box.top + 3 : box.top + box.height - 3);
+      };
       if (curve?.optimum) upright(curve.optimum.gap, colours.good, 0.5, [2, 3]);
       if (this.design > 0) {
         upright(this.design, colours.good, 1, [6, 3]);
-        const right = toX(this.design) > box.left + box.width / 2;
-        Object.assign(context, { fillStyle: colours.good, font: font(0.75), textBaseline: 'top', textAlign: right ? 'right' : 'left' });
-        context.fillText('my structure: best', toX(this.design) + (right ? -4 : 4), box.top + 3);
+        write('my structure: best', toX(this.design), colours.good, toX(this.design) > box.left + box.width / 2);
       }
       for (const branch of branches) this.branch(context, branch, toX, toY);
       context.font = font(0.68);
       this.specials(context, curve?.special ?? [], toX, toY, box);
       if (this.aim !== null && this.settable) {
         upright(this.aim, colours.link, 1);
-        context.fillStyle = colours.link;
-        context.font = font(0.75);
-        context.textBaseline = 'bottom';
-        const right = toX(this.aim) < box.left + box.width / 2;
-        context.textAlign = right ? 'left' : 'right';
-        context.fillText(`set ${digits(this.aim * factor, 3)} ${unit}`, toX(this.aim) + (right ? 4 : -4), box.top + box.height - 3);
+        write(`set ${digits(this.aim * factor, 3)} ${unit}`, toX(this.aim), colours.link, toX(this.aim) > box.left + box.width / 2, 'bottom');
       }
       if (this.beyond) {
         const right = this.gap > this.high;
-        context.fillStyle = colours.primary;
-        context.font = font(0.75);
-        context.textBaseline = 'top';
-        context.textAlign = right ? 'right' : 'left';
         const text = `the rig is at ${withUnit(this.gap, 'm')}`;
-        context.fillText(right ? `${text} →` : `← ${text}`, box.left + (right ? box.width - 4 : 4), box.top + 4);
+        write(right ? `${text} →` : `← ${text}`, box.left + (right ? box.width : 0), colours.primary, right);
       } else if (this.gap > 0) {
         upright(this.gap, colours.primary, 0.55);
         if (Number.isFinite(this.measured)) {

@@ -171,6 +171,12 @@ export class RigDrawing extends Canvas {
     }
   }
 
+  arrowhead(...corners) {
+    this.context.beginPath();
+    for (const corner of corners) this.context.lineTo(...corner);
+    this.context.fill();
+  }
+
   /** Write a text that stays level whatever the inclination. */
   upright(g, text, u, v) {
     const { context } = this;
@@ -323,11 +329,7 @@ export class RigDrawing extends Canvas {
     }
     // where M is, on the ruler
     context.fillStyle = colours.primary;
-    context.beginPath();
-    context.moveTo(x, this.base + 1);
-    context.lineTo(x - 5, this.base + 10);
-    context.lineTo(x + 5, this.base + 10);
-    context.fill();
+    this.arrowhead([x, this.base + 1], [x - 5, this.base + 10], [x + 5, this.base + 10]);
     context.restore();
   }
 
@@ -348,11 +350,7 @@ export class RigDrawing extends Canvas {
     context.fillStyle = colours.force;
     context.lineWidth = 2.5;
     strokeLines(context, [[at, height], [tip - side * head, height]]);
-    context.beginPath();
-    context.moveTo(tip, height);
-    context.lineTo(tip - side * head, height - 0.6 * head);
-    context.lineTo(tip - side * head, height + 0.6 * head);
-    context.fill();
+    this.arrowhead([tip, height], [tip - side * head, height - 0.6 * head], [tip - side * head, height + 0.6 * head]);
     circle(context, at, height, 2.5);
     context.fill();
     context.font = font(0.85, 'italic 600');
