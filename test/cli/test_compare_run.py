@@ -46,6 +46,21 @@ def places(messages, topic):
     return [i for i, message in enumerate(messages) if message[0] == topic]
 
 
+def stamped(message, stamp_ns):
+    """Return a message whose header has another stamp."""
+    topic, content, stamp = message
+    header = struct.pack('<iI', *divmod(stamp_ns, 10**9))
+    return topic, content[:4] + header + content[12:], stamp
+
+
+def numbered(message, number_of):
+    """Return a message with another first position, as a function of what it was."""
+    topic, content, stamp = message
+    first = samples.numbers(content)[0][0]
+    old, new = (struct.pack('<d', value) for value in (first, number_of(first)))
+    return topic, content.replace(old, new, 1), stamp
+
+
 def test_what_it_says(bag, tmp_path, capsys):
     assert main([str(bag), '--json', str(tmp_path / 'result.json')]) == 0
     result = json.loads((tmp_path / 'result.json').read_text())
@@ -197,11 +212,10 @@ LOGS = ['differs', 'reproduced', 'reproduced']
 
 def test_faults_are_found_where_they_are(messages, tmp_path, capsys):
     hit = places(messages, '/impacts')[120]
-    topic, content, stamp = messages[hit]
+    stamp = messages[hit][2]
     late = stamp + 1_000_000
-    header = struct.pack('<iI', late // 10**9, late % 10**9)
     shifted = list(messages)
-    shifted[hit] = (topic, content[:4] + header + content[12:], late)
+    shifted[hit] = (*stamped(messages[hit], late)[:2], late)
     shifted.sort(key=lambda m: m[2])
     code, result = run(samples.record(tmp_path / 'shifted', shifted, custom=NOTES), tmp_path)
     assert (code, result['exit_code'], logs(result)) == (1, 1, LOGS)
@@ -234,10 +248,7 @@ def test_numbers_that_are_none_and_stamps_going_back(messages, tmp_path):
     states = places(messages, '/joint_states')
     wrong = list(messages)
     for place in states[3000:3003]:
-        topic, content, stamp = wrong[place]
-        at = content.index(struct.pack('<d', samples.numbers(content)[0][0]))
-        broken = content[:at] + struct.pack('<d', float('nan')) + content[at + 8 :]
-        wrong[place] = (topic, broken, stamp)
+        wrong[place] = numbered(wrong[place], lambda _: math.nan)
     code, result = run(samples.record(tmp_path / 'nan', wrong, custom=NOTES), tmp_path)
     assert (code, logs(result)) == (1, LOGS)
     assert verdicts(result)[:2] == ['agrees', 'agrees']
@@ -245,10 +256,7 @@ def test_numbers_that_are_none_and_stamps_going_back(messages, tmp_path):
     assert result['log']['differences'] == 3
     back = list(messages)
     for place in states[2000:2004]:
-        topic, content, stamp = back[place]
-        early = stamp - 10**10
-        header = struct.pack('<iI', early // 10**9, early % 10**9)
-        back[place] = (topic, content[:4] + header + content[12:], stamp)
+        back[place] = stamped(back[place], back[place][2] - 10**10)
     code, result = run(samples.record(tmp_path / 'back', back, custom=NOTES), tmp_path)
     assert code == 1
     assert any('4 joint states are missing' in fault for fault in result['faults'])
@@ -270,17 +278,14 @@ def test_a_finding_is_in_the_stretch_of_its_instant(tmp_path):
     rig = RecordedRig().start()
     while True:
         before = len(rig.messages)
-        rig.run(1, ('change', {'gap': rng_gap(rig.tick)}))
+        # Another gap at each tick
+        rig.run(1, ('change', {'gap': 0.008 + 1e-6 * rig.tick}))
         topics = [topic for topic, *_ in rig.messages[before:]]
         if '/impacts' in topics and topics.index('/impacts') < topics.index('/snapshot'):
             break
     messages = rig.run(200).messages
     hit, change = (before + topics.index(topic) for topic in ('/impacts', '/snapshot'))
-    topic, content, stamp = messages[hit]
-    positions = samples.numbers(content)[0]
-    at = content.index(struct.pack('<d', positions[0]))
-    number = struct.pack('<d', positions[0] + 1e-3)
-    messages[hit] = topic, content[:at] + number + content[at + 8 :], stamp
+    messages[hit] = numbered(messages[hit], lambda x: x + 1e-3)
     messages[change] = altered_number(messages[change])
     code, result = run(rig.save(tmp_path / 'bag'), tmp_path)
     assert code == 1
@@ -290,11 +295,6 @@ def test_a_finding_is_in_the_stretch_of_its_instant(tmp_path):
     assert (other[0]['quantity'], other[0]['topic']) == ('number', '/snapshot')
     assert wrong[1]['number'] == wrong[0]['number'] + 1
     assert result['log']['differences'] == len(one) + len(other)
-
-
-def rng_gap(tick):
-    """Return a gap for a tick, another one at each."""
-    return 0.008 + 1e-6 * tick
 
 
 def altered_number(message):
@@ -342,14 +342,8 @@ def test_a_report_of_short_and_of_wrong_recordings(tmp_path, count, value):
     rig = RecordedRig(BENCH).start().run(600)
     few = [m for m in rig.messages if m[0] in ('/joint_states', '/impacts')][:count]
     middle = len(few) // 2
-    topic, content, stamp = few[middle]
     if value is not None:
-        first = samples.numbers(content)[0][0]
-        few[middle] = (
-            topic,
-            content.replace(struct.pack('<d', first), struct.pack('<d', value), 1),
-            stamp,
-        )
+        few[middle] = numbered(few[middle], lambda _: value)
     start = [m for m in rig.messages if m[0] == '/snapshot'][-1:]
     bag = samples.record(tmp_path / 'bag', [*start, *few])
     report = tmp_path / 'report'
@@ -428,12 +422,18 @@ def test_a_loose_mass_that_creeps_between_samples(tmp_path):
     assert verdicts(result) == ['agrees']
 
 
+def text_of_six_seconds(tmp_path, capsys, *settings):
+    """Return what is printed of a run of the bench rig without friction."""
+    words = [word for setting in ('friction=0', *settings) for word in ('--set', setting)]
+    words += ['--duration', '6', '--quiet', '--bag', str(tmp_path / 'bag')]
+    assert simulate_rig(['bench_rig', *words]) == 0
+    main([str(tmp_path / 'bag')])
+    return capsys.readouterr().out
+
+
 def test_a_mass_at_rest_in_space_does_not_drift(tmp_path, capsys):
     """Without friction m stays at Z = 0 while X swings in: its place in M is another matter."""
-    words = ['--set', 'friction=0', '--set', 'gap=200 mm', '--duration', '6', '--quiet']
-    assert simulate_rig(['bench_rig', *words, '--bag', str(tmp_path / 'bag')]) == 0
-    main([str(tmp_path / 'bag')])
-    text = capsys.readouterr().out
+    text = text_of_six_seconds(tmp_path, capsys, 'gap=200 mm')
     assert 'M vibrates without m' in text
     assert 'does not keep its place' not in text
 
@@ -441,9 +441,7 @@ def test_a_mass_at_rest_in_space_does_not_drift(tmp_path, capsys):
 @pytest.mark.parametrize('offset', ['0', '5m'])
 def test_free_vibration_left_where_m_hits_a_stop_later(offset, tmp_path, capsys):
     """It is that of M at the end, e^(-zeta omega t) of the whole, wherever m is on its way."""
-    words = ['--set', 'friction=0', '--set', 'gap=20', '--set', 'initial_damper_velocity=0.5']
-    words += ['--set', f'initial_damper_offset={offset}', '--duration', '6', '--quiet']
-    assert simulate_rig(['bench_rig', *words, '--bag', str(tmp_path / 'bag')]) == 0
-    main([str(tmp_path / 'bag')])
-    found = re.search(r'vibration left is (\S+) of it; .* hits stop 1', capsys.readouterr().out)
+    start = 'initial_damper_velocity=0.5', f'initial_damper_offset={offset}'
+    text = text_of_six_seconds(tmp_path, capsys, 'gap=20', *start)
+    found = re.search(r'vibration left is (\S+) of it; .* hits stop 1', text)
     assert float(found[1]) == pytest.approx(math.exp(-0.01 * 31.416 * 6.0), rel=0.03)

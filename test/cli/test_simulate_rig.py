@@ -126,10 +126,8 @@ def test_a_golden_steady_state(tmp_path, capsys):
 
 def test_sticking_and_release_are_events(tmp_path):
     events = tmp_path / 'events.csv'
-    code, rows = run(
-        tmp_path, '--duration', '26', '--events', str(events),
-        settings=[*INCLINED, 'friction=0.5'],
-    )  # fmt: skip
+    words = ('--duration', '26', '--events', str(events))
+    code, rows = run(tmp_path, *words, settings=[*INCLINED, 'friction=0.5'])
     assert code == 0
     kinds = [row for row in table(events) if row['kind'] != 'reversal']
     instants = {row['kind']: float(row['time']) for row in kinds}
@@ -143,11 +141,8 @@ def test_events_show_the_frequency(tmp_path):
     """That of the first harmonic from the event on; of a step, the one that it leads to."""
     events = tmp_path / 'events.csv'
     settings = ['sweep_mode=up_down', 'sweep_low=0.9', 'sweep_high=1.0', 'sweep_step=0.04']
-    code, _ = run(
-        tmp_path, '--duration', '380', '--events', str(events),
-        settings=['gravity=0', 'sweep_dwell=60', 'gap=8', *settings],
-    )  # fmt: skip
-    assert code == 0
+    settings += ['gravity=0', 'sweep_dwell=60', 'gap=8']
+    assert run(tmp_path, '--duration', '380', '--events', str(events), settings=settings)[0] == 0
     rows = [(r['kind'], float(r['time']), float(r['force_frequency'])) for r in table(events)]
     steps = [(instant, frequency) for kind, instant, frequency in rows if kind == 'frequency_step']
     expected = [0.94, 0.98, 1.0, 0.98, 0.94, 0.9]
@@ -180,10 +175,8 @@ def test_states_lie_on_the_grid_and_do_not_disturb(tmp_path):
 
 def test_chatter_is_reported_once_as_rest(tmp_path):
     # A vertical rig that is hardly shaken: the ball bounces on stop 1 and comes to rest.
-    code, rows = run(
-        tmp_path, '--duration', '60',
-        settings=['angle=1.5708', 'one_sided=true', 'gap=2', 'force_amplitudes=[0.001]'],
-    )  # fmt: skip
+    settings = ['angle=1.5708', 'one_sided=true', 'gap=2', 'force_amplitudes=[0.001]']
+    code, rows = run(tmp_path, '--duration', '60', settings=settings)
     assert code == 0
     last = rows[-1]
     assert last['damper_velocity_before'] == last['primary_velocity_before']
@@ -220,13 +213,8 @@ def test_an_output_that_is_full():
 def test_gap_control_from_the_command_line(tmp_path):
     """The same control as in the library, and what the stops do among the events."""
     events, states = tmp_path / 'events.csv', tmp_path / 'states.csv'
-    settings = (
-        'gravity=0',
-        'gap_control=timed',
-        'gap_control_rate=5',
-        'actuator_speed=30',
-        'actuator_delay=0.1',
-    )
+    settings = ('gravity=0', 'gap_control=timed', 'gap_control_rate=5', 'actuator_speed=30')
+    settings += ('actuator_delay=0.1',)
     files = ('--events', str(events), '--states', str(states), '--rate', '2')
     code, rows = run(tmp_path, '--duration', '400', *files, settings=settings)
     assert code == 0

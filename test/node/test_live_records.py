@@ -16,10 +16,10 @@ def test_records_and_random_lines_act_from_the_start_and_from_a_reset(start, tmp
     """On a rig of --rig-out, as in `simulate_rig`; copies of the records are in each snapshot."""
     file, states, again = (tmp_path / name for name in ('rig.yaml', 'states.csv', 'again.csv'))
     words = ['bench_rig', '--set', 'force_amplitudes=0', '--duration', '0.5', '--quiet']
-    words += ['--base-psd', str(CONFIG / 'random_base.csv'), '--psd-lines', '60']
+    words += ['--base-psd', str(CONFIG / 'random_base.csv'), '--psd-lines', '20']
     words += [word for name, path in RECORDS.items() for word in (f'--{name}-record', str(path))]
     assert simulate_rig([*words, '--rig-out', str(file), '--states', str(states)]) == 0
-    assert len(load_parameters(file)[0].base_amplitudes) == 61
+    assert len(load_parameters(file)[0].base_amplitudes) == 21
     names = {f'{quantity}_record': str(path) for quantity, path in RECORDS.items()}
     rig = start(parameters_file=file, record=True, **names)
     rig.await_states(130)

@@ -23,7 +23,7 @@ def priorities(process):
 
 
 def test_rigs_side_by_side(start, tmp_path, capsys):
-    common = {'record': True, 'bag_directory': str(tmp_path / 'runs'), **LIVELY}
+    common = {'record': True, 'bag_directory': str(tmp_path / 'runs'), 'gravity': 0.0}
     left = start(space='/left', real_time_factor=2.0, **common)
     right = start(
         space='/right', publish_clock=True, real_time_priority=3, predict_motion=True, **common
