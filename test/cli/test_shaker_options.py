@@ -28,6 +28,10 @@ def simulate(*words, rig='bench_rig'):
     return main([rig, *map(str, words)])
 
 
+def rows_of(path):
+    return list(csv.DictReader(path.read_text().splitlines()))
+
+
 def test_a_linear_rig_on_a_random_base(table, tmp_path, capsys):
     """Without impacts and friction the transmissibility by Welch is the closed form."""
     spectra, figure, rig = (tmp_path / name for name in ('t.csv', 't.png', 'rig.yaml'))
@@ -41,7 +45,7 @@ def test_a_linear_rig_on_a_random_base(table, tmp_path, capsys):
     assert 'random acceleration of 21 lines from 3 Hz to 8 Hz: 0.04394 g rms' in printed
     assert '0.04394 g by the integral of the table; repeats after 4 s' in printed
     assert 'transmissibility over 2 periods of 4 s' in printed
-    rows = list(csv.DictReader(spectra.read_text().splitlines()))
+    rows = rows_of(spectra)
     columns = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
     w = math.tau * columns['frequency']
     spring = 1974.0 + 12.6j * w
@@ -157,7 +161,7 @@ def test_records_of_force_and_base(tmp_path, capsys):
     sizes = [float(shown[name].split()[3]) for name in ('records', 'halving')]
     assert sizes[0] == pytest.approx(sizes[1], rel=0.3)
     assert sizes[0] != sizes[1]
-    rows = list(csv.DictReader(states.read_text().splitlines()))
+    rows = rows_of(states)
     apart = [abs(float(row['x']) - float(row['base'])) for row in rows]
     assert max(apart) == pytest.approx(sizes[0], rel=0.02)
     assert f"b' = {float(rows[-1]['base_velocity']):.3g}"[:9] in shown['base']
@@ -195,7 +199,7 @@ def test_a_fine_record_is_the_harmonic_force(tmp_path, capsys):
     assert simulate('--duration', 2, '--quiet', '--impacts', tables[0]) == 0
     words = ('--set', 'force_amplitudes=0', '--force-record', path, '--impacts', tables[1])
     assert simulate('--duration', 2, *words) == 0
-    one, other = (list(csv.DictReader(table.read_text().splitlines())) for table in tables)
+    one, other = map(rows_of, tables)
     assert [row['stop'] for row in one] == [row['stop'] for row in other]
     assert [float(row['time']) for row in one] == pytest.approx(
         [float(row['time']) for row in other], abs=3e-5
@@ -255,10 +259,6 @@ NOTCHED = 'f [Hz],level [g]\n4.6,0.06\n4.8,0.02\n5.2,0.02\n5.4,0.06\n'
 def swept(*words, settings=SWEEP):
     words = [*words, *(word for setting in settings for word in ('--set', setting))]
     return simulate('--duration', 36, *words)
-
-
-def rows_of(path):
-    return list(csv.DictReader(path.read_text().splitlines()))
 
 
 def test_the_response_to_a_sweep(tmp_path, capsys):

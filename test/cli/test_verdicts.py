@@ -12,7 +12,7 @@ verdicts = import_module('verdicts')
 
 @pytest.fixture(autouse=True)
 def short_runs(monkeypatch):
-    monkeypatch.setattr(verdicts, 'RATES', {50: 2.0, 200: 1.5})
+    monkeypatch.setattr(verdicts, 'RATES', {50: 1.2, 200: 1.0})
     monkeypatch.setattr(verdicts, '_CHUNKS', 5)
 
 

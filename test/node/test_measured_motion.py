@@ -92,9 +92,8 @@ def test_transmissibility_of_the_last_cycles():
     shown = [float(values[name]) for name in TRANSMISSIBILITIES]
     assert shown == pytest.approx(expected[:2], rel=1e-4)
     # Too few samples in a cycle, or a base at rest
-    assert math.isnan(
-        recent_motion(traced(Rig(ON_TABLE), 50, rate=0.5), 0.5).transmissibility.absolute
-    )
+    few = recent_motion(traced(Rig(ON_TABLE), 50, rate=0.5), 0.5)
+    assert math.isnan(few.transmissibility.absolute)
     values = measured_report(recent_motion(traced(Rig(INCLINED), 50), RATE)).values
     assert {values[name] for name in TRANSMISSIBILITIES} == {''}
 
@@ -266,6 +265,12 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
     return predicted_report(theory, compare(measured, answer or Prediction()))
 
 
+UNDECIDED = RecentMotion(MotionKind.UNDECIDED)
+CONTROLLED = Prediction(reason='gap_control is timed', complete=True, applies=False)
+APERIODIC = Prediction(reason='two incommensurate harmonics', complete=True)
+UNSTABLE = Prediction((OTHER,), OTHER, 'listed', 'it does not repeat', True)
+
+
 @pytest.mark.parametrize(
     ('measured', 'answer', 'status', 'state', 'warning', 'words'),
     [
@@ -275,39 +280,15 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
         (MEASURED, None, {}, 'computing', False, 'computing'),
         (MEASURED, None, {'enabled': False}, 'off', False, 'predict_motion'),
         (MEASURED, Prediction(error='no memory'), {}, 'unavailable', True, 'no memory'),
-        (
-            RecentMotion(MotionKind.UNDECIDED),
-            Prediction((OTHER,), OTHER, 'listed', 'it does not repeat', True),
-            {},
-            'found',
-            True,
-            'unstable; it does not repeat',
-        ),
-        (
-            RecentMotion(MotionKind.UNDECIDED),
-            Prediction(reason='two incommensurate harmonics', complete=True),
-            {},
-            'none',
-            False,
-            'two incommensurate harmonics',
-        ),
+        (UNDECIDED, UNSTABLE, {}, 'found', True, 'unstable; it does not repeat'),
+        (UNDECIDED, APERIODIC, {}, 'none', False, 'two incommensurate harmonics'),
         (MEASURED, Prediction(complete=True), {}, 'none', True, 'theory finds no such motion'),
-        (
-            MEASURED,
-            Prediction(reason='gap_control is timed', complete=True, applies=False),
-            {},
-            'none',
-            False,
-            'gap_control is timed',
-        ),
+        (MEASURED, CONTROLLED, {}, 'none', False, 'gap_control is timed'),
     ],
 )
-def test_what_is_reported_and_when_it_is_a_warning(
-    measured, answer, status, state, warning, words
-):
+def test_what_is_reported_and_when(measured, answer, status, state, warning, words):
     report = reported(measured, answer, **status)
-    assert report.values['State'] == state
-    assert report.warning is warning
+    assert (report.values['State'], report.warning) == (state, warning)
     assert words in report.message
 
 

@@ -91,8 +91,9 @@ def test_a_request_is_answered_when_it_is_in_effect(monkeypatch):
         monkeypatch.setattr(engine, 'ANSWER_TIMEOUT_S', DEADLINE_S)
         node.start()
         assert [asked(gap) for gap in (3.0, 4.0, 5.0)] == ['', '', '']
-        # What the rig refuses is no value of the node either.
-        monkeypatch.setattr(node.engine._rig, 'change', lambda *_: 1.0 / 0.0)
+        # What the rig fails to carry out is undone, and is no value of the node either.
+        change = node.engine._rig.change
+        monkeypatch.setattr(node.engine._rig, 'change', lambda *rig: [change(*rig), 1.0 / 0.0])
         assert 'division by zero' in asked(6.0)
     finally:
         node.finish()
