@@ -38,13 +38,13 @@ class PageProcess(Running):
         self.address, self.port = found[0], int(found[1])
         self.place = Path('/proc', str(self.pid))
 
-    def nodes(self):
-        """Return the numbers of the nodes that it has started and that run."""
+    def children(self, module='node.sim_node'):
+        """Return the numbers of the processes of a module that it has started and that run."""
         found = []
         for listed in self.place.glob('task/*/children'):
             for number in listed.read_text().split():
                 with contextlib.suppress(OSError):  # it has ended meanwhile
-                    if b'node.sim_node' in Path('/proc', number, 'cmdline').read_bytes():
+                    if module.encode() in Path('/proc', number, 'cmdline').read_bytes():
                         found.append(int(number))
         return found
 
