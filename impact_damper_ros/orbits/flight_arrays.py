@@ -50,7 +50,7 @@ def rows_of_samples(samples: NDArray[np.void]) -> Events:
     """Return samples as rows."""
     rows = np.zeros(len(samples), EVENT_TYPE)
     rows['time'], rows['x'], rows['kind'] = samples['time'], samples['x'], STATE
-    rows['y'] = samples['z'] - samples['x']
+    rows['y'] = np.subtract(samples['z'], samples['x'])
     for side in ('before', 'after'):
         rows[f'primary_velocity_{side}'] = samples['primary_velocity']
         rows[f'damper_velocity_{side}'] = samples['damper_velocity']
@@ -210,7 +210,8 @@ class Flights:
         first, angle = np.tile(rig.first_harmonic, (len(rows), 1)), np.full(len(rows), np.nan)
         if drive is not None:
             if steps is not None:
-                first = steps[np.cumsum(rows['kind'] == EventKind.FREQUENCY_STEP)]
+                begins: Mask = rows['kind'] == EventKind.FREQUENCY_STEP
+                first = steps[np.cumsum(begins)]
                 turned = np.cumsum(first[:-1, 1] * np.diff(rows['time']))
                 angle = drive.angles[0] + np.append(0.0, turned)
             else:
@@ -362,9 +363,9 @@ class Flights:
     ) -> tuple[Array, Array]:
         """Return Y and Y' at times in flights, from X and X' at these times."""
         begin, fall = self.rows[:-1][index], self.laws.slide[index]
-        speed = begin['damper_velocity_after']
-        relative = speed - begin['primary_velocity_after']
-        z = begin['x'] + begin['y'] + tau * (speed + 0.5 * tau * fall)
+        speed: Array = begin['damper_velocity_after']
+        relative = np.subtract(speed, begin['primary_velocity_after'])
+        z = np.add(begin['x'], begin['y']) + tau * (speed + 0.5 * tau * fall)
         # The bounces that are not resolved are those of m on the stop.
         held = np.where(begin['kind'] == EventKind.IMPACT, 0.0, relative)
         joint = self.together[index]

@@ -243,6 +243,6 @@ def note_states(
         findings.differ(int(expected['stamp_ns'][i]), topic, *found, alike=more)
     count = states['numbers'].shape[1]
     values = (_words(states) != _words(expected))[:, -count:].any(axis=1)
-    off = (states['numbers'] - expected['numbers'])[values]
+    off = np.subtract(states['numbers'], expected['numbers'])[values]
     times = (expected['stamp_ns'][values] - findings.offset_ns) / 1e9
     findings.divergence.take(times, off[:, 0], off[:, 1])

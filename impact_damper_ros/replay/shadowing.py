@@ -205,10 +205,10 @@ class Shadowing:
             self._matcher.differ_wholly(recorded[0], recorded=True)
         else:
             doubt_ns = abs(float(events['time'][-1] - others['time'][-1])) * 1e9
-            doubt = np.abs(here['numbers'] - there['numbers'])[0]
+            ours: Numbers = here['numbers'][0]
+            doubt, off = (np.abs(ours - rows['numbers'][0]) for rows in (there, recorded))
             length, speed = self._floors()
             floor = np.repeat([length, speed, rig.parameters.damper_mass * speed], 2)
-            off = np.abs(recorded['numbers'] - here['numbers'])[0]
             wrong = np.flatnonzero(~(off <= _TIMES * doubt + floor))
             if abs(stamp_ns - int(here['stamp_ns'][0])) > _STAMP_NS + _TIMES * doubt_ns:
                 self._matcher.differ(stamp_ns, 'stamp', 'ns', stamp_ns, int(here['stamp_ns'][0]))
