@@ -103,12 +103,7 @@ def _write_report(arguments: argparse.Namespace, comparison: RunComparison, comm
         directory /= f'run_{comparison.run}'
     steps = 2 * min(len(comparison.stretches), MOST_DETAILED)
     with progress_bar('drawn', steps, 'steps', quiet=arguments.quiet) as bar:
-        return write_report(
-            comparison,
-            directory,
-            command=command,
-            done=bar.update,
-        )
+        return write_report(comparison, directory, command=command, done=bar.update)
 
 
 def _scored(arguments: argparse.Namespace) -> int:

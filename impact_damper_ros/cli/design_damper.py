@@ -144,10 +144,7 @@ def _parser() -> argparse.ArgumentParser:
         '--mass', type=_value('primary_mass'), metavar='KG', help='its modal mass'
     )
     structure.add_argument(
-        '--frequency',
-        type=_value('natural_frequency'),
-        metavar='HZ',
-        help='its natural frequency',
+        '--frequency', type=_value('natural_frequency'), metavar='HZ', help='its natural frequency'
     )
     structure.add_argument(
         '--damping-ratio',

@@ -64,9 +64,7 @@ def _parser() -> argparse.ArgumentParser:
         help='print the diagnostics of the rig, once a second, until Ctrl-C',
     )
     parser.add_argument(
-        '--values',
-        action='store_true',
-        help='with --watch: print all values, too',
+        '--values', action='store_true', help='with --watch: print all values, too'
     )
     return parser
 

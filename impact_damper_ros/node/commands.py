@@ -90,9 +90,7 @@ class CommandInbox:
     """Takes the commands that have come; for the engine's thread."""
 
     def __init__(
-        self,
-        topics: Sequence[CommandTopic] = (),
-        wait: Callable[[float], object] = time.sleep,
+        self, topics: Sequence[CommandTopic] = (), wait: Callable[[float], object] = time.sleep
     ) -> None:
         #: Waits until a command comes, or for some seconds
         self.wait = wait

@@ -385,10 +385,7 @@ class Engine:
         if not state.paused:
             raise NotNowError('only a paused rig makes single steps: pause it first')
         ended: Request = Future()
-        step = Step(
-            lambda: motion.impacts > impacts if to_impact else self._tick > tick,
-            ended,
-        )
+        step = Step(lambda: motion.impacts > impacts if to_impact else self._tick > tick, ended)
         self._enter(State(Running.STEP, step=step))
         self._news = 'resume'
         return ended

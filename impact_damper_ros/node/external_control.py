@@ -86,10 +86,9 @@ class ExternalControl:
         self._on_the_way: deque[Sent] = deque()
         self._seen: tuple[tuple[float, ...], tuple[float, ...]] | None = None
         # In lock-step: the topics from which a command is awaited
-        self._topics = {
-            'off': set(),
-            'both': {'stop_commands', 'force_command'},
-        }.get(settings.lock_step, {settings.lock_step})
+        self._topics = {'off': set(), 'both': {'stop_commands', 'force_command'}}.get(
+            settings.lock_step, {settings.lock_step}
+        )
         # The stamps of the measurement for which it is, of the last one that was published, and of
         # that which was answered last; and the commands that have come
         self._awaited_ns: int | None = None

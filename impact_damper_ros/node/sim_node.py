@@ -59,25 +59,13 @@ from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 from impact_damper_ros.parameters.structure import STRUCTURE_SPECS
 from impact_damper_ros.theory.theory_process import TheoryProcess
 
-from .commands import (
-    DEPTH,
-    CommandInbox,
-    CommandTopic,
-    read_force_command,
-    read_stop_command,
-)
+from .commands import DEPTH, CommandInbox, CommandTopic, read_force_command, read_stop_command
 from .diagnostics import Diagnostics
 from .engine import Engine, answered
 from .motion_report import MotionMonitor
 from .network import Network
 from .pacing import take_priority
-from .parameters import (
-    NodeParameters,
-    as_meant,
-    changed_by,
-    descriptor,
-    parameters_from_overrides,
-)
+from .parameters import NodeParameters, as_meant, changed_by, descriptor, parameters_from_overrides
 from .publishing import RigPublishers, TopicPublisher
 from .recording import Recorder
 from .services import RigServices

@@ -38,10 +38,7 @@ def test_the_demonstration(tmp_path):
     pytest.importorskip('matplotlib', reason='the demonstration draws a picture')
     anyreader = pytest.importorskip('rosbags.highlevel').AnyReader
     done = subprocess.run(
-        [
-            *(sys.executable, '-c', FASTER, str(tmp_path / 'run')),
-            *('--duration', '8'),
-        ],
+        [*(sys.executable, '-c', FASTER, str(tmp_path / 'run')), *('--duration', '8')],
         cwd=ROOT,
         env={**os.environ, 'PYTHONPATH': str(ROOT)},
         capture_output=True,
