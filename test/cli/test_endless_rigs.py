@@ -36,7 +36,7 @@ def endless_file(path, name):
 
 @pytest.mark.parametrize(
     ('name', 'law'),
-    [('high frequency', 'off'), ('tiny gap', 'off'), ('weight', 'timed'), ('air', 'amplitude')],
+    [('high frequency', 'off'), ('weight', 'timed')],
 )
 def test_simulate_rig_ends_with_whole_files(tmp_path, capsys, name, law):
     bag, events, states = tmp_path / 'bag', tmp_path / 'events.csv', tmp_path / 'states.csv'
