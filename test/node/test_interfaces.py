@@ -53,13 +53,15 @@ def test_services(rig):
 
     held = rig.until(lambda: later('change'))[-1]
     assert held['state']['parameters']['gap'] == 0.02
+    rig.until(lambda: rig.stands_still)
+    samples = len(samples_of(rig.states))
     for _ in range(3):
-        samples = len(samples_of(rig.states))
         ok, text = rig.call('step')
         assert ok
         assert re.fullmatch(r'paused after a step, at rig time [\d.]+ s', text)
-        rig.until(lambda: rig.stands_still)
-    assert len(samples_of(rig.states)) == samples + 1
+    rig.until(lambda: rig.stands_still and len(samples_of(rig.states)) >= samples + 3)
+    rig.await_states(2)
+    assert len(samples_of(rig.states)) == samples + 3
     ok, text = rig.call('step_to_impact')
     assert (ok, text[:39]) == (True, 'running on until after the next impact,')
     rig.call('pause', data=False)
