@@ -221,7 +221,7 @@ def kill_a_worker():
 
 def test_killed_processes_are_replaced(caplog):
     """A worker is killed as soon as the first rigs are back."""
-    grid = grid_of(settling=Settling(cycles=600, watch=40), gap=np.linspace(2.0, 14.0, 40))
+    grid = grid_of(settling=Settling(cycles=300, watch=40), gap=np.linspace(2.0, 14.0, 40))
     alone = sweep(grid)
     kills = []
 
