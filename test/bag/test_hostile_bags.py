@@ -18,6 +18,7 @@ from bag.recorded_rig import LIVELY, NOTES, RecordedRig, renamed
 from mcap.opcode import Opcode
 
 from impact_damper_ros.bag import RecordingError, RunReader
+from impact_damper_ros.bag.mcap_file import McapFile
 from impact_damper_ros.bag.sqlite_file import SqliteFile
 from impact_damper_ros.parameters.quoting import as_line, shown
 from impact_damper_ros.replay.run import RecordedRun
@@ -334,7 +335,7 @@ def test_very_many_topics(tmp_path, bag):
     for command in ('replay_run', 'recover_run'):
         assert bounded_commands.run(command, path, seconds=20) == ''
     saved = path.with_name(f'{path.stem}_recovered')
-    assert sum(len(file.channels) for file in RunReader(saved).files) > 1000
+    assert sum(len(McapFile(file, file).channels) for file in saved.glob('*.mcap')) > 1000
 
 
 def test_metadata_of_very_many_entries(tmp_path, bag):

@@ -94,20 +94,20 @@ def test_the_best_fixed_gap(score, tmp_path):
 
 
 @pytest.mark.usefixtures('few_gaps')
-def test_gaps_are_tried_once_for_recordings_of_one_history(timed, tmp_path):
+def test_gaps_are_tried_once_for_recordings_of_one_history(tmp_path):
     tried = Tried(dict)
-    scored(timed, tried)
+    scored(recorded(tmp_path, BENCH, seconds=4, control=TIMED), tried)
     (rms,) = tried.values()
     before = {**rms}
-    off = recorded(tmp_path, BENCH.replace(gap=0.03), name='off')
+    off = recorded(tmp_path, BENCH.replace(gap=0.03), seconds=4, name='off')
     shared = scored(off, tried)
     assert list(tried.values()) == [before | {math.log(0.03): rms[math.log(0.03)]}]
     assert vars(shared).keys() == vars(alone := scored(off)).keys()
     for name in ('best_gap', 'stretches', 'overall'):
         assert getattr(shared, name) == getattr(alone, name)
     for name, changes in (('mass', {'damper_mass': 0.3}), ('stop', {'restitution_1': 0.5})):
-        scored(recorded(tmp_path, BENCH.replace(**changes), name=name), tried)
-    scored(recorded(tmp_path, BENCH, seconds=11, name='short'), tried)
+        scored(recorded(tmp_path, BENCH.replace(**changes), seconds=4, name=name), tried)
+    scored(recorded(tmp_path, BENCH, seconds=3, name='short'), tried)
     assert len(tried) == 4
 
 
