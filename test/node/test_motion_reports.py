@@ -27,9 +27,8 @@ TASKS = 'measured motion', 'predicted motion'
 
 
 def motions(rig, holds):
-    """Wait for a report on both motions for whose values something holds; return the values."""
-    reports = rig.await_report(*TASKS, holds=lambda *both: holds(*(r.values for r in both)))
-    return [report.values for report in reports]
+    """Wait for a report on both motions for whose values something holds, and return it."""
+    return rig.await_report(*TASKS, holds=lambda *both: holds(*(r.values for r in both)))
 
 
 def agreeing(orbit):
@@ -43,8 +42,10 @@ def agreeing(orbit):
     return condition
 
 
-def check(measured, predicted, orbit):
+def check(reports, orbit):
     """Compare the reported motions with a motion of the theory."""
+    measured, predicted = (report.values for report in reports)
+    assert reports[1].level == DiagnosticStatus.OK
     # How near a measured motion is, that counts as settled, depends on how slowly it settles.
     near = float(predicted['Tolerance'])
     largest = abs(orbit.multipliers[0])
@@ -78,14 +79,13 @@ def test_measured_and_predicted_motion_agree_before_and_after_a_change(start):
 
     orbit = find_orbits(FRICTION, (1, 2)).orbits[0]
     assert orbit.x_max_ratio == pytest.approx(0.2113439, abs=5e-8)
-    check(*motions(rig, agreeing(orbit)), orbit)
+    check(motions(rig, agreeing(orbit)), orbit)
     for gap in (33.0, 30):
         assert rig.parameters.set(gap=gap) == ''
         orbit = find_orbits(FRICTION.replace(gap=gap), (1, 2)).orbits[0]
-        check(*motions(rig, agreeing(orbit)), orbit)
+        check(motions(rig, agreeing(orbit)), orbit)
         ratio = pytest.approx(orbit.x_max_ratio, abs=1e-9)
         rig.until(lambda ratio=ratio: document() == ratio)
-    assert rig.report('predicted motion').level == DiagnosticStatus.OK
     # A second harmonic repeats after three cycles of the first, and begins as it is added.
     both = {'force_amplitudes': [1.0, 0.1], 'force_phases': [0.0, 0.0]}
     rig.change(force_frequencies=[1.02, 1.7], **both)
@@ -93,7 +93,7 @@ def test_measured_and_predicted_motion_agree_before_and_after_a_change(start):
     motions(rig, lambda _, p: (p['Agreement'], p[period]) == ('agrees', '3'))
     # Without a common period there is no periodic motion, and that is no fault.
     rig.change(force_frequencies=[1.02, 1.7171])
-    _, report = rig.await_report(*TASKS, holds=lambda _, p: p.values['State'] == 'none')
+    _, report = motions(rig, lambda _, p: p['State'] == 'none')
     assert 'needs a whole number' in report.values['Reason']
     assert report.level == DiagnosticStatus.OK
     rig.change(predict_motion=False)
@@ -114,14 +114,14 @@ def test_a_gap_that_m_never_crosses_is_reported(rig):
 
 def test_predictions_on_request_and_nothing_left_of_a_killed_node(start):
     """Of one impact in three cycles."""
-    rig_ = VERTICAL.replace(force_amplitudes=1.48507)
-    orbit = find_orbits(rig_, (1,), 3).orbits[0]
+    ball = VERTICAL.replace(force_amplitudes=1.48507)
+    orbit = find_orbits(ball, (1,), 3).orbits[0]
     rig = start(
         **INCLINED
         | {
-            'damper_mass': rig_.damper_mass,
-            'damping': rig_.damping,
-            'angle': rig_.angle,
+            'damper_mass': ball.damper_mass,
+            'damping': ball.damping,
+            'angle': ball.angle,
             'friction': 0.0,
             'one_sided': True,
             'force_amplitudes': '[1.48507]',
@@ -129,19 +129,18 @@ def test_predictions_on_request_and_nothing_left_of_a_killed_node(start):
             'force_phases': f'[{math.tau * orbit.phases[0]}]',
             'initial_primary_position': orbit.x[0],
             'initial_primary_velocity': orbit.primary_velocity_after[0],
-            'initial_damper_offset': 0.5 * rig_.gap,
+            'initial_damper_offset': 0.5 * ball.gap,
             'initial_damper_velocity': orbit.damper_velocity_after[0],
             'real_time_factor': 100.0,
         }
     )
-    measured, predicted = motions(rig, lambda m, _: m['State'] == 'periodic')
-    assert (predicted['State'], predicted['Process']) == ('off', '')
+    _, predicted = motions(rig, lambda m, _: m['State'] == 'periodic')
+    assert (predicted.values['State'], predicted.values['Process']) == ('off', '')
     assert children(rig.process.pid) == []
     rig.change(predict_motion=True)
-    measured, predicted = motions(rig, lambda _, p: p['Agreement'] == 'agrees')
-    for values in (measured, predicted):
-        assert values['Stop sequence'] == '[1]'
-        assert values['Period [cycles of the force]'] == '3'
+    for report in motions(rig, lambda _, p: p['Agreement'] == 'agrees'):
+        assert report.values['Stop sequence'] == '[1]'
+        assert report.values['Period [cycles of the force]'] == '3'
     # Whoever starts a node and kills it should not find anything left.
     started = children(rig.process.pid)
     assert started
