@@ -307,6 +307,7 @@ class SimNode(Node):
     def _command_inbox(self) -> CommandInbox:
         """Return the commands of a controller, which the engine's thread takes by itself."""
         subscriptions: dict[str, Subscription] = {}
+        replaced: dict[str, Subscription] = {}
 
         def subscribe(key: str, reliability: ReliabilityPolicy) -> None:
             subscriptions[key] = self.create_subscription(
@@ -321,8 +322,10 @@ class SimNode(Node):
 
         def loosen(key: str, _event: Any) -> None:
             """Go on with a subscription that a best-effort publisher matches, too."""
-            if subscriptions[key].qos_profile.reliability == ReliabilityPolicy.RELIABLE:
+            if key not in replaced:
+                former = subscriptions[key]
                 subscribe(key, ReliabilityPolicy.BEST_EFFORT)
+                replaced[key] = former
 
         for key in _COMMANDS:
             subscribe(key, ReliabilityPolicy.RELIABLE)
@@ -336,7 +339,11 @@ class SimNode(Node):
             waiting.wait(round(seconds * 1e9))
 
         def take(key: str) -> bytes | None:
-            taken = subscriptions[key].handle.take_message(_COMMANDS[key][0], True)
+            kind = _COMMANDS[key][0]
+            # What is left in a subscription keeps the executor from sleeping.
+            while key in replaced and replaced[key].handle.take_message(kind, True) is not None:
+                pass
+            taken = subscriptions[key].handle.take_message(kind, True)
             return taken[0] if taken is not None else None
 
         def publishers(key: str) -> int:

@@ -4,8 +4,10 @@ import importlib
 import itertools
 import json
 import math
+import os
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import Wrench, WrenchStamped
@@ -256,6 +258,20 @@ def test_a_best_effort_controller_is_obeyed_and_reported(plant):
     # A reliable one again
     plant.stops = plant.stop_publisher(10)
     plant.moves_to(0.013, -0.012)
+    # The node once kept a processor busy from then on.
+    assert any(time_of_states(plant, 200) < 0.3 for _ in range(5))
+
+
+def time_of_states(rig, count):
+    """Return the processor time that a node takes meanwhile, s."""
+
+    def taken():
+        fields = Path(f'/proc/{rig.process.pid}/stat').read_text().rpartition(')')[2].split()
+        return sum(map(int, fields[11:13])) / os.sysconf('SC_CLK_TCK')
+
+    before = taken()
+    rig.await_states(count)
+    return taken() - before
 
 
 def test_partners_that_do_not_match_are_reported(plant):
