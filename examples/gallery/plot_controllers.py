@@ -23,7 +23,8 @@ levels, lasts, looks, rate = (1.2, 1.6, 2.1, 2.8), 200.0, 5.0, 100.0  # N, s, s,
 
 def run(factor):
     """Return a table of instant, gap and rms of X, for a factor between two gaps."""
-    rig, gap, last, table = Rig(parameters, control=external), parameters.gap, np.inf, []
+    rig = Rig(parameters, control=external, compiled=None)
+    gap, last, table = parameters.gap, np.inf, []
     for level in levels:
         rig.change(parameters.replace(force_amplitudes=level), external)
         for _ in range(round(lasts / looks)):
