@@ -665,8 +665,11 @@ def test_names_for_a_screen_reader(opened):
     page.wait(f'impactDamper.history.end > {end} + 0.3')
     assert page.run('impactDamper.history.changes.length') == start
     # Little moves where that is asked for.
+    moves = "getComputedStyle(document.querySelector('.knob.turned')).animationName"
+    page.run("document.querySelector('.knob').classList.add('turned')")
+    assert page.run(moves) == 'turned'
     page.shade(dark=False, calm=True)
-    assert page.run("getComputedStyle(document.querySelector('.dot')).animationName") == 'none'
+    assert page.run(moves) == 'none'
 
 
 @pytest.mark.parametrize('size', [(390, 844), (1024, 768), (1600, 900)])
