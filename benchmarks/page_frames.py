@@ -70,7 +70,7 @@ def main():
     if path is None:
         parser.error(chromium.MISSING)
     with tempfile.TemporaryDirectory() as work:
-        browser = Browser(path)
+        browser = Browser(path, screen='')  # as fast as it can be
         server = PageProcess(Path(work), '--node', '/sim_node')
         node = SimProcess(Path(work), parameters_file=BENCH)
         try:

@@ -26,14 +26,15 @@ class Browser:
     the run could.
     """
 
-    def __init__(self, path):
+    def __init__(self, path, *, screen=SLOW_SCREEN):
+        self._screen = screen
         self._driver = sync_playwright().start()
         self._browser = self._driver.chromium.launch(executable_path=path, args=OPTIONS)
 
     def open(self, address='about:blank', *, width=1280, height=800):
         """Open a page in a tab of its own, which takes three times as long as `Page.visit`."""
         context = self._browser.new_context(viewport={'width': width, 'height': height})
-        context.add_init_script(SLOW_SCREEN)
+        context.add_init_script(self._screen)
         return Page(context, address)
 
     def close(self):
