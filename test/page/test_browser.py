@@ -289,9 +289,9 @@ def test_the_rig_is_moved_by_hand(opened, parameters):
         # The picture goes smoothly to another scale.
         until(
             lambda: page.run("""(async ({ drawing: { rig } }) => {
-            const before = rig.plan.scale;
+            const before = rig.plan?.scale;
             for (let n = 0; n < 3; n += 1) await new Promise(requestAnimationFrame);
-            return rig.plan.scale === before; })(impactDamper)""")
+            return before !== undefined && rig.plan.scale === before; })(impactDamper)""")
         )
         return page.run(f"""(({{ drawing: {{ rig }}, history: {{ state }} }}) => {{
             const {{ scale, slug, left, right, up, down }} = rig.plan;
