@@ -106,7 +106,7 @@ def _isolate_ros() -> None:
     for name in FOREIGN_SETTINGS:
         os.environ.pop(name, None)
     sys.dont_write_bytecode = False
-    # The second thread of a small product only waits, and takes a processor for that.
+    # For small matrices a second thread of BLAS only spins, which costs processor time.
     os.environ['OPENBLAS_NUM_THREADS'] = '1'
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['ROS_DOMAIN_ID'] = str(_take_domain())

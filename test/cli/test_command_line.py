@@ -182,7 +182,7 @@ def test_version(command, capsys):
 
 
 def test_version_of_the_node():
-    """In a process: the node takes the signals of its own for good."""
+    """In a process of its own, since the node replaces the signal handlers permanently."""
     pytest.importorskip('rclpy')
     code = 'import sys; from impact_damper_ros.node.sim_node import main; '
     code += 'sys.exit(main(["", "--version"]) or main(["", "--help"]))'

@@ -197,7 +197,7 @@ def test_refusals(arguments, problem, tmp_path, monkeypatch, capsys):
 
 
 def test_a_fit_that_is_not_accepted_writes_no_rig(tmp_path, capsys):
-    """A forced motion is no ring-down."""
+    """The record of a forced motion is refused: it does not ring down."""
     rig, result = tmp_path / 'out.yaml', tmp_path / 'out.json'
     words = ['--structure', '--rig', str(TWIN / 'rig.yaml'), '--rig-out', str(rig)]
     assert main([str(TWIN / 'start.csv'), *words, '--json', str(result)]) == 1

@@ -239,7 +239,7 @@ def test_a_recorded_run_under_records_is_replayed_and_measured_without_theory(tm
         late = inside & (time >= stretch['measured']['start'])
         for part, samples in ((overall, inside), (stretch['measured'], late)):
             assert part['x_rms'] == pytest.approx(np.sqrt(np.mean(x[samples] ** 2)), rel=1e-9)
-    # A what-if beside it is measured alike.
+    # A what-if run is measured in the same way.
     assert replay_run([str(bag), '--set', 'gap=0.004', '--json', str(found)]) == 0
     both = json.loads(found.read_text())['what_if']
     assert both['recorded']['x_rms'] == result['overall']['x_rms']

@@ -1,4 +1,4 @@
-"""The controllers of the examples, live: in lock-step the same bits, also of a slow one."""
+"""The controllers of the examples with a live rig; lock-step runs are reproduced bit for bit."""
 
 import cmath
 import math

@@ -53,7 +53,7 @@ def test_a_recorded_force_counts_and_not_the_described_one(bench):
 
 
 def test_a_swept_force_is_refused(bench):
-    """All tones of a signal are found, also a small one."""
+    """All tones of a signal are found, including a small one."""
     _, start, record = bench
     time = record.time
     two = tones_of(time, 1.5 * np.sin(30.0 * time) + 0.05 * np.cos(90.0 * time))

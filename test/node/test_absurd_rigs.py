@@ -125,7 +125,7 @@ def test_stamps_follow_the_steps_of_the_system_clock(start):
         """Wait until joint states, and the snapshot of the step, are by the clock of the node."""
 
         def followed():
-            # At the end of a pause, one snapshot may be for both.
+            # At the end of a pause, one snapshot may report both slip and resumption.
             moved = [s['stamp_offset_ns'] + s['time_ns'] for s in rig.snapshots('slip', 'resume')]
             last = stamp_ns(rig.states[-1].header.stamp)
             return (

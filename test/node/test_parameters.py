@@ -91,7 +91,7 @@ def test_a_request_is_answered_when_it_is_in_effect(monkeypatch):
         monkeypatch.setattr(engine, 'ANSWER_TIMEOUT_S', DEADLINE_S)
         node.start()
         assert [asked(gap) for gap in (3.0, 4.0, 5.0)] == ['', '', '']
-        # What the rig fails to carry out is undone, and is no value of the node either.
+        # If the rig cannot carry out a change, the parameter of the node keeps its value.
         change = node.engine._rig.change
         monkeypatch.setattr(node.engine._rig, 'change', lambda *rig: [change(*rig), 1.0 / 0.0])
         assert 'division by zero' in asked(6.0)

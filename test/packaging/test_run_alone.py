@@ -70,7 +70,7 @@ def tested(tmp_path):
     """Return a function that runs tests as `.ci/run` does, until they end."""
     shutil.copy(SOURCE / 'test' / 'run_alone.py', tmp_path / 'conftest.py')
     (tmp_path / 'pytest.ini').write_text('[pytest]\naddopts = -ra -p xdist.plugin\n')
-    # A dozen processes load no plugin that is not needed here.
+    # Each test starts processes of pytest; plugins would take most of their time.
     environment = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1', 'PYTHONUNBUFFERED': '1'}
     (options,) = re.findall(r"ARGS='(.+)'", (SOURCE / '.ci' / 'run').read_text(encoding='utf-8'))
 
@@ -127,7 +127,7 @@ def test_many_failures_are_failures(tested):
 def test_interrupted_run_shows_what_failed(tested, tmp_path):
     with tested(ONCE, LASTS) as process:
         process.until((tmp_path / 'lasts').exists)
-        # The failures before it are held back: each has its R in the line of progress.
+        # Each failure so far is shown as an R in the line of progress; its report comes later.
         process.until(lambda: process.output.count('R') == len(ALONE))
         assert process.stop(signal.SIGINT) == 2, process.output
         output = process.output
