@@ -377,8 +377,6 @@ class LiveRig(Source):
     async def _serve(self, name: str) -> dict[str, Any]:
         if name == 'pause':
             ok, text = await self.link.pause(not self._paused)
-        elif name in _TRIGGERS and not self._all_known:
-            raise RequestError(f'{self.link.name} has not answered so far: try it again')
         elif name in _TRIGGERS:
             ok, text = await self.link.trigger(name)
         else:

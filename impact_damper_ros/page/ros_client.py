@@ -50,6 +50,7 @@ _MOST_TAKEN = 2000
 #: several nodes send them. One that was started again under the name of another is no case of it.
 _MIXED, _MIXED_S = 4, 3.0
 #: A node finds the clients in their order: once it has answered the last one, it can answer all.
+_LAST = 'get_parameters'
 _SERVICES = {
     'pause': SetBool,
     'reset': Trigger,
@@ -57,7 +58,7 @@ _SERVICES = {
     'step_to_impact': Trigger,
     'set_parameters_atomically': SetParametersAtomically,
     'list_parameters': ListParameters,
-    'get_parameters': GetParameters,
+    _LAST: GetParameters,
 }
 
 
@@ -66,6 +67,7 @@ class _Service:
 
     def __init__(self, node: Node, kind: Any, name: str) -> None:
         self._kind = kind
+        self._changes = kind not in (ListParameters, GetParameters)
         # A step or a reset that is asked for again would be made twice.
         self._repeatable = kind is not Trigger
         self._client = node.create_client(kind, name)
@@ -106,7 +108,11 @@ class _Service:
                 self._waiting.pop(number, None)
         raise TimeoutError(
             f'the node does not answer ({self._client.srv_name}), and sends nothing: '
-            + ('the change may or may not have been made' if numbers else 'nothing was changed')
+            + (
+                'the change may or may not have been made'
+                if numbers and self._changes
+                else 'nothing was changed'
+            )
         )
 
     def begin_again(self) -> None:
@@ -148,6 +154,8 @@ class RigLink:
             service: _Service(node, kind, f'{name}/{service}')
             for service, kind in _SERVICES.items()
         }
+        # Whether its answers reach this client
+        self._answers = False
         #: How long the node has sent nothing, s
         self.silence = 0.0
         self._polled_at = time.monotonic()
@@ -201,6 +209,7 @@ class RigLink:
 
     def begin_again(self) -> None:
         """Expect no answer of the node before: a new one has its name."""
+        self._answers = False
         for service in self._services.values():
             service.begin_again()
 
@@ -217,7 +226,8 @@ class RigLink:
         """Return the values of all parameters."""
         listed = await self._call('list_parameters')
         names = list(listed.result.names)
-        got = await self._call('get_parameters', names=names)
+        got = await self._call(_LAST, names=names)
+        self._answers = True
         return dict(zip(names, map(parameter_value_to_python, got.values), strict=False))
 
     async def set(self, values: Mapping[str, Any]) -> str:
@@ -241,7 +251,10 @@ class RigLink:
         return bool(answer.success), str(answer.message)
 
     async def trigger(self, service: str) -> tuple[bool, str]:
-        """Call `reset`, `step` or `step_to_impact`."""
+        """Call `reset`, `step` or `step_to_impact`, once."""
+        if not self._answers:
+            await self._call(_LAST, names=[])
+            self._answers = True
         answer = await self._call(service)
         return bool(answer.success), str(answer.message)
 

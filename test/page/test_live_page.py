@@ -101,6 +101,17 @@ async def test_requests_are_answered_by_the_node(node, runs):
     assert node.running()
 
 
+@pytest.mark.usefixtures('node')
+@in_loop
+async def test_what_is_asked_before_the_node_is_known_is_done(tmp_path):
+    """As of a page whose server was started again; the answer to a reset must not be lost."""
+    async with serving(tmp_path, RosClient(), node='/sim_node') as server, opened(server) as page:
+        ok, reason = await page.ask(type='begin', values={'gap': 0.017})
+        assert (ok, reason.startswith('reset to primary at 0 m')) == (True, True)
+        rig = server.sources['/sim_node']
+        await page.until(lambda: with_knobs(page) and rig.values['gap'] == 0.017, 'not shown')
+
+
 @in_loop
 async def test_two_nodes_of_one_name_are_reported(node, tmp_path):
     async with serving(tmp_path, RosClient(), node='/sim_node') as server, opened(server) as page:

@@ -198,13 +198,16 @@ function described({ force_amplitudes: forces = [], multisine_level: level, gap,
   ].filter(Boolean).join(' · ');
 }
 
-/** Forget the best gap of a structure once the rig is another one. */
-function checkDesign(values) {
-  if (!designed || Object.entries(values).every(([name, value]) => name === 'gap' || !(name in designed.values)
-    || JSON.stringify(value) === JSON.stringify(designed.values[name]))) return;
+function forgetDesign() {
   designed = null;
   drawing.curve.markDesign(NaN);
   showPreset();
+}
+
+/** Forget the best gap of a structure once the rig is another one. */
+function checkDesign(values) {
+  const same = ([name, value]) => name === 'gap' || !(name in designed.values) || JSON.stringify(value) === JSON.stringify(designed.values[name]);
+  if (designed && !Object.entries(values).every(same)) forgetDesign();
 }
 
 /** Whether so much changes that the scales of before say nothing. */
@@ -218,6 +221,7 @@ function isAnotherRig({ preset, values }) {
 connection.addEventListener('hello', ({ detail }) => {
   const { address } = state;
   const live = detail.mode !== 'player';
+  const other = detail.rig !== state.hello.rig || !live;
   Object.assign(state, { hello: detail, values: {}, whatIf: {} });
   history.shape(detail.frame.tables);
   history.window = Number(address.view.window) || 30;
@@ -225,8 +229,7 @@ connection.addEventListener('hello', ({ detail }) => {
   theory.clear();
   for (const id of ['map-line', 'curve-line']) write(byId(id), '');
   drawing.clear();
-  designed = null;
-  drawing.curve.markDesign(NaN);
+  if (other) forgetDesign();
   verdict.clear();
   byId('clear-ghost').hidden = true;
   player.begin(detail);
@@ -238,7 +241,9 @@ connection.addEventListener('hello', ({ detail }) => {
   controller.make(detail.parameters);
   controller.report(null);
   for (const one of detail.changes ?? []) if (one.kind !== 'stretch') history.change(one.time, knobs.done(one));
-  takeValues(Object.fromEntries(detail.parameters.map((one) => [one.name, one.value])));
+  const values = Object.fromEntries(detail.parameters.map((one) => [one.name, one.value]));
+  takeValues(values);
+  checkDesign(values);
   recordings.show(detail.recordings);
   received.latest = performance.now();
   setStatus(detail.rig || !live ? 'running' : 'gone');
