@@ -142,12 +142,12 @@ class RigParameterClient:
             raise CommandError(f'several rigs run, {", ".join(rigs)}: name one with --node')
         return rigs[0]
 
-    def _answer(self, future: Any) -> Any:
+    def _answer(self, future: Any, change: str = '') -> Any:
         import rclpy
 
         rclpy.spin_until_future_complete(self._node, future, timeout_sec=PATIENCE_S)
         if not future.done():
-            raise CommandError(f'{self.name} does not answer', EXIT_FAILED)
+            raise CommandError(f'{self.name} does not answer{change}', EXIT_FAILED)
         return future.result()
 
     def values(self) -> dict[str, Any]:
@@ -175,7 +175,8 @@ class RigParameterClient:
         request = [
             Parameter(name, value=ALL_SPECS[name].checked(value)) for name, value in values.items()
         ]
-        result = self._answer(self._client.set_parameters_atomically(request)).result
+        change = ': the change may or may not have been made; set_rig alone prints the values'
+        result = self._answer(self._client.set_parameters_atomically(request), change).result
         if not result.successful:
             raise CommandError(result.reason)
         return str(result.reason)

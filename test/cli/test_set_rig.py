@@ -1,6 +1,7 @@
 """`set_rig` on a running node, over DDS."""
 
 import re
+import signal
 from contextlib import nullcontext
 
 import pytest
@@ -11,6 +12,7 @@ from node.rig_client import LIVELY, SimProcess
 from running import DEADLINE_S, Running
 
 from impact_damper_ros.cli import set_rig, sim_node
+from impact_damper_ros.cli.command_line import CommandError
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
 
@@ -135,6 +137,19 @@ def test_diagnostics_are_watched(tmp_path):
 def test_values_without_watching(capsys):
     assert set_rig.main(['--values']) == 2
     assert 'give --watch, too' in capsys.readouterr().err
+
+
+def test_a_rig_that_stands_still_may_have_made_the_change(node, monkeypatch):
+    with set_rig.ros_node('set_rig') as joined:
+        rig = set_rig.RigParameterClient(joined, '/bench/sim_node')
+        assert rig.values()['gap'] > 0.0
+        monkeypatch.setattr(set_rig, 'PATIENCE_S', 0.5)
+        node.send(signal.SIGSTOP)
+        try:
+            with pytest.raises(CommandError, match='does not answer: the change may or may not'):
+                rig.set({'gap': 0.02})
+        finally:
+            node.send(signal.SIGCONT)
 
 
 def test_no_rig_and_several(node, tmp_path, monkeypatch, capsys):
