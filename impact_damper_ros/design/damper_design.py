@@ -276,7 +276,7 @@ class Uncertain:
     Attributes
     ----------
     gaps : ndarray, shape (n,)
-        Gaps that were tried, m.
+        Gaps that were tried, m, that of the design among them.
     ratios : ndarray, shape (n, cases)
         Largest |X| over that without the damper, from rest, for each case.
     ranges : dict
@@ -301,6 +301,10 @@ class Uncertain:
         """The gap whose worst case is best, m, and that worst case."""
         k = int(np.argmin(self.worst))
         return float(self.gaps[k]), float(self.worst[k])
+
+    def worst_at(self, gap: float) -> float:
+        """Return the worst case of the gap that was tried next to one."""
+        return float(self.worst[np.argmin(np.abs(self.gaps - gap))])
 
 
 def _at(rig: RigParameters, ranges: Mapping[str, tuple[float, float]], end: int) -> RigParameters:
@@ -345,10 +349,12 @@ def uncertain(
         ]
         return np.array(runs)
 
-    gaps = np.geomspace(_LEAST_GAP, _WIDEST_GAP, count) * design.gap
+    # From rest |X| jumps from gap to gap: the worst case of the gap to build is one that was run
+    gaps = np.append(np.geomspace(_LEAST_GAP, _WIDEST_GAP, count) * design.gap, design.gap)
+    gaps.sort()
     found = ratios(gaps)
     best = int(np.argmin(found.max(axis=1)))
-    low, high = gaps[max(best - 1, 0)], gaps[min(best + 1, count - 1)]
+    low, high = gaps[max(best - 1, 0)], gaps[min(best + 1, count)]
     finer = np.linspace(low, high, count // 2 + 2)[1:-1]
     gaps, found = np.append(gaps, finer), np.append(found, ratios(finer), axis=0)
     order = np.argsort(gaps)

@@ -119,7 +119,7 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
         )
     *first, last = _uncertain_words(unsure)
     cases = f'{", ".join(first)} and {last}' if first else last
-    here_worst = float(np.interp(design.gap, unsure.gaps, unsure.worst))
+    here_worst = unsure.worst_at(design.gap)
     sure = (
         f'How sure: with {cases}, a gap of {1e3 * gap:.4g} mm has the best worst case from rest, '
         f'{percent(worst)}; with {half} it is {percent(here_worst)}. --rig-out has {half}, with '
@@ -227,6 +227,7 @@ def design_json(
         'uncertain': {
             'gap': gap,
             'worst_reduction': worst,
+            'worst_reduction_of_chosen': unsure.worst_at(chosen.gap),
             'ranges': {name: list(ends) for name, ends in unsure.ranges.items()},
             'levels': list(unsure.levels),
         },

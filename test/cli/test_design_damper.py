@@ -6,10 +6,11 @@ import json
 import re
 from contextlib import redirect_stdout
 
+import numpy as np
 import pytest
 from running import SOURCE
 
-from impact_damper_ros import load_parameters
+from impact_damper_ros import Rig, load_parameters
 from impact_damper_ros.cli.design_damper import _parser, _rig, main
 from impact_damper_ros.cli.fit_rig import main as fit_rig
 from impact_damper_ros.design.fitted import load_fitted
@@ -49,6 +50,25 @@ def test_files_and_words(designed):
     assert float(row['gap']) == rig.gap == design['gap']
     assert (rig.base_amplitudes, rig.base_quantity) == ((0.2 * 9.80665,), 'acceleration')
     assert outputs['figure'].read_bytes()[:4] == b'\x89PNG'
+
+
+def test_the_worst_case_of_the_gap_to_build_is_run(tmp_path):
+    """A cliff next to it, where m is no longer hit, is not mixed into it."""
+    outputs = {'json': tmp_path / 'design.json', 'rig-out': tmp_path / 'rig.yaml'}
+    words = [word for name, path in outputs.items() for word in (f'--{name}', str(path))]
+    with redirect_stdout(io.StringIO()) as printed:
+        assert main([*STRUCTURE, '--mass-ratio', '5%', '--levels', '0.96:1.04', *words]) == 0
+    rig, _, _ = load_parameters(outputs['rig-out'])
+    times = np.linspace(30.0, 32.0, 4001)
+    ratios = []
+    for level in (0.96, 1.0, 1.04):
+        there = rig.replace(base_amplitudes=level * rig.base_amplitudes[0])
+        x = Rig(there).run(float(times[-1]), times).samples['x']
+        ratios.append(np.abs(x).max() / there.response_amplitude)
+    worst = json.loads(outputs['json'].read_text())['uncertain']['worst_reduction_of_chosen']
+    assert worst == pytest.approx(max(ratios), rel=1e-3)
+    text = ' '.join(printed.getvalue().split())
+    assert f'with {1e3 * rig.gap:.4g} mm it is {100.0 * worst:.3g} %' in text
 
 
 def test_the_answers_of_the_readme(designed):
