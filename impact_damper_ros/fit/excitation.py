@@ -44,16 +44,22 @@ class Tones(NamedTuple):
 
 def _enough(values: Array) -> float:
     """Return what tones may leave of a signal, rms."""
+    values = values[np.isfinite(values)]
     size = float(np.std(values))
     return max(_LEFT * size, min(_LEFT_OF_NOISE * noise_of(values), _MOST_NOISE * size))
 
 
 def _sum_of(frequencies: Array, time: Array, values: Array) -> Tones:
-    """Return the tones of some frequencies that describe values best, beside a constant."""
+    """
+    Return the tones of some frequencies that describe values best, beside a constant.
+
+    Values that are NaN are not used.
+    """
     middle = 0.5 * (time[0] + time[-1])
     angles = np.outer(time - middle, frequencies)
     columns = np.hstack([np.sin(angles), np.cos(angles), np.ones((len(time), 1))])
-    best = np.linalg.lstsq(columns, values, rcond=None)[0]
+    there = np.isfinite(values)
+    best = np.linalg.lstsq(columns[there], values[there], rcond=None)[0]
     sines, cosines = best[: len(frequencies)], best[len(frequencies) : -1]
     phases = np.mod(np.arctan2(cosines, sines) - frequencies * middle, math.tau)
     return Tones(np.hypot(sines, cosines), frequencies, phases, columns[:, :-1] @ best[:-1])
@@ -61,7 +67,7 @@ def _sum_of(frequencies: Array, time: Array, values: Array) -> Tones:
 
 def tones_of(time: Array, values: Array) -> Tones:
     """
-    Return the tones that a signal at equal intervals is made of.
+    Return the tones that a signal at equal intervals is made of; samples of NaN are missing.
 
     Raises
     ------
@@ -70,25 +76,28 @@ def tones_of(time: Array, values: Array) -> Tones:
     """
     step = float(time[-1] - time[0]) / (len(time) - 1)
     rates = math.tau * np.fft.rfftfreq(4 * len(time), step)
-    found, left, enough = np.zeros(0), values - values.mean(), _enough(values)
+    there = np.isfinite(values)
+
+    def centred(rest: Array) -> Array:
+        return np.where(there, rest - rest[there].mean(), 0.0)
+
+    found, left, enough = np.zeros(0), centred(values), _enough(values)
     for _ in range(_MOST_TONES):
         spectrum = np.abs(np.fft.rfft(left * np.hanning(len(left)), 4 * len(left)))
         spectrum[:4] = 0.0
 
         def apart(frequencies: Array) -> Array:
-            rest = values - _sum_of(frequencies, time, values).signal
-            centred: Array = rest - rest.mean()
-            return centred
+            return centred(values - _sum_of(frequencies, time, values).signal)
 
         start = np.append(found, rates[int(np.argmax(spectrum))])
         found = least_squares(apart, start, x_scale=rates[1], max_nfev=20).x
         left = apart(found)
-        if np.std(left) <= enough:
+        if np.std(left[there]) <= enough:
             return _sum_of(found, time, values)
     raise ExcitationError(
-        f'{_MOST_TONES} tones leave {100.0 * np.std(left) / np.std(values):.2g} % of it, and '
-        'sweeps, random excitation and blows are not fitted: shake at one frequency or a few, and '
-        'cut the record with --from where they begin'
+        f'{_MOST_TONES} tones leave {100.0 * np.std(left[there]) / np.std(values[there]):.2g} % '
+        'of it, and sweeps, random excitation and blows are not fitted: shake at one frequency or '
+        'a few, and cut the record with --from where they begin'
     )
 
 
@@ -106,10 +115,10 @@ def excited(measured: MeasuredMotion, rig: RigParameters) -> tuple[RigParameters
     remarks = []
     time = np.asarray(measured.time, float)
     for kind, values in (('force', measured.force), ('base', measured.base)):
-        if values is None or np.ptp(values) == 0.0:
+        if values is None or np.ptp(values[np.isfinite(values)]) == 0.0:
             continue
         quantity = measured.base_quantity if kind == 'base' else 'force'
-        off = float(np.std(values - _described(rig, kind, quantity, time)))
+        off = float(np.nanstd(values - _described(rig, kind, quantity, time)))
         if off <= _enough(values):
             continue
         try:

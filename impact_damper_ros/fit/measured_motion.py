@@ -74,9 +74,9 @@ class MeasuredMotion(NamedTuple):
     used : ndarray of bool, shape (n,)
         False for samples that are saturated or missing.
     force : ndarray, shape (n,), or None
-        Force on M, N, if it was measured.
+        Force on M, N, if it was measured; NaN where rows are missing.
     base : ndarray, shape (n,), or None
-        Motion of the base, if it was measured.
+        Motion of the base, if it was measured; NaN where rows are missing.
     base_quantity : str
         What `base` is; empty without it.
     impact_times : ndarray, shape (k,), or None
@@ -403,16 +403,20 @@ def _filled(data: MeasuredMotion, place: Callable[[int], str]) -> MeasuredMotion
     used = np.zeros(len(every), np.bool_)
     used[whole] = data.used
 
-    def filled(values: Array | None) -> Array | None:
-        return None if values is None else np.interp(every, whole, values)
+    def spread(values: Array | None) -> Array | None:
+        if values is None:
+            return None
+        there = np.full(len(every), np.nan)
+        there[whole] = values
+        return there
 
     fill = np.where(np.isfinite(data.motion), data.motion, 0.0)
     return data._replace(
         time=np.interp(every, whole, time),
         motion=np.interp(every, whole, fill),
         used=used,
-        force=filled(data.force),
-        base=filled(data.base),
+        force=spread(data.force),
+        base=spread(data.base),
         source=f'{data.source} ({counted(int(missing.sum()), "missing sample")})',
     )
 

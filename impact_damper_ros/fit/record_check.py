@@ -50,7 +50,8 @@ def faults_of(measured: MeasuredMotion, rig: RigParameters, also: Sequence[str] 
         at = int(inside.argmax())
         return [
             f'{source} has a gap of {inside[at]:.4g} s from {time[used][at]:.6g} s, and natural '
-            f'periods last {period:.4g} s: impacts in it are unknown; fit the parts one by one'
+            f'periods last {period:.4g} s: impacts in it are unknown; fit the parts one by '
+            'one, with --to and --from'
         ]
     if period / float(np.median(inside)) < _LEAST_PER_PERIOD:
         return [

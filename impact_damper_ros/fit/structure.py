@@ -38,6 +38,8 @@ Mask = NDArray[np.bool_]
 
 #: Fewest cycles of a ring-down, and of a part of it; most parts.
 _LEAST_CYCLES, _CYCLES_IN_PART, _MOST_PARTS = 4.0, 3.0, 10
+#: Most samples in a row of a force or base that a line may stand for.
+_MOST_MISSING = 2
 #: A part is used whose amplitude is above so many standard deviations of the noise.
 _ABOVE_NOISE = 4.0
 #: A change over the amplitude counts if chance makes it in one of ten thousand cases, and if it is
@@ -294,6 +296,21 @@ def _filled_motion(data: MeasuredMotion) -> Array:
     return filled
 
 
+def _filled_drive(data: MeasuredMotion, drive: Array, kind: str) -> Array:
+    """Return a force or base with few missing samples put in by a line: all before acts on."""
+    there = np.flatnonzero(np.isfinite(drive))
+    longest = int(np.argmax(np.diff(there)))
+    last, following = there[longest : longest + 2]
+    if following - last > _MOST_MISSING + 1:
+        raise ValueError(
+            f'{data.source}: the {kind} is not known from {data.time[last]:.6g} to '
+            f'{data.time[following]:.6g} s, and what it does there acts on: cut the record there, '
+            'with --from or --to'
+        )
+    filled: Array = np.interp(np.arange(len(drive)), there, drive[there])
+    return filled
+
+
 def _release(data: MeasuredMotion) -> float:
     """Return from which instant on M vibrates freely: once it moves most, and half a cycle."""
     motion, step = _filled_motion(data), data.interval
@@ -466,7 +483,7 @@ def fit_structure(data: MeasuredMotion) -> StructureFit:
                 f'{data.source}: the {data.quantity} of M beside the {data.base_quantity} of the '
                 'base: measure the same of both'
             )
-    elif data.force is not None and np.ptp(data.force) > 0.0:
+    elif data.force is not None and np.nanmax(data.force) > np.nanmin(data.force):
         kind, drive = 'force', data.force
     if drive is None:
         data = data.between(_release(data), math.inf)
@@ -477,6 +494,7 @@ def fit_structure(data: MeasuredMotion) -> StructureFit:
         found = [_solved(basis, data.motion, data.used, place) for place in tries]
         solution = min(found, key=lambda one: one.deviation)
     else:
+        drive = _filled_drive(data, drive, kind)
         basis = _driven_basis(data, drive, kind)
         start = _start_of_sweep(basis, data, drive)
         solution = _solved(basis, data.motion, data.used, start)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impact_damper_ros import load_parameters
+from impact_damper_ros import Rig, load_parameters
 from impact_damper_ros.cli.fit_rig import main
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.design.fitted import load_fitted
@@ -208,3 +208,63 @@ def test_a_fit_that_is_not_accepted_writes_no_rig(tmp_path, capsys):
     assert 'NOT accepted' in said.out
     assert found['reasons'][0] in said.out
     assert 'out.yaml is not written: the model does not fit' in said.err
+
+
+def shaken(path, dropped):
+    """Write the start of the bench rig on a table, without the rows between two instants."""
+    rig = load_parameters('bench_rig')[0].replace(
+        force_amplitudes=0.0, base_amplitudes=0.6, base_frequencies=31.4
+    )
+    time = np.arange(2400) / 200.0
+    samples = Rig(rig).run(time[-1], time).samples
+    rng = np.random.default_rng(4)
+    x = 1e3 * samples['x'] + rng.normal(0.0, 0.05, len(time))
+    base = 0.6 * np.sin(31.4 * time) + rng.normal(0.0, 0.005, len(time))
+    rows = [
+        f'{t:.3f},{a:.4f},{b:.5f}'
+        for t, a, b in zip(time, x, base, strict=True)
+        if not dropped[0] <= t < dropped[1]
+    ]
+    path.write_text('\n'.join(['t [s],x [mm],base [m/s^2]', *rows]), 'utf-8')
+
+
+def test_a_logger_that_dropped_rows(tmp_path, capsys):
+    """The base is known beside the gap as before; only a long one is refused, as a gap."""
+    place, rig = tmp_path / 'run.csv', tmp_path / 'rig.yaml'
+    rig.write_text(
+        '/**: {ros__parameters: {primary_mass: 2.0, natural_frequency: 5.05, damping_ratio: 0.012,'
+        ' damper_mass: 0.1}}',
+        'utf-8',
+    )
+    true = load_parameters('bench_rig')[0]
+    shaken(place, (5.0, 5.09))
+    code = main([str(place), '--rig', str(rig), '--json', str(tmp_path / 'fit.json')])
+    said = capsys.readouterr().out
+    assert code == 0, said
+    assert '18 missing samples' in said
+    found = json.loads((tmp_path / 'fit.json').read_text('utf-8'))['parameters']
+    assert found['gap']['value'] == pytest.approx(true.gap, rel=0.01)
+    shaken(place, (5.0, 5.4))
+    assert main([str(place), '--rig', str(rig)]) == 1
+    said = capsys.readouterr().out
+    assert 'has a gap of 0.405 s from 4.995 s' in said
+    assert 'fit the parts one by one, with --to and --from' in said
+    assert 'tones' not in said
+
+
+def test_a_structure_whose_base_is_not_known_for_a_while(tmp_path, capsys):
+    """Two rows may be missing; of more nobody knows what they did."""
+    place = tmp_path / 'run.csv'
+    time = np.arange(2000) / 200.0
+    rig = load_parameters('bench_rig')[0].replace(
+        force_amplitudes=0.0, base_amplitudes=0.6, base_frequencies=31.4, gap=10.0
+    )
+    base = -600.0 / 31.4**2 * np.sin(31.4 * time)
+    x = 1e3 * Rig(rig).run(time[-1], time).samples['x']
+    x += np.random.default_rng(4).normal(0.0, 0.01, len(x))
+    for missing, code in ((2, 0), (3, 2)):
+        rows = [f'{t},{a},{b}' for t, a, b in zip(time, x, base, strict=True)]
+        del rows[1000 : 1000 + missing]
+        place.write_text('\n'.join(['t [s],x [mm],base [mm]', *rows]), 'utf-8')
+        assert main([str(place), '--structure']) == code
+    assert 'the base is not known from 4.995 to 5.015 s' in capsys.readouterr().err
