@@ -15,6 +15,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait as wait_for
 from types import ModuleType
 from typing import Any
@@ -132,6 +133,10 @@ class BackgroundCall:
         _lower_priority(self._niceness)
         try:
             with _starting, _bare_start():
+                # A server that still loads its modules would be ended by Ctrl-C in the terminal.
+                # The tracker, which it needs, lets the signal through again where it starts.
+                resource_tracker.ensure_running()
+                signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
                 if not self._closed:
                     self._process.start()
         except (OSError, EOFError) as error:
