@@ -57,7 +57,7 @@ OF_THE_NODE: dict[str, tuple[Any, ...]] = {
         PythonExpression(["'' if '", CONTROLLER, "' == 'none' else '200.0'"]),
         'measurements, Hz; 200 where a controller is started',
     ),
-    'lock_step': ('', 'topic of commands to wait for', 'stop_commands', 'force_command', ''),
+    'lock_step': ('', 'commands to wait for', 'stop_commands', 'force_command', 'both', ''),
 }
 PATHS = ('bag_directory', 'force_record', 'base_record')
 ARGUMENTS: dict[str, tuple[Any, ...]] = {

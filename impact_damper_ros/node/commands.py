@@ -115,7 +115,10 @@ class CommandInbox:
     @staticmethod
     def _read(topic: CommandTopic, content: bytes) -> Command:
         if (count := topic.publishers()) > 1:
-            raise CommandError(f'there are {count} publishers: stop all but one')
+            raise CommandError(
+                f'there are {count} publishers: stop all but one (one that was killed counts for '
+                'up to 20 s more)'
+            )
         return Command(topic.key, topic.topic, *topic.read(content))
 
     def refuse(self, topic: str, reason: object) -> None:

@@ -620,9 +620,10 @@ class Engine:
                 again = now + SEND_AGAIN_S
             waited = now - since
             if self.controller.waits and waited >= self.controller.settings.lock_step_timeout:
-                self.controller.give_up()
+                refused = self.controller.give_up()
                 text = (
-                    f'no command has come for {waited:.3f} s: the rig in lock-step goes on without'
+                    f'no command has come for {waited:.3f} s{refused}: the rig in lock-step goes '
+                    'on without'
                 )
                 self._on_trouble('lock-step', text)
         if time.monotonic() - begun > SEND_AGAIN_S:

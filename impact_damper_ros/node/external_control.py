@@ -97,6 +97,8 @@ class ExternalControl:
         self._answers: dict[str, Command] = {}
         self._given_up = False
         self._missed = 0
+        # Commands refused before the one that is awaited
+        self._refused_before = 0
 
     @property
     def waits(self) -> bool:
@@ -129,6 +131,7 @@ class ExternalControl:
             self._published_ns = sent.stamp_ns
             if self._in_step:
                 self._awaited_ns, self._answers = sent.stamp_ns, {}
+                self._refused_before = self._inbox.refused
             yield sent
 
     def _measure(self, time_ns: int, offset_ns: int) -> None:
@@ -159,11 +162,15 @@ class ExternalControl:
         """Wait for a command."""
         self._inbox.wait(seconds)
 
-    def give_up(self) -> None:
-        """Await no command before the next one has come."""
+    def give_up(self) -> str:
+        """Await no command before the next one has come; return what came in its place."""
         self._answered_ns, self._awaited_ns = self._awaited_ns, None
         self._given_up = True
         self._missed += 1
+        if not (refused := self._inbox.refused - self._refused_before):
+            return ''
+        which = 'that was refused' if refused == 1 else 'that were refused, the last one'
+        return f' but {refused} {which} ({self._inbox.reason})'
 
     @property
     def _in_step(self) -> bool:

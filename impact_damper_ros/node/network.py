@@ -70,7 +70,13 @@ class Network:
 
     def _publishers(self) -> Iterator[str]:
         for topic, kind in self._commands.items():
-            for info in self._node.get_publishers_info_by_topic(topic):
+            publishers = self._node.get_publishers_info_by_topic(topic)
+            if len(publishers) > 1:
+                yield (
+                    f'{" and ".join(sorted(map(_name, publishers)))} publish {topic}: commands of '
+                    f'{"both" if len(publishers) == 2 else "all"} are refused; stop all but one'
+                )
+            for info in publishers:
                 if info.topic_type != kind:
                     yield (
                         f'{_name(info)} publishes {topic} as {info.topic_type}, which is not '

@@ -87,6 +87,12 @@ class NodeParameters(NodeSettings):
         """Check values and fill in the defaults."""
         start = cls().changed(values)
         start.initial.check_within(start.rig)
+        if start.lock_step != 'off' and not start.measurement_rate:
+            raise ParameterError(
+                'lock_step',
+                f'lock_step is {start.lock_step} and measurement_rate is 0: a rig waits at its '
+                'measurements, give a rate such as measurement_rate:=200.0',
+            )
         return start
 
     def changed(self, values: Mapping[str, Any]) -> NodeParameters:

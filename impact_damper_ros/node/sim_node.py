@@ -17,6 +17,8 @@ import time
 import traceback
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -53,8 +55,8 @@ from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.bag.topics import LATCHED, QosProfile
 from impact_damper_ros.parameters.description import described, unit_hint
-from impact_damper_ros.parameters.parameters_file import values_given
-from impact_damper_ros.parameters.quoting import printable, shown
+from impact_damper_ros.parameters.parameters_file import fault_of_file, values_given
+from impact_damper_ros.parameters.quoting import named, printable, shown
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 from impact_damper_ros.parameters.structure import STRUCTURE_SPECS
 from impact_damper_ros.theory.theory_process import TheoryProcess
@@ -74,7 +76,7 @@ USAGE = """usage: sim_node [-h] [--version]
                 [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
 
 The digital rig of an impact damper as a ROS 2 node. For instance:
-  sim_node --ros-args -p gap:=30 -p record:=true -r __ns:=/rig1
+  sim_node --ros-args --params-file rig.yaml -p gap:=12mm -p record:=true -r __ns:=/rig1
 Parameters, with unit and range: ros2 param describe /sim_node NAME"""
 
 
@@ -95,13 +97,21 @@ def answer_foreign(arguments: Sequence[str]) -> int | None:
         print(f'sim_node (impact_damper_ros) {__version__}')
         return 0
     return refuse(
-        f'unknown argument {shown(arguments[0])}; parameters and remappings follow --ros-args, as '
-        'in: sim_node --ros-args -p gap:=30'
+        f'unknown argument {shown(arguments[0])}; parameters and their files follow --ros-args, '
+        'as in: sim_node --ros-args --params-file rig.yaml -p gap:=12mm'
     )
 
 
-def in_words(error: Exception) -> str:
-    """Shorten the message of rcl about arguments that it cannot parse."""
+def in_words(error: Exception, arguments: Sequence[str]) -> str:
+    """Return what is wrong with arguments that rcl cannot parse, and what to write instead."""
+    for option, word in pairwise(arguments):
+        if option == '--params-file' and (fault := fault_of_file(Path(word))):
+            return fault
+        if option in ('-p', '--param') and ':=' not in word:
+            name, _, value = word.partition('=')
+            return f'{option} {shown(word)}: write {option} {named(name)}:={named(value)}'
+        if option in ('-r', '--remap') and word.startswith('__ns:=') and word[6:7] != '/':
+            return f'{option} {shown(word)}: write {option} __ns:=/{named(word[6:])}'
     text = str(error).split(', at /')[0].removeprefix('failed to initialize rcl: ')
     if 'Sequence should be of same type' in text:
         text += ' (write [1.0, 0.5], not [1, 0.5])'
@@ -127,6 +137,11 @@ def start_message(
         f'parameters {given}',
         f'recording  {f"to {recording}" if recording else "off"}',
     ]
+    if parameters.lock_step != 'off' and parameters.control.gap_control != 'external':
+        lines.append(
+            f'note       lock_step has no effect: gap_control is {parameters.control.gap_control}'
+            ', set it to external'
+        )
     if hint := unit_hint(parameters.rig):
         lines.append(f'note       {hint}')
     return '\n  '.join(lines)
@@ -539,7 +554,7 @@ def _serve(arguments: Sequence[str], ended: Sequence[int]) -> int:
     try:
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
-        return refuse(in_words(error))
+        return refuse(in_words(error, arguments))
     node = None
     try:
         if (code := answer_foreign(remove_ros_args(arguments)[1:])) is not None:

@@ -258,7 +258,9 @@ def _missing(node: str, keys: Collection[str]) -> str:
 
 def _block(key: str, value: Any) -> Block:
     """Return the parameters of an entry."""
-    if not isinstance(value, dict) or 'ros__parameters' not in value:
+    if not isinstance(value, dict):
+        raise ParametersFileError(f'{named(key)} stands in no block of parameters: {_HEAD}')
+    if 'ros__parameters' not in value:
         raise ParametersFileError(
             f'{named(key)} has no ros__parameters: below it, write the line '
             '"ros__parameters:" and the parameters below that'
@@ -304,6 +306,18 @@ def _values(path: Path, node: str) -> Block:
                 f'line {values.lines[name]}: unknown parameter {named(name)}: {hint}'
             )
     return values
+
+
+def fault_of_file(path: Path) -> str:
+    """Return what is wrong with the blocks of a parameters file; an empty text if nothing is."""
+    try:
+        for key, value in _entries(path):
+            _block(key, value)
+    except OSError:
+        return ''
+    except (ParametersFileError, YamlError) as error:
+        return f'{path}: {error}'
+    return ''
 
 
 def values_given(

@@ -241,7 +241,14 @@ def test_in_lock_step_each_measurement_has_one_command():
 def test_refusals_are_reported_and_a_second_controller_is_one(plant):
     other = plant.stop_publisher(10)
     until(lambda: other.get_subscription_count() == 1)
-    plant.refused(lambda: plant.send_stops(0.01, -0.01), '2 publishers')
+    plant.refused(
+        lambda: plant.send_stops(0.01, -0.01), 'one that was killed counts for up to 20 s more'
+    )
+    words = (
+        '/test_client and /test_client publish /plant/stop_commands: commands of both are '
+        'refused; stop all but one'
+    )
+    plant.await_report('network', holds=lambda report: report.message == words)
     plant.client.node.destroy_publisher(other)
     plant.moves_to(0.01, -0.01)
 
@@ -351,9 +358,16 @@ def test_lock_step(start):
         command.header.stamp = message.header.stamp
         out.publish(command)
         twin.order(Order(half, -half))
-    # Without an answer it goes on, after a while.
+    # Without an answer it goes on, after a while; one with another stamp is refused.
+    rig.until(lambda: stamp_ns(seen[-1].header.stamp) == 800_000_000)
+    out.publish(stops(0.01, -0.01, stamp_s=777))
+    rig.await_report('controller', holds=lambda r: ' 777.0' in r.values['Last refusal'])
     rig.change(lock_step_timeout=0.01)
     rig.until(lambda: len(seen) > 60 and 'goes on without' in rig.process.output)
+    assert (
+        f' s but 1 that was refused ({rig.space}/stop_commands: its stamp is 777.000000000 s, and '
+        'lock-step takes only that of the last measurement, 0.800000000 s): the rig in'
+    ) in rig.process.output
     # A slow controller gets in, whose first answers come seconds of the rig's time late.
     rig.change(lock_step_timeout=0.3)
     begun, acts = stamp_ns(seen[-1].header.stamp), rig.acts

@@ -107,6 +107,9 @@ FILES = {
     'two.yaml': '/rig1/sim_node: {ros__parameters: {gap: 1.0}}\n'
     '/rig2: {sim_node: {ros__parameters: {gap: 2.0}}}',
     'empty.yaml': '',
+    'flat.yaml': 'gap: 0.02\n',
+    'no_block.yaml': '/**:\n    gap: 0.02\n',
+    'tab.yaml': '/**:\n\tros__parameters:\n\t\tgap: 0.02\n',
     'record.csv': 't [s],force [N]\n0,1\n0.1,2\n0.1,3\n0.3,1\n',
 }
 #: Arguments with which the node does not start, and what it says.
@@ -119,7 +122,13 @@ REFUSED = {
     '--params-file two.yaml': 'two.yaml: no parameters for /sim_node among /rig1/sim_node, '
     '/rig2/sim_node: give one of',
     '--params-file empty.yaml': 'holds no parameters',
+    '--params-file flat.yaml': 'flat.yaml: gap stands in no block of parameters: start the file',
+    '--params-file no_block.yaml': 'no_block.yaml: /** has no ros__parameters: below it, write',
+    '--params-file tab.yaml': 'tab.yaml: line 2: is not YAML: found character',
+    '-p gap=0.02': "-p 'gap=0.02': write -p gap:=0.02",
+    '-r __ns:=left': "-r '__ns:=left': write -r __ns:=/left",
     '-p force_record:=record.csv': ("line 4, column 't [s]': 0.1 after 0.1: the column must rise"),
+    '-p lock_step:=both -p gap_control:=external': 'give a rate such as measurement_rate:=200.0',
     '-p base_record:=none.csv': 'none.csv: cannot be read (No such file or directory)',
 }
 #: One process for all, since it takes long to import ROS.
@@ -144,7 +153,8 @@ def test_bad_parameters_at_start_end_the_node(tmp_path):
     reasons = [line for line in text.splitlines() if 'sim_node: cannot start: ' in line]
     for line, (words, reason) in zip(reasons, REFUSED.items(), strict=True):
         assert reason in line, words
-        assert ('start the file with "/**:"' in line) == (words.endswith(('two.yaml', 'ty.yaml')))
+        without = ('two.yaml', 'empty.yaml', 'flat.yaml')
+        assert ('start the file with "/**:"' in line) == words.endswith(without)
 
 
 def test_commands_take_a_parameters_file_with_all_that_the_node_has(rig, tmp_path):

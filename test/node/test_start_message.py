@@ -27,6 +27,13 @@ def test_start_message_names_what_runs():
     assert some.startswith('2 of ')
 
 
+def test_start_message_of_lock_step_without_a_controller():
+    lock_step = {'lock_step': 'stop_commands', 'measurement_rate': 100.0}
+    words = 'lock_step has no effect: gap_control is off, set it to external'
+    assert words in start_text(**lock_step)
+    assert words not in start_text(**lock_step, gap_control='external')
+
+
 def test_start_message_of_a_recording_and_of_a_frequency_in_hertz():
     text = start_text('runs/rig_1', force_frequencies='[5.0]', real_time_factor=0.5)
     assert 'recording  to runs/rig_1\n' in text
