@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from math import cos, inf, sin
 from typing import Any
 
-from scipy.integrate import solve_ivp
+import scipy
 
 from impact_damper_ros import RigParameters
 
@@ -91,7 +91,7 @@ class OdeRig:
                 self._fly(end)
 
     def _solve(self, rates: Any, state: Sequence[float], watched: list[Any], end: float) -> str:
-        solution = solve_ivp(
+        solution = scipy.integrate.solve_ivp(
             rates,
             (self.time, end),
             state,

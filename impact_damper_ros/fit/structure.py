@@ -25,10 +25,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import cont2discrete, lfilter, ss2tf
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from .estimate import Estimate
 from .measured_motion import MeasuredMotion
@@ -44,7 +44,7 @@ _MOST_MISSING = 2
 _ABOVE_NOISE = 4.0
 #: A change over the amplitude counts if chance makes it in one of ten thousand cases, and if it is
 #: larger than this part of the value.
-_RARE = float(chi2.isf(1e-4, 1))
+_RARE = float(chdtri(1, 1e-4))
 _LEAST_CHANGE = {'damping_ratio': 0.05, 'frequency': 0.002}
 #: Largest mean square of the residual over that of the noise, of long records; and what chance
 #: adds to it in n samples, times sqrt(n).
@@ -273,9 +273,10 @@ def _driven_basis(data: MeasuredMotion, drive: Array, kind: str) -> _Basis:
         first, second = (above[k] - feed * below[k] for k in (1, 2))
         a = np.array([[-below[1], -omega], [omega, 0.0]])
         b, c = np.array([[1.0], [0.0]]), np.array([[first, second / omega]])
-        system = cont2discrete((a, b, c, np.array([[feed]])), step, 'foh')
-        numerator, denominator = ss2tf(*system[:4])
-        response = lfilter(numerator[0], denominator, drive)
+        # scipy.signal takes long to load, and a ring-down needs it not
+        system = scipy.signal.cont2discrete((a, b, c, np.array([[feed]])), step, 'foh')
+        numerator, denominator = scipy.signal.ss2tf(*system[:4])
+        response = scipy.signal.lfilter(numerator[0], denominator, drive)
         return np.hstack([response[:, None], _free(place, data.time), ones])
 
     return basis

@@ -11,8 +11,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy
 from docs.tutorial import ROOT
-from scipy.integrate import solve_ivp
 
 from impact_damper_ros import find_orbits, load_parameters
 
@@ -49,7 +49,7 @@ def integrated(hertz, state=(0.0,) * 4, start=0.0, settle=120, measure=20, per_c
     samples, hits = [], 0
     while time < end:
         inside = instants[(instants >= time) & (instants < end)]
-        run = solve_ivp(
+        run = scipy.integrate.solve_ivp(
             flow,
             (time, end),
             y,

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.signal import lsim
+import scipy
 
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.structure import fit_structure
@@ -41,7 +40,8 @@ def non_linear(friction=0.0, air=0.0, cubic=0.0):
         lost = 2.0 * RATIO * OMEGA * v + friction * np.tanh(v / 1e-3) + air * abs(v) * v
         return [v, -stiff - lost]
 
-    motion = solve_ivp(rates, (0.0, 8.0), [0.01, 0.0], 'LSODA', time, rtol=1e-8, atol=1e-10).y[0]
+    solve = scipy.integrate.solve_ivp
+    motion = solve(rates, (0.0, 8.0), [0.01, 0.0], 'LSODA', time, rtol=1e-8, atol=1e-10).y[0]
     return measured(time, motion + np.random.default_rng(3).normal(0.0, 5e-5, len(time)))
 
 
@@ -122,7 +122,7 @@ def swept(quantity, kind, noise=0.02, mass=2.0):
     if kind == 'base':
         numerator = [2.0 * RATIO * OMEGA, OMEGA**2]
     system = (numerator, [1.0, 2.0 * RATIO * OMEGA, OMEGA**2])
-    _, motion, _ = lsim(system, drive, time)
+    _, motion, _ = scipy.signal.lsim(system, drive, time)
     motion += noise * np.std(motion) * np.random.default_rng(5).normal(size=len(time))
     if kind == 'force':
         return measured(time, motion, quantity, force=drive)

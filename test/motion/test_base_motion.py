@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+import scipy
 
 from impact_damper_ros import (
     EventKind,
@@ -87,7 +87,7 @@ def integrated(p, initial, until, *, relative):
             event.direction = -1
         reversal.direction = -sign
         watched = [stop_1, stop_2, reversal][: 3 if grip else 2]
-        flight = solve_ivp(
+        flight = scipy.integrate.solve_ivp(
             slopes,
             (now, until),
             state,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+import scipy
 
 from oracle.dense_check import (
     FALSE,
@@ -81,7 +81,7 @@ def test_flights_agree_with_dop853(params: dict[str, Any]) -> None:
         held = isinstance(piece, Motion)
         middle = motion.state((start + end) / 2)
         slide = 1 if middle[3] > middle[1] else -1
-        solution = solve_ivp(
+        solution = scipy.integrate.solve_ivp(
             derivative(params, slide, held),
             (float(start), float(end)),
             [x, v, z - x, w - v],

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 from rigs import TABLE
-from scipy.integrate import solve_ivp
 
 from impact_damper_ros import Observer, Rig, run
 from impact_damper_ros.orbits.swept_response import SweptRun
@@ -69,7 +69,7 @@ def integrated(rig, table, until):
                 stop.terminal, stop.direction = True, -1
             times = np.arange(math.floor(now / 5e-4) + 1, math.floor(end / 5e-4) + 1) * 5e-4
             times = times[times < end]
-            solved = solve_ivp(
+            solved = scipy.integrate.solve_ivp(
                 slopes,
                 (now, end),
                 state,

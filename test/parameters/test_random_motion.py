@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
-from scipy.signal import welch
+import scipy
 
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.parameters.measured_table import TableError
@@ -21,9 +20,9 @@ def level(frequency):
 
 def test_the_mean_square_is_the_integral():
     density = Density(*POINTS)
-    expected = quad(level, 3.0, 8.0, points=[5.0])[0]
+    expected = scipy.integrate.quad(level, 3.0, 8.0, points=[5.0])[0]
     assert density.integral(3.0, 8.0) == pytest.approx(expected)
-    assert density.integral(0.0, 4.0) == pytest.approx(quad(level, 3.0, 4.0)[0])
+    assert density.integral(0.0, 4.0) == pytest.approx(scipy.integrate.quad(level, 3.0, 4.0)[0])
     inverse = Density([1.0, math.e], [1.0, 1.0 / math.e])
     assert inverse.integral(1.0, math.e) == pytest.approx(1.0)
 
@@ -63,7 +62,7 @@ def test_a_base_has_the_density(tmp_path):
     samples = Rig(rig, compiled=True).run(float(times[-1]), times).samples
     acceleration = np.gradient(samples['base_velocity'], step)
     assert math.sqrt(np.mean(acceleration**2)) == pytest.approx(found.rms, rel=0.05)
-    frequencies, estimate = welch(acceleration, 64.0, nperseg=512)
+    frequencies, estimate = scipy.signal.welch(acceleration, 64.0, nperseg=512)
     inside = (frequencies > 3.5) & (frequencies < 7.5)
     ratio = estimate[inside] / (level(frequencies[inside]) * 9.80665**2)
     # The difference quotient lowers them by sinc^2 of the frequency.

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+import scipy
 
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.motion.event import EventKind
@@ -96,7 +96,7 @@ class Reference:
         while time < end:
             watched[2].direction = -self.direction
             used = watched if self.grip else watched[:2]
-            found = solve_ivp(
+            found = scipy.integrate.solve_ivp(
                 rates, (time, end), self.state, 'DOP853', rtol=1e-12, atol=1e-14, events=used
             )
             self.state, time = found.y[:, -1].copy(), found.t[-1]

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 from contextlib import ExitStack
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,6 @@ from impact_damper_ros.cli import sweep_rig
 from impact_damper_ros.sweep import Grid, Settling, sweep
 from impact_damper_ros.sweep.part_file import PartFile, part_path
 
-Client = pytest.importorskip('distributed').Client
 pytest.importorskip('pyarrow')
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -36,6 +36,11 @@ GRID = Grid(
 )
 
 
+def client_of(address):
+    """Return a client of a scheduler; to import it takes a while, and is done where it is used."""
+    return import_module('distributed').Client(address, set_as_default=False)
+
+
 def start(stack, folder, module, *arguments):
     """Start a process of the cluster; it ends with the test."""
     program = ('-m', f'distributed.cli.{module}', '--no-dashboard')
@@ -45,6 +50,7 @@ def start(stack, folder, module, *arguments):
 @pytest.fixture(scope='module')
 def cluster(tmp_path_factory):
     """Yield the address of a scheduler and its two workers."""
+    pytest.importorskip('distributed')
     folder = tmp_path_factory.mktemp('cluster')
     with ExitStack() as stack:
         found = folder / 'scheduler.json'
@@ -66,7 +72,7 @@ def cluster(tmp_path_factory):
         scheduler.until(lambda: found.exists() and found.read_text())
         address = json.loads(found.read_text())['address']
         assert address.startswith('tcp://127.0.0.1:')
-        with Client(address, set_as_default=False) as client:
+        with client_of(address) as client:
             client.wait_for_workers(2, timeout=DEADLINE_S)
         yield address, workers
 
@@ -82,7 +88,7 @@ def test_command_runs_on_a_cluster(cluster, tmp_path):
 
 def test_a_programming_error_comes_back_from_the_cluster(cluster, monkeypatch):
     monkeypatch.setattr('impact_damper_ros.sweep.execution.run_task', 'no function')
-    with Client(cluster[0], set_as_default=False) as client, pytest.raises(TypeError):
+    with client_of(cluster[0]) as client, pytest.raises(TypeError):
         sweep(GRID, executor=client.get_executor(pure=False))
 
 
@@ -120,7 +126,7 @@ def test_a_killed_worker_loses_no_row_and_leaves_no_trace(cluster, tmp_path, mon
             killed.append((processes[0].wait(), done))
 
     monkeypatch.setattr(PartFile, 'add', noted)
-    with Client(address, set_as_default=False) as client:
+    with client_of(address) as client:
         sweep(GRID, there, executor=client.get_executor(pure=False), progress=kill_one)
         assert len(client.nthreads()) == 1
     assert killed[0][0] == -9
