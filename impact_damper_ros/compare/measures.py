@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.replay.rows import Samples
 
@@ -51,7 +52,7 @@ def measured_motion(
         inside = (stretch.samples['time'] >= start) & (stretch.samples['time'] <= end)
         x_rms = math.sqrt(np.sum(stretch.samples['x'][inside] ** 2) / max(inside.sum(), 1))
     steady = stretch.drive is not None
-    cycles = (end - start) * rig.first_harmonic[1] / math.tau * steady
+    cycles = (end - start) / cycle_of(rig) * steady
     if math.isnan(per_cycle) and cycles > 0.0:
         per_cycle = len(hits) / cycles
     return MeasuredMotion(

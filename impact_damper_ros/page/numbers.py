@@ -19,7 +19,7 @@ _CYCLES, _SCORED_S = 20, 60.0
 
 def numbers_of(rig: RigParameters, motion: Motion, end: float) -> dict[str, Any]:
     """Return the message with the numbers of a rig and of its motion up to an instant, s."""
-    frequency = rig.first_harmonic[1]
+    amplitude, frequency, _ = rig.first_harmonic
     numbers = {
         'natural_frequency_hz': rig.omega / math.tau,
         'damping_ratio': rig.zeta,
@@ -28,7 +28,7 @@ def numbers_of(rig: RigParameters, motion: Motion, end: float) -> dict[str, Any]
         'mass_ratio': rig.mass_ratio,
         'gap': rig.gap,
     }
-    cycle = math.tau / frequency if frequency > 0.0 else math.inf
+    cycle = math.tau / (frequency if amplitude != 0.0 and frequency > 0.0 else rig.omega)
     known = end - float(motion.samples[0, 0]) if len(motion.samples) else 0.0
     cycles = min(_CYCLES, math.floor(known / cycle))
     if cycles >= 1:

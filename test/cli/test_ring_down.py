@@ -6,9 +6,11 @@ import math
 
 import pytest
 
+from impact_damper_ros import load_parameters
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.ring_down import main
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.parameters.parameters_file import rig_yaml
 
 
 def test_files_and_words(tmp_path, capsys):
@@ -86,3 +88,17 @@ def test_of_a_recording_begins_where_the_force_ends(tmp_path, capsys):
     assert second['ring_down']['amplitude'] == pytest.approx(2.6e-3, rel=0.3)
     markdown = capsys.readouterr().out
     assert '| loss factor |' in markdown
+
+
+def test_a_cycle_of_a_free_vibration_is_one_of_the_spring(tmp_path):
+    """Also where the file gives the force, which has no amplitude, some frequency."""
+    rig = load_parameters('bench_rig')[0]
+    still, bag, compared = tmp_path / 'still.yaml', tmp_path / 'bag', tmp_path / 'c.json'
+    still.write_text(rig_yaml(rig.replace(force_amplitudes=0.0, force_frequencies=1.0), 'Still'))
+    words = ['--set', 'initial_primary_position=0.03', '--duration', '4', '--quiet']
+    assert simulate_rig([str(still), *words, '--bag', str(bag)]) == 0
+    assert compare_run([str(bag), '--json', str(compared)]) == 0
+    measured = json.loads(compared.read_text())['stretches'][0]['measured']
+    cycles = (measured['end'] - measured['start']) * rig.omega / math.tau
+    assert measured['impacts'] > 0
+    assert measured['impacts_per_cycle'] == pytest.approx(measured['impacts'] / cycles)

@@ -251,6 +251,11 @@ def test_numbers(motion):
     largest = np.abs(between(motion.samples, start, 12.0)[:, 1]).max()
     ratio = numbers['x_max_ratio']
     assert ratio == pytest.approx(largest / LIVELY.response_amplitude)
+    # Without a force, whose frequency may be any, a cycle is that of the spring
+    free = LIVELY.replace(force_amplitudes=(0.0,), force_frequencies=(1.0,))
+    start = 12.0 - 20 * math.tau / free.omega
+    hits = between(motion.impacts, start, 12.0)
+    assert numbers_of(free, motion, 12.0)['impacts_per_cycle'] == len(hits) / 20
     undamped = LIVELY.replace(damping=0.0, force_frequencies=(LIVELY.omega,))
     assert numbers_of(undamped, motion, 1.0)['static_amplitude'] is None
     assert 'impacts_per_cycle' not in numbers_of(LIVELY, Motion(10, 10), math.nan)
