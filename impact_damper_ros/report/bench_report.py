@@ -324,7 +324,7 @@ def bench_figure(found: BenchTest, title: str) -> Figure:
         panel.axhline(1.0, **none)
         panel.set_ylim(0.0, 1.15)
         label = {'restitution': 'Restitution R', 'friction': 'Friction γ', 'level': 'Level'}
-        finish_panel(panel, 'cde'[k], label[one.name], 'over none' if k == 0 else '')
+        finish_panel(panel, 'cde'[k], label[one.name], '' if k else '|X| over that without damper')
     handles = [
         Line2D([], [], label='no damper', **none),
         Line2D([], [], label='sweep up', **up),

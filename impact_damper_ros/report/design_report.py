@@ -264,6 +264,7 @@ def design_figure(
 ) -> Figure:
     """Draw how heavy, which gap, over frequency and over level."""
     from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
     from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
 
     figure = blank_figure(7.6, 6.4)
@@ -282,7 +283,8 @@ def design_figure(
     finish_panel(mass, 'a', 'Mass of the damper [% of M]', '')
     unit_axis(mass.yaxis, 'Largest |X|', 'm', chosen.bare)
     ends = unsure.ratios.min(axis=1), unsure.worst
-    gap.fill_between(unsure.gaps, *ends, color=COLORS['damper'], alpha=0.25, lw=0)
+    case: dict[str, Any] = {'color': COLORS['damper'], 'alpha': 0.25, 'lw': 0}
+    gap.fill_between(unsure.gaps, *ends, **case)
     gap.plot(unsure.gaps, unsure.worst, color=COLORS['special'], lw=1.4)
     gap.axvline(chosen.gap, color='k', lw=0.8)
     gap.axvline(unsure.best[0], color=COLORS['special'], lw=0.8, ls='--')
@@ -316,13 +318,8 @@ def design_figure(
         Line2D([], [], label='tuned mass damper of the same mass', **tuned),
         Line2D([], [], label='impact damper, from rest', **impact),
         Line2D([], [], label='... once it is started', **{**impact, 'ls': ':'}),
-        Line2D(
-            [],
-            [],
-            label='worst case of R and level; its best gap',
-            color=COLORS['special'],
-            lw=1.4,
-        ),
+        Patch(label='all cases of R and level', **case),
+        Line2D([], [], label='the worst case; its best gap', color=COLORS['special'], lw=1.4),
         Line2D([], [], label='the chosen gap, and this level', color='k', lw=0.8),
     ]
     legend_below(figure, handles, 3)
