@@ -326,6 +326,10 @@ _MISSING = {'', '-', '--', 'nan', 'na', 'n/a', '#n/a', '#nv', 'null', 'none', '#
 _UNCLEAR = re.compile(r'[-+]?[1-9]\d{0,2}[.,]\d{3}')
 
 
+#: How a date, or a time of day, begins.
+_CLOCK = re.compile(r'\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{4}|\d{1,2}:\d\d')
+
+
 def _is_number(cell: str) -> bool:
     return not isinstance(_numbers([cell], True)[0], str)
 
@@ -372,7 +376,8 @@ def _numbers(cells: Sequence[str], comma: bool) -> list[float | str]:
             number = cell.replace(thousands, '').replace(decimal, '.')
             found.append(math.nan if number.lower() in _MISSING else float(number))
         except ValueError:
-            found.append('is no number')
+            clock = 'a date or a time of day: write seconds, as those since the first row'
+            found.append(f'is {clock if _CLOCK.match(cell) else "no number"}')
     return found
 
 

@@ -67,6 +67,15 @@ def test_other_encodings_and_units(written):
         ('0,1\n1,2\n', 'line 1: numbers where the header should be'),
         ('t [s],x\n0,1\n1,2\n', "column 'x' has no unit: write it behind the name"),
         ('t [s],x [V]\n0,1\n1,2\n', "column 'x [V]' has the unit 'V': .*known for x are m, cm"),
+        (
+            't [s],x [mm]\n2026-11-26T14:00:00.000,1\n2026-11-26T14:00:00.001,2\n',
+            "line 2, column 't [s]': '2026-11-26T14:00:00.000' is a date or a time of day: write "
+            'seconds, as those since the first row',
+        ),
+        (
+            't [s],x [mm]\n14:00:00.5,1\n14:00:01,2\n',
+            "'14:00:00.5' is a date or a time of day",
+        ),
         ('t [s],x [mm]\n0,1\n1,oops\n', "line 3, column 'x [mm]': 'oops' is no number"),
         ('t [s],x [mm]\n0,1\n', '1 rows: give at least 2'),
         ('t [s],x [mm],x 2 [mm]\n0,1,2\n1,2,3\n', 'may both be the x'),
