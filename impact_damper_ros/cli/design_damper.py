@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -28,6 +29,7 @@ from impact_damper_ros.parameters.parameter_spec import ParameterError, Paramete
 from impact_damper_ros.parameters.parameters_file import load_parameters, presets, rig_yaml
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RIG_SPECS, RigParameters
+from impact_damper_ros.parameters.units import quantity, split_number
 from impact_damper_ros.report import bench_report, design_report as report
 from impact_damper_ros.report.design_report import Comparison
 
@@ -57,6 +59,8 @@ _ANY_MASS_RATIO = 0.05
 #: Restitution if none is given.
 _RESTITUTION = 0.6
 #: What --check varies: restitution by so much, friction and level.
+#: A range as it is written in a text.
+_DASHED = re.compile(r'([\d.]+%?) ?[-–] ?([\d.]+%?)')
 _DOUBT, _FRICTION_CHECKED = 0.1, (0.0, 0.1)
 _LEVELS_CHECKED = (0.5, 0.8, 1.0, 1.25, 2.0)
 
@@ -100,6 +104,10 @@ def _range(name: str) -> Callable[[str], tuple[float, float]]:
     one = _value(name)
 
     def read(text: str) -> tuple[float, float]:
+        if ends_given := _DASHED.fullmatch(text):
+            raise argparse.ArgumentTypeError(
+                f'{shown(text)}: a range is LOW:HIGH: write {ends_given[1]}:{ends_given[2]}'
+            )
         ends = [one(part) for part in text.split(':')]
         if len(ends) > 2 or ends[0] > ends[-1]:
             raise argparse.ArgumentTypeError(
@@ -110,9 +118,15 @@ def _range(name: str) -> Callable[[str], tuple[float, float]]:
     return read
 
 
+def _size(text: str) -> str:
+    """Return the size of a motion with a point for a decimal comma, which is one number here."""
+    number, unit, other = split_number(text)
+    return text if number is None or other else f'{number!r} {unit}'
+
+
 def _levels(text: str) -> tuple[float, float]:
     try:
-        low, high = (float(part) for part in text.split(':'))
+        low, high = (quantity(part, '') for part in text.split(':'))
     except ValueError:
         low = high = math.nan
     if not 0.0 < low <= 1.0 <= high < 1e3:
@@ -155,6 +169,7 @@ def _parser() -> argparse.ArgumentParser:
     shaken = structure.add_mutually_exclusive_group()
     shaken.add_argument(
         '--base',
+        type=_size,
         metavar='SIZE',
         help='amplitude of its base: an acceleration, velocity or displacement, such as 0.2g',
     )

@@ -150,8 +150,11 @@ def values_of(
     values: dict[str, Any] = {}
     for setting in settings:
         name, _, text = setting.partition('=')
+        name = name.strip()
         if not text.strip():
             raise ValueError(f'{option}{named(setting)}: give NAME=VALUE')
+        if name.removesuffix(':') in names and name.endswith(':'):
+            raise ValueError(f'{option}{named(setting)}: write {name[:-1]}={named(text)}')
         if name not in names:
             close = similar_names(name, names)
             remedy = f'did you mean {close}?' if close else f'{listing} lists all parameters'

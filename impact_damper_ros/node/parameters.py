@@ -23,6 +23,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
+    PARAMETER_SPECS,
     RIG_SPECS,
     SETTING_SPECS,
     GapControlParameters,
@@ -266,6 +267,16 @@ def as_meant(parameters: Iterable[Parameter], rig: RigParameters) -> list[Parame
     ]
 
 
+def _meaning(name: str, value: Any, rig: RigParameters) -> str:
+    """Return what to set in place of a measure of the structure."""
+    target = {'natural_frequency': 'stiffness', 'mass_ratio': 'damper_mass'}.get(name, 'damping')
+    meant = getattr(rig.replace(**{name: value}), target)
+    return (
+        f'{name} is for the start of the node: for this rig {shown(value)} is a {target} of '
+        f'{meant:.9g} {PARAMETER_SPECS[target].unit}, set that (set_rig does)'
+    )
+
+
 def changed_by(
     request: Iterable[Parameter], now: NodeParameters, has: Callable[[str], bool]
 ) -> NodeParameters:
@@ -278,6 +289,8 @@ def changed_by(
     for parameter in request:
         name, value = parameter.name, parameter.value
         if not has(name):
+            if name in STRUCTURE_SPECS:
+                raise ParameterError(name, _meaning(name, value, now.rig))
             near = nearest_name(name)
             hint = f'did you mean {near}?' if near else 'see: simulate_rig --parameters'
             raise ParameterError(name, f'{named(name)} is not a parameter of this node: {hint}')

@@ -31,7 +31,7 @@ UNITS: dict[str, dict[str, float]] = {
     'N s/m': {'N s/m': 1.0, 'Ns/m': 1.0, 'kg/s': 1.0},
     'rad': {'rad': 1.0, 'deg': pi / 180.0, '°': pi / 180.0},
     'rad/s': {'rad/s': 1.0, 'Hz': tau, 'kHz': 1e3 * tau, 'rpm': tau / 60.0},
-    'Hz': {'Hz': 1.0, 'kHz': 1e3},
+    'Hz': {'Hz': 1.0, 'kHz': 1e3, 'rad/s': 1.0 / tau, 'rpm': 1.0 / 60.0},
     'octaves/min': {'octaves/min': 1.0, 'octave/min': 1.0, 'oct/min': 1.0},
     's': {'s': 1.0, 'ms': 1e-3, 'min': 60.0, 'h': 3600.0},
     'B': {'B': 1.0, 'kB': 1e3, 'MB': 1e6, 'GB': 1e9},

@@ -101,7 +101,8 @@ def test_a_light_damper_has_to_be_started(capsys):
         (['--base', '1mm', '--force', '1N'], 'not allowed with'),
         (['--base', '1mm', '--mass-ratio', '10%:1%'], 'LOW:HIGH with the low end first'),
         (['--base', '1mm', '--restitution', '1.2'], 'restitution_1 is 1.2: give a number'),
-        (['--base', '1mm', '--levels', '2:3'], 'give a range of factors around 1'),
+        (['--base', '1mm', '--restitution', '0.5-0.7'], 'a range is LOW:HIGH: write 0.5:0.7'),
+        (['--base', '1mm', '--levels', '200%:300%'], 'give a range of factors around 1'),
         (['--base', '1mm', '--damping-ratio', '0'], '--damping-ratio is 0'),
         (['--base', '1mm', '--damping-ratio', '2'], 'from 0 to 0.9999, or 2 %'),
         (['--base', '1mm', '--mass-ratio', '5'], 'give at most 1, or 5%'),
@@ -119,6 +120,18 @@ def test_refusals(words, problem, capsys):
         code = end.code
     assert code == 2
     assert problem in capsys.readouterr().err
+
+
+def test_numbers_as_people_type_them(tmp_path):
+    """A decimal comma, a frequency by its speed of rotation, levels in percent."""
+    written = []
+    for frequency, base, levels in (('10 Hz', '0.2g', '0.9:1.1'), ('600rpm', '0,2 g', '90%:110%')):
+        path = tmp_path / f'{len(written)}.json'
+        words = ['--mass', '5kg', '--damping-ratio', '2%', '--restitution', '0.6']
+        words += ['--frequency', frequency, '--base', base, '--levels', levels]
+        assert main([*words, '--mass-ratio', '5%', '--json', str(path)]) == 0
+        written.append(json.loads(path.read_text()))
+    assert written[0] == written[1]
 
 
 def test_a_structure_has_to_be_known(capsys):

@@ -47,6 +47,7 @@ REFUSALS = {
         # Of a rig all at once: the table is asked, and what is said has the place before it
         ('--set gap=-1 --set angle=0.1', 'gap is -1.0 m: give a number from 1e-09 to 1e+09 m'),
         ('--set gap', '--set gap: give NAME=VALUE'),
+        ('--set gap:=3', '--set gap:=3: write gap=3'),
         ('--set gab=3', '--set gab=3: there is no parameter gab to set: did you mean gap?'),
         ('--set restitution=0.6', 'did you mean restitution_1 and restitution_2?'),
         ('--set xyzzy=3', 'simulate_rig --parameters lists all parameters'),

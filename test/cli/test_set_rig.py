@@ -1,5 +1,6 @@
 """`set_rig` on a running node, over DDS."""
 
+import math
 import re
 import signal
 from contextlib import nullcontext
@@ -68,6 +69,22 @@ def test_the_unit_of_the_base_is_that_of_its_quantity(capsys):
         assert rows_of(capsys.readouterr().out)['base_amplitudes'][:2] == row
 
 
+@pytest.mark.usefixtures('node')
+def test_a_structure_as_people_know_it(capsys):
+    """Natural frequency, damping and mass ratio are set by what they mean for this rig."""
+    with set_rig.ros_node('set_rig') as joined:
+        before = set_rig.RigParameterClient(joined, '/bench/sim_node').values()
+    words = ['natural_frequency=6', 'damping_ratio = 3 %', 'mass_ratio=4%']
+    assert set_rig.main(words) == 0
+    rows = rows_of(capsys.readouterr().out)
+    mass, omega = before['primary_mass'], 12.0 * math.pi
+    assert list(rows) == ['stiffness', 'damping', 'damper_mass']
+    assert [float(row[0]) for row in rows.values()] == pytest.approx(
+        [mass * omega**2, 0.06 * mass * omega, 0.04 * mass], rel=1e-4
+    )
+    assert set_rig.main([f'{name}={before[name]}' for name in rows]) == 0
+
+
 @pytest.mark.parametrize('name', ['bad name!', 'a//b', '/1'])
 def test_a_name_that_no_node_can_have(name, capsys):
     assert set_rig.main(['--node', name, 'gap=0.008']) == 2
@@ -75,6 +92,9 @@ def test_a_name_that_no_node_can_have(name, capsys):
 
 
 REFUSED = {
+    'gap:=12mm': 'gap:=12mm: write gap=12mm',
+    'damping_ratio=1.2': 'damping_ratio is 1.2',
+    'mass_ratio=0.2': 'mass_ratio 0.2 means',
     'gab=3': 'gab=3: there is no parameter gab to set: did you mean gap?',
     'xyzzy=3': 'set_rig lists all parameters',
     'gap': 'gap: give NAME=VALUE',
@@ -95,7 +115,7 @@ def test_what_cannot_be_set_changes_nothing(monkeypatch, capsys):
         monkeypatch.setattr(set_rig, 'ros_node', lambda _: nullcontext(joined))
         monkeypatch.setattr(set_rig, 'RigParameterClient', lambda *_: rig)
         for setting, reason in REFUSED.items():
-            assert set_rig.main(['angle=0.3', setting]) == 2
+            assert set_rig.main(['angle=0.3', 'damper_mass=0.3', setting]) == 2
             assert reason in capsys.readouterr().err
         assert rig.values()['angle'] == 0.0
 
