@@ -137,10 +137,10 @@ def _distinct(
     return kept
 
 
-def within_theory(machine: Machine, stops: tuple[int, ...]) -> bool:
+def within_theory(grip: float, stops: tuple[int, ...]) -> bool:
     """Return whether friction is absent, or keeps its sign from impact to impact."""
     alternating = all(a != b for a, b in zip(stops, stops[1:] + stops[:1], strict=True))
-    return alternating or machine.constants.grip == 0.0
+    return alternating or grip == 0.0
 
 
 def may_rest_or_reverse(machine: Machine, stops: tuple[int, ...]) -> bool:
@@ -342,7 +342,7 @@ def _simpler_orbits(
     The period of several harmonics may hold several of its periods, of which any may come first.
     """
     simple, single = _with_first_harmonic(parameters), single_harmonic(parameters)
-    if not within_theory(machine_of(parameters), stops):
+    if not within_theory(machine_of(parameters).constants.grip, stops):
         simple = simple.replace(friction=0.0)
     machine = machine_of(simple)
     for times in range(1, 2 if single else cycles + 1):
@@ -437,7 +437,7 @@ def _orbits_with(
     orbits: list[PeriodicOrbit] = []
     simpler: list[PeriodicOrbit] = []
     report, machine = StartReport(complete=False), machine_of(parameters)
-    if single_harmonic(parameters) and within_theory(machine, stops):
+    if single_harmonic(parameters) and within_theory(machine.constants.grip, stops):
         parameters = _with_first_harmonic(parameters)
         orbits, report = _theory(parameters, stops, cycles, starts)
         if not simulate or not may_rest_or_reverse(machine, stops):

@@ -46,7 +46,7 @@ from impact_damper_ros.motion.state import CHATTER_1, FREE, REST_1, SLIDE_DOWN, 
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .flights import Flight, flight_at, machine_of
-from .multipliers import AWAY, FlightLaws, event_matrices, jumps, multipliers_of
+from .multipliers import AWAY, FlightConstants, FlightLaws, event_matrices, jumps, multipliers_of
 from .response import Array, forced_response, free_response
 
 #: Largest relative residual of a solution; just beyond a fold the least residual is not zero.
@@ -222,20 +222,18 @@ class Segments:
         self.parameters = parameters
         self.nodes = tuple(nodes)
         self.cycles = cycles
-        self.machine = machine_of(parameters)
-        constants, lines = self.machine
-        self.cycle = math.tau / parameters.first_harmonic[1]
+        self.constants = constants = FlightConstants.of(parameters)
+        amplitudes, frequencies, phases = map(np.array, parameters.harmonics)
+        self.cycle = math.tau / float(frequencies[0])
         self.period = cycles * self.cycle
         self.rate = math.sqrt(constants.free.omega_squared)
         self.layout = layout = _layout(self.nodes)
         joint = layout.joint
         self.laws = FlightLaws.of(constants, joint, layout.direction, layout.away)
-        acting = [h for h in range(constants.harmonics) if h == 0 or lines[h].force != 0.0]
-        self._frequencies = np.array([lines[h].frequency for h in acting])
-        self._phases = np.array([lines[h].phase for h in acting])
-        free = np.array([lines[h].force for h in acting])
-        both = np.array([lines[constants.harmonics + h].force for h in acting])
-        self._forces: Array = np.where(joint[:, None], both, free)
+        acting = amplitudes != 0.0
+        self._frequencies, self._phases = frequencies[acting], phases[acting]
+        mass = parameters.primary_mass + np.where(joint, parameters.damper_mass, 0.0)
+        self._forces: Array = amplitudes[acting] / mass[:, None]
         # The jump at each node, and the derivative of what m needs from its support
         restitution = (
             layout.bounce_1 * constants.restitution_1 + layout.bounce_2 * constants.restitution_2
@@ -248,8 +246,8 @@ class Segments:
         self._need: Array = constants.slope + air + layout.gives_way * constants.grip
         across = 0.0 if constants.one_sided else 2.0 * constants.half_gap
         self._across = np.multiply(across, layout.across)
-        swing = abs(lines[0].force) / constants.free.omega_squared
-        fall = float(np.abs(self.laws.slide).max()) / parameters.first_harmonic[1] ** 2
+        swing = abs(float(amplitudes[0])) / parameters.stiffness
+        fall = float(np.abs(self.laws.slide).max()) / float(frequencies[0]) ** 2
         length = max(swing, fall, across if layout.both_hit else 0.0)
         self.set_units(length, length * self.rate, self.rate)
 
@@ -411,14 +409,13 @@ class Segments:
         kind, _, mode = self.nodes[node]
         x, velocity, way, relative = (float(value) for value in state)
         resting, last = self.nodes[node].resting, int(self.layout.last_stops[node])
-        across = 2.0 * self.machine.constants.half_gap
+        across = 2.0 * self.constants.half_gap
         beyond = way if last == 1 else way - across
-        flight = flight_at(
-            self.machine, float(instant), x, velocity, beyond, relative, resting, last
-        )
+        machine = machine_of(self.parameters)
+        flight = flight_at(machine, float(instant), x, velocity, beyond, relative, resting, last)
         if last == 2:
             flight.run.clearance_2 = max(0.0, way)
-        if mode < STICK and self.machine.constants.grip == 0.0:
+        if mode < STICK and self.constants.grip == 0.0:
             mode = FREE
         flight.run.mode = resting or mode
         flight.run.released = kind is EventKind.RELEASE

@@ -276,7 +276,7 @@ class SolutionCurve:
         """
         problem = self._segments(value)
         rig = problem.parameters
-        theory = single_harmonic(rig) and within_theory(problem.machine, problem.stops)
+        theory = single_harmonic(rig) and within_theory(problem.constants.grip, problem.stops)
         return not (self._of_impacts and theory)
 
     def value(self, place: Array) -> float:

@@ -196,7 +196,7 @@ def _guess_of_impacts(orbit: PeriodicOrbit) -> Guess:
 def orbit_of(solution: Solution) -> PeriodicOrbit:
     """Return the periodic motion that belongs to a solution of the boundary-value problem."""
     segments, states = solution.segments, solution.states
-    constants, cycle, cycles = segments.machine.constants, segments.cycle, segments.cycles
+    constants, cycle, cycles = segments.constants, segments.cycle, segments.cycles
     impacts = [j for j, node in enumerate(segments.nodes) if node.kind is EventKind.IMPACT]
     # The whole periods before the first impact do not matter, and would cost digits; nor do its
     # whole cycles in the phases, under one harmonic.
