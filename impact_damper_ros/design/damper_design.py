@@ -30,15 +30,16 @@ from impact_damper_ros.rig.rig import Rig
 
 Array = NDArray[np.float64]
 
-#: Gaps that are tried first, over the optimal gap of theory.
-_FIRST_GAPS = (0.9, 0.7, 0.5, 1.0)
+#: Gaps at which motions are sought, over the optimal gap of theory, and how near two are one.
+_FIRST_GAPS, _SAME_MOTION = (0.9, 0.7, 0.5, 1.0, 1.1, 0.35, 0.25), 1e-6
 #: A run from rest: time constants of M, least cycles, and cycles at its end that are measured.
 _TIME_CONSTANTS, _LEAST_CYCLES, _MEASURED_CYCLES, _SAMPLES = 8.0, 150, 30, 128
 #: Two motions with largest |X| within this part are one.
 _SAME = 5e-3
 #: Gaps that are tried from rest, how many of the best are looked at closely, at how many gaps
-#: each; and the widest gap, over that which M alone swings across.
-_GAPS_FROM_REST, _NARROWED, _FINER, _MARGIN = 96, 3, 8, 0.95
+#: each; the level at which m is still hit; and a gap that M does not swing across, over its
+#: amplitude.
+_GAPS_FROM_REST, _NARROWED, _FINER, _MARGIN, _OPEN = 96, 3, 8, 0.95, 20.0
 _POINTS, _STEP = 60, 0.15
 #: How far frequency and level are followed, as factors; the frequency first next to its value.
 _FREQUENCIES, _LEVELS = ((0.94, 1.06), (0.5, 1.5)), ((0.25, 4.0),)
@@ -61,6 +62,8 @@ class Design:
         Whether a rig from rest settles into it.
     starts_by_itself : tuple of float or None
         Gap and largest |X| of the best rig that does, m, where the best one does not.
+    widest_hit : float
+        Widest gap with which m is hit at all from rest, m.
     gap_range, level_range, frequency_range : Span
         How far the gap (m), the level (as a factor) and the frequency (rad/s) may go, each alone.
     """
@@ -69,6 +72,7 @@ class Design:
     orbit: PeriodicOrbit
     reached_from_rest: bool
     starts_by_itself: tuple[float, float] | None
+    widest_hit: float
     gap_range: Span
     level_range: Span
     frequency_range: Span
@@ -126,17 +130,17 @@ class Design:
 
 def optimal_gap(rig: RigParameters) -> float:
     """
-    Return the gap of theory at resonance, m: two impacts per cycle at X = 0, without friction.
+    Return the gap of theory, m: two impacts per cycle at X = 0, without friction.
 
-    X/A = zeta/(zeta + zeta_e) with zeta_e = (2/pi)(mu/(1 + mu))(1 + R)/(1 - R), and
-    d* = pi X (1 + R)/((1 - R)(1 + mu)).
+    d* = pi X (1 + R)/((1 - R)(1 + mu)), where X is that of the structure with the damping ratio
+    zeta + zeta_e, zeta_e = (2/pi)(mu/(1 + mu))(1 + R)/(1 - R): at resonance
+    X/A = zeta/(zeta + zeta_e).
     """
     mean = min(0.5 * (rig.restitution_1 + rig.restitution_2), 0.999)
     bounce, mu = (1.0 + mean) / (1.0 - mean), rig.mass_ratio
     equivalent = 2.0 / math.pi * mu / (1.0 + mu) * bounce
-    # Half the width of the resonance, where it is not at its peak
-    static = abs(rig.first_harmonic[0]) / rig.stiffness
-    x = static / (2.0 * (rig.zeta + equivalent))
+    static, r = abs(rig.first_harmonic[0]) / rig.stiffness, rig.first_harmonic[1] / rig.omega
+    x = static / math.hypot(1.0 - r * r, 2.0 * r * (rig.zeta + equivalent))
     return math.pi * x * bounce / (1.0 + mu)
 
 
@@ -146,37 +150,68 @@ def at_level(rig: RigParameters, factor: float) -> RigParameters:
     return rig.replace(**{name: tuple(factor * a for a in getattr(rig, name))})
 
 
+def _transient(rig: RigParameters) -> int:
+    """Return the cycles within which the start of a rig is forgotten."""
+    cycle = math.tau / rig.first_harmonic[1]
+    lasting = _TIME_CONSTANTS / (rig.zeta * rig.omega) if rig.zeta else math.inf
+    return max(_LEAST_CYCLES, min(math.ceil(lasting / cycle), 10 * _LEAST_CYCLES))
+
+
 def from_rest(rig: RigParameters) -> float:
     """Return the largest |X| of a rig some time after it was started from rest, m."""
     cycle = math.tau / rig.first_harmonic[1]
-    lasting = _TIME_CONSTANTS / (rig.zeta * rig.omega) if rig.zeta else math.inf
-    cycles = max(_LEAST_CYCLES, min(math.ceil(lasting / cycle), 10 * _LEAST_CYCLES))
+    cycles = _transient(rig)
     start, end = cycles * cycle, (cycles + _MEASURED_CYCLES) * cycle
     times = np.linspace(start, end, _MEASURED_CYCLES * _SAMPLES + 1)
     samples = Rig(rig, compiled=None).run(end, times).samples
     return float(np.abs(samples['x']).max(initial=0.0))
 
 
+def widest_hit(rig: RigParameters, level: float = 1.0) -> float:
+    """
+    Return the widest gap with which m of a rig from rest is hit at some level, m.
+
+    Beside the resonance M swings farther at first than later on. On an incline, along which m
+    slides to a stop by itself, it is the gap across which M alone swings.
+    """
+    alone = at_level(rig, level).replace(gap=_OPEN * rig.response_amplitude)
+    if rig.gravity * math.sin(rig.angle):
+        alone = alone.replace(angle=0.0, friction=0.0)
+    cycles = _transient(rig)
+    end = cycles * math.tau / rig.first_harmonic[1]
+    samples = Rig(alone, compiled=None).run(end, np.linspace(0.0, end, cycles * _SAMPLES)).samples
+    return 2.0 * float(np.abs(samples['z'] - samples['x']).max())
+
+
 def _performed(orbit: PeriodicOrbit) -> bool:
     return orbit.viable and orbit.stable
 
 
-def _first_motion(rig: RigParameters) -> PeriodicOrbit | None:
-    """Return a stable motion of two impacts of a rig with some gap."""
-    for share in _FIRST_GAPS:
-        there = rig.replace(gap=share * optimal_gap(rig))
-        # Without friction all motions are found at once, and one is carried to the friction.
-        smooth = there.replace(friction=0.0)
-        for orbit in find_orbits(smooth, (1, 2)).orbits:
-            if orbit.viable:
-                found = carried_over(orbit, there) if there.friction else orbit
-                if found is not None and _performed(found):
-                    return found
-    return None
+def _motions(rig: RigParameters) -> Iterator[PeriodicOrbit]:
+    """Yield the stable motions of two impacts of a rig."""
+    # Without friction all motions are found at once, and they are carried to the friction.
+    for orbit in find_orbits(rig.replace(friction=0.0), (1, 2)).orbits:
+        if orbit.viable:
+            found = carried_over(orbit, rig) if rig.friction else orbit
+            if found is not None and _performed(found):
+                yield found
 
 
 def _followed(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Branch:
     return follow(orbit, name, low, high, largest_step=_STEP, most_points=_POINTS)
+
+
+def _branches(rig: RigParameters) -> list[Branch]:
+    """Return the branches of these motions over the gap, mirror images once."""
+    found: list[Branch] = []
+    for share in _FIRST_GAPS:
+        gap = share * optimal_gap(rig)
+        known = [orbit.x_max for branch in found for orbit in branch.at([gap])[0]]
+        for orbit in _motions(rig.replace(gap=gap)):
+            if all(abs(orbit.x_max / x - 1.0) > _SAME_MOTION for x in known):
+                found.append(_followed(orbit, 'gap', gap / 3.0, 2.0 * gap))
+                known.append(orbit.x_max)
+    return found
 
 
 def _span_of(
@@ -206,9 +241,9 @@ def best_from_rest(rig: RigParameters) -> tuple[float, float]:
     """
     Return the gap with which a rig from rest moves least, m, and its largest |X| then, m.
 
-    M hits m only if it swings more than half the gap; a twentieth of that is kept as a margin.
+    M hits m only if it swings more than half the gap; a twentieth of the level is the margin.
     """
-    widest = _MARGIN * 2.0 * rig.response_amplitude
+    widest = widest_hit(rig, _MARGIN)
     gaps = np.geomspace(0.1 * widest, widest, _GAPS_FROM_REST)
     sizes = np.array([from_rest(rig.replace(gap=float(gap))) for gap in gaps])
     # From rest |X| is no smooth function of the gap
@@ -235,14 +270,10 @@ def best_design(rig: RigParameters) -> Design | None:
     Design or None
         None if no stable motion of two impacts per cycle was found.
     """
-    start = _first_motion(rig)
-    if start is None:
+    found = [(best, branch) for branch in _branches(rig) if (best := branch.best()) is not None]
+    if not found:
         return None
-    gap = start.parameters.gap
-    branch = _followed(start, 'gap', gap / 3.0, 2.0 * gap)
-    best = branch.best()
-    if best is None:
-        return None
+    best, branch = min(found, key=lambda pair: pair[0].orbit.x_max)
     orbit, there = best.orbit, best.orbit.parameters
     reached = reaches(there, orbit.x_max)
     alone = None if reached else best_from_rest(there)
@@ -257,7 +288,8 @@ def best_design(rig: RigParameters) -> Design | None:
         # Motions of another level are those of another gap, to scale.
         levels = Span(gaps.high, gaps.low, gaps.high_reason, gaps.low_reason).over(best.value)
         levels = Span(1.0 / levels.low, 1.0 / levels.high, levels.low_reason, levels.high_reason)
-    return Design(there, orbit, reached, alone, gaps, levels, frequencies)
+    widest = widest_hit(there)
+    return Design(there, orbit, reached, alone, widest, gaps, levels, frequencies)
 
 
 def designs(rig: RigParameters, mass_ratios: Sequence[float]) -> Iterator[Design]:

@@ -296,14 +296,18 @@ class Branch:
         ]
         here = distances.index(min(distances))
 
-        def end(step: int) -> tuple[float, str]:
-            last, beyond = here, here + step
+        def end(step: int) -> tuple[float, str, float]:
+            last, beyond, way = here, here + step, 0.0
             for _ in range(count):
                 # A branch that closes goes on at its other end
                 beyond = beyond % count if self.ended == CLOSES else beyond
                 if not 0 <= beyond < count or not _performed(self.orbits[beyond]):
                     break
-                last, beyond = beyond, beyond + step
+                ahead = self.values[beyond] - self.values[last]
+                if way * ahead < 0.0:
+                    # It turns back, stable on both sides, as where two mirror images meet
+                    return self.values[last], SpecialKind.FOLD.value, way
+                last, beyond, way = beyond, beyond + step, way or ahead
             near = [k for k in (last, beyond) if 0 <= k < count]
             texts = [self.change_at(self.orbits[k]) for k in near]
             reason = next((t for t in texts if t and t != CLOSES), '')
@@ -311,9 +315,14 @@ class Branch:
                 reason = ''
             elif not reason and len(near) > 1:
                 reason = self.orbits[beyond].reason or 'stability is lost'
-            return self.values[last], reason
+            return self.values[last], reason, way
 
-        (low, low_reason), (high, high_reason) = sorted((end(-1), end(1)))
+        ends = [end(-1), end(1)]
+        if ends[0][2] * ends[1][2] > 0.0:
+            # Where it turns back itself, it is kept on one side only: as far as on both ways
+            nearer = min(ends, key=lambda found: abs(found[0] - self.values[here]))
+            ends = [nearer, (self.values[here], SpecialKind.FOLD.value, 0.0)]
+        (low, low_reason, _), (high, high_reason, _) = sorted(ends)
         return Span(low, high, low_reason, high_reason)
 
     def reversed(self) -> Branch:

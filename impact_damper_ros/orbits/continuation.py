@@ -204,6 +204,8 @@ _GROWTH = 1.4
 #: The first step, as a share of the largest one.
 _FIRST_STEP = 0.1
 _LEAST_STEP = 1e-7
+#: Distance of a place that is met again.
+_SAME_PLACE = 1e-6
 #: Least scale of a parameter that begins near zero, as a share of its range.
 _LEAST_SCALE = 0.2
 #: How far from a meeting of two events the motion without them is sought, in steps.
@@ -265,6 +267,16 @@ def _edge(curve: SolutionCurve, here: CurvePoint, step: float) -> tuple[float, C
     return bound, last
 
 
+def _comes_to(curve: SolutionCurve, here: CurvePoint, there: CurvePoint, step: float) -> bool:
+    """Return whether a curve passes another point within a step, rather than next to it."""
+    chord = there.place - here.place
+    if np.linalg.norm(chord) >= step or float(there.tangent @ here.tangent) < _SHARPEST_TURN:
+        return False
+    ahead = float(chord @ here.tangent)
+    met = curve.correct(here.place + ahead * here.tangent, here.tangent)
+    return met is not None and bool(np.linalg.norm(met.place - there.place) < _SAME_PLACE)
+
+
 def _grow(curve: SolutionCurve, point: CurvePoint) -> Branch:
     """Step along a branch until it leaves the bounds, ends or closes."""
     along = curve.along
@@ -318,8 +330,9 @@ def _grow(curve: SolutionCurve, point: CurvePoint) -> Branch:
         if edge is not None:
             break
         round_again = len(points) > 4 and all(piece.curve is curve for piece in pieces)
-        if round_again and np.linalg.norm(here.place - point.place) < 0.5 * step:
+        if round_again and _comes_to(curve, here, point, 0.5 * step):
             ended = CLOSES
+            points[-1], pieces[-1] = points[0], pieces[-1]._replace(end=point)
             break
         step = min(along.largest_step, _GROWTH * step)
     branch = Branch(name=along.name, points=tuple(points), special=(), ended=ended)

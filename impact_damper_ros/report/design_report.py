@@ -110,11 +110,13 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
         f'{quantity(design.x_max, "m", 3)} of {quantity(design.bare, "m", 3)}, '
         f'{percent(design.x_max / design.bare)}.',
     ]
+    if design.x_max > design.bare:
+        lines.append('  That is more than without the damper: it is no help here.')
     if design.starts_by_itself is not None:
         other_gap = f'  A gap of {1e3 * rig.gap:.4g} mm would leave {best}, but '
         lines.append(
             f'{other_gap}M at rest never swings across it: m has to be started by a push.'
-            if rig.gap > 2.0 * design.bare
+            if rig.gap > design.widest_hit
             else f'{other_gap}from rest the rig comes to another motion: m needs a push.'
         )
     *first, last = _uncertain_words(unsure)

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import math
 import re
 from contextlib import redirect_stdout
 
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 from running import SOURCE
 
-from impact_damper_ros import Rig, load_parameters
+from impact_damper_ros import Rig, RigParameters, load_parameters
 from impact_damper_ros.cli.design_damper import _parser, _rig, main
 from impact_damper_ros.cli.fit_rig import main as fit_rig
+from impact_damper_ros.design.damper_design import at_level, from_rest
 from impact_damper_ros.design.fitted import load_fitted
 
 STRUCTURE = ['--mass', '5kg', '--frequency', '10Hz', '--damping-ratio', '2%', '--base', '0.2g']
@@ -69,6 +71,59 @@ def test_the_worst_case_of_the_gap_to_build_is_run(tmp_path):
     assert worst == pytest.approx(max(ratios), rel=1e-3)
     text = ' '.join(printed.getvalue().split())
     assert f'with {1e3 * rig.gap:.4g} mm it is {100.0 * worst:.3g} %' in text
+
+
+@pytest.fixture
+def design_at(tmp_path):
+    """Return what the command finds for 5 % of the mass at a frequency, Hz."""
+
+    def found(hertz, *words):
+        path = tmp_path / 'design.json'
+        line = [*STRUCTURE, '--at', f'{hertz}Hz', '--mass-ratio', '5%', '--levels', '1:1']
+        with redirect_stdout(io.StringIO()):
+            assert main([*line, *words, '--json', str(path)]) == 0
+        return json.loads(path.read_text())
+
+    return found
+
+
+def test_above_the_resonance(design_at):
+    """The best gap is a third of what it is at the resonance; there the search had ended."""
+    (design,) = design_at(12)['designs']
+    assert design['reduction'] == pytest.approx(0.67705, rel=1e-4)
+    assert design['gap'] == pytest.approx(4.77e-3, rel=1e-3)
+
+
+def test_a_start_beside_the_resonance_swings_over(design_at):
+    """M is switched on with a beat, so that m of a wide gap is hit, too."""
+    found = design_at(10.5)
+    (design,), chosen = found['designs'], found['chosen']
+    assert not design['reached_from_rest']
+    assert chosen['gap'] > 1.2 * 2.0 * chosen['without_damper']
+    rig = RigParameters(**chosen['parameters'])
+    assert from_rest(rig) == pytest.approx(chosen['x_max'], rel=1e-9)
+    # It is still hit at a level that is a twentieth lower, and not at much lower ones
+    assert from_rest(at_level(rig, 0.95)) < 0.5 * 0.95 * chosen['without_damper']
+    narrower = [from_rest(rig.replace(gap=share * rig.gap)) for share in (0.6, 0.7, 0.8, 0.9)]
+    assert chosen['x_max'] < min(narrower)
+
+
+def test_ranges_of_mirror_images(design_at):
+    """Below the resonance a pair of mirror images begins where the best motion loses symmetry."""
+    (design,) = design_at(9.5)['designs']
+    assert design['reduction'] < 0.83
+    for name in ('gap_range', 'level_range', 'frequency_range'):
+        assert design[name]['low'] < design[name]['high']
+    assert design['gap_range']['low'] <= design['gap'] <= design['gap_range']['high']
+
+
+def test_a_frequency_range_goes_both_ways(design_at):
+    """The branch comes back next to its start, by an unstable motion, and does not close."""
+    (design,) = design_at(9.8)['designs']
+    span = design['frequency_range']
+    assert span['low'] / math.tau == pytest.approx(7.5165, rel=1e-4)
+    assert span['high'] / math.tau == pytest.approx(9.9285, rel=1e-4)
+    assert span['high_reason'] == 'Neimark-Sacker'
 
 
 def test_the_answers_of_the_readme(designed):

@@ -9,6 +9,7 @@ from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 from impact_damper_ros import (
     EventKind,
     OrbitError,
+    RigParameters,
     SpecialKind,
     find_orbits,
     follow,
@@ -478,3 +479,25 @@ def test_a_path_to_rigs_without_a_period():
     orbit = stable_orbit(rig)
     with pytest.raises(OrbitError, match='multisine_level'):
         follow(orbit, lambda s: rig.replace(multisine_level=s), 0.0, 0.5, start=0.0)
+
+
+def test_a_branch_that_closes_and_the_range_of_its_motions():
+    """Two mirror images meet at both ends of their range, and turn into one another there."""
+    rig = RigParameters.of_structure(
+        primary_mass=5.0, natural_frequency=10.0, damping_ratio=0.02,
+        mass_ratio=0.05, restitution_1=0.6, restitution_2=0.6, gap=0.02,
+        base_amplitudes='0.2 g', base_frequencies='9.5 Hz', force_amplitudes=0.0,
+    )
+    orbit = stable_orbit(rig)
+    here = rig.first_harmonic[1]
+    branch = follow(orbit, 'base_frequencies', 0.5 * here, 1.5 * here, largest_step=0.1)
+    assert branch.ended == 'the branch closes'
+    assert branch.points[-1] == branch.points[0]
+    folds = [point for point in branch.special if point.kind is SpecialKind.FOLD]
+    low, high = sorted(point.value for point in folds)
+    for point in folds:
+        assert point.orbit.distance(point.orbit.mirrored()) < 1e-4
+    span = branch.span(here, orbit)
+    assert (span.low, span.high) == pytest.approx((low, high), rel=1e-12)
+    assert (span.low_reason, span.high_reason) == ('fold', 'fold')
+    assert low < here < high
