@@ -56,6 +56,11 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
             f'sweep_mode is {parameters.sweep_mode!r}: {lasting}, give off, and the frequency '
             'asked for in force_frequencies'
         )
+    if not any(parameters.harmonics[0]):
+        raise OrbitError(
+            'no force acts, and the base is at rest: periodic motion repeats with one of them, '
+            'give force_amplitudes or base_amplitudes'
+        )
     if amplitude == 0.0 or first == 0.0:
         raise OrbitError(
             f'the first harmonic of the force has amplitude {amplitude:g} N and frequency '

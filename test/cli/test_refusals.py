@@ -74,7 +74,7 @@ REFUSALS = {
         ('--impacts 2 --set gap_max=20', 'there is no parameter gap_max to set'),
         ('--impacts 3 --stops 1,2', '--stops 1,2 names 2 impacts'),
         ('--impacts 2 --stops 1,2 --set one_sided=true', 'no stop 2'),
-        ('--impacts 2 --set force_amplitudes=[0]', 'both different from 0'),
+        ('--impacts 2 --set force_amplitudes=[0]', 'give force_amplitudes or base_amplitudes'),
         (
             '--impacts 2 --set force_amplitudes=[1,1] --set force_frequencies=[1,2.5] '
             '--set force_phases=[0,0]',
@@ -89,7 +89,7 @@ REFUSALS = {
         ('--impacts 2 --csv a.csv --json a.csv', 'two outputs have the same name'),
         ('--impacts 2 --follow gap=20:60 --figure a.bmp', FIGURE),
         ('--settled --cycles 2', 'leave out --cycles'),
-        ('--settled --set force_amplitudes=[0]', 'both different from 0'),
+        ('--settled --set force_amplitudes=[0]', 'give force_amplitudes or base_amplitudes'),
     ],
     'sweep_rig': [
         ('', 'nothing is varied'),

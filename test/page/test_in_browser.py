@@ -291,6 +291,7 @@ def test_a_stranger_turns_the_gap_and_chooses_a_preset(opened, size):
     page.click('#presets-open')
     page.click('#presets [data-name=ring_down]')
     page.expect('#preset-name').to_have_text('Ring-down')
+    page.expect('#rig-line').to_contain_text('no force · gap')
     page.wait('Math.abs(impactDamper.history.state.x) > 0.005')
     page.wait("location.hash.includes('preset=ring_down')")
     page.expect('#curve-line').to_have_text('')

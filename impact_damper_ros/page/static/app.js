@@ -190,7 +190,7 @@ function drive({ force_amplitudes: [force = 0] = [], force_frequencies: [ofForce
 function described({ force_amplitudes: forces = [], multisine_level: level, gap, gap_control: control, ...rest }) {
   const { amplitude, unit, frequency, word } = drive({ force_amplitudes: forces, ...rest });
   return [
-    amplitude > 0 ? `${word}${withUnit(amplitude, unit)} at ${withUnit(frequency / TAU, 'Hz', 4)}` : 'no single force',
+    amplitude > 0 ? `${word}${withUnit(amplitude, unit)} at ${withUnit(frequency / TAU, 'Hz', 4)}` : level > 0 || forces.some(Boolean) ? '' : 'no force',
     forces.length > 1 ? `+${forces.length - 1} harmonic${forces.length > 2 ? 's' : ''}` : '',
     level > 0 ? `multisine ${withUnit(level, 'N')} rms` : '',
     `gap ${withUnit(gap, 'm')}`,
