@@ -647,10 +647,12 @@ def sampling_rate(table: MeasuredTable, key: str = 'time') -> float:
     wrong = np.flatnonzero(np.abs(steps - step) > 0.01 * step + digits)
     if len(wrong):
         row = int(wrong[0]) + 1
+        missing = steps[row - 1] > 1.5 * step
+        remedy = 'fill the gap, or cut the record there'
         raise table.error(
             key,
             row,
-            f'a step of {steps[row - 1]:.4g} s where the others are {step:.4g} s: fill the gap, '
-            'or cut the record there',
+            f'a step of {steps[row - 1]:.4g} s where the others are {step:.4g} s: '
+            f'{remedy if missing else "resample it at equal intervals"}',
         )
     return float((len(times) - 1) / (times[-1] - times[0]))

@@ -101,7 +101,8 @@ BAD = {
         FORCE + '0,1\n0.1,\n0.2,1\n': "line 3, column 'force [N]': no",
         FORCE + '0,1\n0.1,nan\n0.2,1\n': 'line 3',
         FORCE + '0,1\n0.2,2\n0.1,3\n': 'the column must rise',
-        FORCE + '0,1\n1,1\n2,1\n9,1\n': 'line 5, column',
+        FORCE + '0,1\n1,1\n2,1\n9,1\n': 'where the others are 1 s: fill the gap',
+        FORCE + '0,1\n1,1\n2.02,1\n3,1\n4,1\n': 'resample it at equal intervals',
         't [s],a [g]\n0,1\n1,1\n': 'no column for the force',
     },
     '--base-record': {
