@@ -97,8 +97,9 @@ class ExternalControl:
         self._answers: dict[str, Command] = {}
         self._given_up = False
         self._missed = 0
-        # Commands refused before the one that is awaited
+        # Commands refused before the one that is awaited; and those that answer the one before
         self._refused_before = 0
+        self._repeated = 0
 
     @property
     def waits(self) -> bool:
@@ -131,7 +132,7 @@ class ExternalControl:
             self._published_ns = sent.stamp_ns
             if self._in_step:
                 self._awaited_ns, self._answers = sent.stamp_ns, {}
-                self._refused_before = self._inbox.refused
+                self._refused_before, self._repeated = self._inbox.refused, 0
             yield sent
 
     def _measure(self, time_ns: int, offset_ns: int) -> None:
@@ -164,13 +165,18 @@ class ExternalControl:
 
     def give_up(self) -> str:
         """Await no command before the next one has come; return what came in its place."""
+        answered_ns = self._answered_ns
         self._answered_ns, self._awaited_ns = self._awaited_ns, None
         self._given_up = True
         self._missed += 1
-        if not (refused := self._inbox.refused - self._refused_before):
-            return ''
-        which = 'that was refused' if refused == 1 else 'that were refused, the last one'
-        return f' but {refused} {which} ({self._inbox.reason})'
+        if refused := self._inbox.refused - self._refused_before:
+            which = 'that was refused' if refused == 1 else 'that were refused, the last one'
+            return f' but {refused} {which} ({self._inbox.reason})'
+        if self._repeated and answered_ns is not None:
+            answer = 'answers' if self._repeated == 1 else 'answer'
+            which = f'that {answer} the measurement before, of {_seconds(answered_ns)} s'
+            return f' but {self._repeated} {which}'
+        return ''
 
     @property
     def _in_step(self) -> bool:
@@ -248,7 +254,9 @@ class ExternalControl:
             raise CommandError(
                 f'lock-step waits for {", ".join(self._topics)} only: start with lock_step:=both'
             )
-        if command.stamp_ns != self._answered_ns:
+        if command.stamp_ns == self._answered_ns:
+            self._repeated += 1
+        else:
             last = 'of which there is none yet'
             if self._published_ns is not None:
                 last = f'{_seconds(self._published_ns)} s'

@@ -7,6 +7,7 @@ import math
 import os
 import sys
 import time
+from copy import copy
 from pathlib import Path
 
 import pytest
@@ -213,6 +214,9 @@ def test_in_lock_step_each_measurement_has_one_command():
     assert obeyed(0.5, answers[0]) == 0
     assert obeyed(1, answers[0]) == 0
     assert (obeyed(1.25), controller.waits, inbox.refused) == (0, True, 1)
+    # A controller whose own clock is a measurement behind answers the last one for ever.
+    words = ' but 1 that answers the measurement before, of 0.000000000 s'
+    assert copy(controller).give_up() == words
     assert controller.status(0).awaited == 'stop_commands'
     assert obeyed(1.5, answers[1], stops(0.02, -0.02, stamp_s=9)) == 1
     assert (controller.waits, controller.status(0).awaited, inbox.refused) == (False, '', 2)
