@@ -60,6 +60,8 @@ _LONGEST_GAP_NS, _MOST_MISSING = 6 * 3600 * 10**9, 10
 _LONGEST_WAIT_NS = 10 * 86_400 * 10**9
 #: Joint states from which on compiled code is worth its loading time.
 _COMPILED_FROM = 100_000
+#: What a rig raises that a recorded state or law makes impossible.
+_FAILURES = (ArithmeticError, LookupError, RunawayError, TypeError, ValueError)
 _REMEDY = 'replay the bag with the version of impact_damper_ros that recorded it'
 
 #: A change to parameters, or a reset to initial conditions.
@@ -289,13 +291,20 @@ class Replay:
         instants = instants[here:]
         if not len(instants):
             return at_once, table_of_events(first), acts_first
-        if not rig.acts:
-            rig.compiled = self._compiled
-            most = max(MOST_IN_PERIOD, 10 * len(instants))
-            result = rig.run(float(instants[-1]), instants, most_events=most)
-            if result.outcome is Outcome.COMPLETE:
-                return np.concatenate([at_once, result.samples]), result.events, []
-            raise self._cannot_go_on(rig, result.reason)
+        if not orders or orders[0][0] > instants[-1]:
+            rig.compiled = self._compiled and rig.own_law is None
+            most = inf if rig.acts else max(MOST_IN_PERIOD, 10 * len(instants))
+            try:
+                result = rig.run(float(instants[-1]), instants, most_events=most)
+            except _FAILURES as error:
+                raise self._cannot_go_on(rig, str(error)) from error
+            if result.outcome is not Outcome.COMPLETE:
+                raise self._cannot_go_on(rig, result.reason)
+            return (
+                np.concatenate([at_once, result.samples]),
+                np.concatenate([table_of_events(first), result.events]),
+                acts_first + rig.records,
+            )
         samples, events, records = [], first, acts_first
         for time in instants.tolist():
             more, acts = self._moved(rig, time, orders)
@@ -312,7 +321,7 @@ class Replay:
         """Let a rig run on to an instant, or to the next event."""
         try:
             result = rig.run(time, most_events=1)
-        except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
+        except _FAILURES as error:
             raise self._cannot_go_on(rig, str(error)) from error
         if result.outcome is Outcome.RUNAWAY:
             raise self._cannot_go_on(rig, result.reason)
@@ -341,7 +350,7 @@ class Replay:
             if time > rig.time:
                 events += rig.advance(time, MOST_IN_PERIOD)
                 records += rig.records
-        except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
+        except _FAILURES as error:
             raise self._cannot_go_on(rig, str(error)) from error
         return events, records
 
