@@ -85,8 +85,10 @@ def design_table(found: Sequence[Design]) -> Table:
 
 def _span_words(span: Span, unit: str, factor: float) -> str:
     low, high = f'{factor * span.low:.4g}', f'{factor * span.high:.4g}'
-    low = f'{low} ({span.low_reason})' if span.low_reason else f'{low} or less'
-    high = f'{high} {unit} ({span.high_reason})' if span.high_reason else f'{high} {unit} or more'
+    # A grazing has its details behind a colon
+    below, above = (reason.partition(':')[0] for reason in (span.low_reason, span.high_reason))
+    low = f'{low} ({below})' if below else f'{low} or less'
+    high = f'{high} {unit} ({above})' if above else f'{high} {unit} or more'
     return f'from {low} to {high}'
 
 
@@ -140,7 +142,8 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
         f'{compared.frequencies[-1] / math.tau:.3g} Hz, from rest:',
         f'  {_peak(compared.frequencies, compared.damper)} with the impact damper, '
         f'{_peak(compared.frequencies, compared.mass_damper)} with the mass damper,',
-        f'  {_peak(compared.frequencies, compared.bare)} without. {_verdict(compared)}',
+        f'  {_peak(compared.frequencies, compared.bare)} without. '
+        + _verdict(design.x_max < other, compared),
     ]
     return '\n'.join(lines)
 
@@ -166,15 +169,12 @@ def _uncertain_words(unsure: Uncertain) -> list[str]:
     return [*found, f'the level from {low:g} to {high:g} times this one']
 
 
-def _verdict(compared: Comparison) -> str:
-    """Return in a sentence whether the impact damper is better than the mass damper."""
-    here = len(compared.frequencies) // 2
-    better = compared.damper[here] < compared.mass_damper[here]
-    if compared.damper.max() < compared.mass_damper.max():
-        return 'The impact damper is better over all of them.'
-    if better:
-        return 'The impact damper is better at this frequency and level, not over all of them.'
-    return 'The mass damper is better.'
+def _verdict(better: bool, compared: Comparison) -> str:
+    """Return in a sentence whether the impact damper is better, here and elsewhere."""
+    name = 'impact' if better else 'mass'
+    if (compared.damper.max() < compared.mass_damper.max()) != better:
+        return f'The {name} damper is better at this frequency and level, not over all of them.'
+    return f'The {name} damper is better{" over all of them" if better else ""}.'
 
 
 def _span_json(span: Span) -> dict[str, Any]:

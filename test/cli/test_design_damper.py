@@ -126,6 +126,25 @@ def test_a_frequency_range_goes_both_ways(design_at):
     assert span['high_reason'] == 'Neimark-Sacker'
 
 
+@pytest.mark.parametrize(
+    ('restitution', 'words'),
+    [
+        # It locks in 500 cycles after the start, so that runs from rest are still irregular
+        ('0.95', 'The impact damper is better at this frequency and level, not over all of them.'),
+        ('0.05', 'The mass damper is better.'),
+    ],
+)
+def test_which_damper_is_better_here(restitution, words, capsys):
+    assert main([*STRUCTURE, '--mass-ratio', '5%', '--restitution', restitution]) == 0
+    text = ' '.join(capsys.readouterr().out.split())
+    here = re.search(r'here ([\d.]+) (.m) with the impact damper, ([\d.]+) (.m)', text)
+    ours, theirs = (float(here[k]) * {'µm': 1e-3, 'mm': 1.0}[here[k + 1]] for k in (1, 3))
+    assert (ours < theirs) == ('impact' in words)
+    assert words in text
+    # Of a grazing its name stands in the range, not each place where m would pass a stop
+    assert 'would pass' not in text
+
+
 def test_the_answers_of_the_readme(designed):
     """Its table has the numbers that the command prints for the mass that it chooses."""
     _, text = designed
