@@ -8,8 +8,6 @@ import math
 import re
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -32,6 +30,7 @@ from impact_damper_ros.parameters.rig_parameters import RIG_SPECS, RigParameters
 from impact_damper_ros.parameters.units import quantity, split_number
 from impact_damper_ros.report import bench_report, design_report as report
 from impact_damper_ros.report.design_report import Comparison
+from impact_damper_ros.sweep.execution import process_pool, without_interrupts
 
 from .command_line import (
     CommandError,
@@ -316,8 +315,10 @@ def _found(rig: RigParameters, ratios: Sequence[float]) -> list[Design]:
     if len(rigs) == 1:
         found = list(map(best_design, rigs))
     else:
-        with ProcessPoolExecutor(2, mp_context=get_context('forkserver')) as pool:
-            found = list(pool.map(best_design, rigs))
+        with process_pool(2) as pool:
+            with without_interrupts():
+                designs = pool.map(best_design, rigs)
+            found = list(designs)
     return [design for design in found if design is not None]
 
 
