@@ -132,14 +132,20 @@ class _Node:
 
     def _begin(self) -> None:
         libc = ctypes.CDLL(None)
+
+        def leave_to_the_page() -> None:
+            # However this process ends, the node does, too; it finishes its recording then.
+            libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+            # Until the node has its own handler, Ctrl-C in the terminal would stop its imports.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+
         self._began = time.monotonic()
-        # However this process ends, the node does, too; it finishes its recording then.
         self._process = subprocess.Popen(
             [
                 *(sys.executable, '-m', 'impact_damper_ros.node.sim_node', '--ros-args'),
                 *('--params-file', str(self._file)),
             ],
-            preexec_fn=lambda: libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM),
+            preexec_fn=leave_to_the_page,
         )
 
     async def watch(self) -> None:
@@ -158,7 +164,7 @@ class _Node:
     def end(self) -> None:
         """End it; kill it if that takes long."""
         if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
+            self._process.terminate()
         try:
             self._process.wait(NODE_END_S)
         except subprocess.TimeoutExpired:

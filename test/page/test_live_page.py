@@ -1,6 +1,7 @@
 """The page on a real node, over DDS; and the command."""
 
 import asyncio
+import os
 import re
 import signal
 import socket
@@ -8,6 +9,7 @@ import socket
 import numpy as np
 import pytest
 from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess
+from running import until
 
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.page.presets import load_presets
@@ -182,6 +184,20 @@ def test_a_node_is_named_without_its_slash(node, tmp_path):
     finally:
         assert server.close() == 0
     assert node.running()
+
+
+def test_ctrl_c_reaches_a_node_that_still_imports_by_the_page_alone(tmp_path):
+    """A terminal signals both; the node once printed where its imports were."""
+    server = PageProcess(tmp_path, '--start', 'bench_rig')
+    try:
+        (node,) = until(server.children)
+        os.kill(node, signal.SIGINT)
+        server.until(lambda: 'runs in real time' in server.output)
+        assert server.children() == [node]
+    finally:
+        assert server.close(signal.SIGINT) == 0
+    assert 'Traceback' not in server.output
+    assert 'has ended' not in server.output
 
 
 def test_connections_without_end_do_not_stop_those_that_are_there(tmp_path):
