@@ -57,9 +57,9 @@ _ANY_MASS_RATIO = 0.05
 
 #: Restitution if none is given.
 _RESTITUTION = 0.6
-#: What --check varies: restitution by so much, friction and level.
 #: A range as it is written in a text.
 _DASHED = re.compile(r'([\d.]+%?) ?[-–] ?([\d.]+%?)')
+#: What --check varies: restitution by so much, friction and level.
 _DOUBT, _FRICTION_CHECKED = 0.1, (0.0, 0.1)
 _LEVELS_CHECKED = (0.5, 0.8, 1.0, 1.25, 2.0)
 
