@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 _FIRST_GAPS, _SAME_MOTION = (0.9, 0.7, 0.5, 1.0, 1.1, 0.35, 0.25), 1e-6
 #: A run from rest: time constants of M, least cycles, and cycles at its end that are measured.
 _TIME_CONSTANTS, _LEAST_CYCLES, _MEASURED_CYCLES, _SAMPLES = 8.0, 150, 30, 128
+#: Cycles in which irregular impacts with R = 0 would come to repeat; 1/(1 - R) times as many.
+_IMPACT_CYCLES = 45.0
 #: Two motions with largest |X| within this part are one.
 _SAME = 5e-3
 #: Gaps that are tried from rest, how many of the best are looked at closely, at how many gaps
@@ -151,10 +153,15 @@ def at_level(rig: RigParameters, factor: float) -> RigParameters:
 
 
 def _transient(rig: RigParameters) -> int:
-    """Return the cycles within which the start of a rig is forgotten."""
+    """Return the cycles within which the start of a rig is forgotten, by M and by its impacts."""
     cycle = math.tau / rig.first_harmonic[1]
-    lasting = _TIME_CONSTANTS / (rig.zeta * rig.omega) if rig.zeta else math.inf
-    return max(_LEAST_CYCLES, min(math.ceil(lasting / cycle), 10 * _LEAST_CYCLES))
+    lost = 1.0 - 0.5 * (rig.restitution_1 + rig.restitution_2)
+    lasting = max(
+        _TIME_CONSTANTS / (rig.zeta * rig.omega * cycle) if rig.zeta else math.inf,
+        _IMPACT_CYCLES / lost if lost else math.inf,
+    )
+    most = 10 * _LEAST_CYCLES
+    return max(_LEAST_CYCLES, math.ceil(min(lasting, most)))
 
 
 def from_rest(rig: RigParameters) -> float:
