@@ -8,8 +8,6 @@ import pytest
 from control.controlled_rigs import IDEAL, TRIAL, control
 from impact_damper_ros import Rig, RigParameters, damper_of
 
-INCLINE = RigParameters(angle=math.radians(45.0), friction=0.5, gravity=1.0)
-
 
 def rms(rig, law, settled=300.0, until=900.0):
     """Return the root mean square of X, m."""
