@@ -241,6 +241,8 @@ def measured_report(measured: RecentMotion) -> MotionReport:
     idle = measured.kind is MotionKind.NO_IMPACTS
     if idle:
         words = f'm has not hit a stop for {measured.without:.0f} cycles of the force'
+        if why := _why_idle(measured):
+            words += f': {why}'
     return MotionReport(
         'measured motion',
         idle and bool(measured.too_wide),

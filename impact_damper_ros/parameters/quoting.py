@@ -6,6 +6,7 @@ from __future__ import annotations
 import difflib
 import re
 import reprlib
+from array import array
 from collections.abc import Collection
 from typing import Any
 
@@ -80,6 +81,9 @@ def shown(value: object, longest: int = _LONGEST) -> str:
     >>> shown('a' * 1000, 20)
     "'aaaaaaaaa ... (1002 characters) ... aaaa'"
     """
+    if isinstance(value, array):
+        # As rclpy has an array of numbers
+        value = value.tolist()
     if isinstance(value, str) and len(value) > 8 * longest:
         # Without a copy of all of it
         text, count = repr(value[: 4 * longest] + value[-4 * longest :]), len(value) + 2

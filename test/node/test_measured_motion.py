@@ -143,8 +143,12 @@ def test_a_rig_that_hits_nothing_or_nothing_regular_or_has_no_cycles():
     assert measured.x_max > 50.0
     assert measured.without == pytest.approx(30.0 / 1.02, abs=0.1)
     report = measured_report(measured)
-    assert report.message == 'm has not hit a stop for 29 cycles of the force'
-    assert (report.warning, 'is wider than M moves' in report.values['Reason']) == (True, True)
+    assert report.message == (
+        'm has not hit a stop for 29 cycles of the force: the gap, 600 m, is wider than M moves '
+        'from end to end: m is not hit from rest; give a narrower gap, or more force'
+    )
+    assert report.warning
+    assert report.message.endswith(report.values['Reason'])
     chaotic = Rig(INCLINED.replace(gap=60.0))
     measured = recent_motion(traced(chaotic, 260), RATE)
     assert (measured.kind, measured.rhythm) == (MotionKind.UNDECIDED, None)

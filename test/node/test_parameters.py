@@ -46,6 +46,7 @@ def test_rejected_values_are_explained_and_change_nothing(rig):
         ('force_phases', [math.nan], ['force_phases[0]', 'nan']),
         ('state_rate', 100.0, ['fixed', 'start']),
         ('stifness', 1.0, ['did you mean stiffness?']),
+        ('gap', [0.02], ['gap is [0.02]: give a number']),
         ('mass_ratio', 0.04, ['mass_ratio is for the start', '0.04 is a damper_mass of 0.04 kg']),
         ('damping_ratio', '3 %', ['is a damping of 1.8973666 N s/m']),
         ('natural_frequency', math.nan, ['natural_frequency is nan']),

@@ -103,9 +103,10 @@ export class Verdict {
 
   diagnostics({ level, message, verdict, agreement }, theory) {
     const place = byId('verdict-text');
+    const idle = /has not hit a stop/.test(message ?? '') && !agreement;
     const waiting = /wait|transient|cycles/i.test(message ?? '') && !agreement;
     const settled = agreement === 'agrees' || agreement === 'disagrees';
-    const words = AGREEMENT[agreement] ?? (verdict && !message ? verdict : waiting ? 'Settling' : 'No verdict');
+    const words = AGREEMENT[agreement] ?? (verdict && !message ? verdict : idle ? 'No impacts' : waiting ? 'Settling' : 'No verdict');
     write(place, theory.irregular && !settled ? theory.kind[0].toUpperCase() + theory.kind.slice(1) : words);
     const shade = agreement === 'agrees' ? 'ok' : agreement === 'disagrees' ? 'warn' : agreement === undefined ? level ?? 'none' : 'none';
     place.dataset.level = level === 'error' ? 'error' : shade;
