@@ -30,8 +30,9 @@ from impact_damper_ros.rig.rig import Rig
 
 Array = NDArray[np.float64]
 
-#: Gaps at which motions are sought, over the optimal gap of theory, and how near two are one.
-_FIRST_GAPS, _SAME_MOTION = (0.9, 0.7, 0.5, 1.0, 1.1, 0.35, 0.25), 1e-6
+#: Gaps at which motions are sought, over the optimal gap of theory, and beside the resonance, or
+#: where there are none so far, as well; and how near two motions are one.
+_FIRST_GAPS, _NARROW_GAPS, _SAME_MOTION = (0.9, 0.7, 0.5, 1.0, 1.1, 0.35, 0.25), (0.15, 0.05), 1e-6
 #: A run from rest: time constants of M, least cycles, and cycles at its end that are measured.
 _TIME_CONSTANTS, _LEAST_CYCLES, _MEASURED_CYCLES, _SAMPLES = 8.0, 150, 30, 128
 #: Cycles in which irregular impacts with R = 0 would come to repeat; 1/(1 - R) times as many.
@@ -138,12 +139,18 @@ def optimal_gap(rig: RigParameters) -> float:
     zeta + zeta_e, zeta_e = (2/pi)(mu/(1 + mu))(1 + R)/(1 - R): at resonance
     X/A = zeta/(zeta + zeta_e).
     """
+    away, width, bounce = _resonance(rig)
+    x = abs(rig.first_harmonic[0]) / rig.stiffness / math.hypot(away, width)
+    return math.pi * x * bounce / (1.0 + rig.mass_ratio)
+
+
+def _resonance(rig: RigParameters) -> tuple[float, float, float]:
+    """Return 1 - r^2, 2 r (zeta + zeta_e) and (1 + R)/(1 - R), see `optimal_gap`."""
     mean = min(0.5 * (rig.restitution_1 + rig.restitution_2), 0.999)
     bounce, mu = (1.0 + mean) / (1.0 - mean), rig.mass_ratio
     equivalent = 2.0 / math.pi * mu / (1.0 + mu) * bounce
-    static, r = abs(rig.first_harmonic[0]) / rig.stiffness, rig.first_harmonic[1] / rig.omega
-    x = static / math.hypot(1.0 - r * r, 2.0 * r * (rig.zeta + equivalent))
-    return math.pi * x * bounce / (1.0 + mu)
+    r = rig.frequency_ratio
+    return 1.0 - r * r, 2.0 * r * (rig.zeta + equivalent), bounce
 
 
 def at_level(rig: RigParameters, factor: float) -> RigParameters:
@@ -211,7 +218,10 @@ def _followed(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Branc
 def _branches(rig: RigParameters) -> list[Branch]:
     """Return the branches of these motions over the gap, mirror images once."""
     found: list[Branch] = []
-    for share in _FIRST_GAPS:
+    away, width, _ = _resonance(rig)
+    for share in (*_FIRST_GAPS, *_NARROW_GAPS):
+        if found and share in _NARROW_GAPS and abs(away) < width:
+            break
         gap = share * optimal_gap(rig)
         known = [orbit.x_max for branch in found for orbit in branch.at([gap])[0]]
         for orbit in _motions(rig.replace(gap=gap)):

@@ -48,6 +48,14 @@ def test_the_best_gap_is_that_of_running_rigs(seed):
     assert found.ok, str(found)
 
 
+@pytest.mark.parametrize('seed', [4026, 5005])
+def test_narrow_gaps_above_the_resonance(seed):
+    """The only ones with a motion of two impacts, and the better ones of two branches."""
+    found = trial(seed, 0.15)
+    assert found.gap < 0.2 * optimal_gap(found.rig)
+    assert found.ok, str(found)
+
+
 @pytest.mark.parametrize('mass_ratio', [0.03, 0.05])
 def test_what_is_reached_from_rest(mass_ratio):
     design = best(mass_ratio=mass_ratio)
