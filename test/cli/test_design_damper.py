@@ -126,19 +126,6 @@ def test_a_frequency_range_goes_both_ways(design_at):
     assert span['high_reason'] == 'Neimark-Sacker'
 
 
-def test_a_rig_of_hard_stops_is_run_until_it_repeats(tmp_path):
-    """It is irregular for 250 cycles after its start."""
-    path = tmp_path / 'design.json'
-    words = ['--mass-ratio', '5%', '--restitution', '0.95', '--levels', '1:1', '--json', str(path)]
-    with redirect_stdout(io.StringIO()):
-        assert main([*STRUCTURE, *words]) == 0
-    found = json.loads(path.read_text())
-    (design,) = found['designs']
-    assert design['reached_from_rest']
-    worst = found['uncertain']['worst_reduction_of_chosen']
-    assert worst == pytest.approx(design['reduction'], rel=0.01)
-
-
 @pytest.mark.parametrize(
     ('restitution', 'words'),
     [

@@ -56,6 +56,19 @@ def test_narrow_gaps_above_the_resonance(seed):
     assert found.ok, str(found)
 
 
+def test_rigs_of_hard_stops_are_run_until_they_repeat():
+    """
+    They are irregular for some hundred cycles.
+
+    Whether one repeats depends on the last bits of its gap: a chaotic motion is stable, too.
+    """
+    hard = dict.fromkeys(('restitution_1', 'restitution_2'), 0.95)
+    design = best(mass_ratio=0.05, **hard)
+    gaps = design.rig.gap * (1.0 + 1e-12 * np.arange(40))
+    sizes = np.array([from_rest(design.rig.replace(gap=gap)) for gap in gaps])
+    assert (np.abs(sizes / design.orbit.x_max - 1.0) < 0.01).sum() > 12
+
+
 @pytest.mark.parametrize('mass_ratio', [0.03, 0.05])
 def test_what_is_reached_from_rest(mass_ratio):
     design = best(mass_ratio=mass_ratio)
