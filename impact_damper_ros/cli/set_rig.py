@@ -21,6 +21,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     PARAMETER_SPECS,
     RigParameters,
     base_quantity_of,
+    checked_number,
     unit_of,
 )
 from impact_damper_ros.parameters.structure import STRUCTURE_SPECS, resolved
@@ -250,11 +251,6 @@ def _unit_note(values: Mapping[str, Any]) -> str:
     return unit_hint(RigParameters(**{name: values[name] for name in PARAMETER_SPECS}))
 
 
-def _number(name: str, value: Any) -> float:
-    """Return the checked number of a parameter of the rig."""
-    return float(PARAMETER_SPECS[name].checked(value))  # type: ignore[arg-type]
-
-
 def _set(arguments: argparse.Namespace) -> int:
     if arguments.values and not arguments.watch:
         raise CommandError('--values is for diagnostics that are watched: give --watch, too')
@@ -265,7 +261,7 @@ def _set(arguments: argparse.Namespace) -> int:
         present = rig.values()
         known = _unit_note(present)
         given = values_of(arguments.settings, [*present, *STRUCTURE_SPECS], '', 'set_rig')
-        given = resolved(given, _number, present['primary_mass'], present['stiffness'])
+        given = resolved(given, checked_number, present['primary_mass'], present['stiffness'])
         if given:
             if waits := rig.set(given):
                 say('set_rig', waits)

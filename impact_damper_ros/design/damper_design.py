@@ -219,10 +219,11 @@ def _branches(rig: RigParameters) -> list[Branch]:
     """Return the branches of these motions over the gap, mirror images once."""
     found: list[Branch] = []
     away, width, _ = _resonance(rig)
+    optimal = optimal_gap(rig)
     for share in (*_FIRST_GAPS, *_NARROW_GAPS):
         if found and share in _NARROW_GAPS and abs(away) < width:
             break
-        gap = share * optimal_gap(rig)
+        gap = share * optimal
         known = [orbit.x_max for branch in found for orbit in branch.at([gap])[0]]
         for orbit in _motions(rig.replace(gap=gap)):
             if all(abs(orbit.x_max / x - 1.0) > _SAME_MOTION for x in known):
@@ -352,7 +353,7 @@ class Uncertain:
         return float(self.gaps[k]), float(self.worst[k])
 
     def worst_at(self, gap: float) -> float:
-        """Return the worst case of the gap that was tried next to one."""
+        """Return the worst case of the tried gap that is closest to a gap, in m."""
         return float(self.worst[np.argmin(np.abs(self.gaps - gap))])
 
 

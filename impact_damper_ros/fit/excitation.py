@@ -67,7 +67,7 @@ def _sum_of(frequencies: Array, time: Array, values: Array) -> Tones:
 
 def tones_of(time: Array, values: Array) -> Tones:
     """
-    Return the tones that a signal at equal intervals is made of; samples of NaN are missing.
+    Return the tones of a signal that is sampled at equal intervals; NaN is a missing sample.
 
     Raises
     ------

@@ -273,7 +273,7 @@ def _driven_basis(data: MeasuredMotion, drive: Array, kind: str) -> _Basis:
         first, second = (above[k] - feed * below[k] for k in (1, 2))
         a = np.array([[-below[1], -omega], [omega, 0.0]])
         b, c = np.array([[1.0], [0.0]]), np.array([[first, second / omega]])
-        # scipy.signal takes long to load, and a ring-down needs it not
+        # scipy.signal takes long to load, and a ring-down does without it
         system = scipy.signal.cont2discrete((a, b, c, np.array([[feed]])), step, 'foh')
         numerator, denominator = scipy.signal.ss2tf(*system[:4])
         response = scipy.signal.lfilter(numerator[0], denominator, drive)

@@ -226,9 +226,13 @@ class RigLink:
         """Return the values of all parameters."""
         listed = await self._call('list_parameters')
         names = list(listed.result.names)
-        got = await self._call(_LAST, names=names)
+        got = await self._values(names)
+        return dict(zip(names, map(parameter_value_to_python, got), strict=False))
+
+    async def _values(self, names: list[str]) -> Any:
+        answer = await self._call(_LAST, names=names)
         self._answers = True
-        return dict(zip(names, map(parameter_value_to_python, got.values), strict=False))
+        return answer.values
 
     async def set(self, values: Mapping[str, Any]) -> str:
         """Set parameters, all or none; return why they are rejected, or an empty text."""
@@ -253,8 +257,7 @@ class RigLink:
     async def trigger(self, service: str) -> tuple[bool, str]:
         """Call `reset`, `step` or `step_to_impact`, once."""
         if not self._answers:
-            await self._call(_LAST, names=[])
-            self._answers = True
+            await self._values([])
         answer = await self._call(service)
         return bool(answer.success), str(answer.message)
 

@@ -250,11 +250,7 @@ class RigParameters(ParameterTable):
         ParameterError
             If a name is unknown, two contradict each other, or the changed rig is not admissible.
         """
-
-        def number(name: str, value: Any) -> float:
-            return float(specs_of(RigParameters)[name].checked(value))  # type: ignore[arg-type]
-
-        plain = resolved(changes, number, self.primary_mass, self.stiffness)
+        plain = resolved(changes, checked_number, self.primary_mass, self.stiffness)
         if 'base_amplitudes' in plain and (quantity := base_quantity_of(plain['base_amplitudes'])):
             plain['base_quantity'] = quantity
         return ParameterTable.replace(self, **plain)
@@ -812,6 +808,11 @@ class NodeSettings(ParameterTable):
 
 
 PARAMETER_SPECS: dict[str, ParameterSpec] = specs_of(RigParameters)
+
+
+def checked_number(name: str, value: Any) -> float:
+    """Return the checked number of a parameter of the rig."""
+    return float(PARAMETER_SPECS[name].checked(value))  # type: ignore[arg-type]
 
 
 def base_quantity_of(amplitudes: object) -> str:

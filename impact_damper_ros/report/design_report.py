@@ -170,7 +170,7 @@ def _uncertain_words(unsure: Uncertain) -> list[str]:
 
 
 def _verdict(better: bool, compared: Comparison) -> str:
-    """Return in a sentence whether the impact damper is better, here and elsewhere."""
+    """Return a sentence that names the better damper, here and over all frequencies."""
     name = 'impact' if better else 'mass'
     if (compared.damper.max() < compared.mass_damper.max()) != better:
         return f'The {name} damper is better at this frequency and level, not over all of them.'

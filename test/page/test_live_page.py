@@ -187,7 +187,7 @@ def test_a_node_is_named_without_its_slash(node, tmp_path):
 
 
 def test_ctrl_c_reaches_a_node_that_still_imports_by_the_page_alone(tmp_path):
-    """A terminal signals both; the node once printed where its imports were."""
+    """Ctrl-C in a terminal reaches both; the node prints no traceback of its imports."""
     server = PageProcess(tmp_path, '--start', 'bench_rig')
     try:
         (node,) = until(server.children)

@@ -37,7 +37,7 @@ GRID = Grid(
 
 
 def client_of(address):
-    """Return a client of a scheduler; to import it takes a while, and is done where it is used."""
+    """Return a client of a scheduler; Dask takes long to import, so only these tests do."""
     return import_module('distributed').Client(address, set_as_default=False)
 
 
