@@ -24,8 +24,8 @@ import numpy as np
 from timing import in_turns, options, ratio, say, seconds_of, table, write_results
 
 from impact_damper_ros import Rig, RigParameters, load_parameters
-from impact_damper_ros.parameters.measured_record import MeasuredRecord
-from impact_damper_ros.parameters.random_motion import random_lines
+from impact_damper_ros.measured.random_motion import random_lines
+from impact_damper_ros.measured.record import MeasuredRecord
 
 HERE = Path(__file__).resolve().parent
 TABLE = HERE.parent / 'config' / 'random_base.csv'

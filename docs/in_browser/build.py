@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from impact_damper_ros.control.record import Action
+from impact_damper_ros.measured.record import MeasuredRecord
 from impact_damper_ros.motion.event import IMPACT
 from impact_damper_ros.page import frames, knobs, motion, numbers, presets
-from impact_damper_ros.parameters.measured_record import MeasuredRecord
 from impact_damper_ros.parameters.parameter_spec import specs_of
 from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,

@@ -8,10 +8,10 @@ import math
 from pathlib import Path
 from typing import Any
 
-from impact_damper_ros.parameters.measured_record import MeasuredRecord, read_records
+from impact_damper_ros.measured.random_motion import LINES, RandomLines, random_lines
+from impact_damper_ros.measured.record import MeasuredRecord, read_records
+from impact_damper_ros.measured.sweep_levels import sweep_levels
 from impact_damper_ros.parameters.parameters_file import load_parameters
-from impact_damper_ros.parameters.random_motion import LINES, RandomLines, random_lines
-from impact_damper_ros.parameters.sweep_levels import sweep_levels
 
 from .command_line import add_path_option, number, up_to
 from .rig_options import GivenRig

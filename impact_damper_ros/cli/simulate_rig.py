@@ -20,16 +20,16 @@ from impact_damper_ros.compare.random_response import ResponseSamples
 from impact_damper_ros.compare.record_response import RecordSamples
 from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.control.record import Action
+from impact_damper_ros.measured.random_motion import RandomLines
+from impact_damper_ros.measured.record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.motion.event import Event, EventKind, Sample, table_of_events
 from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.motion.swing import Swing
 from impact_damper_ros.orbits.flight_arrays import FlightStart
 from impact_damper_ros.orbits.swept_response import SweptResponse, SweptRun
 from impact_damper_ros.outputs import is_stream
-from impact_damper_ros.parameters.measured_record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.parameters.parameter_spec import ParameterSpec
 from impact_damper_ros.parameters.parameters_file import rig_yaml
-from impact_damper_ros.parameters.random_motion import RandomLines
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import wavfile
 
-from impact_damper_ros.parameters.base_motion import quantity_of
-from impact_damper_ros.parameters.measured_table import (
+from impact_damper_ros.measured.table import (
     ACCELERATION,
     BASE,
     DISPLACEMENT,
@@ -33,6 +32,7 @@ from impact_damper_ros.parameters.measured_table import (
     TableError,
     read_table,
 )
+from impact_damper_ros.parameters.base_motion import quantity_of
 from impact_damper_ros.parameters.quoting import as_line, counted
 
 Array = NDArray[np.float64]
@@ -162,7 +162,7 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
     Parameters
     ----------
     path : Path
-        CSV, a phone's .zip, .uff or .lvm; see `parameters.measured_table`.
+        CSV, a phone's .zip, .uff or .lvm; see `measured.table`.
     options : ReadingOptions, optional
         What is not in the file.
 

@@ -31,8 +31,8 @@ from impact_damper_ros.bag.messages import String, clock_message, encode, restam
 from impact_damper_ros.bag.snapshots import Snapshots
 from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.control.record import ControlRecord
+from impact_damper_ros.measured.record import read_records
 from impact_damper_ros.motion.event import Event
-from impact_damper_ros.parameters.measured_record import read_records
 from impact_damper_ros.parameters.rig_parameters import GapControlParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from impact_damper_ros.compare.record_response import APART, Array, RecordResponse
-from impact_damper_ros.parameters.measured_record import BASE_RECORD, MeasuredRecord
+from impact_damper_ros.measured.record import BASE_RECORD, MeasuredRecord
 
 from .drawing import COLORS, blank_figure, finish_panel, print_style, unit_axis
 

@@ -9,7 +9,7 @@ from functools import lru_cache
 from math import inf
 from typing import Any, NamedTuple
 
-from impact_damper_ros.parameters.measured_record import COPY, MeasuredRecord
+from impact_damper_ros.measured.record import COPY, MeasuredRecord
 from impact_damper_ros.parameters.parameter_spec import number_between
 
 #: Earliest start, s.

@@ -31,6 +31,7 @@ from impact_damper_ros.control.controller import (
 from impact_damper_ros.control.own_law import Law, LawError, OwnLaw
 from impact_damper_ros.control.record import Action, ActRow, ControlRecord
 from impact_damper_ros.control.state import Control, Measurement
+from impact_damper_ros.measured.record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.motion.compiled import copied, dtype_of, has_numba, packed_rows, unpack
 from impact_damper_ros.motion.event import (
     EVENT_TYPE,
@@ -78,7 +79,6 @@ from impact_damper_ros.motion.transition import (
     report_support,
 )
 from impact_damper_ros.parameters.base_motion import angles_after, wait_for_change
-from impact_damper_ros.parameters.measured_record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.parameters.parameter_spec import ParameterError, as_float, whole_number
 from impact_damper_ros.parameters.quoting import counted, shown
 from impact_damper_ros.parameters.rig_parameters import (

@@ -14,7 +14,7 @@ from impact_damper_ros.fit.measured_motion import (
     saturated,
     spike_times,
 )
-from impact_damper_ros.parameters.measured_table import TableError
+from impact_damper_ros.measured.table import TableError
 
 RIG = RigParameters(
     primary_mass=2.0,

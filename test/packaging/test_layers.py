@@ -18,6 +18,8 @@ PACKAGE = Path(impact_damper_ros.__file__).parent
 # A module may import from its own subpackage and from those with a smaller number.
 LEVEL = {
     'parameters': 0,
+    # Beside motion, which knows nothing of it
+    'measured': 1,
     'motion': 1,
     'control': 2,
     'rig': 3,

@@ -8,9 +8,9 @@ import pytest
 import scipy
 
 from impact_damper_ros import Rig, RigParameters
+from impact_damper_ros.measured.record import MeasuredRecord
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.state import RECORDED, STORED
-from impact_damper_ros.parameters.measured_record import MeasuredRecord
 from impact_damper_ros.parameters.rig_parameters import GapControlParameters, InitialConditions
 from impact_damper_ros.rig.order import Order
 

@@ -20,7 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .measured_table import (
+from impact_damper_ros.parameters.quoting import as_line, shown
+from impact_damper_ros.parameters.units import STANDARD_GRAVITY
+
+from .table import (
     ACCELERATION,
     BASE,
     FORCE,
@@ -30,8 +33,6 @@ from .measured_table import (
     read_table,
     sampling_rate,
 )
-from .quoting import as_line, shown
-from .units import STANDARD_GRAVITY
 
 Array = NDArray[np.float64]
 

@@ -18,10 +18,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .forcing import random_phases
-from .measured_table import FREQUENCY, LEVEL, TableError, read_table
-from .parameter_spec import MAX_HARMONICS
-from .units import STANDARD_GRAVITY
+from impact_damper_ros.parameters.forcing import random_phases
+from impact_damper_ros.parameters.parameter_spec import MAX_HARMONICS
+from impact_damper_ros.parameters.units import STANDARD_GRAVITY
+
+from .table import FREQUENCY, LEVEL, TableError, read_table
 
 Array = NDArray[np.float64]
 

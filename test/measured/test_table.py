@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import impact_damper_ros
-from impact_damper_ros.parameters.measured_table import (
+from impact_damper_ros.measured.table import (
     ACCELERATION,
     DISPLACEMENT,
     FORCE,
@@ -290,7 +290,7 @@ def test_a_library_that_is_not_installed(tmp_path, name, library):
     blocked = f'import sys; sys.modules[{library!r}] = None\n'
     program = (
         'from pathlib import Path\n'
-        'from impact_damper_ros.parameters.measured_table import TIME, read_table\n'
+        'from impact_damper_ros.measured.table import TIME, read_table\n'
         f'read_table(Path({name!r}), {{"time": TIME}})'
     )
     done = subprocess.run(

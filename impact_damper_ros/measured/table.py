@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .quoting import as_line, shown
-from .units import STANDARD_GRAVITY, UNITS
+from impact_damper_ros.parameters.quoting import as_line, shown
+from impact_damper_ros.parameters.units import STANDARD_GRAVITY, UNITS
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ import pytest
 import scipy
 
 from impact_damper_ros import Rig, RigParameters
-from impact_damper_ros.parameters.measured_table import TableError
-from impact_damper_ros.parameters.random_motion import Density, random_lines
+from impact_damper_ros.measured.random_motion import Density, random_lines
+from impact_damper_ros.measured.table import TableError
 
 TABLE = 'f [Hz],level [g^2/Hz]\n3,1e-4\n5,1e-3\n8,1e-4\n'
 POINTS = [3.0, 5.0, 8.0], [1e-4, 1e-3, 1e-4]

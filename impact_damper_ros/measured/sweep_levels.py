@@ -7,8 +7,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-from .base_motion import quantity_of
-from .measured_table import FREQUENCY, Quantity, read_table
+from impact_damper_ros.parameters.base_motion import quantity_of
+
+from .table import FREQUENCY, Quantity, read_table
 
 _LEVEL = Quantity(
     (
