@@ -63,7 +63,6 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),
         (f'{SHARE}/config', sorted(glob('config/*.*'))),
-        (f'{SHARE}/config/ros2_control', sorted(glob('config/ros2_control/*'))),
         *((f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in EXAMPLES),
         (f'{SHARE}/layouts', sorted(glob('layouts/*'))),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),

@@ -81,7 +81,7 @@ ARGUMENTS: dict[str, tuple[Any, ...]] = {
     'use_rviz': ('false', 'open RViz', *SWITCH),
     'rviz_config': (
         PathJoinSubstitution([SHARE, 'rviz', 'rig.rviz']),
-        'view of RViz; paper.rviz beside it is for rigs of the size of config/paper.yaml',
+        'view of RViz',
     ),
     'page': ('false', 'show the rig in a browser, at http://127.0.0.1:8088/', *SWITCH),
 }

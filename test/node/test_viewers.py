@@ -9,7 +9,6 @@ from xml.etree import ElementTree
 
 import pytest
 from running import SOURCE
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from node.rig_client import LATCHED, stamp_ns
@@ -107,22 +106,6 @@ def value_of(topics, path):
     return value
 
 
-def series_of(rig, topics):
-    """Return the numbers by the names that PlotJuggler gives them."""
-    found = {
-        f'{topic}/{name}/{part}': value
-        for topic, messages in topics.items()
-        if isinstance(messages[-1], JointState)
-        for part in ('position', 'velocity', 'effort')
-        for name, value in zip(messages[-1].name, getattr(messages[-1], part), strict=False)
-    }
-    node = rig.name[1:]
-    for task, report in (pair for tasks in rig.reports() for pair in tasks.items()):
-        for key, value in report.values.items():
-            found[f'/diagnostics/{node}/{node}: {task}/{key}'] = value
-    return found
-
-
 def in_namespace(name, namespace, directory):
     """Return a layout after what the docs say for a rig in a namespace."""
     document = (SOURCE / 'docs' / 'reference' / 'viewers.md').read_text(encoding='utf-8')
@@ -165,23 +148,3 @@ def test_all_that_the_layouts_show_is_there(heard, tmp_path):
     assert set(panels['3D!rig']['topics']) == {description}
     links = ElementTree.fromstring(topics[description][-1].data).findall('link')
     assert panels['3D!rig']['followTf'] in [link.get('name') for link in links]
-    check_plotjuggler(rig, topics, tmp_path)
-
-
-def check_plotjuggler(rig, topics, tmp_path):
-    root = ElementTree.fromstring(in_namespace('plotjuggler.xml', rig.space, tmp_path).encode())
-    series = series_of(rig, topics)
-    for snippet in root.iter('snippet'):
-        sources = [snippet.find('linked_source'), *snippet.find('additional_sources')]
-        assert all(isinstance(series[source.text], float) for source in sources)
-        series[snippet.get('name')] = 0.0
-    curves = list(root.iter('curve'))
-    assert len(curves) > 10
-    for curve in curves:
-        given = [curve.get('curve_x'), curve.get('curve_y')]
-        for name in given if all(given) else [curve.get('name')]:
-            float(series[name])
-    for plugin in root.iter('plugin'):
-        given = [e.get(key) for e in plugin for key in ('selected_topics', 'value')]
-        (names,) = (value for value in given if value and value.startswith('/'))
-        assert set(names.split(';')) <= {*topics, '/diagnostics'}

@@ -76,7 +76,7 @@ def test_share_holds_what_users_start_from(prefix):
     share = prefix / 'share' / NAME
     wanted = ['package.xml', 'launch/rig.launch.py', 'rviz/rig.rviz']
     wanted += ['config/paper.yaml', 'config/bench_rig.yaml']
-    wanted += ['layouts/lichtblick.json', 'layouts/plotjuggler.xml']
+    wanted += ['layouts/lichtblick.json']
     wanted += ['examples/output.py', 'examples/paper/claims.py', 'examples/gap_control/study.py']
     for path in wanted:
         assert (share / path).read_bytes() == (ROOT / path).read_bytes()
