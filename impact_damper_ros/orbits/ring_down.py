@@ -40,6 +40,8 @@ Array = NDArray[np.float64]
 RELEASES = 20
 #: A ring-down ends at this part of its first amplitude.
 END_SHARE = 0.01
+#: Damping ratio above which the dashpot alone leaves less than that of the first cycle.
+_MOST_ZETA = 1.0 / math.hypot(1.0, math.tau / math.log(END_SHARE))
 #: ... or after so many cycles.
 MOST_CYCLES = 2000
 #: Upward passages of a recorded one, at least.
@@ -286,10 +288,12 @@ def recorded_ring_down(flights: Flights) -> RingDown | None:
     if flights.drive is None or not is_free(flights.rig) or flights.active.any():
         return None
     cycles = cycles_of(flights)
-    if len(cycles.time) < _LEAST_PASSAGES or not cycles.velocity[0] > 0.0:
+    if not len(cycles.time) or not cycles.velocity[0] > 0.0:
         return None
     omega = flights.rig.omega
     run = cycles.above(END_SHARE * float(cycles.velocity[0]))
+    if len(run.time) < _LEAST_PASSAGES:
+        return None
     return RingDown(flights.rig, float(cycles.velocity[0]) / omega, (run,))
 
 
@@ -333,7 +337,7 @@ def ring_down(
     Raises
     ------
     ValueError
-        If the amplitude is not positive.
+        If the amplitude is not positive, or no release swings up twice before it is over.
     RunawayError
         If the rig has too many events.
 
@@ -365,4 +369,15 @@ def ring_down(
             for name in ('time', 'velocity')
         )
         runs.append(Cycles(time, velocity).above(END_SHARE * amplitude * free.omega))
-    return RingDown(free, amplitude, tuple(run for run in runs if len(run.time) > 1))
+    runs = [run for run in runs if len(run.time) > 1]
+    if not runs:
+        raise ValueError(
+            f'from {amplitude:.4g} m no cycle of M ends above {100.0 * END_SHARE:g} % of that: give '
+            + (
+                f'less damping (the damping ratio is {free.zeta:.3g}, and above {_MOST_ZETA:.2f} '
+                'the dashpot alone leaves less)'
+                if free.zeta > _MOST_ZETA
+                else 'a larger amplitude, or less damping'
+            )
+        )
+    return RingDown(free, amplitude, tuple(runs))

@@ -9,6 +9,7 @@ the documentation are made from that.
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from dataclasses import field, fields
 from itertools import islice
@@ -26,6 +27,9 @@ Effect: TypeAlias = Literal['now', 'next reset', 'next recording', 'start']
 
 #: Most harmonics the force may have.
 MAX_HARMONICS = 1024
+#: One number with a decimal comma and its unit, or several: each may as well be two numbers.
+_WITH_COMMA = r'\s*[-+]?\d+,\d+(?:[^\d,.;][^,.;]*)?'
+_DECIMAL_COMMA = re.compile(rf'{_WITH_COMMA}(?:,\s+{_WITH_COMMA})*')
 
 
 def as_float(value: Any) -> float:
@@ -164,14 +168,22 @@ class ParameterSpec(NamedTuple):
         if self.kind == 'double_array':
             inner = plain[1:-1] if listed else plain
             entries = inner.split(';') if ';' in inner else inner.split(',')
-            if not listed and len(entries) == 2 and all(e.isdigit() for e in entries):
+            if not listed and len(entries) > 1 and _DECIMAL_COMMA.fullmatch(inner):
+                points = re.sub(r'(?<=\d),(?=\d)', '.', inner).replace(',', ';')
                 raise self._error(
-                    f'{self.name} is {shown(text)}: write {".".join(entries)} for one number, or '
-                    f'{"; ".join(entries)} for two'
+                    f'{self.name} is {shown(text)}: write {points}, with a decimal point, or '
+                    f'{"; ".join(e.strip() for e in entries)} for {len(entries)} numbers'
                 )
-        return [
+        parts = [
             self._split(entry.strip(), unit) for entry in entries if entry.strip() or not listed
         ]
+        bare = [number for number, own in parts if not own]
+        if bare and any(own for _, own in parts[:-1]):
+            raise self._error(
+                f'{self.name} is {shown(text)}: {bare[0]:g} has no unit, as others have: give '
+                'each entry its unit, or only the last one'
+            )
+        return parts
 
     def in_si(self, entry: str) -> float:
         """Return one number that a person typed, in SI, of any size."""

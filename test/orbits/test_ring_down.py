@@ -5,8 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from impact_damper_ros import Rig, RigParameters
-from impact_damper_ros.orbits.ring_down import middle_of, released, ring_down
+from impact_damper_ros import InitialConditions, Rig, RigParameters
+from impact_damper_ros.orbits.flight_arrays import run_flights
+from impact_damper_ros.orbits.ring_down import (
+    middle_of,
+    recorded_ring_down,
+    released,
+    ring_down,
+)
 
 W = 20.0 * math.pi
 RIG = RigParameters(
@@ -79,7 +85,31 @@ def test_the_loss_of_two_impacts_per_cycle():
     assert 0.7 * found.bound < found.curve()['median'].max() < 1.05 * found.bound
 
 
-@pytest.mark.parametrize('amplitude', [0.0, -1.0, math.nan, math.inf])
-def test_refusals(amplitude):
-    with pytest.raises(ValueError, match='give a positive number'):
-        ring_down(RIG, amplitude)
+@pytest.mark.parametrize(
+    ('zeta', 'amplitude', 'remedy'),
+    [
+        *((0.005, amplitude, 'give a positive number') for amplitude in (0.0, -1.0, math.nan)),
+        (0.005, math.inf, 'give a positive number'),
+        (0.6, 1e-6, r'less damping \(the damping ratio is 0.6, and above 0.59 '),
+        (0.999, 1.0, r'less damping \(the damping ratio is 0.999'),
+    ],
+)
+def test_refusals(zeta, amplitude, remedy):
+    rig = RigParameters.of_structure(primary_mass=5.0, natural_frequency=10.0, damping_ratio=zeta)
+    with pytest.raises(ValueError, match=remedy):
+        ring_down(rig, amplitude)
+
+
+@pytest.mark.parametrize(('zeta', 'cycles'), [(0.585, 1), (0.595, None)])
+def test_the_damping_at_which_no_cycle_is_left(zeta, cycles):
+    """exp(-2 pi zeta/eta) is 1 % at 0.5912, whatever the amplitude; a recorded one needs two."""
+    rig = RigParameters.of_structure(
+        primary_mass=5.0, natural_frequency=10.0, damping_ratio=zeta, gap=1.0, force_amplitudes=0.0
+    )
+    if cycles:
+        assert {len(run.loss) for run in ring_down(rig, 0.01).runs} == {cycles}
+    else:
+        with pytest.raises(ValueError, match='no cycle of M ends above 1 %'):
+            ring_down(rig, 0.01)
+    start = InitialConditions(initial_primary_position=0.01)
+    assert recorded_ring_down(run_flights(Rig(rig, start), 3.0)) is None

@@ -135,7 +135,18 @@ REFUSED = [
     typed('gap', 'abc', 'mm', "'abc': give a number from 1e-06 to 1e+12 mm"),
     typed('gap', '1,000', 'mm', "'1,000': write 1.000 or 1000"),
     typed('gap', '3 inch', 'mm', "'3 inch': 'inch' is no unit of it: write m, cm, mm, µm, um"),
-    typed('force_amplitudes', '2,5', 'N', "'2,5': write 2.5 for one number, or 2; 5 for two"),
+    *(
+        typed('force_amplitudes', text, '', f'write {points}, with a decimal point, or {listed}')
+        for text, points, listed in (
+            ('2,5', '2.5', '2; 5 for 2 numbers'),
+            ('-2,5 N', '-2.5 N', '-2; 5 N for 2 numbers'),
+            ('1,5 N, 2,5 N', '1.5 N; 2.5 N', '1; 5 N; 2; 5 N for 4 numbers'),
+        )
+    ),
+    *(
+        typed('force_amplitudes', text, '', f'{bare} has no unit, as others have')
+        for text, bare in (('[1,5 N, 2,5 N]', 1), ('1,50 N, 2 N', 1), ('500 mN; 2', 2))
+    ),
     typed('max_bag_size', '3 kB', '', '3.0 kB: give 0 (no limit) or a number from 100 to 1e+12'),
     # Times: a control that was begun at 1e300 s once sought its next sample for ever.
     *(
