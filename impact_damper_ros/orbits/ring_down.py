@@ -372,7 +372,8 @@ def ring_down(
     runs = [run for run in runs if len(run.time) > 1]
     if not runs:
         raise ValueError(
-            f'from {amplitude:.4g} m no cycle of M ends above {100.0 * END_SHARE:g} % of that: give '
+            f'from {amplitude:.4g} m no cycle of M ends above {100.0 * END_SHARE:g} % of that: '
+            'give '
             + (
                 f'less damping (the damping ratio is {free.zeta:.3g}, and above {_MOST_ZETA:.2f} '
                 'the dashpot alone leaves less)'

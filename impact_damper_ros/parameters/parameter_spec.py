@@ -178,7 +178,7 @@ class ParameterSpec(NamedTuple):
             self._split(entry.strip(), unit) for entry in entries if entry.strip() or not listed
         ]
         bare = [number for number, own in parts if not own]
-        if bare and any(own for _, own in parts[:-1]):
+        if bare and parts[-1][1] and any(own for _, own in parts[:-1]):
             raise self._error(
                 f'{self.name} is {shown(text)}: {bare[0]:g} has no unit, as others have: give '
                 'each entry its unit, or only the last one'
