@@ -145,7 +145,7 @@ REFUSED = [
     ),
     *(
         typed('force_amplitudes', text, '', f'{bare} has no unit, as others have')
-        for text, bare in (('[1,5 N, 2,5 N]', 2), ('1,50 N, 2 N', 1))
+        for text, bare in (('[1,5 N, 2,5 N]', 1), ('1,50 N, 2 N', 1))
     ),
     typed('max_bag_size', '3 kB', '', '3.0 kB: give 0 (no limit) or a number from 100 to 1e+12'),
     # Times: a control that was begun at 1e300 s once sought its next sample for ever.
