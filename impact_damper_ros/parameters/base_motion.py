@@ -22,12 +22,18 @@ from .units import UNITS
 
 #: What the amplitudes of a base may be amplitudes of, and the SI unit of each.
 QUANTITIES = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
-#: Steps in a period of the fastest line in which a passage of b through zero is looked for, and
-#: most of them.
-_STEPS_PER_PERIOD = 16
-_MOST_STEPS = 1_000_000
+#: Steps in a period of the fastest line in which a passage of b through zero is looked for at
+#: first, by how much each may be longer than the one before, and most of them.
+_STEPS_PER_PERIOD, _GROWTH, _MOST_STEPS = 16, 1.01, 4000
 #: Share of the motion up to which b has just passed zero, and steps of Newton's method to there.
 _JUST_PASSED, _PASSES = 1e-4, 4
+
+
+def _over(amplitude: float, divisor: float) -> float:
+    """Return a displacement; infinite where the frequency is too low for one."""
+    if not amplitude:
+        return 0.0
+    return amplitude / divisor if divisor else math.copysign(math.inf, amplitude)
 
 
 class BaseMotion(NamedTuple):
@@ -57,10 +63,10 @@ class BaseMotion(NamedTuple):
             return cls(tuple(amplitudes), tuple(frequencies), tuple(phases))
         if quantity == 'velocity':
             # b' = v sin(W t + p), so that b = (v/W) sin(W t + p - pi/2)
-            sizes = (v / w if v else 0.0 for v, w in zip(amplitudes, frequencies, strict=True))
+            sizes = (_over(v, w) for v, w in zip(amplitudes, frequencies, strict=True))
             return cls(tuple(sizes), tuple(frequencies), tuple(p - 0.5 * math.pi for p in phases))
         # b'' = a sin(W t + p), so that b = -(a/W^2) sin(W t + p)
-        sizes = (-a / (w * w) if a else 0.0 for a, w in zip(amplitudes, frequencies, strict=True))
+        sizes = (_over(-a, w * w) for a, w in zip(amplitudes, frequencies, strict=True))
         return cls(tuple(sizes), tuple(frequencies), tuple(phases))
 
     @property
@@ -102,29 +108,40 @@ class BaseMotion(NamedTuple):
         """
         Return how long after angles b next passes zero upwards, s; 0 where it does so there.
 
+        Infinite for a base that never passes zero.
+
         Notes
         -----
-        Zeros of b are looked for in steps, so that two passages within one of them may be left
-        out; it does not matter at which of its upward zeros the motion of a base is changed.
-        Infinite for a base that never passes zero.
+        It does not matter at which of its upward zeros the motion of a base is changed. So a step
+        over which b keeps its sign for certain (`_quiet`) may be followed by one that leaves out
+        two passages: the search goes on by the longer of that and a least step, which grows, so
+        that the work is bounded however far apart the frequencies are. A step from negative to
+        positive b has an upward zero in it, which bisection finds.
         """
-        acting = [(w, p, angle) for b, w, p, angle in zip(*self, angles, strict=True) if b]
+        acting = [(b, w, p, angle) for b, w, p, angle in zip(*self, angles, strict=True) if b]
         if not acting:
             return 0.0
         before, speed = self.at(angles)
         if abs(before) <= 1e-9 * self.size and speed > 0.0:
             return 0.0
         if len(acting) == 1:
-            ((w, p, angle),) = acting
-            (b,) = filter(None, self.amplitudes)
+            ((b, w, p, angle),) = acting
             start = 0.0 if b > 0.0 else math.pi
             return ((start - angle - p) % math.tau) / w if w else math.inf
-        step = math.tau / (_STEPS_PER_PERIOD * max(w for w, _, _ in acting) or math.inf)
-        for k in range(_MOST_STEPS if step else 0):
-            after, _ = self.at(angles, (k + 1) * step)
-            if before < 0.0 <= after:
-                return self._root(angles, k * step, (k + 1) * step)
-            before = after
+        acting.sort(key=lambda line: line[1])
+        fastest = acting[-1][1]
+        constant = sum([b * math.sin(p + angle) for b, w, p, angle in acting if not w])
+        if not fastest or abs(constant) >= sum([abs(b) for b, w, _, _ in acting if w]):
+            return math.inf
+        least, time = math.tau / (_STEPS_PER_PERIOD * fastest), 0.0
+        here, quiet = _quiet(acting, time)
+        for _ in range(_MOST_STEPS):
+            later = time + max(least, quiet)
+            there, quiet = _quiet(acting, later)
+            if here < 0.0 <= there:
+                return self._root(angles, time, later)
+            time, here = later, there
+            least *= _GROWTH
         return math.inf
 
     def _root(self, angles: Sequence[float], low: float, high: float) -> float:
@@ -151,6 +168,24 @@ class BaseMotion(NamedTuple):
         return [
             math.fmod(a + w * late, math.tau) for a, w in zip(zero, self.frequencies, strict=True)
         ]
+
+
+def _quiet(lines: Sequence[tuple[float, ...]], after: float) -> tuple[float, float]:
+    """
+    Return b some time after now, and a time for which it then keeps its sign.
+
+    The lines rise in frequency. The sum of the first k of them changes by no more than `speed` per
+    second, and the others by no more than `rest` in all.
+    """
+    rest = sum([abs(line[0]) for line in lines])
+    place = speed = quiet = 0.0
+    for b, w, p, angle in lines:
+        place += b * math.sin(angle + w * after + p)
+        speed += abs(b) * w
+        rest -= abs(b)
+        if speed > 0.0:
+            quiet = max(quiet, (abs(place) - rest) / speed)
+    return place, quiet
 
 
 def quantity_of(unit: str) -> str:

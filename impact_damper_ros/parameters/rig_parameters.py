@@ -256,16 +256,15 @@ class RigParameters(ParameterTable):
         return ParameterTable.replace(self, **plain)
 
     def _check_base(self, amplitudes: tuple[float, ...], frequencies: tuple[float, ...]) -> None:
-        lines = zip(amplitudes, frequencies, strict=True)
-        for index, (amplitude, frequency) in enumerate(lines):
-            name = f'base_frequencies[{index}]'
-            if amplitude and not frequency and self.base_quantity != 'displacement':
+        base = BaseMotion.of(amplitudes, frequencies, self.base_phases, self.base_quantity)
+        for index, (size, frequency) in enumerate(zip(base.amplitudes, frequencies, strict=True)):
+            if math.isinf(size):
+                name = f'base_frequencies[{index}]'
                 raise ParameterError(
                     'base_frequencies',
-                    f'{name} is {frequency!r} rad/s: a base of constant {self.base_quantity} goes '
-                    f'away, give {name} more than 0, or base_quantity displacement',
+                    f'{name} is {frequency!r} rad/s: a base of such a {self.base_quantity} goes '
+                    f'away, give a higher {name}, or base_quantity displacement',
                 )
-        base = BaseMotion.of(amplitudes, frequencies, self.base_phases, self.base_quantity)
         forces, _, _ = base.force(self.stiffness, self.damping)
         for index, (force, frequency) in enumerate(zip(forces, frequencies, strict=True)):
             if not abs(force) <= _MOST_FORCE:

@@ -9,7 +9,7 @@ that a replay carries it out again.
 
 from __future__ import annotations
 
-from math import inf, nan
+from math import inf, isnan, nan
 from typing import TYPE_CHECKING, NamedTuple
 
 from impact_damper_ros.control.actuator import order_stops
@@ -83,7 +83,7 @@ class Order(NamedTuple):
 
     def issue(self, control: Control, time: float) -> None:
         """Give the commands to the actuators."""
-        if self.speed_1 == self.speed_2 or self.speed_1 != self.speed_1 != self.speed_2:
+        if self.speed_1 == self.speed_2 or (isnan(self.speed_1) and isnan(self.speed_2)):
             if self.stops:
                 order_stops(control, time, self.stop_1, self.stop_2, self.speed_1)
             return

@@ -309,6 +309,34 @@ def test_upward_zeros_of_many_lines():
     assert abs(place) < 1e-13
 
 
+#: Amplitudes, frequencies and phases of lines far apart, and when b first passes zero upwards.
+FAR_APART = {
+    'a ripple': ([1.0, 1e-9], [1.0, 1e6], [math.pi / 2, 0.0], 1.5 * math.pi),
+    'many ripples': (
+        [0.05] + [1e-9] * 200,
+        [0.3] + [1e4 + k for k in range(200)],
+        [math.pi / 2] + [0.0] * 200,
+        1.5 * math.pi / 0.3,
+    ),
+    'a slow line that is larger': ([1.0, 0.5], [1e-6, 1e3], [math.pi / 2, 0.0], None),
+    'a slow line that is smaller': ([0.1, 1.0], [1e-6, 1e3], [0.3, 1.0], None),
+    'a place that is passed': ([0.9, 1.0], [0.0, 2.0], [math.pi / 2, 0.0], None),
+    'a place that is never passed': ([1.1, 1.0], [0.0, 2.0], [math.pi / 2, 0.0], math.inf),
+}
+
+
+@pytest.mark.parametrize(('amplitudes', 'frequencies', 'phases', 'zero'), FAR_APART.values())
+def test_an_upward_zero_of_lines_far_apart(amplitudes, frequencies, phases, zero):
+    base = BaseMotion(tuple(amplitudes), tuple(frequencies), tuple(phases))
+    wait = base.upward_zero([0.0] * len(amplitudes))
+    if zero is not None:
+        assert wait == pytest.approx(zero, rel=1e-5)
+    if zero != math.inf:
+        place, speed = base.at([0.0] * len(amplitudes), wait)
+        assert abs(place) < 1e-8
+        assert speed > 0.0
+
+
 def test_snapshots_hold_the_base():
     simulated = Rig(base_of(**RANDOM))
     simulated.advance(1.7)
@@ -321,10 +349,18 @@ def test_snapshots_hold_the_base():
     ('values', 'name', 'remedy'),
     [
         ({'base_amplitudes': [1.0, 2.0]}, 'base_frequencies', 'give all three base arrays'),
-        (
-            {'base_amplitudes': 1.0, 'base_frequencies': 0.0},
-            'base_frequencies',
-            'or base_quantity displacement',
+        *(
+            (
+                {'base_amplitudes': 1.0, 'base_frequencies': low, 'base_quantity': quantity},
+                'base_frequencies',
+                'or base_quantity displacement',
+            )
+            for low, quantity in (
+                (0.0, 'velocity'),
+                (1e-320, 'velocity'),
+                (0.0, 'acceleration'),
+                (1e-300, 'acceleration'),
+            )
         ),
         (
             {'base_amplitudes': 1e9, 'base_quantity': 'displacement'},

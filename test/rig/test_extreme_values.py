@@ -2,6 +2,7 @@
 
 import math
 import random
+import time
 
 import pytest
 from hypothesis import given, strategies as st
@@ -99,6 +100,36 @@ def test_several_values(seed):
     for name in draw.sample(NAMES, draw.randint(2, 4)):
         tables.set(name, draw.choice(values_of(specs[name])))
     tables.check()
+
+
+#: A rig in which most parameters act.
+BUSY = {
+    'base_amplitudes': 0.1,
+    'base_frequencies': 30.0,
+    'multisine_level': 0.5,
+    'multisine_low': 10.0,
+    'multisine_high': 60.0,
+    'sweep_mode': 'up',
+    'sweep_low': 25.0,
+    'sweep_high': 40.0,
+    'sweep_step': 0.5,
+    'sweep_dwell': 0.05,
+}
+
+
+@given(seed=st.integers(0, 10**9))
+def test_two_ends_of_ranges(seed):
+    """Each pair is a motion, or has a reason not to be one, in 2 s of processor."""
+    draw = random.Random(seed)
+    tables = Tables(0.01, draw.choice(LAWS))
+    if draw.random() < 0.5:
+        tables.parameters = BENCH.replace(**BUSY)
+    specs = {**PARAMETER_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS}
+    for name in draw.sample(NAMES, 2):
+        tables.set(name, draw.choice([specs[name].low, specs[name].high, 1e-300]))
+    begin = time.process_time()
+    tables.run(compiled=False)
+    assert time.process_time() < begin + 2.0
 
 
 def test_a_speed_below_the_normal_floats_is_searched():

@@ -80,6 +80,22 @@ def test_stops_go_by_the_actuators():
     assert [r.action for r in rig.records].count(Action.ARRIVED) == len(events)
 
 
+@pytest.mark.parametrize(
+    ('order', 'places'),
+    [
+        (Order(stop_1=490.0, speed_1=2.0), (496.0, -500.0)),
+        (Order(stop_2=-490.0, speed_2=2.0), (500.0, -496.0)),
+        (Order(stop_1=490.0, stop_2=-490.0, speed_2=2.0), (492.0, -496.0)),
+        (Order(stop_1=490.0, stop_2=-490.0, speed_1=2.0), (496.0, -492.0)),
+    ],
+)
+def test_each_stop_has_its_own_speed(order, places):
+    rig = Rig(FREE, control=EXTERNAL.replace(actuator_delay=0.0))
+    rig.order(order)
+    rig.advance(2.0)
+    assert rig.stops == pytest.approx(places)
+
+
 @pytest.mark.parametrize('limit', [0.0, 5.0])
 def test_a_speed_of_its_own_is_paid_for(limit):
     """Also where stops move at once without one: half the moving mass times its square."""
