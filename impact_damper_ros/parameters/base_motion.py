@@ -25,6 +25,8 @@ QUANTITIES = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
 #: Steps in a period of the fastest line in which a passage of b through zero is looked for at
 #: first, by how much each may be longer than the one before, and most of them.
 _STEPS_PER_PERIOD, _GROWTH, _MOST_STEPS = 16, 1.01, 4000
+#: No run takes so long, s.
+_NEVER_S = 1e15
 #: Share of the motion up to which b has just passed zero, and steps of Newton's method to there.
 _JUST_PASSED, _PASSES = 1e-4, 4
 
@@ -118,25 +120,25 @@ class BaseMotion(NamedTuple):
         that the work is bounded however far apart the frequencies are. A step from negative to
         positive b has an upward zero in it, which bisection finds.
         """
-        acting = [(b, w, p, angle) for b, w, p, angle in zip(*self, angles, strict=True) if b]
+        acting = [(w, b, p, angle) for b, w, p, angle in zip(*self, angles, strict=True) if b]
         if not acting:
             return 0.0
         before, speed = self.at(angles)
         if abs(before) <= 1e-9 * self.size and speed > 0.0:
             return 0.0
         if len(acting) == 1:
-            ((b, w, p, angle),) = acting
+            ((w, b, p, angle),) = acting
             start = 0.0 if b > 0.0 else math.pi
             return ((start - angle - p) % math.tau) / w if w else math.inf
-        acting.sort(key=lambda line: line[1])
-        fastest = acting[-1][1]
-        constant = sum([b * math.sin(p + angle) for b, w, p, angle in acting if not w])
-        if not fastest or abs(constant) >= sum([abs(b) for b, w, _, _ in acting if w]):
+        acting = sorted(acting)
+        fastest = acting[-1][0]
+        constant = sum([b * math.sin(p + angle) for w, b, p, angle in acting if not w])
+        if not fastest or abs(constant) >= sum([abs(b) for w, b, _, _ in acting if w]):
             return math.inf
         least, time = math.tau / (_STEPS_PER_PERIOD * fastest), 0.0
         here, quiet = _quiet(acting, time)
         for _ in range(_MOST_STEPS):
-            later = time + max(least, quiet)
+            later = min(time + max(least, quiet), _NEVER_S)
             there, quiet = _quiet(acting, later)
             if here < 0.0 <= there:
                 return self._root(angles, time, later)
@@ -174,12 +176,12 @@ def _quiet(lines: Sequence[tuple[float, ...]], after: float) -> tuple[float, flo
     """
     Return b some time after now, and a time for which it then keeps its sign.
 
-    The lines rise in frequency. The sum of the first k of them changes by no more than `speed` per
-    second, and the others by no more than `rest` in all.
+    The lines, each with its frequency first, rise in it. The sum of the first k of them changes by
+    no more than `speed` per second, and the others by no more than `rest` in all.
     """
-    rest = sum([abs(line[0]) for line in lines])
+    rest = sum([abs(line[1]) for line in lines])
     place = speed = quiet = 0.0
-    for b, w, p, angle in lines:
+    for w, b, p, angle in lines:
         place += b * math.sin(angle + w * after + p)
         speed += abs(b) * w
         rest -= abs(b)
