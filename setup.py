@@ -74,6 +74,8 @@ setup(
         'argcomplete>=2.0',
         'lz4>=4.0',
         'mcap>=1.5',
+        # Compiled long runs; without it they are plain Python (motion/compiled.py).
+        'numba>=0.59',
         'numpy>=1.24',
         'PyYAML>=6.0',
         'scipy>=1.10',
@@ -90,9 +92,8 @@ setup(
         'plot': ['Jinja2>=3.0', 'matplotlib>=3.6'],
         # rig_page: the rig in a browser
         'page': ['tornado>=6.1'],
-        'compiled': ['llvmlite', 'numba>=0.59'],
         # What benchmarks/peers.py holds the simulator against.
-        'peers': ['heyoka>=7.0', 'mpmath>=1.3', 'mujoco>=3.2', 'numba>=0.59'],
+        'peers': ['heyoka>=7.0', 'mpmath>=1.3', 'mujoco>=3.2'],
         # sweep_rig: the table; and a cluster to run on
         'sweep': ['pandas>=2.1', 'pyarrow>=14.0.1'],
         'dask': ['distributed>=2024.1'],
@@ -105,7 +106,6 @@ setup(
             'lvm_read>=1.21',
             'mcap-ros2-support>=0.5',
             'mpmath>=1.3',
-            'numba>=0.59',
             'pandas>=2.1',
             'playwright>=1.40',
             'pyarrow>=14.0.1',

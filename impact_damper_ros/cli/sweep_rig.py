@@ -427,8 +427,6 @@ def _run(arguments: argparse.Namespace) -> int:
     _check_outputs(arguments, grid)
     if not arguments.quiet:
         _announce(grid)
-        if find_spec('numba') is None:
-            say('sweep_rig', 'without numba (extra [compiled]) a sweep takes many times as long')
     return _report(_swept(grid, arguments), arguments)
 
 

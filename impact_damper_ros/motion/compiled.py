@@ -19,12 +19,12 @@ import hashlib
 import logging
 import os
 import sys
+import threading
 import types
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints, overload
@@ -32,6 +32,11 @@ from typing import Any, TypeVar, get_type_hints, overload
 import numpy as np
 
 F = TypeVar('F', bound=Callable[..., Any])
+
+#: The first release that compiles the kernels: that of setup.py.
+_OLDEST_NUMBA = (0, 59)
+#: How long a program runs without a compiler before it says so, s.
+_PATIENCE_S = 5.0
 
 _KERNELS: dict[str, types.FunctionType] = {}
 _INLINE: set[str] = set()
@@ -68,8 +73,20 @@ def kernel(
 
 @cache
 def has_numba() -> bool:
-    """Return whether there is a compiler."""
-    return find_spec('numba') is not None
+    """Return whether the kernels can be compiled; a program that runs on without it says so."""
+    try:
+        installed = version('numba')
+    except PackageNotFoundError:
+        lack = 'numba is not installed'
+    else:
+        if tuple(map(int, installed.split('.')[:2])) >= _OLDEST_NUMBA:
+            return True
+        lack = f'numba {installed} is too old'
+    text = f'{lack}: long runs take up to ten times as long without it; pip install "numba>=0.59"'
+    notice = threading.Timer(_PATIENCE_S, logging.getLogger(__package__).warning, [text])
+    notice.daemon = True
+    notice.start()
+    return False
 
 
 @cache
@@ -141,13 +158,11 @@ def unpack(record: Any, state: Any) -> None:
 
 
 _STAMP = 'kernels.py'
-#: What is behind the files of compiled code.
-_CHECKSUM = 'sha256'
 
 
 def _digest() -> str:
     """Return a digest of what kernels do, comments and places apart, and of the compiler."""
-    parts: list[Any] = [sys.version, version('numba'), version('llvmlite'), _CHECKSUM]
+    parts: list[Any] = [sys.version, version('numba'), version('llvmlite')]
     for name, value in sorted(_namespace().items()):
         if not callable(value):
             parts.append((name, value))
@@ -293,29 +308,7 @@ def _dispatcher(name: str) -> Any:
         code = code.replace(co_filename=str(keep), co_firstlineno=1)
     twin = types.FunctionType(code, compiled_namespace(), name, function.__defaults__)
     twin.__module__, twin.__qualname__ = function.__module__, f'{name}_entry'
-    loop = numba.njit(twin, nogil=True, error_model='numpy', cache=keep is not None, _nrt=False)
-    if keep is not None:
-        _check_what_is_kept(loop)
-    return loop
-
-
-def _check_what_is_kept(loop: Any) -> None:
-    """Let numba keep compiled code with a checksum: LLVM ends the process where it is damaged."""
-    file = loop._cache._cache_file
-    dump, load = file._dump, file._load_data
-
-    def with_checksum(content: Any) -> bytes:
-        # What is behind a pickle is not read.
-        data: bytes = dump(content)
-        return data + hashlib.new(_CHECKSUM, data).digest()
-
-    def checked(name: str) -> Any:
-        data = Path(file._data_path(name)).read_bytes()
-        if hashlib.new(_CHECKSUM, data[:-32]).digest() != data[-32:]:
-            raise ValueError('its checksum differs')
-        return load(name)
-
-    file._dump, file._load_data = with_checksum, checked
+    return numba.njit(twin, nogil=True, error_model='numpy', cache=keep is not None, _nrt=False)
 
 
 def _notice(log: logging.Logger) -> Any:

@@ -42,7 +42,7 @@ from impact_damper_ros.rig.waiting_change import made_at_once, waiting_values
 from .commands import CommandInbox
 from .external_control import ControllerStatus, ExternalControl
 from .motion_trace import MotionTrace
-from .pacing import ORDINARY, Pacer, PacingCounts, StampClock, take_priority
+from .pacing import ORDINARY, Pacer, PacingCounts, StampClock, WallTime, take_priority
 from .parameters import NodeParameters
 from .publishing import Emitter, RigPublishers
 from .rig_motion import RIG_FAILURES, RigMotion
@@ -164,6 +164,7 @@ class Engine:
         alive: Callable[[], bool] = lambda: True,
         on_course: Callable[[dict[str, Any]], object] = lambda _: None,
         on_trouble: Callable[[str, str], object] = lambda *_: None,
+        wall: WallTime = time,
     ) -> None:
         """
         Make an engine that does not run yet.
@@ -171,7 +172,7 @@ class Engine:
         It calls the functions from its own thread; each must return at once. `alive` is whether
         ROS still runs, as publishing fails once it does not; `on_course` is called at the start
         and after every change and reset, with the state of the rig; `on_trouble` with its kind
-        and a text, if the rig falls behind or cannot continue.
+        and a text, if the rig falls behind or cannot continue. `wall` is the time outside.
         """
         self.failure: Exception | None = None
         #: Those in effect; to be replaced by `change`
@@ -191,8 +192,9 @@ class Engine:
         rate = parameters.state_rate
         self._grid = TickGrid(rate)
         self._scheduling = ORDINARY
-        self._pacer = Pacer(self._grid.instant(1), parameters.real_time_factor)
-        self._stamps = StampClock(simulated=parameters.simulated_time)
+        self._wall = wall
+        self._pacer = Pacer(self._grid.instant(1), parameters.real_time_factor, wall=wall)
+        self._stamps = StampClock(simulated=parameters.simulated_time, wall=wall)
         topics = {key: publisher.topic for key, publisher in publishers.items()}
         self._snapshots = Snapshots(node, topics, parameters.initial.as_dict(), rate)
         self._time_ns = 0
@@ -494,15 +496,15 @@ class Engine:
         Clock and joint states are still published, for nodes that join meanwhile and for
         transforms that are looked up now. They are no samples of the motion and not recorded.
         """
-        due_ns = time.monotonic_ns()
+        due_ns = self._wall.monotonic_ns()
         while not self._state.moves and not self._stopping.is_set():
-            if time.monotonic_ns() >= due_ns:
+            if self._wall.monotonic_ns() >= due_ns:
                 self._publish_clock()
                 data = self._motion.paused_states(self._stamps.now(self._time_ns))
                 self._out.publish(self._publishers['joint_states'], data)
                 # Not what was missed while the process was stopped
-                due_ns = max(due_ns + PAUSED_PERIOD_NS, time.monotonic_ns())
-            time.sleep(PAUSED_NAP_S)
+                due_ns = max(due_ns + PAUSED_PERIOD_NS, self._wall.monotonic_ns())
+            self._wall.sleep(PAUSED_NAP_S)
             self._serve()
             self.controller.refuse_all('the rig is paused')
 
@@ -552,7 +554,7 @@ class Engine:
 
     def _wait_for_log(self) -> None:
         while self._out.log is not None and self._out.log.backlog > LOG_BACKLOG:
-            time.sleep(PAUSED_NAP_S)
+            self._wall.sleep(PAUSED_NAP_S)
             self._serve()
             if not self._state.moves or self._stopping.is_set():
                 break
@@ -604,17 +606,17 @@ class Engine:
 
     def _await_command(self, measurement: bytes) -> None:
         """Wait in lock-step for the command to a measurement."""
-        begun = since = time.monotonic()
+        begun = since = self._wall.monotonic()
         again = begun + SEND_AGAIN_S
         self._obey()
         while self.controller.waits and not self._stopping.is_set():
             if not self._state.moves:
                 self._hold()
-                since = time.monotonic()
+                since = self._wall.monotonic()
             self.controller.wait(LOCK_STEP_NAP_S)
             self._serve()
             self._obey()
-            now = time.monotonic()
+            now = self._wall.monotonic()
             if now >= again:
                 self._out.publish(self._publishers['measurements'], measurement)
                 again = now + SEND_AGAIN_S
@@ -626,7 +628,7 @@ class Engine:
                     'on without'
                 )
                 self._on_trouble('lock-step', text)
-        if time.monotonic() - begun > SEND_AGAIN_S:
+        if self._wall.monotonic() - begun > SEND_AGAIN_S:
             # Rig time does not make up for it.
             self._pacer.anchor(self._time_ns)
 

@@ -22,8 +22,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 #: Lateness, in wall time, beyond which the lost time is given up instead of made up for.
 CATCH_UP_NS = 250_000_000
@@ -33,18 +32,35 @@ FREE_RUN_STRETCH_NS = 10_000_000
 FREE_RUN_REST_S = 0.0005
 
 
+class WallTime(Protocol):
+    """What a rig is paced by: these functions of the module `time`."""
+
+    def monotonic_ns(self) -> int:
+        """Return the time that no one sets."""
+
+    def monotonic(self) -> float:
+        """Return the same in seconds."""
+
+    def time_ns(self) -> int:
+        """Return the system time."""
+
+    def sleep(self, seconds: float, /) -> None:
+        """Wait."""
+
+
 class StampClock:
     """Stamps of rig time: simulated ones count from 0, others from the system time."""
 
-    def __init__(self, *, simulated: bool) -> None:
+    def __init__(self, *, simulated: bool, wall: WallTime = time) -> None:
         """Begin at 0."""
         self.offset_ns = 0  # stamp of rig time 0
         self._simulated = simulated
+        self._wall = wall
 
     def now(self, time_ns: int) -> int:
         """Return the stamp of a message sent now by a rig that stands still at a rig time."""
         stamp_ns = self.offset_ns + time_ns
-        return stamp_ns if self._simulated else max(stamp_ns, time.time_ns())
+        return stamp_ns if self._simulated else max(stamp_ns, self._wall.time_ns())
 
     def catch_up(self, time_ns: int) -> bool:
         """Let a rig time be now, at the start or after a pause; return whether stamps move."""
@@ -57,7 +73,7 @@ class StampClock:
 
         Without `back` they are moved on only.
         """
-        apart_ns = 0 if self._simulated else time.time_ns() - self.offset_ns - time_ns
+        apart_ns = 0 if self._simulated else self._wall.time_ns() - self.offset_ns - time_ns
         if abs(apart_ns) <= CATCH_UP_NS or (apart_ns < 0 and not back):
             return 0
         self.offset_ns += apart_ns
@@ -77,20 +93,12 @@ class PacingCounts(NamedTuple):
 class Pacer:
     """Wait for the ticks of one rig; 0 for the factor runs as fast as possible."""
 
-    def __init__(
-        self,
-        period_ns: int,
-        real_time_factor: float,
-        *,
-        clock: Callable[[], int] = time.monotonic_ns,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
+    def __init__(self, period_ns: int, real_time_factor: float, *, wall: WallTime = time) -> None:
         """Start counting from nothing; `anchor` sets the first deadline."""
         self.set_pace(period_ns, real_time_factor)
-        self._clock = clock
-        self._sleep = sleep
+        self._wall = wall
         self._anchor_ns = self._anchor_rig_ns = 0
-        self._stretch_began_ns = clock()
+        self._stretch_began_ns = wall.monotonic_ns()
         self._ticks = self._overruns = self._slips = self._slipped_ns = 0
         self._worst_ns = 0
 
@@ -102,7 +110,7 @@ class Pacer:
 
     def anchor(self, rig_ns: int) -> None:
         """Let rig time run on from `rig_ns` now."""
-        self._anchor_ns = self._clock()
+        self._anchor_ns = self._wall.monotonic_ns()
         self._anchor_rig_ns = rig_ns
 
     def pause_until(self, rig_ns: int) -> None:
@@ -132,8 +140,8 @@ class Pacer:
 
     def _sleep_until(self, deadline: int) -> int:
         """Return how late it is then, ns."""
-        while (left := deadline - self._clock()) > 0:
-            self._sleep(left * 1e-9)
+        while (left := deadline - self._wall.monotonic_ns()) > 0:
+            self._wall.sleep(left * 1e-9)
         return -left
 
     def _count_lateness(self, late_ns: int) -> None:
@@ -146,9 +154,9 @@ class Pacer:
             self._slipped_ns += late_ns
 
     def _rest_at_times(self) -> None:
-        if self._clock() - self._stretch_began_ns > FREE_RUN_STRETCH_NS:
-            self._sleep(FREE_RUN_REST_S)
-            self._stretch_began_ns = self._clock()
+        if self._wall.monotonic_ns() - self._stretch_began_ns > FREE_RUN_STRETCH_NS:
+            self._wall.sleep(FREE_RUN_REST_S)
+            self._stretch_began_ns = self._wall.monotonic_ns()
 
 
 ORDINARY = 'ordinary'

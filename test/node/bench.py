@@ -1,6 +1,8 @@
 """An engine on its own, whose messages are kept."""
 
 import json
+import threading
+import time
 from collections import defaultdict
 from dataclasses import replace
 from typing import NamedTuple
@@ -48,6 +50,34 @@ def change_event(before, after):
     )
 
 
+class MadeTime:
+    """
+    Wall time that only sleeping and `spend` move on, and both at once.
+
+    Each sleep takes `nap` seconds, so that other threads run.
+    """
+
+    def __init__(self, nap=0.0002):
+        self.nap, self._ns, self._lock = nap, 5 * 10**9, threading.Lock()
+
+    def monotonic_ns(self):
+        return self._ns
+
+    def monotonic(self):
+        return self._ns * 1e-9
+
+    def time_ns(self):
+        return 1_800_000_000 * 10**9 + self._ns
+
+    def sleep(self, seconds):
+        self.spend(seconds)
+        time.sleep(self.nap)
+
+    def spend(self, seconds):
+        with self._lock:
+            self._ns += round(seconds * 1e9)
+
+
 class Answer(NamedTuple):
     time_ns: int
     result: object
@@ -62,11 +92,25 @@ def done(request):
 
 
 class Bench:
-    """An engine that is always stopped; it is as fast as possible unless a factor is given."""
+    """
+    An engine that is always stopped, on a made time.
+
+    It is as fast as possible unless a factor is given.
+    """
 
     def __init__(
-        self, rig=LIVELY, initial=None, *, factor=0.0, rate=100.0, clock=True, inbox=None, **more
+        self,
+        rig=LIVELY,
+        initial=None,
+        *,
+        factor=0.0,
+        rate=100.0,
+        clock=True,
+        inbox=None,
+        wall=None,
+        **more,
     ):
+        self.wall = wall or MadeTime()
         self.sent, self.troubles, self.alive, self.log = [], [], True, None
         self._messages, self._read = defaultdict(list), 0
         publishers = {
@@ -87,6 +131,7 @@ class Bench:
             inbox=inbox,
             alive=lambda: self.alive,
             on_trouble=lambda _, text: self.troubles.append(text),
+            wall=self.wall,
         )
 
     def __enter__(self):
