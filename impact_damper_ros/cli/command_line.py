@@ -12,7 +12,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from argparse import SUPPRESS
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from json import dumps
@@ -28,6 +29,7 @@ from impact_damper_ros.parameters.units import UNITS, in_si, quantity, split_num
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
 
 from .completion import complete
+from .needs import Need, check_needs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -152,14 +154,22 @@ def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupt
 class _Parser(argparse.ArgumentParser):
     """A parser that also answers the shell's completion, and reports as the commands do."""
 
-    def __init__(self, *arguments: Any, **named: Any) -> None:
+    def __init__(self, *arguments: Any, needs: Sequence[Need] = (), **named: Any) -> None:
         super().__init__(*arguments, **named)
         # -5kg is a value, as -5 is
         self._negative_number_matcher = re.compile(r'-\.?\d')
+        self._needs = needs
 
-    def parse_args(self, *arguments: Any, **named: Any) -> Any:
+    def parse_args(self, words: Any = None, namespace: Any = None) -> Any:
         complete(self)
-        return super().parse_args(*arguments, **named)
+        options = [a for a in self._actions if a.option_strings and a.default != SUPPRESS]
+        defaults = {action.dest: action.default for action in options}
+        for action in options:
+            # Without, what is given cannot be distinguished from a default
+            action.default = SUPPRESS
+        given = vars(super().parse_args(words, namespace))
+        check_needs(self, given, self._needs)
+        return argparse.Namespace(**{**defaults, **given})
 
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
         # What was printed may not be written yet, and perhaps cannot be.
@@ -167,12 +177,19 @@ class _Parser(argparse.ArgumentParser):
         super().exit(status, message and as_message(message.rstrip()) + '\n')
 
 
-def command_parser(command: str, description: str, epilog: str = '') -> argparse.ArgumentParser:
-    """Return the parser of a command, with ``--version``; line breaks of the texts stay."""
+def command_parser(
+    command: str, description: str, epilog: str = '', needs: Sequence[Need] = ()
+) -> argparse.ArgumentParser:
+    """
+    Return the parser of a command, with ``--version``; line breaks of the texts stay.
+
+    An option whose `needs` are not given is refused.
+    """
     parser = _Parser(
         command,
         description=description,
         epilog=epilog,
+        needs=needs,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(

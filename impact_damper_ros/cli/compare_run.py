@@ -59,8 +59,12 @@ Scores:  compare_run --score runs/timed runs/amplitude --markdown score.md --fig
 """
 
 
+#: See `needs`.
+NEEDS = (('--figure', '--score'), ('--report', 'no --score'))
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = command_parser('compare_run', _DESCRIPTION, _EPILOG)
+    parser = command_parser('compare_run', _DESCRIPTION, _EPILOG, NEEDS)
     add_bag_argument(parser, several=True)
     add_node_option(parser)
     add_run_option(parser)
@@ -125,11 +129,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     parser = _parser()
     arguments = parser.parse_args(argv)
-    ignored = ('report',) if arguments.score else ('figure',)
-    for name in ignored:
-        if getattr(arguments, name) is not None:
-            only = 'without' if arguments.score else 'with'
-            parser.error(f'--{name} is used {only} --score only')
     if len(arguments.bag) > 1 and not arguments.score:
         parser.error('several recordings are scored: give --score, or one of them')
     command = shlex.join(['compare_run', *(sys.argv[1:] if argv is None else argv)])

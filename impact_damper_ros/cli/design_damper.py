@@ -135,8 +135,15 @@ def _levels(text: str) -> tuple[float, float]:
     return low, high
 
 
+#: See `needs`.
+NEEDS = (
+    ('--check', 'only --restitution --friction --levels --json --figure'),
+    ('--worst-case', '--rig-out'),
+)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = command_parser('design_damper', _DESCRIPTION, _EPILOG)
+    parser = command_parser('design_damper', _DESCRIPTION, _EPILOG, NEEDS)
     rigs = parser.add_mutually_exclusive_group()
     add_path_option(
         rigs,
@@ -324,13 +331,6 @@ def _found(rig: RigParameters, ratios: Sequence[float]) -> list[Design]:
 
 def _check(arguments: argparse.Namespace) -> int:
     """Say what a bench test of a rig would show."""
-    refused = [*_STRUCTURE, 'base', 'force', 'at', 'mass_ratio', 'angle', 'csv', 'rig_out']
-    for option in refused:
-        if getattr(arguments, option) is not None:
-            raise ValueError(
-                f'--{option.replace("_", "-")} does not go with --check, which takes the rig as '
-                'its file describes it: leave it out'
-            )
     rig, _, _ = load_parameters(arguments.check)
     hint('design_damper', rig)
     own = 0.5 * (rig.restitution_1 + rig.restitution_2)

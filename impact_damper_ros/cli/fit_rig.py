@@ -67,8 +67,17 @@ Examples:
 """
 
 
+#: See `needs`.
+NEEDS = (
+    *(('--set', '--rig'), ('--node', '--rig')),
+    *(('--seconds', '--topic'), ('--seconds', 'no FILE')),
+    ('--also', 'no --structure'),
+    ('--rebounds', 'only --rig --set --node --from --to --json'),
+)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = command_parser('fit_rig', _DESCRIPTION, _EPILOG)
+    parser = command_parser('fit_rig', _DESCRIPTION, _EPILOG, NEEDS)
     parser.add_argument(
         'data', type=path_of, nargs='?', metavar='FILE', help='measured data, or a bag'
     )
@@ -221,12 +230,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments.impact_file = arguments.__dict__.pop('impacts')
     if arguments.data is None and not arguments.topic:
         parser.error('give the file of the data, or a live topic with --topic')
-    if arguments.data is not None and arguments.seconds is not None:
-        parser.error('--seconds goes with a live --topic: leave out the file, or --seconds')
-    if arguments.rebounds and (arguments.report or arguments.rig_out or arguments.data is None):
-        parser.error('--rebounds takes a file, and --json FILE: leave out the other outputs')
-    if arguments.set and arguments.rig is None:
-        parser.error('--set changes the rig of --rig: give it')
     command = shlex.join(['fit_rig', *(sys.argv[1:] if argv is None else argv)])
 
     def work() -> int:

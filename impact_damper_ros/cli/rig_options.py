@@ -161,6 +161,8 @@ def values_of(
             raise ValueError(
                 f'{option}{named(setting)}: there is no parameter {named(name)} to set: {remedy}'
             )
+        if name in values:
+            raise ValueError(f'{option}{named(setting)}: {name} is given twice: give it once')
         try:
             values[name] = yaml_value(text)
         except YamlError as error:

@@ -47,8 +47,12 @@ Examples:
 """
 
 
+#: See `needs`.
+NEEDS = (('--recordings', 'no --bag'),)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = command_parser(COMMAND, _DESCRIPTION, _EPILOG)
+    parser = command_parser(COMMAND, _DESCRIPTION, _EPILOG, NEEDS)
     what = parser.add_mutually_exclusive_group()
     what.add_argument(
         '--node', type=_node, default='', metavar='NAME', help='node of the rig to show first'

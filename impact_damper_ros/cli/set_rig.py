@@ -48,8 +48,12 @@ Examples: set_rig gap=0.012 record=true
 """
 
 
+#: See `needs`.
+NEEDS = (('--values', '--watch'),)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = command_parser('set_rig', _DESCRIPTION, _EPILOG)
+    parser = command_parser('set_rig', _DESCRIPTION, _EPILOG, NEEDS)
     parser.add_argument(
         'settings',
         nargs='*',
@@ -252,8 +256,6 @@ def _unit_note(values: Mapping[str, Any]) -> str:
 
 
 def _set(arguments: argparse.Namespace) -> int:
-    if arguments.values and not arguments.watch:
-        raise CommandError('--values is for diagnostics that are watched: give --watch, too')
     with ros_node('set_rig') as node:
         rig = RigParameterClient(node, arguments.node)
         if arguments.watch and not arguments.settings:

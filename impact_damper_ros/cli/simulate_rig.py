@@ -126,8 +126,17 @@ Example: simulate_rig bench_rig --duration 60 --impacts impacts.csv --set gap=0.
 """
 
 
+#: See `needs`.
+NEEDS = (
+    ('--urdf', 'only --set --node'),
+    ('--rate', '--states', '--bag'),
+    *(('--max-bag-size', '--bag'), ('--max-bag-duration', '--bag')),
+    *((option, '--base-psd', '--force-psd') for option in ('--seed', '--psd-lines')),
+)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = command_parser('simulate_rig', _DESCRIPTION, _EPILOG)
+    parser = command_parser('simulate_rig', _DESCRIPTION, _EPILOG, NEEDS)
     add_params_argument(parser)
     parser.add_argument(
         '--parameters', action=_ListParameters, help='list all parameters of a rig and exit'

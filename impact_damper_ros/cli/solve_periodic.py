@@ -105,8 +105,15 @@ def _range(text: str) -> tuple[str, float, float]:
     return name, low, high
 
 
+#: See `needs`.
+NEEDS = (
+    *(('--csv', '--follow'), ('--figure', '--follow')),
+    *(('--cycles', 'no --settled'), ('--stops', 'no --settled')),
+)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = command_parser('solve_periodic', _DESCRIPTION, _EPILOG)
+    parser = command_parser('solve_periodic', _DESCRIPTION, _EPILOG, NEEDS)
     add_params_argument(parser)
     sought = parser.add_mutually_exclusive_group(required=True)
     sought.add_argument(
@@ -389,13 +396,6 @@ def _check(arguments: argparse.Namespace, parameters: RigParameters) -> None:
                 f'{name} is {value:.9g} where the branch begins: give a range around that, not '
                 f'{low:.9g} to {high:.9g}'
             )
-    elif arguments.csv is not None or arguments.figure is not None:
-        raise ValueError('--csv and --figure are for --follow: give a parameter and its range')
-    if arguments.settled and (arguments.stops is not None or arguments.cycles != range(1, 2)):
-        raise ValueError(
-            '--settled takes the period and the stops from the motion: leave out '
-            '--cycles and --stops'
-        )
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -95,9 +95,13 @@ invalid; 4 if every rig of the sweep failed; 130 on Ctrl-C, 143 on SIGTERM.
 """
 
 
+#: See `needs`.
+NEEDS = (('--no-theory', '--figure'), ('--measure', '--figure', 'no --optimum none'))
+
+
 def _parser() -> argparse.ArgumentParser:
     """Return the parser of the command."""
-    options = command_parser('sweep_rig', _DESCRIPTION, _EPILOG)
+    options = command_parser('sweep_rig', _DESCRIPTION, _EPILOG, NEEDS)
     add = options.add_argument
     add_params_argument(options)
     add(

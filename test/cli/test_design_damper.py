@@ -181,7 +181,6 @@ def test_a_light_damper_has_to_be_started(capsys):
         (['--base', '1mm', '--mass-ratio', '5'], 'give at most 1, or 5%'),
         (['--base', '1mm', '--mass', 'nan'], 'primary_mass'),
         (['--base', '1mm', '--mass', '-5kg'], 'primary_mass is -5.0 kg: give a number from'),
-        (['--base', '1mm', '--check', 'bench_rig'], '--mass does not go with --check'),
         (['--base', '1mm', '--fitted', 'bench_rig'], 'has no 95 % interval of restitution_1'),
         ([], 'the excitation is not known: give --base or --force'),
     ],

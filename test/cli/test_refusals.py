@@ -26,7 +26,6 @@ REFUSALS = {
     ],
     'replay_run': [
         ('', "cannot read 'no_bag': there is no such file or directory; name a bag directory"),
-        ('--figure a.png', 'give --set NAME=VALUE as well'),
         ('--set gap=1 --figure a.gif', f'a.gif: {FIGURE}'),
         ('--set gap=1 --figure a', f'a: {FIGURE}'),
         ('--states no_bag/a.mcap', 'is, or is in, what is read: give the output another name'),
@@ -47,6 +46,8 @@ REFUSALS = {
         # Of a rig all at once: the table is asked, and what is said has the place before it
         ('--set gap=-1 --set angle=0.1', 'gap is -1.0 m: give a number from 1e-09 to 1e+09 m'),
         ('--set gap', '--set gap: give NAME=VALUE'),
+        ('--set gap=3 --set gap=4', '--set gap=4: gap is given twice: give it once'),
+        ('--change 2:gap=30 --change 2s:gap=31', 'gap=31: gap is given twice: give it once'),
         ('--set gap:=3', '--set gap:=3: write gap=3'),
         ('--set gab=3', '--set gab=3: there is no parameter gab to set: did you mean gap?'),
         ('--set restitution=0.6', 'did you mean restitution_1 and restitution_2?'),
@@ -85,10 +86,11 @@ REFUSALS = {
         ('--impacts 2 --follow gap=60:20', '--follow'),
         ('--impacts 2 --follow gap=20:', '--follow'),
         ('--impacts 2 --follow gravy=1:2', 'gravy'),
-        ('--impacts 2 --csv a.csv', 'are for --follow'),
-        ('--impacts 2 --csv a.csv --json a.csv', 'two outputs have the same name'),
+        (
+            '--impacts 2 --follow gap=1:40 --csv a.csv --json a.csv',
+            'two outputs have the same name',
+        ),
         ('--impacts 2 --follow gap=20:60 --figure a.bmp', FIGURE),
-        ('--settled --cycles 2', 'leave out --cycles'),
         ('--settled --set force_amplitudes=[0]', 'give force_amplitudes or base_amplitudes'),
     ],
     'sweep_rig': [

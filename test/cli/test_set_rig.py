@@ -154,11 +154,6 @@ def test_diagnostics_are_watched(tmp_path):
     assert set_rig.reported([status], values=False) == 'bench/sim_node: rig  OK     free'
 
 
-def test_values_without_watching(capsys):
-    assert set_rig.main(['--values']) == 2
-    assert 'give --watch, too' in capsys.readouterr().err
-
-
 def test_a_rig_that_stands_still_may_have_made_the_change(node, monkeypatch):
     with set_rig.ros_node('set_rig') as joined:
         rig = set_rig.RigParameterClient(joined, '/bench/sim_node')

@@ -162,26 +162,28 @@ def test_not_viable(tmp_path, capsys):
     assert 'm would pass stop' in message
 
 
-VERTICAL = (
-    'damping=0.1',
-    'damper_mass=0.01',
-    'angle=1.5707963267948966',
-    'gravity=1',
-    'one_sided=true',
-    'force_amplitudes=[0.9]',
-    'force_frequencies=[10.0]',
-)
+VERTICAL = {
+    'damping': 0.1,
+    'damper_mass': 0.01,
+    'angle': 1.5707963267948966,
+    'gravity': 1,
+    'one_sided': 'true',
+    'force_amplitudes': [0.9],
+    'force_frequencies': [10.0],
+}
 
 
 @pytest.mark.parametrize(('angle', 'stop'), [(0.5 * math.pi, 1), (-0.5 * math.pi, 2)])
 @pytest.mark.parametrize(('cycles', 'force', 'impacts'), [(1, 0.8, 1), (2, 1.2, 2)])
 def test_motions_on_one_of_two_stops(tmp_path, angle, stop, cycles, force, impacts):
     """The last rig of the paper with a second stop out of reach, either way up."""
-    one_sided = (*VERTICAL, f'force_amplitudes=[{force}]')
-    two_sided = (*one_sided, f'angle={angle}', 'one_sided=false', 'gap=2')
+    one_sided = {**VERTICAL, 'force_amplitudes': [force]}
+    two_sided = {**one_sided, 'angle': angle, 'one_sided': 'false', 'gap': 2}
     counts = ('--impacts', str(impacts), '--cycles', str(cycles))
-    _, expected = run(tmp_path, *counts, settings=one_sided)
-    code, orbits = run(tmp_path, *counts, settings=two_sided)
+    (_, expected), (code, orbits) = (
+        run(tmp_path, *counts, settings=[f'{name}={value}' for name, value in rig.items()])
+        for rig in (one_sided, two_sided)
+    )
     assert code == 0
     assert orbits[0]['stops'] == [stop] * impacts
     assert orbits[0]['stable']
@@ -190,7 +192,7 @@ def test_motions_on_one_of_two_stops(tmp_path, angle, stop, cycles, force, impac
 
 
 def test_first_motion_is_followed_through_its_special_points(tmp_path, capsys):
-    words = [word for setting in VERTICAL for word in ('--set', setting)]
+    words = [word for item in VERTICAL.items() for word in ('--set', '{}={}'.format(*item))]
     table, figure = tmp_path / 'branch.csv', tmp_path / 'branch.png'
     outputs = ('--csv', str(table), '--figure', str(figure))
     asked = ('--impacts', '1', '--follow', 'force_amplitudes=0.3:1.2')
