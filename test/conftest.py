@@ -27,7 +27,6 @@ LONGEST = (
     'node/test_recorded_runs.py',
     'examples/test_controllers.py',
     'node/test_controllers.py',
-    'bag/test_hostile_bags.py',
     'replay/test_replay.py',
     'design/test_damper_design.py',
     'page/test_pictures.py',

@@ -20,7 +20,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from mcap.records import Attachment
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
 
 from impact_damper_ros import __version__
@@ -229,21 +228,6 @@ class BagFile:
             self._first_ns = stamp_ns
         if self._last_ns is None or stamp_ns > self._last_ns:
             self._last_ns = stamp_ns
-
-    def attach(self, attachment: Attachment) -> None:
-        """Add an attachment."""
-        self.flush()
-        self._writer.add_attachment(
-            attachment.create_time,
-            attachment.log_time,
-            attachment.name,
-            attachment.media_type,
-            attachment.data,
-        )
-
-    def note(self, name: str, metadata: Mapping[str, str]) -> None:
-        """Add a metadata record."""
-        self._writer.add_metadata(name, dict(metadata))
 
     def flush(self) -> None:
         """Close the chunk and hand all that is pending to the operating system."""

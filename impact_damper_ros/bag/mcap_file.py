@@ -2,21 +2,21 @@
 """
 One MCAP file of a bag, finished, cut short or damaged.
 
-Opening a file passes from record to record; the messages are in blocks, which are read one by one.
-Nothing is expanded beyond its declared size and beyond `LARGEST`. The records are those of the
-`mcap` library; its readers end at the first damage, and take five times as long. The format:
-https://mcap.dev/spec
+Opening a file passes from record to record, and where the length of one is wrong, on to the chunks
+that the summary lists. The messages are in blocks, which are read one by one; a chunk is expanded
+to `LARGEST` at most. The records are those of the `mcap` library; its readers end at the first
+damage, and take five times as long. The format: https://mcap.dev/spec
 """
 
 from __future__ import annotations
 
 import os
+import shlex
 import stat
 import struct
 import zlib
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -28,8 +28,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import (
-    Attachment,
     Channel as McapChannel,
+    ChunkIndex,
     DataEnd,
     Footer,
     Header,
@@ -39,20 +39,19 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import counted, shown
 
 from .errors import RecordingError
 from .topics import Channel, full_type
 
 MAGIC = MCAP0_MAGIC
-#: Largest record, and largest content of a chunk or of a compressed message, bytes.
+#: Largest record, and largest content of a chunk, bytes.
 LARGEST = 128 * 1024 * 1024
-#: Messages of a chunk: in a full one they have 128 bytes each.
-_MOST_MESSAGES = LARGEST // 128
 #: Bytes that are read, expanded or taken together as one block.
 _PIECE = 1024 * 1024
-#: How a message begins that rosbag2 has compressed by itself. No encapsulation of CDR does.
+#: How a file or a message begins that rosbag2 has compressed. No encapsulation of CDR does.
 ZSTD = b'\x28\xb5\x2f\xfd'
+_SQLITE = b'SQLite format 3\0'
 LATEST_STAMP = 2**63 - 1
 
 #: Opcode and length of a record.
@@ -61,6 +60,8 @@ _HEAD = struct.Struct('<BQ')
 _MESSAGE = struct.Struct('<HIQQ')
 #: First and last stamp, size, checksum, and length of the compression's name of a chunk.
 _CHUNK = struct.Struct('<QQQII')
+#: A footer with its head: places of summary and offsets, and checksum.
+_FOOTER = struct.Struct('<BQQQI')
 #: The records that describe a file, and those that a chunk may hold.
 _RECORDS: dict[int, Any] = {
     Opcode.HEADER: Header,
@@ -68,6 +69,7 @@ _RECORDS: dict[int, Any] = {
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: McapChannel,
     Opcode.STATISTICS: Statistics,
+    Opcode.CHUNK_INDEX: ChunkIndex,
     Opcode.METADATA: Metadata,
     Opcode.DATA_END: DataEnd,
 }
@@ -81,9 +83,14 @@ _DAMAGE = (
 StoredMessage = tuple[int, int, int, int, bytes]
 
 
-def most_expanded(size: int) -> int:
-    """Return how many bytes may come out of so many compressed ones: at rest 60 times as many."""
-    return 64 * 1024 * 1024 + 100 * size
+def not_plain(path: Path, what: str) -> RecordingError:
+    """Return the error for a file of a bag that another program has to convert first."""
+    bag = path.parent if (path.parent / 'metadata.yaml').exists() else path
+    remedy = (
+        f'convert the bag: rosbags-convert --src {shlex.quote(str(bag))} --dst NEW '
+        '--dst-storage mcap (pip install rosbags), or ros2 bag convert'
+    )
+    return RecordingError('read', path, f'{what}; plain MCAP is read', remedy)
 
 
 @dataclass(slots=True)
@@ -94,10 +101,12 @@ class Block:
     length: int  # of what is there of it
     start_ns: int  # earliest stamp
     end_ns: int  # latest stamp
-    expanded: int = 0  # bytes of the records of a chunk, as it declares
     chunked: bool = False
     whole: bool = True  # false for the chunk in the middle of which a file was cut
-    count: int | None = None  # of its messages, once it was read
+    #: Of its messages, and of those of channels that are not described, once it was read
+    count: int | None = None
+    strange: int = 0
+    index: ChunkIndex | None = None  # of a chunk, if the summary lists it
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -114,21 +123,22 @@ def open_file(path: Path) -> BinaryIO:
 
 
 class McapFile:
-    """The usable content of an MCAP file; `source` is the file that `path` is a copy of."""
+    """The usable content of an MCAP file."""
 
-    def __init__(self, path: Path, source: Path) -> None:
-        self.path, self.source = path, source
+    def __init__(self, path: Path) -> None:
+        self.path = path
         self.profile = self.library = ''
         self.blocks: list[Block] = []  # in file order
         self.channels: dict[int, Channel] = {}  # by number
         self.counts: Mapping[int, int] = {}  # messages by channel
         self.metadata: list[Metadata] = []
-        self.others = 0  # records of kinds that the format does not know
+        self.others = 0  # attachments, and records of kinds that the format does not know
         self.finished = False  # whether it ends with footer and magic
-        self.unusable = 0  # bytes at the end that belong to no whole record
+        self.framed = 0  # where the last whole record ends before a break
+        self.unusable = 0  # bytes that belong to no whole record
         self._schemas: dict[int, Schema] = {}
         self._described: set[tuple[int, bytes]] = set()
-        self._attachments: list[tuple[int, int]] = []  # position and length of each
+        self._indexes: list[ChunkIndex] = []
         self._statistics: Statistics | None = None
         self._faults: list[str] = []
         try:
@@ -136,14 +146,14 @@ class McapFile:
                 self._open(stream)
                 self._count(stream)
         except OSError as error:
-            raise RecordingError.from_os_error('read', source, error) from error
+            raise RecordingError.from_os_error('read', path, error) from error
 
     @property
     def own(self) -> bool:
         """Whether this package has written the file."""
         return self.library.startswith('impact_damper_ros/')
 
-    def opened(self) -> AbstractContextManager[BinaryIO]:
+    def opened(self) -> BinaryIO:
         """Return the open file, for `read`."""
         return open_file(self.path)
 
@@ -155,31 +165,67 @@ class McapFile:
             stated, there = self._statistics.message_count, sum(count or 0 for count in counts)
             if stated != there:
                 yield f'its statistics count {stated:,} messages, not {there:,}'
+        if strange := sum(block.strange for block in self.blocks):
+            yield f'{counted(strange, "message", ",")} of undescribed channels, left out'
 
     # Opening
 
     def _open(self, stream: BinaryIO) -> None:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(0)
-        magic = stream.read(len(MAGIC))
+        magic = stream.read(len(_SQLITE))
         if not magic:
             cause = 'the file is empty (0 bytes): the recording ended before anything was written'
-            raise RecordingError('read', self.source, cause)
-        if not MAGIC.startswith(magic):
+            raise RecordingError('read', self.path, cause)
+        if magic == _SQLITE:
+            raise not_plain(self.path, 'it is stored in SQLite')
+        if magic.startswith(ZSTD):
+            raise not_plain(self.path, 'it is compressed as a file')
+        if not MAGIC.startswith(magic[: len(MAGIC)]):
             cause = 'it is not an MCAP file (it does not start with the MCAP magic bytes)'
             remedy = 'name a bag directory or a .mcap file'
-            raise RecordingError('read', self.source, cause, remedy)
-        self.unusable = size - self._pass_records(stream, len(magic), size)
+            raise RecordingError('read', self.path, cause, remedy)
+        self.framed = self._pass_records(stream, len(MAGIC), size)
+        self.unusable = size - self.framed
+        summary = 0 if self.finished else _summary_start(stream, size)
+        if summary > self.framed:
+            self._pass_records(stream, summary, size)
+        self._use_indexes(stream)
+        if self.finished and self.unusable:
+            behind = [block.position for block in self.blocks if block.position >= self.framed]
+            self.unusable = min([*behind, summary]) - self.framed
+            self._faults.append(
+                f'the record at byte {self.framed} is damaged (its kind or its length is wrong)'
+            )
         if not self.finished and self.blocks and self.blocks[-1].chunked:
             # What a power cut left unwritten of it may be there as zeros.
             self.blocks[-1].whole = False
-        declared = sum(b.expanded for b in self.blocks if b.expanded <= LARGEST)
-        if declared > most_expanded(size):
-            cause = f'its chunks declare {declared} bytes, more than 100 times its size'
-            raise RecordingError('read', self.source, cause, 'no recording is so compressible')
+
+    def _use_indexes(self, stream: BinaryIO) -> None:
+        """Take chunks as the summary lists them: where, of what time, and how compressed."""
+        blocks = {block.position: block for block in self.blocks}
+        for index in self._indexes:
+            begin, of = index.chunk_start_offset, index.chunk_length
+            times = index.message_start_time, index.message_end_time
+            stream.seek(begin + _HEAD.size)
+            stated = _CHUNK.unpack(stream.read(_CHUNK.size).ljust(_CHUNK.size))[:2]
+            # Behind a hole the chunks are elsewhere. Of the two times one may be damaged.
+            if stated[0] == times[0] or stated[1] == times[1]:
+                blocks[begin] = Block(begin, of, *times, chunked=True, index=index)
+        self.blocks, end = [], 0
+        for position in sorted(blocks):
+            block = blocks[position]
+            if block.index is not None:
+                end = position + block.length
+                for before in self.blocks[-1:]:
+                    before.length = min(before.length, position - before.position)
+            elif position < end:
+                continue
+            self.blocks.append(block)
 
     def _pass_records(self, stream: BinaryIO, position: int, size: int) -> int:
-        """Note the records of the file; return where the last whole one ends."""
+        """Note the records from a place on; return where the last whole one ends."""
+        of_data: dict[int, Channel] = {}
         while True:
             stream.seek(position)
             head = stream.read(_HEAD.size)
@@ -194,21 +240,26 @@ class McapFile:
                 return position
             if opcode == Opcode.MESSAGE:
                 self._take_message(stream, position, length)
-            elif opcode == Opcode.ATTACHMENT:
-                self._attachments.append((position + _HEAD.size, length))
-            elif opcode > max(Opcode):
+            elif opcode == Opcode.ATTACHMENT or opcode > max(Opcode):
                 self.others += 1
             elif opcode in _RECORDS:
                 try:
                     record = _record(opcode, _read_limited(stream, length))
                 except _DAMAGE as error:
-                    self._faults.append(f'the record at byte {position} is damaged ({error})')
-                    return position
+                    text = f'the record at byte {position} is damaged ({_reason(error)})'
+                    self._faults.append(text)
+                    record = None
                 if isinstance(record, DataEnd):
-                    if record.data_section_crc not in (0, _checksum(stream, position)):
+                    if record.data_section_crc not in (0, _checksum(stream, 0, position)):
                         self._faults.append('the checksum of its data does not match')
+                    of_data = dict(self.channels)
                 elif isinstance(record, Footer):
                     self.finished = stream.read() == MAGIC
+                    # It covers the footer but for itself.
+                    begin, crc_at = record.summary_start, end - 4
+                    if record.summary_crc not in (0, _checksum(stream, begin, crc_at)):
+                        self._faults.append('the checksum of its summary does not match')
+                        self.channels, self._statistics, self._indexes = of_data, None, []
                     return size if self.finished else end
                 else:
                     self._take(record)
@@ -217,8 +268,8 @@ class McapFile:
     def _take_chunk(self, stream: BinaryIO, position: int, length: int) -> None:
         head = stream.read(_CHUNK.size)
         if len(head) == _CHUNK.size:
-            start, end, expanded, *_ = _CHUNK.unpack(head)
-            self.blocks.append(Block(position, length, start, end, expanded, chunked=True))
+            start, end, *_ = _CHUNK.unpack(head)
+            self.blocks.append(Block(position, length, start, end, chunked=True))
 
     def _take_message(self, stream: BinaryIO, position: int, length: int) -> None:
         """Note a message outside of any chunk; those that follow each other are one block."""
@@ -251,13 +302,16 @@ class McapFile:
             self.profile, self.library = record.profile, record.library
         elif isinstance(record, Metadata):
             self.metadata.append(record)
+        elif isinstance(record, ChunkIndex):
+            self._indexes.append(record)
         elif isinstance(record, Statistics):
             self._statistics = record
 
     def _count(self, stream: BinaryIO) -> None:
         """Count the messages: as the statistics do, or where these cannot be by reading them."""
         listed = {} if self._statistics is None else self._statistics.channel_message_counts
-        if self.finished and any(listed.values()) and self.channels.keys() >= listed.keys():
+        described = any(listed.values()) and self.channels.keys() >= listed.keys()
+        if self.finished and described and not self._faults:
             self.counts = listed
             return
         usable, counts = [], Counter[int]()
@@ -282,10 +336,12 @@ class McapFile:
         try:
             records = _read_limited(stream, block.length)
             if block.chunked:
-                records, fault = _expanded_chunk(records[_HEAD.size :], whole=block.whole)
+                records, fault = _expanded_chunk(records[_HEAD.size :], block)
         except _DAMAGE as error:
-            fault = str(error)
+            fault = _reason(error)
         messages, wrong = self._messages(block, records, channels)
+        if messages and messages[0][-1].startswith(ZSTD):
+            raise not_plain(self.path, 'its messages are compressed one by one')
         fault = fault or wrong
         kind = 'chunk' if block.chunked else 'message'
         return messages, fault and f'the {kind} at byte {block.position} is damaged ({fault})'
@@ -295,7 +351,7 @@ class McapFile:
     ) -> tuple[list[StoredMessage], str]:
         # The library's own splitting takes 2 s longer for an hour of joint states at 200 Hz.
         found: list[StoredMessage] = []
-        low, high, count = LATEST_STAMP, 0, 0
+        low, high, count, strange = LATEST_STAMP, 0, 0, 0
         position, end, message, fault = 0, len(records), int(Opcode.MESSAGE), ''
         while position + _HEAD.size <= end:
             opcode, length = _HEAD.unpack_from(records, position)
@@ -317,17 +373,17 @@ class McapFile:
             if channels is None or channel in channels:
                 content = records[start + _MESSAGE.size : position]
                 found.append((channel, sequence, stamp_ns, publish_ns, content))
+            if channel not in self.channels:
+                strange += 1
             if stamp_ns < low:
                 low = stamp_ns
             if stamp_ns > high:
                 high = stamp_ns
-            if count > _MOST_MESSAGES:
-                return [], f'it holds more than {_MOST_MESSAGES} messages'
         if block.whole and position != end:
             fault = fault or 'a record in it is cut or of no kind that a chunk may hold'
         if count and not block.start_ns <= low <= high <= block.end_ns and block.whole:
             fault = fault or 'its messages are not of the time that it states'
-        block.count = count
+        block.count, block.strange = count, strange
         return found, fault
 
     def _describe(self, opcode: int, content: bytes) -> str:
@@ -339,19 +395,26 @@ class McapFile:
         try:
             record = _record(opcode, content)
         except _DAMAGE as error:
-            return f'a description in it is damaged: {error}'
+            return f'a description in it is damaged: {_reason(error)}'
         if not isinstance(record, McapChannel) or record.id not in self.channels:
             self._take(record)
         return ''
 
-    def attachments(self, stream: BinaryIO) -> Iterator[Attachment | str]:
-        """Yield the attachments; in place of one that cannot be read, what is wrong with it."""
-        for position, length in self._attachments:
-            stream.seek(position)
-            try:
-                yield Attachment.read(ReadDataStream(BytesIO(_read_limited(stream, length))))
-            except _DAMAGE as error:
-                yield f'the attachment at byte {position} is damaged ({error})'
+
+def _reason(error: BaseException) -> str:
+    """Return why a record cannot be read; errors of `mcap` may have no text."""
+    return str(error) or f'{type(error).__name__} of mcap'
+
+
+def _summary_start(stream: BinaryIO, size: int) -> int:
+    """Return where the summary begins by the footer at the end of a file; 0 if there is none."""
+    tail = _FOOTER.size + len(MAGIC)
+    stream.seek(max(0, size - tail))
+    footer = stream.read(_FOOTER.size)
+    if len(footer) < _FOOTER.size or stream.read() != MAGIC:
+        return 0
+    opcode, length, start, *_ = _FOOTER.unpack(footer)
+    return int(start) if (opcode, length) == (Opcode.FOOTER, 20) and start < size else 0
 
 
 def _record(opcode: int, content: bytes) -> Any:
@@ -364,19 +427,19 @@ def _read_limited(stream: BinaryIO, length: int) -> bytes:
     return stream.read(length)
 
 
-def _checksum(stream: BinaryIO, end: int) -> int:
-    """Return the checksum of a file up to a place."""
-    stream.seek(0)
+def _checksum(stream: BinaryIO, begin: int, end: int) -> int:
+    """Return the checksum of a part of a file."""
+    stream.seek(begin)
     crc = 0
-    for begin in range(0, end, _PIECE):
-        crc = zlib.crc32(stream.read(min(_PIECE, end - begin)), crc)
+    for place in range(begin, end, _PIECE):
+        crc = zlib.crc32(stream.read(min(_PIECE, end - place)), crc)
     return crc
 
 
 # Compression
 
 
-def _expanded_chunk(content: bytes, *, whole: bool) -> tuple[bytes, str]:
+def _expanded_chunk(content: bytes, block: Block) -> tuple[bytes, str]:
     """
     Return the records of a chunk as far as they can be expanded, and what is wrong with it.
 
@@ -384,10 +447,14 @@ def _expanded_chunk(content: bytes, *, whole: bool) -> tuple[bytes, str]:
     """
     *_, size, crc, length = _CHUNK.unpack_from(content)
     begin = _CHUNK.size + length
+    if (index := block.index) is not None:
+        size, compression = index.uncompressed_size, index.compression
+        packed = content[-index.compressed_size :]
+    else:
+        # After the name of the compression comes the length of what is compressed.
+        compression, packed = content[_CHUNK.size : begin].decode(), content[begin + 8 :]
     if size > LARGEST:
         raise ValueError(f'{size} bytes are declared; at most {LARGEST} are read')
-    # After the name of the compression comes the length of what is compressed.
-    compression, packed = content[_CHUNK.size : begin].decode(), content[begin + 8 :]
     records, fault = _expanded(compression, packed, size, _PIECE)
     if fault and len(records) < size:
         # What comes before the damage
@@ -395,7 +462,7 @@ def _expanded_chunk(content: bytes, *, whole: bool) -> tuple[bytes, str]:
     if len(records) > size:
         raise ValueError(f'more than the {size} bytes declared')
     if len(records) != size:
-        fault = (fault or f'{len(records)} bytes instead of {size}') if whole else ''
+        fault = (fault or f'{len(records)} bytes instead of {size}') if block.whole else ''
     elif crc not in (0, zlib.crc32(records)):
         fault = 'the checksum does not match'
     return records, fault
@@ -430,20 +497,3 @@ def _pieces(compression: str, packed: bytes, step: int) -> Iterator[bytes]:
         yield packed
     else:
         raise ValueError(f'unknown compression {shown(compression)}')
-
-
-def plain_content(content: bytes, left: int = LARGEST) -> bytes:
-    """
-    Return a message as it was sent: rosbag2 may compress each one by itself.
-
-    `left` is how many bytes may come out of it.
-    """
-    if content[:4] != ZSTD:
-        return content
-    limit = min(LARGEST, max(left, 0))
-    plain, fault = _expanded('zstd', content, limit, _PIECE)
-    if fault:
-        raise ValueError(f'it is compressed and damaged: {fault}')
-    if len(plain) > limit:
-        raise ValueError(f'it expands to more than {limit} bytes')
-    return plain

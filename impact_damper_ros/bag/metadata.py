@@ -20,8 +20,6 @@ from .topics import LONGEST_YAML, Channel, dump_yaml, load_yaml
 
 FILE_NAME = 'metadata.yaml'
 VERSION = 9
-#: Characters of the quality of service of all topics: 500 with 5 publishers each have 750,000.
-_MOST_QOS = 1024 * 1024
 
 #: Starting time of a bag without messages, as rosbag2 has it: the largest int64.
 _NEVER = 2**63 - 1
@@ -67,13 +65,6 @@ class BagMetadata:
             '', min(starts, default=None), max(ends, default=None), sum(self.counts)
         )
 
-    def _qos_profiles(self) -> Iterator[list[dict[str, Any]]]:
-        """Yield those of each channel; the file has them too, of whatever length."""
-        left = _MOST_QOS
-        for channel in self.channels:
-            left -= len(channel.metadata.get('offered_qos_profiles', ''))
-            yield channel.qos_profiles if left > 0 else []
-
     def as_mapping(self) -> dict[str, Any]:
         """Return the fields with the names and in the order of rosbag2."""
         times = self.whole.times()
@@ -89,14 +80,12 @@ class BagMetadata:
                         'name': channel.topic,
                         'type': channel.type,
                         'serialization_format': channel.message_encoding,
-                        'offered_qos_profiles': profiles,
+                        'offered_qos_profiles': channel.qos_profiles,
                         'type_description_hash': channel.type_hash,
                     },
                     'message_count': count,
                 }
-                for channel, count, profiles in zip(
-                    self.channels, self.counts, self._qos_profiles(), strict=True
-                )
+                for channel, count in zip(self.channels, self.counts, strict=True)
             ],
             'compression_format': '',
             'compression_mode': '',

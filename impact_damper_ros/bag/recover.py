@@ -5,19 +5,16 @@ from __future__ import annotations
 
 import secrets
 import shutil
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from impact_damper_ros.parameters.quoting import as_line, counted
 
 from .bag_file import BagFile
 from .errors import RecordingError
-from .mcap_file import McapFile, StoredMessage, plain_content
+from .mcap_file import McapFile, StoredMessage
 from .metadata import FILE_NAME
 from .run_reader import RecordedTopic, RunReader
-from .sqlite_file import SqliteFile
 from .topics import Channel
 
 #: Bytes of messages that wait in memory.
@@ -95,8 +92,7 @@ def recover_run(source: Path | str, output: Path | str | None = None) -> Recover
         raise RecordingError('recover to', output, cause, 'give another directory with --output')
     reader = RunReader(source)
     if not reader.message_count:
-        cause = 'it holds no whole message; it was cut before its first flush'
-        raise RecordingError('recover', source, cause)
+        raise RecordingError('recover', source, 'no complete message was found in it')
     draft = output.with_name(f'.{output.name}.{secrets.token_hex(4)}.tmp')
     try:
         draft.mkdir()
@@ -129,9 +125,10 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
             copy.add_file(file)
         faults = (*reader.faults(), *copy.faults, *filter(None, [reader.missing]))
         unusable = reader.unusable + copy.unusable
-        whole = reader.complete and not faults and not unusable and not copy.left_out
+        whole = reader.complete and not faults and not unusable
         if not whole:
-            bag.custom['recovered_from'] = as_line(source.name)
+            notes = {'lost_bytes': str(unusable), 'doubtful': str(copy.doubtful)}
+            bag.custom |= {'recovered_from': as_line(source.name), **notes}
         bag.finish()
     finally:
         bag.abandon()
@@ -163,43 +160,33 @@ class _Copy:
         self.unusable = self.doubtful = 0
         self.left_out: list[str] = []
 
-    def add_file(self, file: McapFile | SqliteFile) -> None:
-        handle: AbstractContextManager[Any] = file.opened()
-        with handle as opened:
+    def add_file(self, file: McapFile) -> None:
+        with file.opened() as stream:
             for block in file.blocks:
-                messages, fault = file.read(opened, block)
+                messages, fault = file.read(stream, block)
                 saved = sum(self._add(file, message) for message in messages)
                 if fault:
                     self.faults.append(f'{fault}; {saved} of its messages are saved')
                     self.doubtful += saved
-                    self.unusable += block.length
+                    if not 0 <= block.position - file.framed < file.unusable:
+                        self.unusable += block.length
                 if self._waiting > _MOST_WAITING:
                     self._bag.flush()
                     self._waiting = 0
-            for attachment in file.attachments(opened):
-                if isinstance(attachment, str):
-                    self.left_out.append(attachment)
-                else:
-                    self._bag.attach(attachment)
-        for record in file.metadata:
-            if record.name != 'rosbag2':
-                self._bag.note(record.name, record.metadata)
-        if file.others:
-            self.left_out.append(f'{counted(file.others, "record")} of unknown kind')
+        others = file.others + sum(record.name != 'rosbag2' for record in file.metadata)
+        if others:
+            what = f'{counted(others, "record")} of other programs, such as attachments'
+            self.left_out.append(f'{what} (mcap recover copies them)')
 
-    def _add(self, file: McapFile | SqliteFile, message: StoredMessage) -> bool:
-        """Add a message, unless it cannot be used."""
+    def _add(self, file: McapFile, message: StoredMessage) -> bool:
+        """Add a message, unless its channel is not described."""
         number, sequence, stamp_ns, publish_ns, content = message
-        try:
-            plain = plain_content(content)
-        except ValueError:
-            plain = None
-        if number not in file.channels or plain is None:
+        if number not in file.channels:
             self.unusable += len(content)
             return False
         place = self._places[_key(file.channels[number])]
-        self._bag.add(place, plain, stamp_ns, publish_ns=publish_ns, sequence=sequence)
-        self._waiting += len(plain)
+        self._bag.add(place, content, stamp_ns, publish_ns=publish_ns, sequence=sequence)
+        self._waiting += len(content)
         return True
 
 
@@ -213,6 +200,6 @@ def _files_beside(reader: RunReader) -> list[str]:
     """Return the files in the directory of the bag that are no part of it."""
     if not reader.path.is_dir():
         return []
-    parts = {FILE_NAME, *(file.source.name for file in reader.files)}
+    parts = {FILE_NAME, *(file.path.name for file in reader.files)}
     others = sorted(p.name for p in reader.path.iterdir() if p.name[0] != '.')
     return [f'the file {as_line(name)} beside the bag' for name in others if name not in parts]

@@ -43,8 +43,7 @@ def recorded_topics(names: Mapping[str, str]) -> list[Topic]:
 
 def recording_notes(node: str, names: Mapping[str, str]) -> dict[str, str]:
     """Return the notes that name the topics, which may be remapped, for a reader."""
-    own = [key for key, topic in RIG_TOPICS.items() if key in names and topic.name[0] != '/']
-    return {'node': node, **{key: names[key] for key in own}}
+    return {'node': node, **names}
 
 
 #: Joints along the axis of what rides on M, and all joints. The incline is an angle, `base` is

@@ -16,7 +16,7 @@ import yaml
 from impact_damper_ros.parameters.quoting import shown
 
 from .errors import RecordingError
-from .mcap_file import ZSTD, McapFile, most_expanded, plain_content
+from .mcap_file import McapFile
 from .metadata import (
     listed_files,
     listing_faults,
@@ -24,9 +24,7 @@ from .metadata import (
     notes_of,
     read_listing,
 )
-from .sqlite_file import SqliteFile
 from .topics import load_yaml
-from .unpacked import Unpacked
 
 
 class RecordedMessage(NamedTuple):
@@ -50,9 +48,6 @@ _STAMP = itemgetter(2)
 #: Bytes of messages, with what each takes in memory, that overlap in time and are held together.
 _MOST_HELD = 512 * 1024 * 1024
 _EACH = 250
-_MOST_CHANNELS = 5000
-#: Topics that the node has recorded from its first version on.
-_NOTED = ('joint_states', 'impacts', 'snapshot')
 _REMEDY = 'name a bag directory or a .mcap file'
 
 
@@ -78,11 +73,8 @@ def _files_of(path: Path, listing: Mapping[str, Any] | None) -> list[Path]:
         listed = [path / name for name in listed_files(listing)]
         if found := [file for file in listed if file.exists()]:
             return found
-    for kind in ('mcap', 'db3'):
-        # The last file of a recording that was cut short is not compressed.
-        plain = [file for file in path.glob(f'*.{kind}') if file.name[0] != '.']
-        packed = [file for file in path.glob(f'*.{kind}.zstd') if file.name[0] != '.']
-        if found := plain + [file for file in packed if file.with_suffix('') not in plain]:
+    for kind in ('mcap', 'mcap.zstd', 'db3', 'db3.zstd'):
+        if found := [file for file in path.glob(f'*.{kind}') if file.name[0] != '.']:
             return sorted(found, key=_file_number)
     raise RecordingError('read', path, 'there is no .mcap file in this directory', _REMEDY)
 
@@ -104,8 +96,8 @@ class RunReader:
     Parameters
     ----------
     path : Path or str
-        A bag directory or a single file, MCAP or SQLite. It may have been cut short, by
-        ``kill -9`` or a power cut; then its whole messages are read, and `complete` is False.
+        A bag directory or a single MCAP file. It may have been cut short, by ``kill -9`` or a
+        power cut; then its whole messages are read, and `complete` is False.
 
     Attributes
     ----------
@@ -118,24 +110,23 @@ class RunReader:
     complete : bool
         Whether the bag was finished and is all there.
     unusable : int
-        Bytes at the end of a cut file that belong to no whole record.
+        Bytes that belong to no whole record, as at the end of a cut file.
     custom : dict of str to str
         The recorder's notes.
     distro : str
         The distribution of ROS that it states; empty if none.
-    files : list of McapFile or SqliteFile
+    files : list of McapFile
         Its files, in order.
 
     Raises
     ------
     RecordingError
-        If it is no bag written by ROS 2 or by `RunWriter`.
+        If it is no bag written by ROS 2 or by `RunWriter`, or not plain MCAP.
     """
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        self._unpacked = Unpacked()
-        self.files: list[McapFile | SqliteFile] = []
+        self.files: list[McapFile] = []
         self._empty: list[str] = []
         self._listing: Mapping[str, Any] | None = None
         self._listing_error = ''
@@ -150,14 +141,10 @@ class RunReader:
                 # A recorder of several files was killed before it wrote to its last one.
                 self._empty.append(name.name)
                 continue
-            plain, is_sqlite = self._unpacked.file(name)
-            file = SqliteFile(plain, name) if is_sqlite else McapFile(plain, name)
+            file = McapFile(name)
             # Some recorders state none
             if file.profile not in ('ros2', ''):
                 cause = f'its MCAP profile is {file.profile!r}, not ros2: ROS 2 did not write it'
-                raise RecordingError('read', name, cause)
-            if len(file.channels) > _MOST_CHANNELS:
-                cause = f'it has {len(file.channels)} topics: at most {_MOST_CHANNELS} are read'
                 raise RecordingError('read', name, cause)
             self.files.append(file)
         self.unusable = sum(file.unusable for file in self.files)
@@ -195,7 +182,7 @@ class RunReader:
         """The files of ``metadata.yaml`` that are missing, in words; empty if none is."""
         if self._listing is None:
             return ''
-        there = {file.source.name for file in self.files} | set(self._empty)
+        there = {file.path.name for file in self.files} | set(self._empty)
         names = [name for name in listed_files(self._listing) if name not in there]
         others = f' and {len(names) - 1} more' if len(names) > 1 else ''
         return f'metadata.yaml lists {shown(names[0])}{others}, not there' if names else ''
@@ -214,15 +201,22 @@ class RunReader:
     def faults(self) -> list[str]:
         """Return the contradictions within the bag; complete once all messages were read."""
         found = [f'{name} is empty: the recording was cut short there' for name in self._empty]
+        if source := self.custom.get('recovered_from'):
+            found.append(
+                f'the bag is recovered from {shown(source)}: '
+                f'{self.custom.get("lost_bytes", "?")} bytes were lost, and '
+                f'{self.custom.get("doubtful", "?")} of its messages may be altered'
+            )
         for file in self.files:
-            what = 'the bag' if len(self.files) == 1 else file.source.name
+            what = 'the bag' if len(self.files) == 1 else file.path.name
             found += [f'{what} is not whole: {text}' for text in file.faults()]
         names = {name for name, _ in self.topics}
-        if self.own:
+        if self.own and self.complete:
+            noted = {text for key, text in self.custom.items() if key != 'node'}
             found += [
                 f'the bag is not whole: its notes name the topic {topic}, which is not in it'
-                for topic in (self.custom.get(name, '') for name in _NOTED)
-                if topic and topic not in names and self.complete
+                for topic in sorted(noted - names)
+                if topic.startswith('/')
             ]
         if self._listing_error:
             found.append(self._listing_error)
@@ -277,7 +271,6 @@ class RunReader:
             for place, block in enumerate(file.blocks)
         )
         wanted = [self._wanted(file, topics) for file in self.files]
-        left = most_expanded(sum(file.source.stat().st_size for file in self.files))
         # Messages that later blocks may still precede
         held: list[RecordedMessage] = []
         with ExitStack() as stack:
@@ -294,13 +287,11 @@ class RunReader:
                 stored, fault = file.read(stream, block, channels)
                 if fault:
                     remedy = 'recover_run saves the rest of the bag'
-                    raise RecordingError('read', file.source, fault, remedy)
-                for channel, _, stamp_ns, _, content in stored:
-                    topic, plain = channels[channel], content
-                    if content.startswith(ZSTD):
-                        plain = self._plain(content, topic[0], stamp_ns, left)
-                        left -= len(plain)
-                    held.append(RecordedMessage(*topic, stamp_ns, plain))
+                    raise RecordingError('read', file.path, fault, remedy)
+                held += [
+                    RecordedMessage(*channels[channel], stamp_ns, content)
+                    for channel, _, stamp_ns, _, content in stored
+                ]
                 held.sort(key=_STAMP)
                 if sum(len(message.content) + _EACH for message in held) > _MOST_HELD:
                     cause = (
@@ -313,15 +304,8 @@ class RunReader:
 
     @staticmethod
     def _wanted(
-        file: McapFile | SqliteFile, topics: Collection[str | tuple[str, str]] | None
+        file: McapFile, topics: Collection[str | tuple[str, str]] | None
     ) -> dict[int, tuple[str, str]]:
         """Return name and type of the wanted channels of a file, by number."""
         keys = {number: (c.topic, c.type) for number, c in file.channels.items()}
         return {n: k for n, k in keys.items() if topics is None or k in topics or k[0] in topics}
-
-    def _plain(self, content: bytes, topic: str, stamp_ns: int, left: int) -> bytes:
-        try:
-            return plain_content(content, left)
-        except ValueError as error:
-            cause = f'the message of {topic} at {stamp_ns} ns cannot be expanded: {error}'
-            raise RecordingError('read', self.path, cause) from error

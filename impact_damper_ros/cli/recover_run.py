@@ -21,8 +21,7 @@ from .command_line import (
 
 _DESCRIPTION = """\
 Copy the intact part of a recording that was cut short (kill -9, power cut, full disk) or damaged
-to a complete bag, with attachments and metadata records of other programs. What is not copied is
-listed. The recording itself is not changed.
+to a complete bag. What is not copied is listed. The recording itself is not changed.
 """
 _EPILOG = """\
 Exit code: 0 if messages were saved; 1 if not; 2 if an argument is invalid; 130 on Ctrl-C, 143 on

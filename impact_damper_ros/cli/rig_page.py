@@ -194,9 +194,7 @@ async def _serve(arguments: argparse.Namespace) -> None:
     recordings = Recordings(arguments.bag or arguments.recordings, listed=arguments.bag is None)
     # What cannot be shown is rejected before anything starts.
     if arguments.bag is not None and not recordings.names():
-        raise CommandError(
-            f'{arguments.bag} is no bag: give a file .mcap or .db3, or a directory of bags'
-        )
+        raise CommandError(f'{arguments.bag} is no bag: give a file .mcap, or a directory of bags')
     if arguments.start is not None:
         load_parameters(preset_file(arguments.start), '/sim_node')
     if recordings.single:

@@ -68,7 +68,7 @@ def read_bag_motion(
     Parameters
     ----------
     path : Path
-        A bag directory or a file, MCAP or SQLite.
+        A bag directory or an MCAP file.
     options : ReadingOptions
         With `topic` if several topics may be it, and `joint` (an axis of an Imu).
 

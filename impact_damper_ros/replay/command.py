@@ -41,8 +41,6 @@ from impact_damper_ros.rig.snapshot import (
 
 #: Stamps of ROS have 32 bits of seconds, with a sign.
 _LATEST_NS = 2**31 * 10**9
-#: Most entries that are read of what was done at one instant, a third of a millisecond each.
-_MOST_DONE = 10_000
 #: How often a search for the end of a flight may pause before it is given up, after some seconds.
 _MOST_LOOKS = 30_000
 
@@ -259,8 +257,6 @@ def _checked(held: dict[str, Any], law: OwnLaw | None) -> Command:
         if type(number) is not int:
             raise ValueError(f'{name} is {shown(number)}: it must be a whole number')
     number_between('rate', held['rate'], *RATES)
-    if len(held['done']) > _MOST_DONE:
-        raise ValueError(f'done has {len(held["done"])} entries: at most {_MOST_DONE} are read')
     return Command(
         head.stamp_ns,
         head.offset_ns,

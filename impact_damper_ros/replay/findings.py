@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from enum import Enum
 from math import inf, isfinite, nan, ulp
@@ -10,6 +11,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from impact_damper_ros.parameters.quoting import shown
 
 #: Differences kept after each change of the rig, and remarks and faults kept.
 _MOST_KEPT = 20
@@ -67,9 +70,10 @@ class Difference:
 
     @property
     def amount(self) -> float:
-        """Recorded minus replayed value; NaN where these are no numbers."""
+        """Recorded minus replayed value; NaN where these are no numbers, or beyond floats."""
         if isinstance(self.recorded, int | float) and isinstance(self.replayed, int | float):
-            return self.recorded - self.replayed
+            with suppress(OverflowError):
+                return float(self.recorded - self.replayed)
         return nan
 
     @property
@@ -101,7 +105,9 @@ class Difference:
 def _shown(value: object) -> str:
     if value is None:
         return 'not given'
-    return f'{value:.9g}' if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f'{value:.9g}'
+    return value if isinstance(value, str) else shown(value)
 
 
 def _plain(value: Any) -> Any:

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import yaml
 import zstandard
-from bag import altered_bags, samples
-from bag.altered_bags import kind_of
+from bag import alterations
+from bag.alterations import kind_of
 from mcap.writer import CompressionType
-from rosbags.rosbag2 import StoragePlugin, Writer as PeerWriter
 
 from impact_damper_ros.bag import topics as interface
 
@@ -64,7 +63,7 @@ def described(topic):
 
 def write_file(path, messages, topics, compression=CompressionType.NONE):
     """Write a file as rosbag2 does: received a little later than it was sent."""
-    return altered_bags.write_file(
+    return alterations.write_file(
         path,
         messages,
         library=LIBRARY,
@@ -129,16 +128,4 @@ def write_bag(
     }
     text = yaml.safe_dump({'rosbag2_bagfile_information': content}, sort_keys=False)
     (directory / 'metadata.yaml').write_text(text)
-    return directory
-
-
-def write_database(directory, messages):
-    """Write a bag in SQLite."""
-    with PeerWriter(directory, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connections = {
-            topic: writer.add_connection(topic, kind_of(topic), typestore=samples.STORE)
-            for topic in sorted({topic for topic, *_ in messages})
-        }
-        for topic, content, stamp in messages:
-            writer.write(connections[topic], stamp, content)
     return directory

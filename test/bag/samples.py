@@ -146,8 +146,10 @@ def run(steps, rate=200):
     return messages
 
 
-def record(directory, messages, topics=TOPICS, **options):
-    """Record messages to a new bag and return its path."""
+def record(directory, messages, topics=None, **options):
+    """Record messages to a new bag, with the topics that its notes name; return its path."""
+    if topics is None:
+        topics = CONTROLLED if 'gap_control' in options.get('custom', ()) else TOPICS
     with RunWriter(directory, topics, **options) as writer:
         for message in messages:
             assert writer.write(*message)

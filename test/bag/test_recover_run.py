@@ -1,11 +1,14 @@
 """Salvage: whatever the cut, all that is whole is saved, and only that."""
 
+import contextlib
 import random
 
 import pytest
 from bag import samples
-from bag.altered_bags import cut, placed, rewritten, write, write_file
+from bag.alterations import cut, placed, rewritten, write, write_file
+from hypothesis import given, strategies as st
 from mcap.opcode import Opcode
+from mcap.reader import SeekingReader
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import Reader
 
@@ -136,6 +139,50 @@ def test_messages_that_random_damage_may_have_altered_are_counted(finished, tmp_
     assert doubts > 100
 
 
+def read_by_others(path):
+    """Return how many messages `mcap` or `rosbags` reads, whichever reads more."""
+    counts = [0, 0]
+    with contextlib.suppress(Exception), path.open('rb') as stream:
+        for _ in SeekingReader(stream, validate_crcs=True).iter_messages(log_time_order=False):
+            counts[0] += 1
+    with contextlib.suppress(Exception), Reader(path) as reader:
+        for _ in reader.messages():
+            counts[1] += 1
+    return max(counts)
+
+
+@given(data=st.data())
+def test_other_readers_read_no_more_of_damaged_bytes(finished, tmp_path_factory, data):
+    """Of one altered bit anywhere, or in the head of a record; what is lost is counted once."""
+    content = bytearray(finished.read_bytes())
+    heads = [(start, min(start + 44, end)) for _, start, end in placed(content)]
+    begin, end = data.draw(st.sampled_from([(0, len(content)), *heads]))
+    at = data.draw(st.integers(begin, end - 1))
+    content[at] ^= 1 << data.draw(st.integers(0, 7))
+    path = cut_file(tmp_path_factory.mktemp('hurt'), content)
+    saved = 0
+    with contextlib.suppress(RecordingError):
+        recovery = recover_run(path)
+        saved = recovery.message_count
+        assert recovery.unusable <= len(content)
+    assert saved >= read_by_others(path)
+
+
+def test_each_byte_of_the_heads_of_records(finished, tmp_path, messages):
+    """All messages are saved whatever bit of a head is altered, but for those of the file."""
+    content = finished.read_bytes()
+    path = tmp_path / 'hurt.mcap'
+    dice = random.Random(4)
+    places_ = [start + k for _, start, _ in placed(content) for k in range(9)]
+    for at in dice.sample(places_, 80):
+        hurt = bytearray(content)
+        hurt[at] ^= 1 << dice.randrange(8)
+        path.write_bytes(hurt)
+        reader = RunReader(path)
+        assert reader.message_count == len(messages), at
+        assert reader.faults() or not reader.complete, at
+
+
 def test_a_directory_without_metadata(finished, tmp_path, messages):
     bag = tmp_path / 'run_7'
     bag.mkdir()
@@ -147,7 +194,8 @@ def test_a_directory_without_metadata(finished, tmp_path, messages):
     assert [path.name for path in bag.iterdir()] == [finished.name]
     names = sorted(path.name for path in recovery.output.iterdir())
     assert names == ['metadata.yaml', 'run_7_recovered_0.mcap']
-    assert RunReader(recovery.output).custom == {'note': 'kept', 'recovered_from': 'run_7'}
+    notes = {'recovered_from': 'run_7', 'lost_bytes': '0', 'doubtful': '0'}
+    assert RunReader(recovery.output).custom == {'note': 'kept', **notes}
     (bag / 'metadata.yaml').write_bytes(b'\0\0\0')
     assert recover_run(bag, tmp_path / 'again').message_count == len(messages)
 
@@ -204,7 +252,7 @@ def test_command_reports_what_was_saved(finished, tmp_path, capsys):
     ('content', 'words'),
     [
         (b'', 'the file is empty (0 bytes)'),
-        (b'\x89MCAP', 'it holds no whole message'),
+        (b'\x89MCAP', 'no complete message was found in it'),
         (b'not a bag', 'it is not an MCAP file'),
         (None, 'there is no such file or directory'),
     ],

@@ -1,12 +1,18 @@
-"""Bags of `ros2 bag record`: joined late, split, compressed, remapped, in SQLite."""
+"""Bags of `ros2 bag record`: joined late, split, compressed by chunk, remapped."""
 
 import json
+import shlex
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from bag import ros2_bags, samples
+from bag.alterations import kind_of
 from bag.recorded_rig import CONTROL, RecordedRig, renamed
 from mcap.writer import CompressionType
 from replay.test_replay import places, replayed
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as PeerWriter
 
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.bag.messages import header_ns
@@ -110,8 +116,6 @@ def test_an_altered_impact_of_a_late_recorder_is_still_found(tmp_path, messages)
 
 FORMS = {
     'split': {'files': 4},
-    'split_file': {'files': 3, 'file_zstd': True},
-    'message': {'message_zstd': True},
     'chunk_lz4': {'compression': CompressionType.LZ4, 'files': 2},
 }
 
@@ -131,6 +135,44 @@ def test_split_and_compressed_bags(tmp_path, messages, form, capsys):
     again = [(r.topic, r.content, r.stamp_ns) for r in RunReader(tmp_path / 'saved')]
     assert again == arrived
     assert replay_run([str(tmp_path / 'saved'), '--quiet']) == 0
+
+
+@pytest.mark.parametrize(
+    ('mode', 'storage', 'words'),
+    [
+        (None, StoragePlugin.SQLITE3, 'it is stored in SQLite; plain MCAP is read'),
+        (CompressionMode.FILE, StoragePlugin.MCAP, 'it is compressed as a file; plain'),
+        (CompressionMode.FILE, StoragePlugin.SQLITE3, 'it is compressed as a file; plain'),
+        (CompressionMode.MESSAGE, StoragePlugin.MCAP, 'its messages are compressed one by one;'),
+    ],
+    ids=['sqlite', 'file', 'sqlite file', 'message'],
+)
+def test_other_forms_are_refused_with_the_command_that_converts_them(
+    tmp_path, messages, mode, storage, words, capsys
+):
+    arrived = ros2_bags.joined(messages[:900], 0)
+    writer = PeerWriter(tmp_path / 'bag', version=9, storage_plugin=storage)
+    if mode is not None:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connections = {
+            topic: writer.add_connection(topic, kind_of(topic), typestore=samples.STORE)
+            for topic in sorted({topic for topic, *_ in arrived})
+        }
+        for topic, content, stamp in arrived:
+            writer.write(connections[topic], stamp, content)
+    for command, code in ((replay_run, 2), (recover_run, 1)):
+        assert command([str(tmp_path / 'bag')]) == code
+        (line,) = capsys.readouterr().err.splitlines()
+        assert words in line
+    options = shlex.split(line.partition('rosbags-convert ')[2].partition(' (pip')[0])
+    source, target, to = options[1], options[3], options[5]
+    assert (options[::2], target, to) == (['--src', '--dst', '--dst-storage'], 'NEW', 'mcap')
+    program = Path(sys.executable).with_name('rosbags-convert')
+    words = [program, '--src', source, '--dst', tmp_path / 'new', '--dst-storage', to]
+    subprocess.run(words, check=True, capture_output=True)
+    assert replayed(tmp_path / 'new').verdict is ReplayVerdict.IDENTICAL
+    assert [(r.topic, r.content, r.stamp_ns) for r in RunReader(tmp_path / 'new')] == arrived
 
 
 @pytest.mark.parametrize(

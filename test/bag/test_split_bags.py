@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 from bag import samples
-from bag.altered_bags import cut, rewritten
+from bag.alterations import cut, rewritten
 from bag.recorded_rig import NOTES, RecordedRig, random_requests
 from mcap.reader import make_reader
 from replay.test_replay import replayed
@@ -235,8 +235,10 @@ def test_a_missing_file_is_a_fault(copy, tmp_path, number, listing, capsys):
     capsys.readouterr()
     assert recover_run([str(copy), '--output', str(tmp_path / 'saved')]) == 0
     assert (names in capsys.readouterr().out) is listing
-    # Between two files there is a gap; the rest of a run is a run.
-    assert (replayed(tmp_path / 'saved').faults != []) is (number in (1, 2))
+    # What is lost is noted, and between two files there is a gap.
+    found = replayed(tmp_path / 'saved').faults
+    assert any("the bag is recovered from 'run': 0 bytes were lost" in fault for fault in found)
+    assert len(found) == 1 + (number in (1, 2))
 
 
 @pytest.mark.parametrize('left', [0, 9000, -3])
@@ -256,7 +258,9 @@ def test_the_last_file_is_cut(copy, tmp_path, left, capsys):
     assert recover_run([str(copy), '--output', str(tmp_path / 'saved')]) == 0
     capsys.readouterr()
     recovered = replayed(tmp_path / 'saved')
-    assert recovered.verdict is ReplayVerdict.IDENTICAL
+    assert recovered.verdict is ReplayVerdict.PARTIAL
+    (fault,) = recovered.faults
+    assert fault.startswith("the bag is recovered from 'run': ")
     assert recovered.samples == findings.samples
     (path,) = files_of(tmp_path / 'saved')
     with Reader(tmp_path / 'saved') as reader:

@@ -34,7 +34,7 @@ REFUSALS = {
         ('--json=', 'the name is empty: give that of a file or directory'),
     ],
     'rig_page': [
-        ('--bag m.csv', 'm.csv is no bag: give a file .mcap or .db3'),
+        ('--bag m.csv', 'm.csv is no bag: give a file .mcap, or a'),
         ('--bag no_bag', 'no_bag: there is no such bag or directory'),
         *(
             (f'--port={port}', f'{port!r}: give a whole number from 0 to 65535')

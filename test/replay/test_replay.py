@@ -698,24 +698,3 @@ def test_stamps_may_go_back_with_the_system_clock(tmp_path):
     assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:2]
     assert findings.samples == 501
     assert findings.impacts == len(places(rig.messages, '/impacts'))
-
-
-# What a snapshot may hold
-
-
-def test_a_snapshot_that_does_too_much_or_says_why_in_another_way(tmp_path, messages):
-    place = places(messages, '/snapshot')[-1]
-    topic, content, stamp = messages[place]
-    for name, value, words in (
-        ('done', [['change', {'gap': 0.01}]] * 300_000, 'done has 300000 entries'),
-        ('reason', 5, 'reason is 5: it must be a text'),
-        ('node', ['a'], "node is ['a']: it must be a text"),
-        ('run', 1.5, 'run is 1.5: it must be a text'),
-    ):
-        held = json.loads(decode(samples.STRING, content).data)
-        held[name] = value
-        text = samples.make(samples.STRING, json.dumps(held))
-        messages[place] = topic, samples.serialise(samples.STRING, text), stamp
-        findings = replayed(samples.record(tmp_path / name, messages, custom=NOTES))
-        assert findings.verdict is ReplayVerdict.PARTIAL
-        assert words in findings.faults[0]
