@@ -244,8 +244,7 @@ def view_at(moving: Moving, time: float) -> View:
 @kernel
 def write_passage(moving: Moving) -> None:
     """Write that X passes through zero at the present time."""
-    run = moving.run
-    log = moving.log
+    _, _, run, _, log = moving
     if run.room == 0:
         return
     view: View = view_at(moving, run.now)
@@ -269,10 +268,7 @@ def write_passage(moving: Moving) -> None:
 @kernel
 def base_at(moving: Moving, time: float) -> tuple[float, float]:
     """Return displacement and velocity of the base at an instant of the flight, m and m/s."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     tau = max(0.0, (time - run.time) - run.time_low)
     base = 0.0
     velocity = 0.0

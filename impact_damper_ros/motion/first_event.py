@@ -239,8 +239,7 @@ def first_root(
     `motion` is that at the start, and `step` the first one tried. The time is infinite if there is
     no root; else, unless it is a passage of X, the flight ends there.
     """
-    constants = moving.constants
-    run = moving.run
+    constants, _, run, _, _ = moving
     oscillator = oscillator_of(constants, run)
     f_a, d_a, e_a, size = watched(constants, run, kind, start, motion)
     bound_3, bound_4 = bounds_of(oscillator, kind, motion)
@@ -307,8 +306,7 @@ def root_between(
     d_high: float,
 ) -> float:
     """Return where a watched function falls to zero between two times; as `first_root`."""
-    constants = moving.constants
-    run = moving.run
+    constants, _, run, _, _ = moving
     oscillator = oscillator_of(constants, run)
     if f_low < 0.0 or (f_low == 0.0 and d_low <= 0.0):
         return end_near(run, kind, low, motion_at(moving, low), 0.0)
@@ -350,8 +348,7 @@ def is_quiet_until(moving: Moving, time: float) -> bool:
     By bounds of the jerk alone, which are far cheaper than a search, and enough for most of the
     short flights from sample to sample of a measured record.
     """
-    constants = moving.constants
-    run = moving.run
+    constants, _, run, _, _ = moving
     oscillator: Oscillator = oscillator_of(constants, run)
     span = (time - run.time) - run.time_low
     # Beyond the rounding of that instant
@@ -397,8 +394,7 @@ def leap(moving: Moving, longest: float) -> float:
     Relative velocity and acceleration are zero then. With jerk j and a bound B of the next
     derivative the speed is positive for u < 3 j/B, the clearance left behind for u < 4 j/B.
     """
-    constants = moving.constants
-    run = moving.run
+    constants, _, run, _, _ = moving
     oscillator: Oscillator = constants.free
     motion: Motion = starting_motion(moving)
     away = run.direction
@@ -424,8 +420,7 @@ def look_for(
     moving: Moving, kind: int, start: float, motion: Motion, end: float, motion_end: Motion
 ) -> None:
     """Let the flight end at the first root of a function, if it is earlier than what is found."""
-    constants = moving.constants
-    run = moving.run
+    constants, _, run, _, _ = moving
     f_a, d_a, _, _ = watched(constants, run, kind, start, motion)
     f_b, d_b, _, size = watched(constants, run, kind, end, motion_end)
     bound_3, bound_4 = bounds_of(oscillator_of(constants, run), kind, motion)
@@ -622,10 +617,7 @@ def contact_by_series(
     moving: Moving, side: float, point: Point, guess: float, low: float, high: float
 ) -> bool:
     """Set the end of the flight by a contact near a point of the grid; or return that it fails."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     oscillator: Oscillator = constants.free
     step = oscillator.step
     t, offset, x, velocity, travel, speed_here = point
@@ -730,9 +722,7 @@ def way_between(
     Between two instants Y'' is off its chord by an eighth of step^2 times the bound of its second
     derivative, at most. The waves are at `b`.
     """
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    _, lines, run, waves, _ = moving
     oscillator: Oscillator = moving.constants.free
     omega_squared = oscillator.omega_squared
     step = oscillator.step
@@ -810,9 +800,7 @@ def stays_off(moving: Moving, free: float, side: float, a: Point, b: Point) -> b
 @kernel(inline=True)
 def search_moving(moving: Moving) -> None:
     """Search the next steps of the grid while m moves between standing stops."""
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    _, lines, run, waves, _ = moving
     oscillator: Oscillator = moving.constants.free
     tau = run.searched
     # m alone
@@ -884,10 +872,7 @@ def search_moving(moving: Moving) -> None:
 @kernel
 def search_joint(moving: Moving) -> None:
     """Search the next steps of the grid for the support to give way."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     oscillator: Oscillator = constants.joint
     first = run.first
     tau = run.searched
@@ -941,10 +926,7 @@ def holds_for_ever(moving: Moving, tau: float) -> bool:
     X'' is the sum of the steady vibration, whose amplitude is known, and of a free one, which
     never grows.
     """
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     oscillator: Oscillator = constants.joint
     omega_squared = oscillator.omega_squared
     motion: Motion = motion_at(moving, tau)
@@ -1038,10 +1020,7 @@ def passage_by_series(
     bound_3: float,
 ) -> float:
     """Return where X falls to zero on its side in a step, at whose end the waves are, or NaN."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     oscillator = oscillator_of(constants, run)
     step = oscillator.step
     side = 1.0 * run.crossing_side
@@ -1077,10 +1056,7 @@ def passage_by_series(
 @kernel
 def search_passage(moving: Moving) -> None:
     """Search the next steps of the grid for a passage of X through zero."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     if run.crossing_side == 0:
         run.crossing_side = starting_side(moving)
     oscillator = oscillator_of(constants, run)
@@ -1149,10 +1125,7 @@ _NEAR_ZERO = 1e-9
 @kernel
 def set_side(moving: Moving, before: int) -> None:
     """Take over the side of X at a new origin from the flight before, where X is zero there."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     scale = abs(run.velocity) * constants.free.horizon
     for j in range(len(waves)):
         scale += abs(lines[j].force) / constants.free.omega_squared

@@ -210,10 +210,7 @@ def acceleration_at(
 @kernel(inline=True)
 def support_need(moving: Moving, velocity: float) -> float:
     """Return n = X'' - g sin(angle) - p/m, the acceleration m needs from friction and stops."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     constant = pushed(constants, run, constants.share * constants.slope, constants.share)
     together = acceleration_at(
         constants.joint, lines, constants.harmonics, waves, constant, run.x, velocity
@@ -231,8 +228,7 @@ def rest(moving: Moving) -> None:
     |n| <= grip, and otherwise leaves in the direction in which its support fails. A stop that
     moves is no support.
     """
-    constants = moving.constants
-    run = moving.run
+    constants, _, run, _, _ = moving
     run.relative_velocity = 0.0
     run.released = False
     run.chatter_left = 0.0
@@ -296,10 +292,7 @@ def set_deadline(run: Run) -> None:
 @kernel(inline=True)
 def begin_joint(moving: Moving) -> None:
     """Begin a flight of both masses as one."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     run.joint = True
     run.look = _LOOK * constants.joint.horizon
     run.first = constants.harmonics
@@ -325,10 +318,7 @@ def begin_joint(moving: Moving) -> None:
 @kernel(inline=True)
 def begin_moving(moving: Moving) -> None:
     """Begin a flight in which m moves relative to M."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     air = air_acceleration(constants, run)
     direction = 0
     if run.mode == SLIDE_DOWN:
@@ -376,8 +366,7 @@ def begin_moving(moving: Moving) -> None:
 @kernel(inline=True)
 def begin_flight(moving: Moving) -> None:
     """Begin the flight from the present origin: all that follows from the stored state."""
-    lines = moving.lines
-    waves = moving.waves
+    _, lines, _, waves, _ = moving
     set_waves(lines, waves)
     begin_next_flight(moving)
 
@@ -588,10 +577,7 @@ def waves_to_origin(waves: Waves) -> None:
 @kernel(inline=True)
 def starting_motion(moving: Moving) -> Motion:
     """Return the motion at the origin."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     waves_to_origin(waves)
     return with_derivatives(
         oscillator_of(constants, run),
@@ -610,10 +596,7 @@ def starting_motion(moving: Moving) -> Motion:
 @kernel(inline=True)
 def motion_near(moving: Moving, tau: float) -> Motion:
     """Sum the Taylor series: what bends the path away from its tangent parabola."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     oscillator = oscillator_of(constants, run)
     first = run.first
     waves_to_origin(waves)
@@ -651,10 +634,7 @@ def motion_near(moving: Moving, tau: float) -> Motion:
 @kernel(inline=True)
 def motion_far(moving: Moving, tau: float) -> Motion:
     """Evaluate the closed form itself."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     oscillator = oscillator_of(constants, run)
     first = run.first
     omega_squared = oscillator.omega_squared
@@ -702,8 +682,7 @@ def motion_after(moving: Moving, tau: float) -> Motion:
     -----
     Bapat (1995), equations (3)-(5), in the form that the module describes.
     """
-    constants = moving.constants
-    run = moving.run
+    constants, _, run, _, _ = moving
     if tau <= oscillator_of(constants, run).taylor_limit:
         return motion_near(moving, tau)
     return motion_far(moving, tau)
@@ -797,9 +776,7 @@ def move_origin(
 @kernel
 def move_to(moving: Moving, time: float) -> None:
     """Move the origin to an instant of the flight, s."""
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    _, lines, run, waves, _ = moving
     tau = max(0.0, (time - run.time) - run.time_low)
     motion: Motion = motion_at(moving, tau)
     move_origin(

@@ -82,8 +82,7 @@ def next_event(
     in_mode: MutableSequence[float],
 ) -> int:
     """Go to the event that is due, resolve and report it; return `GOING`, or why not."""
-    constants = moving.constants
-    run = moving.run
+    constants, _, run, _, _ = moving
     if run.happened >= run.most:
         return SPENT
     if run.in_period >= run.most_in_period:

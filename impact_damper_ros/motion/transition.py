@@ -154,8 +154,7 @@ def may_chatter(constants: RigConstants, run: Run) -> bool:
 @kernel
 def end_bounces(moving: Moving, stop: int, restitution: float) -> None:
     """Go over to the chatter that an impact belongs to, if it does and can be completed."""
-    constants = moving.constants
-    run = moving.run
+    constants, _, run, _, _ = moving
     common = common_velocity(constants, run)
     away = 1.0 if stop == 2 else -1.0
     speed = away * run.relative_velocity
@@ -211,9 +210,7 @@ def starts_again(run: Run, stop: int) -> bool:
 @kernel(inline=True)
 def strike(moving: Moving, stop: int) -> None:
     """Resolve and report an impact."""
-    constants = moving.constants
-    run = moving.run
-    log = moving.log
+    constants, _, run, _, log = moving
     before = run.velocity
     relative_before = run.relative_velocity
     # Towards stop 1 is positive; round-off must not give a grazing contact a negative speed.
@@ -314,9 +311,7 @@ def report_support(run: Run, log: Log, mode_before: int) -> None:
 @kernel(inline=True)
 def resolve_contact(moving: Moving, stop: int) -> None:
     """Resolve the contact of m with a stop, which stands there if it moves."""
-    constants = moving.constants
-    run = moving.run
-    log = moving.log
+    constants, _, run, _, log = moving
     if (run.stop_velocity_1 if stop == 1 else run.stop_velocity_2) == 0.0:
         if not put_between_stops(run, stop):
             put_on_stop(constants, run, stop)
@@ -336,9 +331,7 @@ def resolve_contact(moving: Moving, stop: int) -> None:
 @kernel
 def resolve_rest(moving: Moving, kind: int) -> None:
     """Resolve the end of a chatter, a reversal, or a support that gives way."""
-    constants = moving.constants
-    run = moving.run
-    log = moving.log
+    constants, _, run, _, log = moving
     mode_before = run.mode
     before = run.velocity
     relative_before = run.relative_velocity
@@ -385,11 +378,7 @@ def resolve_rest(moving: Moving, kind: int) -> None:
 @kernel(inline=True)
 def resolve(moving: Moving) -> None:
     """Go to the event that ends the flight, resolve and report it, and begin the next flight."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
-    log = moving.log
+    constants, lines, run, waves, log = moving
     kind = run.kind
     direction = run.direction
     side = run.crossing_side
@@ -438,10 +427,7 @@ def resolve(moving: Moving) -> None:
 @kernel
 def begin_from(moving: Moving) -> None:
     """Begin from a state of unknown mode, with the impact of m that moves into its stop."""
-    constants = moving.constants
-    lines = moving.lines
-    run = moving.run
-    waves = moving.waves
+    constants, lines, run, waves, _ = moving
     set_waves(lines, waves)
     relative = run.relative_velocity
     if relative == 0.0:
@@ -536,9 +522,7 @@ def send_stops(
     speed: float,
 ) -> None:
     """Send stops to targets at the origin of a flight, and begin the next flight there."""
-    constants = moving.constants
-    run = moving.run
-    log = moving.log
+    constants, _, run, _, log = moving
     mode = run.mode
     was_on_1 = on_stop_1(run)
     was_on_2 = on_stop_2(run)

@@ -169,8 +169,7 @@ def perform_passage(
     acts: Sequence[ActRow],
 ) -> None:
     """Let the control act on the passage of X through zero that the last event reports."""
-    run = moving.run
-    log = moving.log
+    _, _, run, _, log = moving
     if holds_off(control, run.now):
         return
     rising = log[run.written - 1].primary_velocity_after > 0.0
@@ -188,8 +187,7 @@ def perform_command(
     acts: Sequence[ActRow],
 ) -> None:
     """Carry out the command that is due."""
-    run = moving.run
-    log = moving.log
+    _, _, run, _, log = moving
     place_1, place_2 = stops_now(moving)
     target_1, target_2, speed = start_command(control, place_1, place_2)
     write_act(control, acts, _COMMAND, run.now)
@@ -254,8 +252,7 @@ def run_to(
 
     `control` and `acts` are None for a rig without control: its compiled loop has no code of it.
     """
-    run = moving.run
-    log = moving.log
+    _, _, run, _, log = moving
     while True:
         until = end
         command = inf
