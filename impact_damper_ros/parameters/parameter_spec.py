@@ -169,10 +169,11 @@ class ParameterSpec(NamedTuple):
             inner = plain[1:-1] if listed else plain
             entries = inner.split(';') if ';' in inner else inner.split(',')
             if not listed and len(entries) > 1 and _DECIMAL_COMMA.fullmatch(inner):
-                points = re.sub(r'(?<=\d),(?=\d)', '.', inner).replace(',', ';')
+                pairs = range(0, len(entries), 2)
+                numbers = [f'{entries[k].strip()}.{entries[k + 1].strip()}' for k in pairs]
                 raise self._error(
-                    f'{self.name} is {shown(text)}: write {points}, with a decimal point, or '
-                    f'{"; ".join(e.strip() for e in entries)} for {len(entries)} numbers'
+                    f'{self.name} is {shown(text)}: write {"; ".join(numbers)}, with a decimal '
+                    f'point, or {"; ".join(e.strip() for e in entries)} for {len(entries)} numbers'
                 )
         parts = [
             self._split(entry.strip(), unit) for entry in entries if entry.strip() or not listed
