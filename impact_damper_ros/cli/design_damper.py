@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.design.bench_test import Knowledge, bench_test, planned_runs
+from impact_damper_ros.design.bench_plan import PlannedRun, planned_runs
 from impact_damper_ros.design.damper_design import (
     Design,
     Uncertain,
@@ -20,16 +20,20 @@ from impact_damper_ros.design.damper_design import (
     over_frequency,
     over_level,
     uncertain,
+    widest_hit,
 )
 from impact_damper_ros.design.fitted import load_fitted
 from impact_damper_ros.design.mass_damper import bare_response, mass_damper_response
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
 from impact_damper_ros.parameters.parameters_file import load_parameters, presets, rig_yaml
+from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RIG_SPECS, RigParameters
 from impact_damper_ros.parameters.units import quantity, split_number
-from impact_damper_ros.report import bench_report, design_report as report
+from impact_damper_ros.report import design_report as report
 from impact_damper_ros.report.design_report import Comparison
+from impact_damper_ros.report.formatting import quantity as written
+from impact_damper_ros.report.plan_report import plan_text
 from impact_damper_ros.sweep.execution import process_pool, without_interrupts
 
 from .command_line import (
@@ -59,9 +63,6 @@ _ANY_MASS_RATIO = 0.05
 _RESTITUTION = 0.6
 #: A range as it is written in a text.
 _DASHED = re.compile(r'([\d.]+%?) ?[-–] ?([\d.]+%?)')
-#: What --check varies: restitution by so much, friction and level.
-_DOUBT, _FRICTION_CHECKED = 0.1, (0.0, 0.1)
-_LEVELS_CHECKED = (0.5, 0.8, 1.0, 1.25, 2.0)
 
 _DESCRIPTION = """\
 From a structure to its impact damper: how heavy, which gap, and how sure. For each mass the gap
@@ -69,7 +70,7 @@ with which the structure moves least at the given excitation, whether a rig from
 and how far gap, level and frequency may go; then the gap whose worst case is best where
 restitution and level are uncertain, and the same mass as a tuned mass damper.
 With --fitted the structure and its uncertainty are those of a fit.
-With --check no damper is designed: it describes what a bench test of a rig would show.
+With --check no damper is designed: it lists which runs of a rig to record on a bench.
 """
 _EPILOG = """\
 The amplitude is that of the absolute displacement X of the structure. Ranges are LOW:HIGH.
@@ -79,8 +80,8 @@ Examples:
   design_damper --mass 5kg --frequency 10Hz --damping-ratio 2% --base 0.2g --figure design.png
   design_damper --mass 5kg --frequency 10Hz --damping-ratio 2% --force 6N --restitution 0.3:0.8 \\
       --mass-ratio 2%:10% --rig-out damper.yaml
-  design_damper --check damper.yaml --restitution 0.5:0.7 --friction 0:0.1 --figure check.png
-  design_damper --fitted fitted.yaml --rig-out damper.yaml
+  design_damper --check damper.yaml
+  design_damper --fitted fit.json --rig-out damper.yaml
 """
 
 
@@ -137,7 +138,7 @@ def _levels(text: str) -> tuple[float, float]:
 
 #: See `needs`.
 NEEDS = (
-    ('--check', 'only --restitution --friction --levels --json --figure'),
+    ('--check', 'only --json'),
     ('--worst-case', '--rig-out'),
 )
 
@@ -148,15 +149,15 @@ def _parser() -> argparse.ArgumentParser:
     add_path_option(
         rigs,
         '--check',
-        'describe what a bench test of this rig would show, and which runs to record: a '
+        'list which runs of this rig to record, and what each determines; no design: a '
         f'parameters file, as --rig-out writes it, or a preset: {", ".join(presets())}',
         'RIG',
     )
     add_path_option(
         rigs,
         '--fitted',
-        'the structure, its excitation and its damper as fit_rig has fitted them, a parameters '
-        'file or JSON; their 95 %% intervals are what is uncertain. Other options override it',
+        'the structure, its excitation and its damper as fit_rig --json has written them; their '
+        '95 %% intervals are what is uncertain. Other options override it',
         'FITTED',
     )
     structure = parser.add_argument_group('the structure')
@@ -201,14 +202,13 @@ def _parser() -> argparse.ArgumentParser:
         type=_range('restitution_1'),
         metavar='R',
         help='coefficient of restitution of its stops, or the range in which it may be '
-        f'[{_RESTITUTION}; with --check that of the rig ± {_DOUBT}]',
+        f'[{_RESTITUTION}]',
     )
     damper.add_argument(
         '--friction',
         type=_range('friction'),
         metavar='GAMMA',
-        help='its coefficient of friction, or the range in which it may be [0; with --check '
-        f'from {_FRICTION_CHECKED[0]:g} to {_FRICTION_CHECKED[1]:g}]',
+        help='its coefficient of friction, or the range in which it may be [0]',
     )
     damper.add_argument(
         '--angle', type=_value('angle'), metavar='ANGLE', help='its inclination [0]'
@@ -330,23 +330,18 @@ def _found(rig: RigParameters, ratios: Sequence[float]) -> list[Design]:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    """Say what a bench test of a rig would show."""
+    """List the runs of a rig to record on a bench."""
     rig, _, _ = load_parameters(arguments.check)
     hint('design_damper', rig)
-    own = 0.5 * (rig.restitution_1 + rig.restitution_2)
-    ranges = {
-        'restitution': arguments.restitution or (max(own - _DOUBT, 0.0), min(own + _DOUBT, 1.0)),
-        'friction': arguments.friction or _FRICTION_CHECKED,
-    }
-    levels = sorted({*(arguments.levels or ()), *_LEVELS_CHECKED})
     with long_work('design_damper', 'still running the rig; Ctrl-C ends it'):
-        found = bench_test(rig, ranges, levels)
+        plan, widest = planned_runs(rig), widest_hit(rig)
     title = rig_line(rig)
-    write_json(arguments.json, bench_report.bench_json(found))
-    draw(arguments.figure, bench_report.bench_figure, found, title)
-    texts = [title, '', bench_report.bench_text(found), '']
-    texts.append(bench_report.test_plan(rig, found.plan))
-    print('\n'.join(texts), file=text_stream(arguments.json))
+    found = {'gap': rig.gap, 'widest_gap_from_rest': widest, 'plan': plan}
+    write_json(arguments.json, as_plain(found))
+    gap, reach = written(rig.gap, 'm', 4), written(widest, 'm', 4)
+    start = f'From rest m is hit with gaps up to {reach}; that of the rig is {gap}.'
+    text = '\n\n'.join([title, start, plan_text(rig, plan)])
+    print(text, file=text_stream(arguments.json))
     return 0
 
 
@@ -403,7 +398,7 @@ def _write(
     chosen: Design,
     unsure: Uncertain,
     compared: Comparison,
-    plan: Sequence[Knowledge],
+    plan: Sequence[PlannedRun],
 ) -> None:
     """Write and print all that was asked for."""
     title = rig_line(chosen.built)
@@ -416,7 +411,7 @@ def _write(
     texts += [
         report.design_text(chosen, unsure, compared),
         '',
-        bench_report.test_plan(chosen.built, plan),
+        plan_text(chosen.built, plan),
     ]
     print('\n'.join(texts), file=text_stream(arguments.json))
 

@@ -11,8 +11,8 @@ called relative.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from enum import Enum
 from typing import Any, Self
 
@@ -24,6 +24,7 @@ from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.orbits.ring_down import RingDown
 from impact_damper_ros.orbits.swept_response import SweptResponse
 from impact_damper_ros.orbits.transmissibility import Transmissibility
+from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.findings import Difference
 from impact_damper_ros.replay.rows import Events
@@ -75,6 +76,12 @@ class MeasuredMotion:
     last_period: ImpactStates | None = None
     #: Of a rig whose base moves; NaN of one at rest.
     transmissibility: Transmissibility = field(default_factory=Transmissibility)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all by name, with each transmissibility under a name of its own."""
+        values = dict(vars(self))
+        shaken: Transmissibility = values.pop('transmissibility')
+        return values | shaken.named()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -429,28 +436,5 @@ class RunComparison:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all but the curves in types of JSON; numbers that are not finite become None."""
-        plain: dict[str, Any] = as_plain(self, without=('curves',))
+        plain: dict[str, Any] = as_plain(vars(self), without=('curves',))
         return {**plain, 'overall': as_plain(self.overall), 'exit_code': self.exit_code}
-
-
-def as_plain(value: Any, without: Collection[str] = ()) -> Any:
-    """Return a value in types of JSON, records without some fields; None where not finite."""
-    if isinstance(value, Difference | PeriodicOrbit | RigParameters | RingDown):
-        return as_plain(value.as_dict())
-    if is_dataclass(value) and not isinstance(value, type):
-        names = [f.name for f in fields(value) if f.name not in without]
-        entries = {name: getattr(value, name) for name in names}
-        if isinstance(value, MeasuredMotion):
-            entries |= entries.pop('transmissibility').named()
-        return {name: as_plain(entry, without) for name, entry in entries.items()}
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, SweptResponse):
-        value = {name: column.tolist() for name, column in value._asdict().items()}
-    if isinstance(value, Mapping):
-        return {str(name): as_plain(entry) for name, entry in value.items()}
-    if isinstance(value, tuple | list):
-        return [as_plain(entry, without) for entry in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

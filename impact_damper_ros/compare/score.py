@@ -20,6 +20,7 @@ import numpy as np
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.orbits.settled_motion import cycle_of
+from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 from impact_damper_ros.replay import RecordedRun, Replay, WhatIf
 from impact_damper_ros.replay.command import Command, Setting
@@ -27,7 +28,7 @@ from impact_damper_ros.replay.replay import Part
 from impact_damper_ros.replay.rows import NO_EVENTS
 from impact_damper_ros.rig.runaway import RunawayError
 
-from .result import Array, Overall, as_plain
+from .result import Array, Overall
 from .stretches import RecordedStretch, Stretches
 
 #: The gaps that are tried, as shares of the gap that would be optimal for M alone, how many of the
@@ -90,7 +91,7 @@ class RunScore:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all but the amplitudes in types of JSON; what is not known is None."""
-        found: dict[str, Any] = as_plain(self, without=('amplitude', 'fixed_amplitude'))
+        found: dict[str, Any] = as_plain(vars(self), without=('amplitude', 'fixed_amplitude'))
         return found
 
 

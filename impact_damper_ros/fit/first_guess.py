@@ -2,19 +2,16 @@
 """
 Restitution, friction and gap from the jumps of M alone, by a robust linear regression.
 
-After impact i m has the velocity z = v_i + alpha_i J_i - (M/m) J_i, and it reaches impact e on the
-other stop after T, with s the acceleration along the axis, if
-
-    z + (s - lambda f) T = v_e + alpha_e J_e,
-    z T + (s - lambda f) T^2/2 = x_e - x_i + p_e - p_i,
-
-which is linear in alpha, f and the gap d: no start value is needed.
+The laws of the flights that cross the gap are linear in them (`orbits.flight_regressors`): no
+start value is needed.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from impact_damper_ros.orbits.flight_regressors import flight_regressors
 
 from .partition import Jumps
 from .unknowns import Unknowns
@@ -32,15 +29,13 @@ def regressed(
     direction = -stops[:-1]
     push = unknowns.slope + direction * unknowns.air
     crossing = stops[1:] != stops[:-1]
-    jump, z = jumps.jump, jumps.velocity[:-1] - ratio * jumps.jump[:-1]
+    z = jumps.velocity[:-1] - ratio * jumps.jump[:-1]
+    laws = flight_regressors(jumps.time, jumps.jump, stops, direction)
     size = 2 if unknowns.separate else 1
     at_stop = [stops == 1, stops == -1] if unknowns.separate else [np.ones(len(stops), bool)]
-    alphas = np.array([jump * own for own in at_stop]).T
-    speed = np.column_stack([alphas[:-1] - alphas[1:], -direction * span, 0.0 * span])
-    place = np.column_stack(
-        [alphas[:-1] * span[:, None], -0.5 * direction * span**2, -0.5 * np.diff(stops)]
-    )
-    matrix = np.vstack([speed, rate * place])[np.tile(crossing, 2)]
+    alphas = [laws[..., 0] * own[:-1, None] + laws[..., 1] * own[1:, None] for own in at_stop]
+    columns = np.stack([*alphas, laws[..., 2], laws[..., 3]], axis=-1)
+    matrix = np.vstack([columns[:, 0], rate * columns[:, 1]])[np.tile(crossing, 2)]
     wanted = -np.concatenate(
         [
             z + push * span - jumps.velocity[1:],

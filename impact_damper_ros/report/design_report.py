@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.design.bench_test import Knowledge
+from impact_damper_ros.design.bench_plan import PlannedRun
 from impact_damper_ros.design.damper_design import Design, Uncertain
 from impact_damper_ros.design.mass_damper import mass_damper_response
 from impact_damper_ros.orbits.branch import Span
+from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
-from .bench_report import percent, plan_json
 from .csv_tables import row
 from .drawing import COLORS, blank_figure, finish_panel, legend_below, print_style, unit_axis
-from .formatting import quantity
+from .formatting import percent, quantity
 from .table import Table
 
 if TYPE_CHECKING:
@@ -67,12 +67,12 @@ def design_table(found: Sequence[Design]) -> Table:
         (
             percent(d.mass_ratio),
             _mass(d),
-            f'{1e3 * d.rig.gap:.3g} mm',
-            f'{1e3 * d.orbit.x_max:.3g} mm',
+            quantity(d.rig.gap, 'm', 3),
+            quantity(d.orbit.x_max, 'm', 3),
             percent(d.orbit.x_max / d.bare),
             'yes' if d.reached_from_rest else 'no',
-            f'{1e3 * d.gap:.3g} mm',
-            f'{1e3 * d.x_max:.3g} mm',
+            quantity(d.gap, 'm', 3),
+            quantity(d.x_max, 'm', 3),
             percent(d.x_max / d.bare),
             f'{d.impact_speed:.3g} m/s',
             f'{d.impulse:.3g} N s',
@@ -104,7 +104,7 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
     here = np.array([rig.first_harmonic[1]])
     other = float(mass_damper_response(rig, here)[0])
     best = quantity(design.orbit.x_max, 'm', 3)
-    half = f'{1e3 * design.gap:.4g} mm'
+    half = quantity(design.gap, 'm', 4)
     lines = [
         f'Chosen: {percent(design.mass_ratio)} of the mass, {_mass(design)}, for R = '
         f'{rig.restitution_1:.4g}.',
@@ -115,7 +115,7 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
     if design.x_max > design.bare:
         lines.append('  That is more than without the damper: it is no help here.')
     if design.starts_by_itself is not None:
-        other_gap = f'  A gap of {1e3 * rig.gap:.4g} mm would leave {best}, but '
+        other_gap = f'  A gap of {quantity(rig.gap, "m", 4)} would leave {best}, but '
         lines.append(
             f'{other_gap}M at rest never swings across it: m has to be started by a push.'
             if rig.gap > design.widest_hit
@@ -124,10 +124,11 @@ def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
     *first, last = _uncertain_words(unsure)
     cases = f'{", ".join(first)} and {last}' if first else last
     here_worst = unsure.worst_at(design.gap)
+    other_half = quantity(gap, 'm', 4)
     sure = (
-        f'How sure: with {cases}, a gap of {1e3 * gap:.4g} mm has the best worst case from rest, '
+        f'How sure: with {cases}, a gap of {other_half} has the best worst case from rest, '
         f'{percent(worst)}; with {half} it is {percent(here_worst)}. --rig-out has {half}, with '
-        f'--worst-case {1e3 * gap:.4g} mm.'
+        f'--worst-case {other_half}.'
     )
     lines += [
         textwrap.fill(sure, 98, initial_indent='  ', subsequent_indent='  '),
@@ -177,65 +178,53 @@ def _verdict(better: bool, compared: Comparison) -> str:
     return f'The {name} damper is better{" over all of them" if better else ""}.'
 
 
-def _span_json(span: Span) -> dict[str, Any]:
-    return {
-        'low': span.low,
-        'high': span.high,
-        'low_reason': span.low_reason,
-        'high_reason': span.high_reason,
-    }
-
-
 def design_json(
     found: Sequence[Design],
     chosen: Design,
     unsure: Uncertain,
     compared: Comparison,
-    plan: Sequence[Knowledge],
+    plan: Sequence[PlannedRun],
 ) -> dict[str, Any]:
     """Return all that was found, SI units."""
     gap, worst = unsure.best
-    return {
-        'designs': [
-            {
-                'mass_ratio': d.mass_ratio,
-                'damper_mass': d.rig.damper_mass,
-                'gap': d.rig.gap,
-                'x_max': d.orbit.x_max,
-                'reduction': d.orbit.x_max / d.bare,
-                'reached_from_rest': d.reached_from_rest,
-                'starts_by_itself': None
-                if d.starts_by_itself is None
-                else dict(zip(('gap', 'x_max'), d.starts_by_itself, strict=True)),
-                'impulse': d.impulse,
-                'impact_speed': d.impact_speed,
-                'acceleration': d.acceleration,
-                'gap_range': _span_json(d.gap_range),
-                'level_range': _span_json(d.level_range),
-                'frequency_range': _span_json(d.frequency_range),
-            }
-            for d in found
-        ],
-        'chosen': {
-            'mass_ratio': chosen.mass_ratio,
-            'gap': chosen.gap,
-            'x_max': chosen.x_max,
-            'without_damper': chosen.bare,
-            'parameters': {
-                n: list(v) if isinstance(v, tuple) else v
-                for n, v in chosen.built.as_dict().items()
+    own = (
+        *('reached_from_rest', 'impulse', 'impact_speed', 'acceleration'),
+        *('gap_range', 'level_range', 'frequency_range'),
+    )
+    plain: dict[str, Any] = as_plain(
+        {
+            'designs': [
+                {
+                    'mass_ratio': d.mass_ratio,
+                    'damper_mass': d.rig.damper_mass,
+                    'gap': d.rig.gap,
+                    'x_max': d.orbit.x_max,
+                    'reduction': d.orbit.x_max / d.bare,
+                    'starts_by_itself': d.starts_by_itself
+                    and dict(zip(('gap', 'x_max'), d.starts_by_itself, strict=True)),
+                    **{name: getattr(d, name) for name in own},
+                }
+                for d in found
+            ],
+            'chosen': {
+                'mass_ratio': chosen.mass_ratio,
+                'gap': chosen.gap,
+                'x_max': chosen.x_max,
+                'without_damper': chosen.bare,
+                'parameters': chosen.built,
             },
-        },
-        'uncertain': {
-            'gap': gap,
-            'worst_reduction': worst,
-            'worst_reduction_of_chosen': unsure.worst_at(chosen.gap),
-            'ranges': {name: list(ends) for name, ends in unsure.ranges.items()},
-            'levels': list(unsure.levels),
-        },
-        'plan': plan_json(plan),
-        'comparison': {name: column.tolist() for name, column in compared._asdict().items()},
-    }
+            'uncertain': {
+                'gap': gap,
+                'worst_reduction': worst,
+                'worst_reduction_of_chosen': unsure.worst_at(chosen.gap),
+                'ranges': unsure.ranges,
+                'levels': unsure.levels,
+            },
+            'plan': plan,
+            'comparison': compared,
+        }
+    )
+    return plain
 
 
 _CSV = (

@@ -10,13 +10,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from impact_damper_ros.fit.estimate import Estimate
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.rebounds import Rebounds
 from impact_damper_ros.fit.rig_fit import RigFit
 from impact_damper_ros.fit.structure import StructureFit
+from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
@@ -148,55 +147,13 @@ def rig_fit_text(found: RigFit, data: MeasuredMotion) -> str:
 _UNITS = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
 
 
-def _number(value: float) -> float | None:
-    """Return a number for JSON, which has no NaN."""
-    return float(value) if math.isfinite(value) else None
-
-
-def _records(table: Any) -> list[dict[str, Any]]:
-    """Return the rows of a structured array for JSON."""
-    return [
-        {
-            name: _number(row[name]) if isinstance(row[name], np.floating) else int(row[name])
-            for name in table.dtype.names
-        }
-        for row in table
-    ]
-
-
 def rig_fit_json(found: RigFit, data: MeasuredMotion) -> dict[str, Any]:
     """Return a fit for JSON."""
-    return {
-        'accepted': found.accepted,
-        'reasons': found.reasons,
-        'remarks': found.remarks,
-        'parameters': {name: one.as_dict() for name, one in found.parameters.items()},
-        'correlations': found.correlations,
-        'chi_squared': _number(found.chi_squared),
-        'fit_percent': _number(found.fit_percent),
-        'whiteness': _number(found.whiteness),
-        'noise': _number(found.deviation),
+    plain: dict[str, Any] = as_plain(found, without=('motion', 'residuals', 'deviation'))
+    return plain | {
+        'noise': as_plain(found.deviation),
         'quantity': data.quantity,
         'source': data.source,
-        'impacts': _records(found.impacts),
-        'flights': [
-            {
-                **flight._asdict(),
-                'residual': _number(flight.residual),
-                'gain': _number(flight.gain),
-            }
-            for flight in found.flights
-        ],
-        'checks': [
-            {
-                'name': check.name,
-                'value': _number(check.value),
-                'standard_deviation': _number(check.standard_deviation),
-                'unit': check.unit,
-                'meaning': check.meaning,
-            }
-            for check in found.checks
-        ],
     }
 
 

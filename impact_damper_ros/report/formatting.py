@@ -62,6 +62,11 @@ def quantity(value: float, name: str, digits: int = 6, like: float | None = None
     return f'{number(unit.factor * value, digits)} {unit.name}'
 
 
+def percent(value: float, digits: int = 3) -> str:
+    """Return a share in per cent."""
+    return f'{100.0 * value:.{digits}g} %'
+
+
 def instant(value: float | None) -> str:
     """Return a time with a millisecond's precision."""
     if value is None or not math.isfinite(value):

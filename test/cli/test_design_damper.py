@@ -14,6 +14,7 @@ from running import SOURCE
 from impact_damper_ros import Rig, RigParameters, load_parameters
 from impact_damper_ros.cli.design_damper import _parser, _rig, main
 from impact_damper_ros.cli.fit_rig import main as fit_rig
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.design.damper_design import at_level, from_rest
 from impact_damper_ros.design.fitted import load_fitted
 
@@ -181,7 +182,6 @@ def test_a_light_damper_has_to_be_started(capsys):
         (['--base', '1mm', '--mass-ratio', '5'], 'give at most 1, or 5%'),
         (['--base', '1mm', '--mass', 'nan'], 'primary_mass'),
         (['--base', '1mm', '--mass', '-5kg'], 'primary_mass is -5.0 kg: give a number from'),
-        (['--base', '1mm', '--fitted', 'bench_rig'], 'has no 95 % interval of restitution_1'),
         ([], 'the excitation is not known: give --base or --force'),
     ],
 )
@@ -213,81 +213,80 @@ def test_a_structure_has_to_be_known(capsys):
     )
 
 
-def test_what_a_bench_test_shows(designed, tmp_path, capsys):
-    rig, figure = designed[0]['rig-out'], tmp_path / 'check.png'
-    words = ['--restitution', '0.5:0.7', '--friction', '0:0.2', '--figure', str(figure)]
-    assert main(['--check', str(rig), *words, '--json', str(tmp_path / 'check.json')]) == 0
+def test_which_runs_to_record(designed, tmp_path, capsys):
+    path = tmp_path / 'check.json'
+    assert main(['--check', str(designed[0]['rig-out']), '--json', str(path)]) == 0
     text = ' '.join(capsys.readouterr().out.split())
-    found = json.loads((tmp_path / 'check.json').read_text())
-    start = found['from_rest']
-    assert f'The first impact comes after {start["first_impact"]:.3g} s' in text
-    assert 'm then makes 2 impacts in each cycle (stops 1, 2), 20 a second' in text
-    assert start['stops'] == [1, 2]
-    assert 'Up and down differ at' in text
-    assert 'With level 0.5 and 0.8 the damper does nothing from rest' in text
-    assert list(found['variations']) == ['restitution', 'friction', 'level']
-    assert found['variations']['friction']['values'] == pytest.approx([0, 0.05, 0.1, 0.15, 0.2])
-    assert found['variations']['level']['reduction'][0] == pytest.approx(1.0, abs=1e-3)
+    found = json.loads(path.read_text())
+    # A gap below that is hit, one above it is not
+    rig, _, _ = load_parameters(designed[0]['rig-out'])
+    widest = found['widest_gap_from_rest']
+    words = (
+        f'From rest m is hit with gaps up to {1e3 * widest:.4g} mm; that of the rig is 21.48 mm.'
+    )
+    assert words in text
+    counts = [len(Rig(rig.replace(gap=k * widest)).run(30.0).impacts()) for k in (0.99, 1.01)]
+    assert counts[0] > 0 == counts[1]
     alone, *runs = found['plan']
     assert alone['settled_only']
     assert alone['standard_deviations']['restitution'] is None
     assert all(run['standard_deviations']['relative_gap'] < 0.01 for run in runs)
-    assert figure.read_bytes()[:4] == b'\x89PNG'
-
-
-FITTED = """\
-# fitted to start.csv
-/**:
-  ros__parameters:
-    primary_mass: 5.0  # kg
-    stiffness: 19740.0  # N/m; 95 %: 19700 to 19780
-    damping: 12.6  # N s/m, 95 %: 12.0 to 13.2
-    damper_mass: 0.3  # kg
-    restitution_1: 0.612  # 95 %: 0.58 to 0.644
-    restitution_2: 0.605  # 95 %: 0.57 to 0.64
-    friction: 0.004  # 95 %: -0.002 to 0.01
-    gap: 0.02  # m; 95 %: 0.0199 to 0.0201
-    force_amplitudes: [7.0]  # N
-    force_frequencies: [62.83]  # rad/s
-"""
+    # The sweep of the plan is a command
+    line = re.search(r'simulate_rig RIG\.yaml (.*) --response sweep\.csv predicts', text)[1]
+    response = tmp_path / 'sweep.csv'
+    words = [str(designed[0]['rig-out']), *line.split(), '--response', str(response), '--quiet']
+    words[words.index('--duration') + 1] = '20'
+    assert simulate_rig(words) == 0
+    first, second, *_ = csv.DictReader(response.read_text().splitlines())
+    assert [one['frequency [Hz]'] for one in (first, second)] == ['8', '8.1']
 
 
 def test_intervals_of_a_fit_are_the_uncertainty(tmp_path):
-    fitted = tmp_path / 'fitted.yaml'
-    fitted.write_text(FITTED)
-    rig, ranges = _rig(_parser().parse_args(['--fitted', str(fitted)]))
+    fitted = tmp_path / 'fit.json'
+    ends = {
+        'restitution_1': [0.58, 0.644],
+        'friction': [-0.002, 0.01],
+        'stiffness': [19700.0, 19780.0],
+        'gap': [0.0199, 0.0201],
+    }
+    known = {name: {'value': sum(one) / 2, 'interval': one} for name, one in ends.items()}
+    rig = RigParameters(damper_mass=0.3, friction=0.004, force_amplitudes=(7.0,))
+    fitted.write_text(json.dumps({'parameters': known, 'rig': rig.as_dict()}))
+    found, ranges = _rig(_parser().parse_args(['--fitted', str(fitted)]))
     assert ranges == {
         'restitution_1': (0.58, 0.644),
-        'restitution_2': (0.57, 0.64),
         'friction': (0.0, 0.01),
         'stiffness': (19700.0, 19780.0),
-        'damping': (12.0, 13.2),
     }
-    assert (rig.damper_mass, rig.force_amplitudes) == (0.3, (7.0,))
+    assert found == rig
 
 
 def test_from_measured_data_to_a_damper(tmp_path, capsys):
-    """What fit_rig writes is read, in both forms."""
+    """What fit_rig writes is read, and other options take the place of parts of it."""
     twin = SOURCE / 'examples' / 'twin'
-    fitted, fit, result = (tmp_path / name for name in ('fitted.yaml', 'fit.json', 'design.json'))
+    fit, result = tmp_path / 'fit.json', tmp_path / 'design.json'
     files = [twin / 'start.csv', '--impacts', twin / 'hits.csv', '--rig', twin / 'rig.yaml']
-    words = [str(word) for word in (*files, '--rig-out', fitted, '--json', fit)]
-    assert fit_rig(words) == 0
-    known = json.loads(fit.read_text())['parameters']
-    more = ['--mass', '2kg', '--force', '1.5N', '--at', '5.0611Hz']
-    words = ['--fitted', str(fit), '--mass-ratio', '6%', '--json', str(result), *more]
-    assert main(words) == 0
-    uncertain = json.loads(result.read_text())['uncertain']['ranges']
-    for ranges in (uncertain, load_fitted(fitted).ranges):
-        for name in ('restitution_1', 'friction', 'stiffness', 'damping'):
-            assert ranges[name] == pytest.approx(known[name]['interval'], rel=1e-3)
+    assert fit_rig([str(word) for word in (*files, '--json', fit)]) == 0
+    known = json.loads(fit.read_text())
+    assert load_fitted(fit).values == known['rig']
+    assert known['rig']['damper_mass'] == 0.12
+    assert main(['--fitted', str(fit), '--mass-ratio', '5%', '--json', str(result)]) == 0
+    found = json.loads(result.read_text())
+    for name in ('restitution_1', 'friction', 'stiffness', 'damping'):
+        interval = known['parameters'][name]['interval']
+        assert found['uncertain']['ranges'][name] == pytest.approx(interval, rel=1e-9)
+    assert found['chosen']['mass_ratio'] == pytest.approx(0.05)
+    assert found['chosen']['parameters']['force_amplitudes'] == [1.5]
     text = ' '.join(capsys.readouterr().out.split())
-    low, high = (f'{end:.5g}' for end in known['stiffness']['interval'])
+    low, high = (f'{end:.5g}' for end in known['parameters']['stiffness']['interval'])
     assert f'stiffness from {low} to {high} N/m' in text
     assert re.search(r'with R from 0\.\d+ to 0\.\d+, friction from 0\.\d+ to 0\.\d+, stiff', text)
 
 
-@pytest.mark.parametrize('text', ['{}', '{"parameters": {"friction": 3}}', '[', 'null'])
+@pytest.mark.parametrize(
+    'text',
+    ['{}', '{"parameters": {"friction": 3}}', '[', 'null', 'a: 1  # 95 %: 0 to 2', '{"rig": 1}'],
+)
 def test_a_file_that_is_no_fit(text, tmp_path, capsys):
     path = tmp_path / 'fit.json'
     path.write_text(text)
