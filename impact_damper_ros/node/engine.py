@@ -33,7 +33,7 @@ from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.measured.record import read_records
 from impact_damper_ros.motion.event import Event
-from impact_damper_ros.parameters.rig_parameters import GapControlParameters
+from impact_damper_ros.parameters.rig_parameters import GapControlParameters, RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.tick_grid import TickGrid
@@ -72,7 +72,7 @@ _Result = TypeVar('_Result')
 ANSWER_TIMEOUT_S = 10.0
 
 
-def answered(request: Request) -> Done:
+def wait_for(request: Request) -> Done:
     """Wait for a request; one that takes too long is withdrawn."""
     try:
         return request.result(ANSWER_TIMEOUT_S)
@@ -175,7 +175,7 @@ class Engine:
         and a text, if the rig falls behind or cannot continue. `wall` is the time outside.
         """
         self.failure: Exception | None = None
-        #: Those in effect; to be replaced by `change`
+        #: Those that hold; to be replaced by `change`
         self.parameters = parameters
         law = parameters.control_law
         self._rig = Rig(
@@ -283,71 +283,79 @@ class Engine:
 
     # Asked for by other threads, carried out by the engine's
 
+    def check(self, after: NodeParameters) -> None:
+        """Raise an error if the rig cannot take other parameters now; nothing changes."""
+        if (after.rig, after.control) != (self._rig.parameters, self._rig.control):
+            self._rig.check_change(self._due(after)[0], after.control)
+
+    def _due(self, after: NodeParameters) -> tuple[RigParameters, int | None]:
+        """Return the rig of other parameters now, and the rig time at which the rest acts."""
+        if self._state.held:  # which would wait for ever
+            return after.rig, None
+        return made_at_once(self._rig, after.rig)
+
     def change(self, after: NodeParameters, event: bytes, listing: bytes = b'') -> str:
         """
-        Change parameters, all at once, and record the event; an error if the rig cannot.
+        Change parameters, all at once, and record the event.
 
         Another motion of the base begins at the next upward zero of the present one. Returns what
-        waits for that, in words; empty if nothing does.
+        waits for that, in words; empty if nothing does. A rig that cannot take what it could take
+        when it was asked is held; a reset makes the change then.
 
         `listing` is the event that lists all parameters, if there is a recording that splits.
         """
-        before = self.parameters
-        events: list[Event] = []
-        records: Sequence[ControlRecord] = ()
-        rig = self._rig
-        now, due_ns = after.rig, None
-        if not self._state.held:  # which would wait for ever
-            now, due_ns = made_at_once(rig, after.rig)
-        was = {**rig.parameters.as_dict(), **rig.control.as_dict(), **before.initial.as_dict()}
-        moved = (now, after.control) != (rig.parameters, rig.control)
-        if moved:
-            events = self._altered(lambda: rig.change(now, after.control))
-            records = rig.records
-        self._waiting_ns = due_ns
+        before, rig = self.parameters, self._rig
+        now, self._waiting_ns = self._due(after)
         self.parameters = self.controller.settings = after
         self._listing = listing or self._listing
         # First the cause, then its effects
         self._record_event(event)
-        self._snapshots.move_stamps(self._stamps.offset_ns)
-        if moved:
-            self._send(events, records)
-            self._release()
-            self._new_course = True
-        values = {**now.as_dict(), **after.control.as_dict(), **after.initial.as_dict()}
-        if self._snapshots.change(was, values) or moved:
+        if self._snapshots.change(before.initial.as_dict(), after.initial.as_dict()):
             self._news = self._news or 'change'
+        try:
+            self._change_rig(now, after.control)
+        except RIG_FAILURES as error:
+            self._give_up(error)
         if after.real_time_factor != before.real_time_factor:
             self._set_pace(after.real_time_factor)
-        if due_ns is None:
+        if self._waiting_ns is None:
             return ''
-        names = ', '.join(waiting_values(now, after.rig))
-        wait = (due_ns - self._time_ns) / 1e9
+        names = ', '.join(waiting_values(rig.parameters, after.rig))
+        wait = (self._waiting_ns - self._time_ns) / 1e9
         return (
-            f'{names}: in {wait:.4g} s, at rig time {due_ns / 1e9:.9g} s, when the base next '
-            'passes zero upwards'
+            f'{names}: in {wait:.4g} s, at rig time {self._waiting_ns / 1e9:.9g} s, when the base '
+            'next passes zero upwards'
         )
 
-    def _change_base(self) -> None:
-        """Make the change that waited for the base."""
-        rig, after, self._waiting_ns = self._rig, self.parameters.rig, None
-        was = rig.parameters.as_dict()
-        events = self._altered(lambda: rig.change(after))
+    def _change_rig(self, now: RigParameters, control: GapControlParameters) -> None:
+        """Let the rig have other parameters, if they are other ones, and send what that causes."""
+        rig = self._rig
+        if (now, control) == (rig.parameters, rig.control):
+            return
+        was = {**rig.parameters.as_dict(), **rig.control.as_dict()}
+        events = self._altered(lambda: rig.change(now, control))
         self._snapshots.move_stamps(self._stamps.offset_ns)
         self._send(events, rig.records)
-        self._snapshots.change(was, after.as_dict())
+        self._snapshots.change(was, {**now.as_dict(), **control.as_dict()})
+        self._release()
         self._new_course, self._news = True, self._news or 'change'
+
+    def _make_rest(self) -> None:
+        """Make what has waited for the base, or for a rig that can take it."""
+        self._waiting_ns = None
+        self._change_rig(self.parameters.rig, self.parameters.control)
 
     def reset(self) -> None:
         """Reset the rig to the initial conditions; rig time continues."""
         initial = self.parameters.initial
         if self._waiting_ns is not None:
             # The base begins anew.
-            self._change_base()
+            self._make_rest()
         self._altered(lambda: self._rig.reset(initial))
         self._snapshots.reset(initial.as_dict())
         self._send([], [])
         self._motion.last_act = None
+        self._make_rest()
         self._release()
         self._news = 'reset'
         self._new_course = True
@@ -562,7 +570,7 @@ class Engine:
     def _serve(self) -> None:
         if self._waiting_ns is not None and self._time_ns >= self._waiting_ns:
             try:
-                self._change_base()
+                self._make_rest()
             except RIG_FAILURES as error:
                 self._give_up(error)
         # Not those that arrive meanwhile: a flood of requests must not stop the rig.

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-ROS parameters and the rig: descriptors, tolerant reading, validation of whole requests.
+ROS parameters and the rig: descriptors, and the reading of requests and of what a start gives.
 
 Values are read tolerantly: `37` for a double, `5`, `[1, 0.5]` or `1e-3` as the command line gives
 them, one force array at a time.
@@ -8,7 +8,7 @@ them, one force array at a time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -166,7 +166,7 @@ def descriptor(spec: ParameterSpec) -> Any:
     )
 
 
-def _as_meant(spec: ParameterSpec, value: Any) -> Any:
+def _coerced(spec: ParameterSpec, value: Any) -> Any:
     """Return a value in the type of the parameter if it can be read so, else unchanged."""
     if spec.kind == 'string' and type(value) is int:
         return str(value)
@@ -177,12 +177,12 @@ def _as_meant(spec: ParameterSpec, value: Any) -> Any:
     return list(checked) if isinstance(checked, tuple) else checked
 
 
-def promoted(parameter: Parameter) -> Parameter:
+def coerced(parameter: Parameter) -> Parameter:
     """Return a parameter with its value in the declared type, if it can be read so."""
     spec = ALL_SPECS.get(parameter.name)
     if spec is None or parameter.type_ in (Parameter.Type.NOT_SET, _TYPES[spec.kind]):
         return parameter
-    value = _as_meant(spec, parameter.value)
+    value = _coerced(spec, parameter.value)
     if not _TYPES[spec.kind].check(value):
         return parameter
     return Parameter(parameter.name, _TYPES[spec.kind], value)
@@ -237,7 +237,7 @@ def parameters_from_overrides(
     if overrides.get('use_sim_time'):
         raise ParameterError('use_sim_time', USE_SIM_TIME)
     values = {
-        name: _as_meant(spec, overrides[name])
+        name: _coerced(spec, overrides[name])
         for name, spec in {**ALL_SPECS, **STRUCTURE_SPECS}.items()
         if name in overrides
     }
@@ -247,22 +247,22 @@ def parameters_from_overrides(
     return NodeParameters.from_values(values)
 
 
-def as_meant(parameters: Iterable[Parameter], rig: RigParameters) -> list[Parameter]:
+def normalised(parameters: Iterable[Parameter], rig: RigParameters) -> list[Parameter]:
     """
     Return a request in the declared types, with the other arrays of a rig resized.
 
     The unit of base amplitudes sets the quantity that they are amplitudes of.
     """
     given = list(parameters)
-    meant = [promoted(parameter) for parameter in given]
+    request = list(map(coerced, given))
     for parameter in given:
         if parameter.name == 'base_amplitudes' and parameter.type_ is Parameter.Type.STRING:
             with suppress(ParameterError):  # refused with the reason where it is checked
                 quantity = base_quantity_of(parameter.value)
-                meant.append(Parameter('base_quantity', value=quantity))
-    values = {p.name: p.value for p in meant if p.type_ is Parameter.Type.DOUBLE_ARRAY}
+                request.append(Parameter('base_quantity', value=quantity))
+    values = {p.name: p.value for p in request if p.type_ is Parameter.Type.DOUBLE_ARRAY}
     resized = resized_arrays(values, rig)
-    return meant + [
+    return request + [
         Parameter(name, Parameter.Type.DOUBLE_ARRAY, value) for name, value in resized.items()
     ]
 
@@ -277,20 +277,20 @@ def _meaning(name: str, value: Any, rig: RigParameters) -> str:
     )
 
 
-def changed_by(
-    request: Iterable[Parameter], now: NodeParameters, has: Callable[[str], bool]
-) -> NodeParameters:
+def readable(
+    parameters: Iterable[Parameter], now: RigParameters, has: Callable[[str], bool]
+) -> list[Parameter]:
     """
-    Return the parameters after a request that has been read as it is meant; or ParameterError.
+    Return a request as `normalised` does; ParameterError for a name or value that cannot be.
 
-    rclpy rejects what is unknown, fixed or out of range, too, but its reasons name no remedy.
+    rclpy refuses what is unknown, fixed or out of range, too, but its reasons name no remedy.
     """
-    values = {}
+    request = normalised(parameters, now)
     for parameter in request:
         name, value = parameter.name, parameter.value
         if not has(name):
             if name in STRUCTURE_SPECS:
-                raise ParameterError(name, _meaning(name, value, now.rig))
+                raise ParameterError(name, _meaning(name, value, now))
             near = nearest_name(name)
             hint = f'did you mean {near}?' if near else 'see: simulate_rig --parameters'
             raise ParameterError(name, f'{named(name)} is not a parameter of this node: {hint}')
@@ -303,5 +303,30 @@ def changed_by(
                     f'{name} is fixed while the node runs: start it with '
                     f'--ros-args -p {name}:={shown(value)}',
                 )
-            values[name] = value
-    return now.changed(values)
+            ALL_SPECS[name].checked(value)
+    return request
+
+
+def values_in(request: Iterable[Parameter]) -> dict[str, Any]:
+    """Return the values of a request by name, but for parameters that every node has."""
+    return {p.name: p.value for p in request if p.name in ALL_SPECS}
+
+
+def admitted(
+    request: Sequence[Parameter], now: NodeParameters, has: Callable[[str], bool]
+) -> tuple[list[Parameter], dict[str, str]]:
+    """
+    Return what of a list can be set together, and by name why the rest cannot.
+
+    What cannot be read is left out, then what contradicts the rest.
+    """
+    reasons: dict[str, str] = {}
+    while rest := [one for one in request if one.name not in reasons]:
+        try:
+            now.changed(values_in(readable(rest, now.rig, has)))
+            break
+        except ParameterError as error:
+            if error.name not in {one.name for one in rest}:
+                break
+            reasons[error.name] = str(error)
+    return rest, reasons

@@ -12,7 +12,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from .engine import Done, Engine, Request, answered
+from .engine import Done, Engine, Request, wait_for
 
 #: Longest wait of `~/step` for the end of a step.
 STEP_TIMEOUT_S = 2.0
@@ -39,7 +39,7 @@ class RigServices:
     def _answer(self, response: Any, request: Request, text: str) -> Done | None:
         """Fill in the response to a request; return what was done, or None if it failed."""
         try:
-            done = answered(request)
+            done = wait_for(request)
         except Exception as error:
             response.success, response.message = False, str(error)
             return None

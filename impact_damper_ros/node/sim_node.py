@@ -32,6 +32,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.parameter_service import ParameterService
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
@@ -55,6 +56,7 @@ from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.bag.topics import LATCHED, QosProfile
 from impact_damper_ros.parameters.description import described, unit_hint
+from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.parameters_file import fault_of_file, values_given
 from impact_damper_ros.parameters.quoting import named, printable, shown
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
@@ -63,11 +65,19 @@ from impact_damper_ros.theory.theory_process import TheoryProcess
 
 from .commands import DEPTH, CommandInbox, CommandTopic, read_force_command, read_stop_command
 from .diagnostics import Diagnostics
-from .engine import Engine, answered
+from .engine import ANSWER_TIMEOUT_S, Engine, NotNowError, wait_for
 from .motion_report import MotionMonitor
 from .network import Network
 from .pacing import take_priority
-from .parameters import NodeParameters, as_meant, changed_by, descriptor, parameters_from_overrides
+from .parameters import (
+    NodeParameters,
+    admitted,
+    coerced,
+    descriptor,
+    parameters_from_overrides,
+    readable,
+    values_in,
+)
 from .publishing import RigPublishers, TopicPublisher
 from .recording import Recorder
 from .services import RigServices
@@ -173,11 +183,20 @@ class _TakenByEngine(ReentrantCallbackGroup):
         return not isinstance(entity, Subscription)
 
 
+class _ParameterServices(ParameterService):
+    """Those of every node; of a list in which the order does not matter."""
+
+    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
+        given = list(map(Parameter.from_parameter_msg, request.parameters))
+        response.results = self._get_node().set_parameters(given)
+        return response
+
+
 class SimNode(Node):
     """The rig as a node: publishers, parameters, services and reports around an engine."""
 
     def __init__(self, arguments: Sequence[str], executor: SingleThreadedExecutor) -> None:
-        super().__init__('sim_node')
+        super().__init__('sim_node', start_parameter_services=False)
         # There is no public way to get the overrides of parameters that are not declared yet;
         # declaring from overrides would make `37` an integer parameter.
         overrides = {name: p.value for name, p in self._parameter_overrides.items()}
@@ -239,6 +258,14 @@ class SimNode(Node):
             StringMessage, 'theory', _qos(LATCHED), self._on_listener
         )
         RigServices(self, self.engine, partial(self._post, lambda: None))
+        #: Those that ROS shows; the engine has them as soon as it goes on
+        self._parameters_set = self._judged = parameters
+        # What of the last change waits, in words
+        self._waits = ''
+        self.add_pre_set_parameters_callback(self._read)
+        self.add_on_set_parameters_callback(self._judge)
+        self.add_post_set_parameters_callback(self._follow)
+        self._parameter_service = _ParameterServices(self)
         if parameters.record:
             self._open_recording(parameters)
             self._recorder.begin(self._listing(parameters), encode(self._description))
@@ -265,22 +292,31 @@ class SimNode(Node):
         return summary
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set parameters, all or none, once the rig has taken them; a rejection has its reason."""
-        before = self.engine.parameters
+        """Set parameters, all or none; the present value of a fixed one is no change."""
+        changes = [one for one in parameter_list if not self._is_fixed_at(one)]
+        if parameter_list and not changes:
+            return SetParametersResult(successful=True)
+        self._waits = ''
         try:
-            meant = as_meant(parameter_list, before.rig)
-            after = changed_by(meant, before, self.has_parameter)
-            if after.record and not before.record:
-                # Whether a recording can begin is known only after a try.
-                self._open_recording(after)
-            waits = self._change(after, meant)
-        except Exception as error:
+            result = super().set_parameters_atomically(changes)
+        except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        result = super().set_parameters_atomically(meant)
-        self._follow_change(before, after)
-        if result.successful and waits:
-            result.reason = waits
+        result.reason = result.reason or self._waits
         return result
+
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
+        """Set what can be set of a list, at one instant: its order does not matter."""
+        changes = [one for one in parameter_list if not self._is_fixed_at(one)]
+        together, reasons = admitted(changes, self._parameters_set, self.has_parameter)
+        result = SetParametersResult(successful=True)
+        if together:
+            result = self.set_parameters_atomically(together)
+        return [
+            SetParametersResult(successful=False, reason=reasons[one.name])
+            if one.name in reasons
+            else result
+            for one in parameter_list
+        ]
 
     # At start
 
@@ -393,13 +429,45 @@ class SimNode(Node):
             parameters.max_bag_duration,
         )
 
-    def _change(self, after: NodeParameters, changed: Sequence[Parameter]) -> str:
-        """Have the engine change parameters; return what waits. An error if it does not."""
-        node = self.get_fully_qualified_name()
-        event = ParameterEvent(0, node, (), tuple(map(_recorded, changed)), ())
+    def _is_fixed_at(self, parameter: Parameter) -> bool:
+        """Return whether a parameter is fixed while the node runs, and has this value."""
+        name = parameter.name
+        if not (self.has_parameter(name) and self.describe_parameter(name).read_only):
+            return False
+        return bool(coerced(parameter).value == self.get_parameter(name).value)
+
+    def _read(self, request: list[Parameter]) -> list[Parameter]:
+        """Return a request as it is meant; before it is set."""
+        return readable(request, self._parameters_set.rig, self.has_parameter)
+
+    def _judge(self, request: list[Parameter]) -> SetParametersResult:
+        """Return whether the rig can take a request now; nothing changes."""
+        before = self._parameters_set
+        try:
+            after = before.changed(values_in(request))
+            wait_for(self.engine.ask(self.engine.check, after))
+            if after.record and not before.record:
+                # Whether a recording can begin is known only after a try.
+                self._open_recording(after)
+        except Exception as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self._judged = after
+        return SetParametersResult(successful=True)
+
+    def _follow(self, request: list[Parameter]) -> None:
+        """Have the engine make a change that was accepted; wait until it is in effect."""
+        before, self._parameters_set = self._parameters_set, self._judged
+        after, node = self._parameters_set, self.get_fully_qualified_name()
+        event = ParameterEvent(0, node, (), tuple(map(_recorded, request)), ())
         listing = self._listing(after) if self._recorder.splits else b''
-        done = answered(self.engine.ask(self.engine.change, after, encode(event), listing))
-        return str(done.result)
+        made = self.engine.ask(self.engine.change, after, encode(event), listing)
+        self._follow_change(before, after)
+        try:
+            self._waits = str(made.result(ANSWER_TIMEOUT_S).result)
+        except TimeoutError:
+            self._waits = 'the rig is busy: the change is made as soon as it goes on'
+        except NotNowError:
+            pass  # it is shutting down
 
     def _follow_change(self, before: NodeParameters, after: NodeParameters) -> None:
         """Do what follows from a change beside the motion of the rig."""
@@ -488,7 +556,7 @@ class SimNode(Node):
     # Recording
 
     def _end_broken_recording(self) -> None:
-        if self.engine.parameters.record and self._recorder.failure():
+        if self._parameters_set.record and self._recorder.failure():
             self.set_parameters_atomically([Parameter('record', Parameter.Type.BOOL, False)])
 
 

@@ -980,6 +980,14 @@ class Rig:
                 events += self._push(0.0)
         return events
 
+    def check_change(self, parameters: RigParameters, control: GapControlParameters) -> None:
+        """Raise what `change` would raise now; the rig stays as it is."""
+        mark = {**self.mark(), '_control': self._control.copied()}
+        try:
+            self.change(parameters, control)
+        finally:
+            self.go_back(mark)
+
     def _change(self, parameters: RigParameters) -> list[Event]:
         before, run = self._parameters, self._run
         shift = before.static_deflection - parameters.static_deflection

@@ -12,6 +12,7 @@ from running import DEADLINE_S, Running
 from impact_damper_ros import load_parameters
 from impact_damper_ros.cli.simulate_rig import main
 from impact_damper_ros.node import engine
+from impact_damper_ros.node.engine import wait_for
 from impact_damper_ros.node.parameters import descriptor
 from impact_damper_ros.node.sim_node import SimNode
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
@@ -99,6 +100,14 @@ def test_a_request_is_answered_when_it_is_in_effect(monkeypatch):
         change = node.engine._rig.change
         monkeypatch.setattr(node.engine._rig, 'change', lambda *rig: [change(*rig), 1.0 / 0.0])
         assert 'division by zero' in asked(6.0)
+        # One that it cannot carry out only after it was accepted holds it, up to a reset.
+        monkeypatch.setattr(node.engine._rig, 'check_change', lambda *_: None)
+        result = node.set_parameters_atomically([RosParameter('gap', value=7.0)])
+        assert (result.successful, node.engine._rig.parameters.gap) == (True, 5.0)
+        assert 'division by zero' in node.engine.status().held
+        monkeypatch.setattr(node.engine._rig, 'change', change)
+        wait_for(node.engine.ask(node.engine.reset))
+        assert (node.engine._rig.parameters.gap, node.engine.status().held) == (7.0, '')
     finally:
         node.finish()
         node.destroy_node()
@@ -161,14 +170,46 @@ def test_bad_parameters_at_start_end_the_node(tmp_path):
         assert ('start the file with "/**:"' in line) == words.endswith(without)
 
 
+def test_a_dump_of_a_rig_loads_into_any_running_rig(rig):
+    """As `ros2 param load` sends what `ros2 param dump` has written: all, by the alphabet."""
+    present = {n: plain(v) for n, v in shown(rig).items()}
+    other = {
+        **present,
+        'base_amplitudes': [0.1, 0.2],
+        'base_frequencies': [30.0, 45.0],
+        'base_phases': [0.0, 1.0],
+        'gap_min': 2e3,
+        'gap_max': 3e3,
+        'gap': 40.0,
+        'initial_damper_offset': 15.0,
+        'stiffness': 10.0,
+        'damping': 0.01,
+    }
+    for values in (other, present):
+        assert rig.parameters.set(**{name: values[name] for name in sorted(values)}) == [
+            '' for _ in values
+        ]
+        assert {n: plain(v) for n, v in shown(rig).items()} == values
+    # What cannot be loaded does not keep the rest out.
+    reasons = rig.parameters.set(gap=0.02, state_rate=100.0, stifness=1.0, damping=0.7)
+    assert [bool(reason) for reason in reasons] == [False, True, True, False]
+    assert rig.parameters.get('gap', 'damping') == [0.02, 0.7]
+
+
+def shown(rig):
+    """Return the values of all parameters by name."""
+    names = rig.parameters.names()
+    return dict(zip(names, rig.parameters.get(*names), strict=True))
+
+
 def test_commands_take_a_parameters_file_with_all_that_the_node_has(rig, tmp_path):
     """As `ros2 param dump` writes it; the commands read it without ROS, by a list of names."""
-    names = rig.parameters.names()
-    values = dict(zip(names, rig.parameters.get(*names), strict=True))
+    values = shown(rig)
     assert {'real_time_priority', 'predict_motion'} <= values.keys()
-    plain = {name: _plain(value) for name, value in values.items()}
     path = tmp_path / 'dumped.yaml'
-    path.write_text(json.dumps({'/sim_node': {'ros__parameters': plain}}))
+    path.write_text(
+        json.dumps({'/sim_node': {'ros__parameters': {n: plain(v) for n, v in values.items()}}})
+    )
     loaded, initial, other = load_parameters(path)
     found = {**loaded.as_dict(), **initial.as_dict(), **other}
     assert found.keys() == values.keys()
@@ -176,5 +217,5 @@ def test_commands_take_a_parameters_file_with_all_that_the_node_has(rig, tmp_pat
     assert main([str(path), '--duration', '0.1', '--quiet']) == 0
 
 
-def _plain(value):
+def plain(value):
     return list(value) if hasattr(value, '__len__') and not isinstance(value, str) else value

@@ -10,12 +10,14 @@ from rclpy.parameter import Parameter
 from impact_damper_ros import ParameterError, ParametersFileError, RigParameters, load_parameters
 from impact_damper_ros.node.parameters import (
     NodeParameters,
-    as_meant,
-    changed_by,
+    admitted,
+    coerced,
     descriptor,
     nearest_name,
+    normalised,
     parameters_from_overrides,
-    promoted,
+    readable,
+    values_in,
 )
 from impact_damper_ros.parameters.parameters_file import values_given
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS
@@ -23,10 +25,13 @@ from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, INITIAL_SPECS
 Type = Parameter.Type
 
 
+HAS = {*ALL_SPECS, 'use_sim_time'}.__contains__
+
+
 def changed(*request, **values):
     """Return the parameters after a request, as the node has them."""
     now = NodeParameters.from_values(values)
-    return changed_by(as_meant(request, now.rig), now, {*ALL_SPECS, 'use_sim_time'}.__contains__)
+    return now.changed(values_in(readable(request, now.rig, HAS)))
 
 
 @pytest.mark.parametrize(
@@ -50,14 +55,14 @@ def changed(*request, **values):
     ],
 )
 def test_values_are_read_as_they_are_meant(name, given, meant):
-    value = promoted(Parameter(name, value=given)).value
+    value = coerced(Parameter(name, value=given)).value
     assert value == meant
     assert type(value) is type(meant)
 
 
 def test_an_empty_list_is_a_list_of_numbers():
     for kind in (Type.BYTE_ARRAY, Type.BOOL_ARRAY, Type.STRING_ARRAY, Type.INTEGER_ARRAY):
-        assert promoted(Parameter('force_phases', kind, [])).type_ is Type.DOUBLE_ARRAY
+        assert coerced(Parameter('force_phases', kind, [])).type_ is Type.DOUBLE_ARRAY
 
 
 @pytest.mark.parametrize(
@@ -76,7 +81,7 @@ def test_an_empty_list_is_a_list_of_numbers():
 def test_force_arrays_follow_each_other_in_length(given, expected):
     rig = changed(*(Parameter(name, value=v) for name, v in given.items())).rig
     assert (rig.force_amplitudes, rig.force_frequencies, rig.force_phases) == expected
-    meant = as_meant([Parameter('force_frequencies', value=[7.0])], rig)
+    meant = normalised([Parameter('force_frequencies', value=[7.0])], rig)
     assert {p.name: len(p.value) for p in meant} == dict.fromkeys([p.name for p in meant], 1)
 
 
@@ -111,6 +116,29 @@ def test_a_request_is_judged_as_a_whole():
     for request in (stiff[:1], [*stiff, Parameter('gap', value=0)], lengths):
         with pytest.raises(ParameterError):
             changed(*request)
+
+
+def test_of_a_list_all_is_set_that_can_be():
+    """Whatever its order: a base of two lines, and a range that moves past itself."""
+    now = NodeParameters.from_values({'gap_min': 0.5, 'gap_max': 1.0})
+    good = {
+        'base_amplitudes': [0.1, 0.2],
+        'base_frequencies': [10.0, 20.0],
+        'base_phases': [0.0, 0.0],
+        'gap_min': 2.0,
+        'gap_max': 3.0,
+        'initial_damper_offset': 30.0,
+        'gap': 80.0,
+    }
+    bad = {'stifness': 1.0, 'restitution_1': 1.5, 'state_rate': 500.0, 'damping': 50.0}
+    values = {**bad, **good}
+    for names in (list(values), list(values)[::-1], sorted(values)):
+        request = [Parameter(name, value=values[name]) for name in names]
+        together, reasons = admitted(request, now, HAS)
+        assert [one.name for one in together] == [name for name in names if name in good]
+        assert set(reasons) == set(bad)
+        assert all(name in reason for name, reason in reasons.items())
+    assert admitted([Parameter('gap_min', value=2.0)], now, HAS)[0] == []
 
 
 def test_overrides_are_read_tolerantly():
@@ -282,11 +310,11 @@ def test_the_last_value_counts_whatever_its_type(tmp_path):
 
 def test_the_unit_of_base_amplitudes_is_their_quantity():
     rig = RigParameters()
-    meant = as_meant([Parameter('base_amplitudes', value='2 mm')], rig)
+    meant = normalised([Parameter('base_amplitudes', value='2 mm')], rig)
     values = {parameter.name: parameter.value for parameter in meant}
     assert list(values['base_amplitudes']) == [0.002]
     assert values['base_quantity'] == 'displacement'
-    meant = as_meant([Parameter('base_amplitudes', value=[0.5, 0.1])], rig)
+    meant = normalised([Parameter('base_amplitudes', value=[0.5, 0.1])], rig)
     values = {parameter.name: list(parameter.value) for parameter in meant}
     assert values['base_frequencies'] == [1.0, 0.0]
     assert 'base_quantity' not in values
