@@ -98,12 +98,11 @@ setup(
         'sweep': ['pandas>=2.1', 'pyarrow>=14.0.1'],
         'dask': ['distributed>=2024.1'],
         # fit_rig: universal files and those of LabVIEW, as sdypy-io reads them
-        'uff': ['lvm_read>=1.21', 'pyuff>=2.4'],
+        'uff': ['pyuff>=2.4'],
         'test': [
             'colcon-common-extensions>=0.3',
             'distributed>=2024.1',
             'hypothesis>=6.100',
-            'lvm_read>=1.21',
             'mcap-ros2-support>=0.5',
             'mpmath>=1.3',
             'pandas>=2.1',

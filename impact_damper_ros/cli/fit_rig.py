@@ -72,6 +72,8 @@ NEEDS = (
     *(('--set', '--rig'), ('--node', '--rig')),
     *(('--seconds', '--topic'), ('--seconds', 'no FILE')),
     ('--also', 'no --structure'),
+    ('--unit', '--column'),
+    *((option, 'FILE') for option in ('--column', '--time', '--base-column', '--force-column')),
     ('--rebounds', 'only --rig --set --node --from --to --json'),
 )
 
@@ -122,7 +124,18 @@ def _parser() -> argparse.ArgumentParser:
         metavar='TIME',
         help='standard deviation of an impact time [0.5ms of a file, else by the sampling]',
     )
-    data.add_argument('--column', default='', metavar='NAME', help='column of the motion of M')
+    data.add_argument(
+        '--column', default='', metavar='NAME', help='column of the motion of M, or its number'
+    )
+    data.add_argument(
+        '--unit', default='', metavar='UNIT', help='unit of that column, where it has none'
+    )
+    for option, what in (
+        ('--time', 'the time'),
+        ('--base-column', 'the motion of the base'),
+        ('--force-column', 'the force on M'),
+    ):
+        data.add_argument(option, default='', metavar='NAME', help=f'column of {what}')
     data.add_argument(
         '--saturation',
         type=motion_size,
@@ -189,11 +202,17 @@ def _data(arguments: argparse.Namespace) -> tuple[MeasuredMotion, RigParameters 
     saturation = arguments.saturation
     options = ReadingOptions(
         column=arguments.column,
+        unit=arguments.unit,
+        time_column=arguments.time,
+        base_column=arguments.base_column,
+        force_column=arguments.force_column,
         saturation=None if saturation is None else saturation[0],
         impacts=arguments.impact_file,
         impact_deviation=arguments.impact_deviation,
         topic=arguments.topic,
         joint=arguments.joint,
+        first=-math.inf if arguments.from_time is None else arguments.from_time,
+        last=math.inf if arguments.to_time is None else arguments.to_time,
     )
     try:
         data, rig = _read(arguments, options)
@@ -207,10 +226,8 @@ def _data(arguments: argparse.Namespace) -> tuple[MeasuredMotion, RigParameters 
             f'--saturation is an {saturation[1]}, and {data.source} a {data.quantity}: give the '
             'size of the quantity that was measured'
         )
-    first, last = arguments.from_time, arguments.to_time
-    if first is not None or last is not None:
-        low, high = -math.inf if first is None else first, math.inf if last is None else last
-        data = data.between(low, high)
+    if data.columns:
+        say('fit_rig', data.columns)
     return data, rig
 
 
@@ -317,8 +334,8 @@ def _structure(arguments: argparse.Namespace, command: str) -> int:
 
 
 def _rebounds(arguments: argparse.Namespace) -> int:
-    from impact_damper_ros.fit.measured_motion import read_impacts
     from impact_damper_ros.fit.rebounds import fit_rebounds
+    from impact_damper_ros.measured.impacts import read_impacts
     from impact_damper_ros.report import fit_report
 
     times, _ = read_impacts(arguments.data)

@@ -2,60 +2,68 @@
 """
 A measured motion of the primary mass M: the one record that every reader returns.
 
-Files come in by `read_motion`, messages of a bag or of a live topic by `recorded_motion`. Both end
-in `prepared`, which fills gaps in time, masks samples that are saturated, and finds the impacts.
+Files come in by `read_table_motion`, messages of a bag or of a live topic by `recorded_motion`.
+Both end in `prepared`, which leaves out what is no sample, puts in what is missing, masks what is
+saturated, and finds the impacts.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
-import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import wavfile
 
-from impact_damper_ros.measured.table import (
+from impact_damper_ros.measured.clock import missing_samples
+from impact_damper_ros.measured.formats import read_sheet
+from impact_damper_ros.measured.impacts import (
+    LEAST_SAMPLES,
+    RINGING,
+    read_impacts,
+    rises,
+    sampling_deviation,
+    spike_times,
+)
+from impact_damper_ros.measured.sheet import (
     ACCELERATION,
     BASE,
     DISPLACEMENT,
     FORCE,
     IMPACT,
-    INSTANT,
     TIME,
     VELOCITY,
+    Choice,
     ColumnError,
+    Quantity,
+    Sheet,
+    choose,
+)
+from impact_damper_ros.measured.table import (
+    EQUAL_INTERVALS,
     MeasuredTable,
-    TableError,
-    read_table,
+    odd_step,
+    table_of,
 )
 from impact_damper_ros.parameters.base_motion import quantity_of
-from impact_damper_ros.parameters.quoting import as_line, counted
+from impact_damper_ros.parameters.quoting import as_line, counted, shown
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Fewest samples that are a motion.
-LEAST_SAMPLES = 20
-#: Intervals may differ by this part of one; a longer one is a gap, of at most so many samples.
-_SAME_STEP, _LONGEST_GAP = 0.3, 1000
-#: Times with few digits: steps that differ, at least, and how far they are off, in the last digit.
-_ROUNDED_STEPS, _OFF_BY = 0.1, 0.6
+#: Longest hole that is filled, in samples.
+_LONGEST_GAP = 1000
 #: Steps of the resolution by which a signal runs into saturation, at least.
 _STEEP = 4.0
-#: Around an impact an acceleration is that of the sensor, not of M: before and after it, s.
-_RINGING = (5e-4, 5e-3)
-#: A spike stands out by so many standard deviations of the noise, and by this factor from the
-#: spike before it.
-_OUTSTANDING, _NEXT_SPIKE = 8.0, 3.0
-#: Interval in which a sound is judged by its loudest sample, s; how long its echoes count, s, and
-#: the factor by which an impact is louder.
-_SOUND_STEP, _ECHO = 5e-4, (0.02, 4.0)
-#: Standard deviation of an impact time of which nothing is known, s.
-IMPACT_DEVIATION = 5e-4
+#: Before an impact an acceleration is that of the sensor already, s.
+_BEFORE_IMPACT = 5e-4
+#: Least number of nines of a number that stands for a missing sample, and any beyond this one.
+_NINES, _BEYOND = 999.0, 1e20
+#: Most samples for which a value is held, and the share of changes that come in that rhythm.
+_MOST_HELD, _IN_RHYTHM = 20, 0.98
 
 
 class MeasuredMotion(NamedTuple):
@@ -85,6 +93,8 @@ class MeasuredMotion(NamedTuple):
         Standard deviation of an impact time, s.
     source : str
         Where the motion comes from, and what was made of it, for messages.
+    columns : str
+        Which columns are used, and which are not.
     """
 
     time: Array
@@ -97,6 +107,7 @@ class MeasuredMotion(NamedTuple):
     impact_times: Array | None = None
     impact_deviation: float = 0.0
     source: str = ''
+    columns: str = ''
 
     @property
     def interval(self) -> float:
@@ -128,8 +139,11 @@ class ReadingOptions(NamedTuple):
 
     Attributes
     ----------
-    column : str
-        Header of the column of the motion, if several may be it.
+    column, unit : str
+        Header or number of the column of the motion, if several may be it, and its unit, if it
+        has none there.
+    time_column, base_column, force_column : str
+        The same for these.
     saturation : float or None
         Size of the motion from which on it is saturated, SI; found by itself if not given.
     impacts : Path or None
@@ -138,17 +152,29 @@ class ReadingOptions(NamedTuple):
         Standard deviation of an impact time, s.
     topic, joint : str
         Topic and joint (or axis) of a bag.
+    first, last : float
+        Instants of the data between which they are read, s.
     """
 
     column: str = ''
+    unit: str = ''
+    time_column: str = ''
+    base_column: str = ''
+    force_column: str = ''
     saturation: float | None = None
     impacts: Path | None = None
     impact_deviation: float | None = None
     topic: str = ''
     joint: str = ''
+    first: float = -math.inf
+    last: float = math.inf
 
 
 _MOTIONS = {'displacement': DISPLACEMENT, 'velocity': VELOCITY, 'acceleration': ACCELERATION}
+_MOTION = Quantity(
+    tuple(name for q in _MOTIONS.values() for name in q.names),
+    tuple(q.units[0] for q in _MOTIONS.values()),
+)
 
 
 #: Nothing beside the data.
@@ -162,7 +188,7 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
     Parameters
     ----------
     path : Path
-        CSV, a phone's .zip, .uff or .lvm; see `measured.table`.
+        A file of any format of `measured.formats`.
     options : ReadingOptions, optional
         What is not in the file.
 
@@ -177,164 +203,123 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
     TableError
         If the file cannot be used; the text names column and line.
     """
-    optional = {'force': FORCE, 'base': BASE, 'impact': IMPACT}
-    if options.column:
-        units = tuple(q.units[0] for q in _MOTIONS.values())
-        wanted = {'motion': DISPLACEMENT._replace(units=units)}
-        table = read_table(path, {'time': TIME, **wanted}, optional, {'motion': options.column})
-        key, quantity = 'motion', quantity_of(table.columns['motion'].unit)
-    else:
-        try:
-            table = read_table(path, {'time': TIME}, {**_MOTIONS, **optional})
-            key = quantity = next((name for name in _MOTIONS if name in table.columns), '')
-            if not key:
-                # With the reason, if there is a column of one of the names
-                read_table(path, {'displacement': DISPLACEMENT})
-        except ColumnError as error:
-            remedy = '; or name that of M with --column' if error.key in _MOTIONS else ''
-            raise ColumnError(error.key, f'{error}{remedy}') from None
-    even = _even(table.columns['time'].values)
-    table.columns['time'] = table.columns['time']._replace(values=even)
-    table.check_rising('time')
-    for name in ('force', 'base', 'impact'):
-        if name in table.columns:
-            table.check_finite(name)
-    time = table.columns['time'].values
-    times, deviation = None, _deviation(time)
+    sheet = read_sheet(path)
+    quantity, choices = _choices(sheet, options)
+    table = table_of(sheet, choices)
+    table = _on_one_clock(table).between(options.first, options.last)
+    table, digit = table.on_a_clock()
+    columns = table.columns
+    time = columns['time'].values
+    times, deviation = None, sampling_deviation(time)
     if options.impacts is not None:
         times, deviation = read_impacts(options.impacts)
-    elif 'impact' in table.columns:
-        times = _rises(time, table.columns['impact'].values)
-    elif key != 'acceleration' and 'acceleration' in table.columns:
-        table.check_finite('acceleration')
-        times = spike_times(time, table.columns['acceleration'].values)
-    force, base = (table.columns.get(name) for name in ('force', 'base'))
-    moving = base is not None and bool(np.any(base.values != base.values[0]))
+    elif 'impact' in columns:
+        times = rises(time, np.nan_to_num(columns['impact'].values))
+    elif 'spikes' in columns:
+        table.check_finite('spikes')
+        times = spike_times(time, columns['spikes'].values)
+    force, base = (columns.get(name) for name in ('force', 'base'))
+    moving = base is not None and np.nanmin(base.values) < np.nanmax(base.values)
     return prepared(
         MeasuredMotion(
             time=time,
-            motion=table.columns[key].values,
+            motion=columns['motion'].values,
             quantity=quantity,
-            used=np.isfinite(table.columns[key].values),
+            used=np.isfinite(columns['motion'].values),
             force=None if force is None else force.values,
             base=base.values if base is not None and moving else None,
             base_quantity=quantity_of(base.unit) if base is not None and moving else '',
             impact_times=times,
             impact_deviation=deviation,
             source=str(path),
+            columns=table.described,
         ),
         options,
-        lambda row: _place(table, row),
-        what=table.columns[key].title,
+        lambda row: f"{sheet.source}, line {table.lines[row]}, column '{columns['time'].title}'",
+        what=columns['motion'].title,
+        digit=digit,
+        factor=columns['motion'].factor,
     )
 
 
-def _even(time: Array) -> Array:
-    """Return instants at equal intervals where the given ones are these, with few digits."""
-    steps = np.diff(time)
-    sizes = np.unique(np.round(steps, 9))
-    if not np.isfinite(time).all() or len(sizes) < 2:
-        return time
-    # A clock that writes whole milliseconds is off by half of one, at many samples; a sample that
-    # is missing or twice there makes two steps different
-    digit = float(np.diff(sizes).min())
-    many = np.mean(np.abs(steps - np.median(steps)) > 0.5 * digit) > _ROUNDED_STEPS
-    places = np.arange(len(time))
-    grid = time[0] + np.polyval(np.polyfit(places, time - time[0], 1), places)
-    return grid if many and np.abs(grid - time).max() <= _OFF_BY * digit else time
+def _choices(sheet: Sheet, options: ReadingOptions) -> tuple[str, dict[str, Choice]]:
+    """Return what the motion is, and the columns that are read."""
+    found: dict[str, Choice] = {}
+    taken: set[int] = set()
 
+    def add(key: str, choice: Choice | None) -> None:
+        if choice is not None:
+            found[key] = choice
+            taken.add(choice.place)
 
-def _place(table: MeasuredTable, row: int) -> str:
-    return (
-        f'{as_line(str(table.path))}, line {table.lines[row]}, column '
-        f"'{table.columns['time'].title}'"
-    )
-
-
-def read_impacts(path: Path) -> tuple[Array, float]:
-    """Return the impact times of a file, and their standard deviation, s."""
-    if path.suffix.lower() == '.wav':
-        time, loudness = _loudness(path)
-        return spike_times(time, loudness, *_ECHO), _deviation(time)
-    table = read_table(path, {'time': INSTANT}, {'acceleration': ACCELERATION, 'impact': IMPACT})
-    time = table.columns['time'].values
-    for name, instants in (('acceleration', spike_times), ('impact', _rises)):
-        if name in table.columns:
-            table.check_rising('time')
-            table.check_finite(name)
-            return instants(time, table.columns[name].values), _deviation(time)
-    table.check_finite('time')
-    times = np.unique(time)
-    steps = np.diff(times)
-    if len(times) >= LEAST_SAMPLES and np.ptp(steps) < _SAME_STEP * np.median(steps):
-        raise TableError(
-            f'{as_line(str(path))}: {len(times)} times at equal intervals, which are no impacts: '
-            'give their times, or name the signal that shows them accel [g] or impact [V]'
+    if options.column:
+        motion = choose(sheet, 'motion', _MOTION, column=options.column, unit=options.unit)
+        add('motion', motion)
+    for key, quantity, name in (
+        ('force', FORCE, options.force_column),
+        ('base', BASE, options.base_column),
+        ('impact', IMPACT, ''),
+    ):
+        add(key, choose(sheet, key, quantity, needed=False, column=name, without=taken))
+    if 'motion' not in found:
+        moving = [n for n, head in enumerate(sheet.headings) if head.has_word_of(BASE)]
+        add('motion', _motion_of(sheet, taken.union(moving)))
+    motion, key = found['motion'], quantity_of(found['motion'].unit)
+    if key != 'acceleration' and not options.column and options.impacts is None:
+        named = ACCELERATION._replace(by_unit=False)
+        # Several, none of which is that of M, are none
+        with contextlib.suppress(ColumnError):
+            spikes = choose(sheet, 'spikes', named, needed=False, without=taken, strict=False)
+            add('spikes', spikes)
+    wanted = TIME._replace(bare=bool(options.time_column))
+    for of in ('motion', *(key for key in found if key != 'motion')):
+        clock = choose(
+            sheet, 'time', wanted, column=options.time_column, near=found[of].place, without=taken
         )
-    return times, IMPACT_DEVIATION
+        assert clock is not None
+        if of == 'motion':
+            found['time'] = clock
+        elif clock.place != found['time'].place:
+            found[f'time of {of}'] = clock
+    return key, found
 
 
-def _loudness(path: Path) -> tuple[Array, Array]:
-    """Return the largest sound pressure of a .wav file in each half millisecond."""
+def _motion_of(sheet: Sheet, taken: set[int]) -> Choice:
+    """Return the column of M: one with a word of its quantity, or the only one of its unit."""
+    for by_unit in (False, True):
+        for key, quantity in _MOTIONS.items():
+            wanted = quantity._replace(by_unit=by_unit)
+            try:
+                found = choose(sheet, key, wanted, needed=False, without=taken, strict=False)
+            except ColumnError as error:
+                raise ColumnError(key, f'{error}; or name that of M with --column') from None
+            if found is not None:
+                return found
     try:
-        rate, sound = wavfile.read(path)
-    except (ValueError, EOFError, struct.error) as error:
-        raise TableError(
-            f'{as_line(str(path))}: no sound that can be read ({as_line(str(error))}): give a '
-            '.wav file of PCM samples'
-        ) from None
-    channels = np.abs(sound.astype(float).reshape(len(sound), -1))
-    loudest = channels[:, int(np.argmax(channels.max(axis=0, initial=0.0)))]
-    size = max(1, round(rate * _SOUND_STEP))
-    blocks = loudest[: len(loudest) // size * size].reshape(-1, size).max(axis=1)
-    if len(blocks) < LEAST_SAMPLES:
-        raise TableError(f'{as_line(str(path))}: {len(sound) / rate:.3g} s of sound: record more')
-    return np.arange(len(blocks)) * (size / rate), blocks
+        found = choose(sheet, 'displacement', DISPLACEMENT, without=taken)
+    except ColumnError as error:
+        remedy = 'or name that of M with --column, and its unit with --unit'
+        raise ColumnError(error.key, f'{error}; {remedy}') from None
+    assert found is not None
+    return found
 
 
-def _deviation(time: Array) -> float:
-    """Return the standard deviation of an instant between two samples, s."""
-    return float(np.median(np.diff(time))) / math.sqrt(12.0)
-
-
-def _rises(time: Array, level: Array) -> Array:
-    """Return where a logic signal rises, between two samples."""
-    low, high = float(level.min()), float(level.max())
-    if low == high:
-        return np.empty(0)
-    on = level > 0.5 * (low + high)
-    rise = np.flatnonzero(on[1:] & ~on[:-1])
-    instants: Array = 0.5 * (time[rise] + time[rise + 1])
-    return instants
-
-
-def spike_times(
-    time: Array, acceleration: Array, ringing: float = _RINGING[1], factor: float = _NEXT_SPIKE
-) -> Array:
-    """
-    Return the instants at which an acceleration has the spikes of impacts, s.
-
-    Notes
-    -----
-    An impact is between the first sample of a spike and the one before it. What rings on behind a
-    spike for some time is none, unless it stands out from that by a factor.
-    """
-    step = float(np.median(np.diff(time)))
-    bend = np.abs(np.diff(acceleration, 2))
-    noise = 1.4826 * float(np.median(bend))
-    window = max(3, round(ringing / step))
-    found: list[int] = []
-    for k in np.flatnonzero(bend > _OUTSTANDING * noise):
-        peak = bend[k : k + 3].max()
-        before = bend[max(0, k - window) : k].max(initial=0.0)
-        # The bend at k is that of the samples k, k + 1 and k + 2
-        if factor * before <= peak:
-            if found and k + 1 - found[-1] < 3:
-                continue
-            found.append(int(k) + 1)
-    places = np.array(found, int)
-    instants: Array = 0.5 * (time[places] + time[places + 1])
-    return instants
+def _on_one_clock(table: MeasuredTable) -> MeasuredTable:
+    """Return a table without the clocks of other columns, which have to be that of the motion."""
+    columns, described = dict(table.columns), table.described
+    for clock in [key for key in columns if key.startswith('time of ')]:
+        own, key = columns.pop(clock), clock.removeprefix('time of ')
+        if np.array_equal(own.values, columns['time'].values):
+            continue
+        if np.ptp(columns[key].values):
+            raise table.error(
+                clock, 0, f'another clock than that of the motion: export {key} and motion on one'
+            )
+        # A channel that nothing is connected to
+        title = f'{key} {shown(columns.pop(key).title)}'
+        described = described.replace(f', {title}', '')
+        described += f'; not used, since it is constant and has another clock: {title}'
+    return table._replace(columns=columns, described=described)
 
 
 def saturated(motion: Array) -> Mask:
@@ -363,33 +348,50 @@ def saturated(motion: Array) -> Mask:
                 long.append((begin, end))
                 steep += [abs(motion[begin - 1] - extreme)] if begin else []
                 steep += [abs(motion[end] - extreme)] if end < len(motion) else []
+        steep = [rise for rise in steep if math.isfinite(rise)]
         if steep and float(np.median(steep)) > _STEEP * resolution:
             for begin, end in long:
                 cut[begin:end] = True
     return cut
 
 
-def _filled(data: MeasuredMotion, place: Callable[[int], str]) -> MeasuredMotion:
+def _stand_ins(values: Array, factor: float) -> Mask:
+    """Return which samples are -9999 or its like: nines far beyond all others, or 1e30."""
+    sizes = np.abs(values) / factor
+    found = np.zeros(len(values), np.bool_)
+    while len(rest := sizes[~found & np.isfinite(sizes)]):
+        top = float(rest.max())
+        nines = top >= _NINES and abs(top + 1.0 - 10.0 ** round(math.log10(top))) < 1e-6 * top
+        there = sizes == top
+        others = sizes[~found & ~there & np.isfinite(sizes)]
+        if not (nines or top >= _BEYOND) or others.max(initial=0.0) > 0.5 * top:
+            break
+        found |= there
+    return found
+
+
+def _held(values: Array) -> int:
+    """Return how many rows have each value, of a channel that is sampled less often than rows."""
+    change = np.flatnonzero(np.diff(values) != 0.0) + 1
+    for many in range(_MOST_HELD, 1, -1):
+        in_rhythm = np.bincount(change % many, minlength=many) if len(change) else [0]
+        rows = len(values) / many
+        if len(change) >= 0.5 * rows and max(in_rhythm) >= _IN_RHYTHM * len(change):
+            return many
+    return 1
+
+
+def _filled(
+    data: MeasuredMotion, missing: NDArray[np.int64], place: Callable[[int], str]
+) -> MeasuredMotion:
     """Return a motion with missing samples put in, not to be used."""
     time = data.time
-    steps = np.diff(time)
-    step = float(np.median(steps))
-    digits = 10.0 ** math.floor(math.log10(abs(time[-1]) or 1.0) - 6)
-    missing = np.rint(steps / step).astype(int) - 1
-    odd = np.abs(steps - step) > _SAME_STEP * step + digits
-    for row in np.flatnonzero(odd) + 1:
-        gap = steps[row - 1] / step
-        if not 0 < missing[row - 1] <= _LONGEST_GAP:
-            raise ValueError(
-                f'{place(int(row))}: a step of {steps[row - 1]:.4g} s where the others are '
-                f'{step:.4g} s: '
-                + (
-                    'cut the record there, with --from or --to'
-                    if gap > 1.0
-                    else 'give samples at equal intervals'
-                )
-            )
-    missing[~odd] = 0
+    wrong = np.flatnonzero((missing < 0) | (missing > _LONGEST_GAP))
+    if len(wrong):
+        row = int(wrong[0]) + 1
+        long = time[row] - time[row - 1] > np.median(np.diff(time))
+        remedy = 'cut the record there, with --from or --to' if long else EQUAL_INTERVALS
+        raise ValueError(f'{place(row)}: {odd_step(time, row)}: {remedy}')
     if not missing.any():
         return data
     if missing.sum() > 0.2 * len(time):
@@ -421,11 +423,41 @@ def _filled(data: MeasuredMotion, place: Callable[[int], str]) -> MeasuredMotion
     )
 
 
+def _samples(data: MeasuredMotion, factor: float) -> tuple[MeasuredMotion, int]:
+    """Return a motion without rows and values that are no samples, and how many rows one has."""
+    notes = ''
+    if (unreal := _stand_ins(data.motion, factor)).any():
+        numbers = ' and '.join(f'{x:g}' for x in np.unique(data.motion[unreal] / factor)[:3])
+        notes += f' ({counted(int(unreal.sum()), "sample")} of {numbers} taken for missing)'
+    motion = np.where(unreal, np.nan, data.motion)
+    many = _held(motion)
+    rows = np.arange(len(motion))
+    if many > 1:
+        change = np.flatnonzero(np.diff(motion) != 0.0) + 1
+        rows = np.arange(int(np.bincount(change % many).argmax()), len(motion), many)
+        notes += f' (one of {many} rows, which have the same value)'
+    force, base = (None if c is None else c[rows] for c in (data.force, data.base))
+    there = np.isfinite(motion[rows])
+    for column in (force, base):
+        if column is not None:
+            there &= np.isfinite(column)
+    return data._replace(
+        time=data.time[rows],
+        motion=motion[rows],
+        used=there & data.used[rows],
+        force=force,
+        base=base,
+        source=data.source + notes,
+    ), many
+
+
 def prepared(
     data: MeasuredMotion,
     options: ReadingOptions,
     place: Callable[[int], str],
     what: str = '',
+    digit: float = 0.0,
+    factor: float = 1.0,
 ) -> MeasuredMotion:
     """
     Return a motion as the fit takes it: gaps filled, saturated samples masked, impacts found.
@@ -440,9 +472,14 @@ def prepared(
         Returns where a row is, for messages.
     what : str, optional
         Name of the motion in its source, for messages.
+    digit : float, optional
+        Size of the last digit of the times, s.
+    factor : float, optional
+        Of the unit in which the motion was written.
     """
     name = f'{as_line(data.source)}: {what or "the motion"}'
-    there = data.motion[data.used]
+    data, many = _samples(data, factor)
+    there = data.motion[np.isfinite(data.motion)]
     if len(there) < LEAST_SAMPLES:
         raise ValueError(f'{name} has {len(there)} samples: give at least {LEAST_SAMPLES}')
     if np.ptp(there) <= 1e-12 * np.abs(there).max():
@@ -463,8 +500,9 @@ def prepared(
     if times is None and data.quantity == 'acceleration':
         found = spike_times(data.time, np.where(np.isfinite(data.motion), data.motion, 0.0))
         times = found if len(found) else None
-        deviation = float(np.median(np.diff(data.time))) / math.sqrt(12.0)
-    data = _filled(data, place)
+        deviation = sampling_deviation(data.time)
+    missing = missing_samples(data.time, digit)
+    data = _filled(data, missing, lambda row: place(row * many))
     if times is not None:
         low, high = data.time[0], data.time[-1]
         within = np.sort(times[(times >= low) & (times <= high)])
@@ -476,10 +514,10 @@ def prepared(
             )
         times = within
     if data.quantity == 'acceleration' and times is not None and len(times):
-        after = np.searchsorted(times, data.time + _RINGING[0], side='right')
+        after = np.searchsorted(times, data.time + _BEFORE_IMPACT, side='right')
         last = np.where(after > 0, times[np.maximum(after - 1, 0)], -np.inf)
         step = float(np.median(np.diff(data.time)))
-        data = data._replace(used=data.used & (data.time - last > _RINGING[1] + step))
+        data = data._replace(used=data.used & (data.time - last > RINGING + step))
     motion = np.where(np.isfinite(data.motion), data.motion, 0.0)
     if options.impact_deviation is not None:
         deviation = options.impact_deviation

@@ -150,6 +150,7 @@ def motion_of_messages(
         series = _READERS[own[0].type](own, options.joint)
     except (CdrError, struct.error) as error:
         raise ValueError(f'{source}: a message cannot be read: {error}') from error
+    _check_stamps(series.stamps_ns, source)
     commands = _commands(messages, beside(topic, 'snapshot'), source)
     offset_ns, start_ns, end_ns = int(series.stamps_ns[0]), -np.inf, np.inf
     values, base, times = series.values, series.base, None
@@ -168,11 +169,16 @@ def motion_of_messages(
             values = values - rig.static_deflection
         times = _impact_times(messages, beside(topic, 'impacts'), offset_ns)
     kept = (series.stamps_ns >= start_ns) & (series.stamps_ns < end_ns)
+    seconds = (series.stamps_ns - offset_ns) / 1e9
+    kept &= (seconds >= options.first) & (seconds <= options.last)
     # Of samples that are there twice, or late, the first in time
     _, once = np.unique(series.stamps_ns[kept], return_index=True)
     places = np.flatnonzero(kept)[once]
     if not len(places):
-        raise ValueError(f'{source}: no message is from before the first change of the rig')
+        raise ValueError(
+            f'{source}: no message is from before the first change of the rig, and from '
+            f'{options.first:g} to {options.last:g} s'
+        )
     stamps_ns = series.stamps_ns[places]
     moving = base is not None and bool(np.any(base[places] != base[places[0]]))
 
@@ -195,6 +201,22 @@ def motion_of_messages(
         place,
         what=series.what,
     )
+
+
+def _check_stamps(stamps_ns: NDArray[np.int64], source: str) -> None:
+    """Raise ValueError where messages have no stamps of their own."""
+    if not stamps_ns.any():
+        raise ValueError(
+            f'{source}: all {len(stamps_ns)} messages have the stamp 0: set header.stamp where '
+            'they are published'
+        )
+    often, counts = np.unique(stamps_ns, return_counts=True)
+    if len(often) <= 0.5 * len(stamps_ns):
+        raise ValueError(
+            f'{source}: {len(stamps_ns)} messages have {len(often)} different stamps, of which '
+            f'{int(often[counts.argmax()])} ns is there {counts.max()} times: give each sample '
+            'its own'
+        )
 
 
 def _commands(messages: Sequence[RecordedMessage], topic: str, source: str) -> list[Command]:
@@ -285,5 +307,8 @@ def read_motion(
 ) -> tuple[MeasuredMotion, RigParameters | None]:
     """Read a measured motion from a file of columns, or from a bag with the rig that it names."""
     if path.is_dir() or path.suffix in ('.mcap', '.db3', '.zstd'):
+        named = {'column', 'time_column', 'base_column', 'force_column'}
+        if any(getattr(options, name) for name in named):
+            raise ValueError(f'{path}: a bag has no columns: name --topic and --joint')
         return read_bag_motion(path, options)
     return read_table_motion(path, options), None

@@ -2,7 +2,8 @@
 """
 Random force or motion of the base from the table of a power spectral density.
 
-The density is a power of the frequency between two points of the table (a line in a log-log plot).
+The density is a power of the frequency between two points of the table (a line in a log-log plot),
+steps where the table has a frequency twice, and is zero beside a level of zero.
 Its band is divided into bins of equal width; each has one line whose mean square is the integral
 of the density over the bin, and a random phase. The lines are at multiples of the width, so that
 the signal repeats after a period of one over it.
@@ -22,7 +23,8 @@ from impact_damper_ros.parameters.forcing import random_phases
 from impact_damper_ros.parameters.parameter_spec import MAX_HARMONICS
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
-from .table import FREQUENCY, LEVEL, TableError, read_table
+from .sheet import FREQUENCY, LEVEL, Quantity, TableError
+from .table import MeasuredTable, read_table
 
 Array = NDArray[np.float64]
 
@@ -33,6 +35,8 @@ _LEVELS = {
     'acceleration': LEVEL._replace(units=('(m/s^2)^2/Hz',)),
     'force': LEVEL._replace(units=('N^2/Hz',)),
 }
+#: How much the density rises from a point to the next one, in place of its level there.
+_SLOPE = Quantity(('slope', 'steigung'), ('dB/oct',))
 
 
 class RandomLines(NamedTuple):
@@ -95,20 +99,31 @@ class Density:
     Parameters
     ----------
     frequencies : array_like, shape (n,)
-        Rising and positive, Hz; at least two.
+        Rising and positive, Hz; at least two. Two that are equal are a step.
     levels : array_like, shape (n,)
-        Positive, in the square of a unit per Hz.
+        In the square of a unit per Hz; beside one of zero the density is zero.
     """
 
     def __init__(self, frequencies: ArrayLike, levels: ArrayLike) -> None:
         self.frequencies: Array = np.asarray(frequencies, float)
         self.levels: Array = np.asarray(levels, float)
-        self._powers = np.diff(np.log(self.levels)) / np.diff(np.log(self.frequencies))
+        rises = np.diff(np.log(self.frequencies))
+        held = (rises > 0.0) & (self.levels[1:] > 0.0) & (self.levels[:-1] > 0.0)
+        #: Where there is any, and as which power of the frequency
+        self._held = np.flatnonzero(held)
+        whole = np.log(np.where(self.levels > 0.0, self.levels, 1.0))
+        self._powers = np.diff(whole) / np.where(held, rises, 1.0)
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """The frequencies between which there is any, Hz."""
+        return float(self.frequencies[self._held[0]]), float(self.frequencies[self._held[-1] + 1])
 
     def integral(self, low: float, high: float) -> float:
         """Return the mean square between two frequencies, Hz."""
         total = 0.0
-        for k, power in enumerate(self._powers):
+        for k in self._held:
+            power = self._powers[k]
             begin, end = max(low, self.frequencies[k]), min(high, self.frequencies[k + 1])
             if begin >= end:
                 continue
@@ -119,7 +134,7 @@ class Density:
 
     def lines(self, count: int, seed: int) -> tuple[Array, Array, Sequence[float], float]:
         """Return amplitudes, frequencies (Hz), phases (rad) of lines, and their spacing, Hz."""
-        low, high = float(self.frequencies[0]), float(self.frequencies[-1])
+        low, high = self.band
         width = (high - low) / count
         first, last = math.floor(low / width + 0.5), math.floor(high / width + 0.5)
         numbers = np.arange(max(1, first), last + 1)
@@ -161,15 +176,11 @@ def random_lines(
     if not 1 <= count <= MAX_HARMONICS - 1:
         raise TableError(f'{count} lines: give a number from 1 to {MAX_HARMONICS - 1}')
     wanted = LEVEL if quantity is None else _LEVELS[quantity]
-    table = read_table(path, {'frequency': FREQUENCY, 'level': wanted})
-    table.check_rising('frequency')
-    for key in ('frequency', 'level'):
-        table.check_finite(key)
-        table.check_positive(key)
+    table = read_table(path, {'frequency': FREQUENCY, 'level': wanted}, {'slope': _SLOPE})
     level = table.columns['level']
-    density = Density(table.columns['frequency'].values, level.values)
+    density = _density(table)
     amplitudes, rates, phases, width = density.lines(count, seed)
-    integral = density.integral(float(density.frequencies[0]), float(density.frequencies[-1]))
+    integral = density.integral(*density.band)
     return RandomLines(
         tuple(amplitudes.tolist()),
         tuple((math.tau * rates).tolist()),
@@ -178,3 +189,40 @@ def random_lines(
         1.0 / width,
         'force' if level.unit == 'N^2/Hz' else 'acceleration',
     )
+
+
+def _density(table: MeasuredTable) -> Density:
+    """Return the density of a table."""
+    table.check_rising('frequency', steps=True)
+    table.check_positive('frequency', zero=True)
+    hertz, levels = (table.columns[key].values.copy() for key in ('frequency', 'level'))
+    if 'slope' in table.columns:
+        _follow_slopes(hertz, levels, table.columns['slope'].values)
+        column = table.columns['level']._replace(values=levels)
+        table = table._replace(columns={**table.columns, 'level': column})
+    table.check_finite('level')
+    table.check_positive('level', zero=True)
+    if len(at_rest := np.flatnonzero((hertz == 0.0) & (levels > 0.0))):
+        raise table.error(
+            'frequency',
+            int(at_rest[0]),
+            '0 Hz: begin at the lowest frequency that is to be shaken',
+        )
+    above = hertz > 0.0
+    hertz, levels = hertz[above], levels[above]
+    between = (np.diff(hertz) > 0.0) & (levels[1:] > 0.0) & (levels[:-1] > 0.0)
+    if not between.any():
+        raise TableError(f'{table.source}: no band with a level above 0: give two such points')
+    return Density(hertz, levels)
+
+
+def _follow_slopes(hertz: Array, levels: Array, slopes: Array) -> None:
+    """Fill levels by the slopes from each point to the next one, in dB per octave."""
+    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
+        ratios = 10.0 ** (0.1 * slopes[:-1] * np.diff(np.log2(hertz)))
+    for k, ratio in enumerate(ratios):
+        if np.isnan(levels[k + 1]):
+            levels[k + 1] = levels[k] * ratio
+    for k in range(len(ratios) - 1, -1, -1):
+        if np.isnan(levels[k]):
+            levels[k] = levels[k + 1] / ratios[k]

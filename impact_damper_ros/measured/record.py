@@ -11,6 +11,7 @@ of every second sample has four times the error, and shows it.
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
 import zlib
 from collections.abc import Mapping
@@ -23,16 +24,8 @@ from numpy.typing import NDArray
 from impact_damper_ros.parameters.quoting import as_line, shown
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
-from .table import (
-    ACCELERATION,
-    BASE,
-    FORCE,
-    TIME,
-    Quantity,
-    TableError,
-    read_table,
-    sampling_rate,
-)
+from .sheet import ACCELERATION, BASE, FORCE, TIME, Quantity, TableError
+from .table import check_whole, read_table
 
 Array = NDArray[np.float64]
 
@@ -46,7 +39,7 @@ _COLUMNS = {
 }
 #: Fewest samples, of which every second one is still a record, and most.
 _LEAST_SAMPLES, _MOST_SAMPLES = 4, 10_000_000
-#: Longest copy, bytes, and largest number in it.
+#: Longest copy, bytes, and largest value, N or m/s^2.
 _LONGEST_COPY, _LARGEST = 25 * _MOST_SAMPLES, 1e12
 
 
@@ -64,6 +57,8 @@ class MeasuredRecord(NamedTuple):
         What was measured then.
     name : str
         Name of the file.
+    columns : str
+        Which of its columns are used, and which are not.
     copy : tuple of (str, str)
         The same as named texts, which JSON keeps; see `with_copy`.
     """
@@ -72,6 +67,7 @@ class MeasuredRecord(NamedTuple):
     times: Array
     values: Array
     name: str
+    columns: str = ''
     copy: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -113,14 +109,22 @@ class MeasuredRecord(NamedTuple):
         quantity = copy['quantity']
         digest = hashlib.sha256('\n'.join([quantity, *texts.values()]).encode()).hexdigest()
         if digest != copy['digest']:
-            raise ValueError(f'the digest of the record {shown(copy["name"])} is not that of it')
+            raise ValueError(f'the record {shown(copy["name"])} is damaged: its digest is another')
         if quantity not in _COLUMNS or len(times) != len(values):
-            raise ValueError(f'a record of {shown(quantity)}, {len(times)} times, {len(values)}')
-        whole = np.isfinite(times).all() and (np.abs(values) <= _LARGEST).all()
-        if not (whole and len(times) > 1 and times[0] == 0.0 and (np.diff(times) > 0.0).all()):
+            raise ValueError(
+                f'the record {shown(copy["name"])} of {shown(quantity)} has {len(times)} times '
+                f'and {len(values)} values: give as many'
+            )
+        rises = np.isfinite(times).all() and (np.diff(times) > 0.0).all()
+        if not (rises and len(times) > 1 and times[0] == 0.0):
             raise ValueError(f'the times of the record {shown(copy["name"])} do not rise from 0')
+        if (row := _too_large(values)) is not None:
+            raise ValueError(
+                f'the record {shown(copy["name"])} has the value {values[row]:.6g}: give at most '
+                f'{_LARGEST:.0e}'
+            )
         kept = tuple((key, copy[key]) for key in COPY)
-        return cls(quantity, times, values, str(copy['name']), kept)
+        return cls(quantity, times, values, str(copy['name']), copy=kept)
 
     def steps(self) -> tuple[list[float], list[float]]:
         """Return since when each value is held, s from the first sample, and these; 0 at last."""
@@ -142,7 +146,14 @@ class MeasuredRecord(NamedTuple):
             f'{as_line(self.name)}: {what} of {len(self.values)} samples in '
             f'{self.times[-1]:.6g} s, {self.rate:.6g} Hz, at most {sizes.max():.4g} {unit}, '
             f'{np.sqrt(np.mean(sizes**2)):.4g} {unit} rms'
+            + (f'; {self.columns}' if self.columns else '')
         )
+
+
+def _too_large(values: Array) -> int | None:
+    """Return the place of the first value that is none, or too large for a rig."""
+    wrong = np.flatnonzero(~(np.abs(values) <= _LARGEST))
+    return int(wrong[0]) if len(wrong) else None
 
 
 def _expanded(packed: str) -> str:
@@ -161,8 +172,7 @@ def read_record(path: Path, quantity: str, cycle: float = 0.0) -> MeasuredRecord
     Parameters
     ----------
     path : Path
-        A table with the columns ``t [s]`` and ``force [N]``, or ``acceleration [m/s^2]`` (or in
-        g).
+        A file of any format with a column of time and one of a force, or of an acceleration.
     quantity : {'force', 'base'}
         What was recorded.
     cycle : float, optional
@@ -173,13 +183,19 @@ def read_record(path: Path, quantity: str, cycle: float = 0.0) -> MeasuredRecord
     TableError
         If the table is no such record: the text names column, line and remedy.
     """
-    table = read_table(path, {'time': TIME, quantity: _COLUMNS[quantity]})
-    sampling_rate(table)
+    table, digit = read_table(path, {'time': TIME, quantity: _COLUMNS[quantity]}).on_a_clock()
+    check_whole(table, digit)
     table.check_finite(quantity)
     times, values = table.columns['time'].values, table.columns[quantity].values
     if not _LEAST_SAMPLES <= len(times) <= _MOST_SAMPLES:
         raise TableError(
             f'{as_line(str(path))}: {len(times)} samples: give {_LEAST_SAMPLES} to {_MOST_SAMPLES}'
+        )
+    if (row := _too_large(values)) is not None:
+        raise table.error(
+            quantity,
+            row,
+            f'{table.as_given(quantity, row)}: give at most {_LARGEST:.0e} N or m/s^2',
         )
     lasting = float(times[-1] - times[0])
     if not lasting >= cycle:
@@ -187,16 +203,22 @@ def read_record(path: Path, quantity: str, cycle: float = 0.0) -> MeasuredRecord
             'time',
             len(times) - 1,
             f'the record lasts {lasting:.6g} s, less than a natural cycle of the rig, '
-            f'{cycle:.4g} s: give a longer one, with zeros after its end if it is a blow',
+            f'{cycle:.4g} s: record longer, or append zeros after an impulse',
         )
-    return MeasuredRecord(quantity, times - times[0], values, path.name)
+    return MeasuredRecord(quantity, times - times[0], values, path.name, table.described)
 
 
-def read_records(names: Mapping[str, str], cycle: float = 0.0) -> list[MeasuredRecord]:
+def read_records(names: Mapping[str, Any], cycle: float = 0.0) -> list[MeasuredRecord]:
     """Read the tables that parameters of a node name; see `read_record`."""
-    quantities = {'force_record': FORCE_RECORD, 'base_record': BASE_RECORD}
-    return [
-        read_record(Path(names[parameter]).expanduser(), quantity, cycle)
-        for parameter, quantity in quantities.items()
-        if names.get(parameter, 'none') != 'none'
-    ]
+    found = []
+    for parameter, quantity in (('force_record', FORCE_RECORD), ('base_record', BASE_RECORD)):
+        name = names.get(parameter, 'none')
+        if not isinstance(name, str):
+            raise TableError(f'{parameter} is {shown(name)}: give the path of a table, or none')
+        if name != 'none':
+            path = Path(name)
+            # Where nobody has that name, the file is not found
+            with contextlib.suppress(RuntimeError):
+                path = path.expanduser()
+            found.append(read_record(path, quantity, cycle))
+    return found

@@ -7,9 +7,12 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from impact_damper_ros.parameters.base_motion import quantity_of
 
-from .table import FREQUENCY, Quantity, read_table
+from .sheet import FREQUENCY, Quantity
+from .table import read_table
 
 _LEVEL = Quantity(
     (
@@ -18,6 +21,8 @@ _LEVEL = Quantity(
     ),
     ('m/s^2', 'm/s', 'm', 'N'),
 )
+#: Width of a step, in parts of its frequency.
+_STEP = 1e-6
 
 
 def sweep_levels(path: Path) -> dict[str, Any]:
@@ -41,11 +46,13 @@ def sweep_levels(path: Path) -> dict[str, Any]:
         If the file is no such table.
     """
     table = read_table(path, {'frequency': FREQUENCY, 'level': _LEVEL})
-    table.check_rising('frequency')
+    table.check_rising('frequency', steps=True)
     for key in ('frequency', 'level'):
         table.check_finite(key)
         table.check_positive(key)
     hertz, levels = (table.columns[key].values for key in ('frequency', 'level'))
+    # A step, where a frequency is there twice, is one of this width
+    hertz = np.where(np.diff(hertz, prepend=0.0) == 0.0, hertz * (1.0 + _STEP), hertz)
     greatest = float(levels.max())
     notches = {
         'sweep_notch_frequencies': tuple(math.tau * float(f) for f in hertz),

@@ -170,7 +170,7 @@ def test_rebounds_of_a_ball(tmp_path, capsys):
         (['free.csv', '--rebounds', '--structure'], 'not allowed with argument'),
         (['free.csv', '--rebounds'], '1600 times at equal intervals, which are no impacts'),
         (['free.csv', '--structure', '--rig-out', 'o.yaml'], '--rig-out needs the masses'),
-        (['free.csv', '--structure', '--from', '9s'], '0 samples from 9 to inf s: give a longer'),
+        (['free.csv', '--structure', '--from', '9s'], 'no samples from 9 to inf s: give a part'),
         (['free.csv', '--structure', '--saturation', '16g'], '--saturation is an acceleration'),
         (
             ['free.csv', '--structure', '--saturation', '16'],

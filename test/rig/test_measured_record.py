@@ -274,7 +274,7 @@ def altered(held, **values):
 @pytest.mark.parametrize(
     ('values', 'problem'),
     [
-        ({'digest': '00'}, 'the digest of the record'),
+        ({'digest': '00'}, 'is damaged: its digest'),
         ({'values': 'A'}, 'cannot be expanded'),
         ({'times': '<'}, 'cannot be expanded'),
         ({'quantity': 'gap'}, 'digest'),
