@@ -74,19 +74,17 @@ def state_numbers(sample: Sample, deflection: float, angle: float) -> tuple[_Num
     return (*places, angle, here, primary - here), (*velocities, 0.0, rate, velocity - rate)
 
 
-def impact_numbers(event: Event, deflection: float) -> tuple[_Numbers, _Numbers, _Numbers]:
+def impact_numbers(
+    x: float, y: float, after: tuple[float, float], impulse: float, deflection: float
+) -> tuple[_Numbers, _Numbers, _Numbers]:
     """
     Return the published numbers of an impact: positions, velocities, efforts of `IMPACT_JOINTS`.
 
-    The velocities are those after the impact, the efforts the impulses on M and m: stop 1, the
-    lower one, throws m up. For the parameters see `state_numbers`.
+    The velocities are those of M and m after the impact, the efforts the impulses on them, of
+    which the first is given: stop 1, the lower one, throws m up. For the deflection see
+    `state_numbers`. Columns of several impacts may stand for the numbers.
     """
-    impulse = event.impulse if event.stop == 1 else -event.impulse
-    return (
-        (event.x + deflection, event.x + event.y + deflection),
-        (event.primary_velocity_after, event.damper_velocity_after),
-        (impulse, -impulse),
-    )
+    return (x + deflection, x + y + deflection), after, (impulse, -impulse)
 
 
 class RigMessages:
@@ -122,7 +120,10 @@ class RigMessages:
 
     def impact(self, stamp_ns: int, event: Event, deflection: float) -> bytes:
         """Return the message of an impact; see `impact_numbers`."""
-        return self._impacts[event.stop].filled(stamp_ns, *impact_numbers(event, deflection))
+        after = event.primary_velocity_after, event.damper_velocity_after
+        impulse = event.impulse if event.stop == 1 else -event.impulse
+        parts = impact_numbers(event.x, event.y, after, impulse, deflection)
+        return self._impacts[event.stop].filled(stamp_ns, *parts)
 
     def control(self, stamp_ns: int, record: ControlRecord) -> bytes:
         """Return the message of an act of the gap control; see `ControlRecord.numbers`."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from impact_damper_ros.motion.event import Sample, events_of_table
-from impact_damper_ros.parameters.quoting import printable
+from impact_damper_ros.parameters.quoting import counted, printable
 from impact_damper_ros.parameters.rig_parameters import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -55,7 +55,8 @@ runs are compared; --bag records that run, so that every other command takes it,
 ROS, on a bag directory or a single .mcap file, also a recovered one.
 """
 _EPILOG = """\
-Exit code: 0 if all is reproduced bit for bit; 1 if something differs, a file cannot be written, or
+Exit code: 0 if all is reproduced, bit for bit or, of a bag of another C library, processor or
+arithmetic, within round-off; 1 if something differs, a file cannot be written, or
 the what-if has more than --most-events events (--states, --impacts and --bag then end there); 2 if
 the bag or an argument is invalid; 3 if all that can be compared is reproduced, but the bag is cut,
 damaged, lacks messages, or holds some twice; 130 on Ctrl-C, 143 on SIGTERM.
@@ -169,12 +170,17 @@ def _replayed(arguments: argparse.Namespace, recorded: RecordedRun) -> tuple[int
         runs.finish()
         result['what_if'] = runs.as_json()
         text += '\n' + runs.text()
+        refusals = what_if.refusals if what_if is not None else []
+        result['what_if']['refused_orders'] = len(refusals)
+        for time, reason in refusals[:1]:
+            count = counted(len(refusals), 'order')
+            text += f'\nrefused     {count} of the controller, from {time:.9g} s on: {reason}'
         if arguments.recording is not None:
             text += f'\nrecorded    {arguments.recording}'
         if findings.difference_count:
             text += '\ncaution     the run is not reproduced from its log: see above'
         draw(arguments.figure, runs.figure)
-    return findings.verdict.value if findings.samples else 2, result, text
+    return findings.verdict.exit_code if findings.samples else 2, result, text
 
 
 def _runs(arguments: argparse.Namespace) -> list[RecordedRun]:

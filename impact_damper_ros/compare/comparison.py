@@ -30,7 +30,7 @@ def _log_check(replay: Replay) -> LogCheck:
     if findings.control:
         text += f', {counted(findings.control, "act")} of the gap control'
     text += f', {counted(findings.snapshots, "snapshot")}'
-    return LogCheck(text, count, _unchecked(replay))
+    return LogCheck(text, count, findings.unchecked)
 
 
 def _on_interruptions(findings: Findings) -> Iterator[str]:
@@ -41,17 +41,6 @@ def _on_interruptions(findings: Findings) -> Iterator[str]:
     ):
         if count:
             yield what.format('once' if count == 1 else f'{count} times')
-
-
-def _unchecked(replay: Replay) -> tuple[str, ...]:
-    """Return what the replay does not check."""
-    topics = replay.recorded.topics
-    checked = {topics.joint_states, topics.impacts, topics.gap_control, topics.snapshot}
-    held = {name for name, _ in replay.recorded.reader.topics}
-    found = sorted(held - checked)
-    if replay.findings.other_bits and topics.gap_control:
-        found.append(topics.gap_control)
-    return tuple(found)
 
 
 def _with_log(

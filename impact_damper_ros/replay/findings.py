@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The findings of a replay: counts, differences, and how they grow."""
+"""The findings of a replay: counts, differences, and a verdict."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from enum import Enum
-from math import inf, isfinite, nan, ulp
+from math import isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -18,26 +18,24 @@ from impact_damper_ros.parameters.quoting import shown
 _MOST_KEPT = 20
 #: Quantities of messages that are only recorded, or only in the replay.
 WHOLE = IMPACT, ACT = 'impact', 'act of the gap control'
-#: Differing samples after which the difference is noted.
-_MARKS = tuple(m * 10**k for k in range(8) for m in (1, 2, 5))
 
 Array = NDArray[np.float64]
 
 
-def ulps_between(recorded: object, replayed: object) -> float:
-    """Return a difference in units of the last place; infinity where these are no doubles."""
-    if isinstance(replayed, float) and isinstance(recorded, float):
-        return abs(recorded - replayed) / ulp(replayed)
-    return inf
-
-
 class ReplayVerdict(Enum):
-    """Verdict on a replay; the value is the exit code."""
+    """Verdict on a replay."""
 
-    IDENTICAL = 0
-    DIFFERENT = 1
-    #: Identical as far as the bag can be compared.
-    PARTIAL = 3
+    IDENTICAL = 'identical'
+    #: As near as the round-off of another machine, or of another arithmetic, allows.
+    WITHIN_ROUND_OFF = 'within_round_off'
+    #: One of the two as far as the bag can be compared.
+    PARTIAL = 'partial'
+    DIFFERENT = 'different'
+
+    @property
+    def exit_code(self) -> int:
+        """The exit code of `replay_run`."""
+        return {'different': 1, 'partial': 3}.get(self.value, 0)
 
 
 @dataclass(frozen=True)
@@ -75,11 +73,6 @@ class Difference:
             with suppress(OverflowError):
                 return float(self.recorded - self.replayed)
         return nan
-
-    @property
-    def ulps(self) -> float:
-        """The same in units of the last place of the replayed value."""
-        return ulps_between(self.recorded, self.replayed)
 
     @property
     def text(self) -> str:
@@ -135,8 +128,6 @@ class Divergence:
     #: Largest differences of X and Z, m.
     largest_x: float = 0.0
     largest_z: float = 0.0
-    #: Number of differing samples, rig time, s, and the differences of X and Z there, m.
-    marks: list[tuple[int, float, float, float]] = field(default_factory=list)
 
     def take(self, times: Array, x: Array, z: Array) -> None:
         """Take samples that differ by `x` and `z`, m, at instants, s."""
@@ -144,14 +135,11 @@ class Divergence:
             return
         if not self.samples:
             self.first = float(times[0])
-        numbers = self.samples + 1 + np.arange(len(times))
         self.samples += len(times)
         self.last = float(times[-1])
         with np.errstate(over='ignore', invalid='ignore'):
             self.largest_x = max(self.largest_x, float(np.abs(x).max()))
             self.largest_z = max(self.largest_z, float(np.abs(z).max()))
-        for i in np.flatnonzero(np.isin(numbers, _MARKS)):
-            self.marks.append((int(numbers[i]), float(times[i]), float(x[i]), float(z[i])))
 
 
 @dataclass
@@ -198,6 +186,8 @@ class Findings:
         are then compared with the replay within the errors of round-off.
     undecided : int
         Flights that round-off may lead elsewhere, so that they were not compared with the replay.
+    unchecked : tuple of str
+        Topics of the bag that were not compared.
     """
 
     samples: int = 0
@@ -227,6 +217,7 @@ class Findings:
     offset_ns: int = 0
     other_bits: str = ''
     undecided: int = 0
+    unchecked: tuple[str, ...] = ()
     _kept_after: str = ''
     _kept_count: int = 0
 
@@ -235,7 +226,9 @@ class Findings:
         """Whether everything recorded is reproduced."""
         if self.difference_count:
             return ReplayVerdict.DIFFERENT
-        return ReplayVerdict.PARTIAL if self.faults else ReplayVerdict.IDENTICAL
+        if self.faults:
+            return ReplayVerdict.PARTIAL
+        return ReplayVerdict.WITHIN_ROUND_OFF if self.other_bits else ReplayVerdict.IDENTICAL
 
     @property
     def first(self) -> Difference | None:
@@ -250,15 +243,14 @@ class Findings:
         unit: str,
         recorded: object,
         replayed: object,
-        alike: int = 0,
     ) -> None:
-        """Add a difference, and count so many more that are not listed."""
+        """Add a difference."""
         time = (stamp_ns - self.offset_ns) / 1e9
         values = quantity, unit, recorded, replayed
         difference = Difference(time, stamp_ns, topic, *values, self.after)
-        self.difference_count += 1 + alike
+        self.difference_count += 1
         first = topic not in self.by_topic
-        self.by_topic[topic] = self.by_topic.get(topic, 0) + 1 + alike
+        self.by_topic[topic] = self.by_topic.get(topic, 0) + 1
         if self.after != self._kept_after:
             self._kept_after, self._kept_count = self.after, 0
         self._kept_count += 1

@@ -14,27 +14,29 @@ import json
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from math import inf
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.bag.messages import JOINT_STATE
+from impact_damper_ros.bag.messages import JOINT_STATE, message_row
+from impact_damper_ros.bag.rig_topics import JOINTS
 from impact_damper_ros.bag.snapshots import mathematics, motion_of
 from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.motion.compiled import has_numba
-from impact_damper_ros.motion.event import Event, table_of_events
+from impact_damper_ros.motion.event import table_of_events
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import InitialConditions
-from impact_damper_ros.rig.order import Order
+from impact_damper_ros.rig.observed_run import TimedOrder
 from impact_damper_ros.rig.rig import Outcome, Rig
-from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
+from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 from .command import Command, Setting, restored
 from .findings import Findings, SampleGap
-from .matching import Matcher, differing_states, expected_states, note_states
+from .matching import Matcher, NearMatcher, differing_states, expected_states, note_states
+from .passage import Passage
 from .rows import (
     NO_EVENTS,
     NO_SAMPLES,
@@ -84,8 +86,8 @@ class Part(NamedTuple):
         The same as changes and resets that were carried out, each with its rig time, ns.
     before : dict
         State of the rig at the end, before that.
-    orders : list of (float, Order)
-        What a controller outside the rig ordered within the piece, each with its rig time, s.
+    orders : list of TimedOrder
+        What a controller outside the rig ordered within the piece.
     """
 
     samples: Samples
@@ -93,7 +95,7 @@ class Part(NamedTuple):
     command: Command | None = None
     steps: list[tuple[int, Step]] = []  # noqa: RUF012 - never changed
     before: Mapping[str, Any] = {}
-    orders: list[tuple[float, Order]] = []  # noqa: RUF012 - never changed
+    orders: list[TimedOrder] = []  # noqa: RUF012 - never changed
 
     @classmethod
     def empty(cls) -> Self:
@@ -165,8 +167,8 @@ class Replay:
         self._time_ns = start.time_ns
         self._command: Command | None = None
         self._before: list[tuple[int, Numbers]] = []
-        #: What a controller outside the rig is yet to order, with the rig times, s.
-        self._orders: deque[tuple[float, Order]] = deque()
+        #: What a controller outside the rig is yet to order.
+        self._orders: deque[TimedOrder] = deque()
         #: Rig time from one sample to the next, s and ns
         self.period = 1.0 / start.rate
         self._period_ns = 1e9 / start.rate
@@ -174,11 +176,16 @@ class Replay:
         topics = recorded.topics
         samples = recorded.reader.topics[topics.joint_states, JOINT_STATE].message_count
         self._compiled = samples >= _COMPILED_FROM and has_numba()
-        self._matchers = [
-            Matcher(key, getattr(topics, key), findings, recorded.wrong, own=self._own)
-            for key in ('impacts', 'gap_control')
+        near = bool(findings.other_bits)
+        kinds: dict[str, type[Matcher]] = {
+            'impacts': Matcher,
+            'gap_control': NearMatcher if near else Matcher,
+        }
+        impacts, acts = self._matchers = [
+            kind(key, getattr(topics, key), findings, recorded.wrong, own=self._own)
+            for key, kind in kinds.items()
         ]
-        self._shadowing = Shadowing(self, self._matchers[0]) if findings.other_bits else None
+        self._shadowing = Shadowing(self, impacts, cast('NearMatcher', acts)) if near else None
 
     def run(self, progress: Callable[[float], object] = float) -> Findings:
         """
@@ -212,12 +219,13 @@ class Replay:
     # The rows
 
     def _take_rows(self, rows: Rows) -> Part:
+        impacts, acts = self._matchers
+        acts.take(rows.acts)
         if self._shadowing is not None:
             self._shadowing.expect(rows.impacts)
             self.findings.recorded_impacts += len(rows.impacts)
         else:
-            for matcher, table in zip(self._matchers, rows[1:], strict=True):
-                matcher.take(table)
+            impacts.take(rows.impacts)
         findings, states = self.findings, rows.states
         self._orders += orders_of(rows.acts, findings.offset_ns)
         states = states[self._usable(states['stamp_ns'] - findings.offset_ns)]
@@ -225,20 +233,39 @@ class Replay:
         if not len(states):
             return Part(NO_SAMPLES, NO_EVENTS)
         instants = times_ns / 1e9
+        orders = self._orders_until(instants[-1])
         if self._shadowing is not None:
-            part = self._note_rows(self._shadowing.follow(states, instants), states, times_ns)
+            done = self._shadowing.follow(states, instants, float(instants[-1]), orders)
         else:
-            done = self._advanced_through(states, times_ns)
-            self._expect(done.events, done.records)
-            part = self._note_rows(done, states, times_ns)
-        return part._replace(orders=self._orders_until(instants[-1]))
+            done = self._advanced_through(states, times_ns, orders)
+        for time_ns, before in self._before:
+            # A sample of the very instant of a change may be from before it.
+            for i in np.flatnonzero(done.differs & (times_ns == time_ns)):
+                done.differs[i] = not self._is_same(states['numbers'][i], before)
+        return self._note_rows(done, states, times_ns)._replace(orders=orders)
 
-    def _orders_until(self, until: float) -> list[tuple[float, Order]]:
+    def _is_same(self, recorded: Numbers, replayed: Numbers) -> bool:
+        """Return whether the numbers of joint states agree as they must."""
+        if self._shadowing is not None:
+            return bool((np.abs(recorded - replayed) <= self._shadowing.state_floors()).all())
+        return recorded.tobytes() == replayed.tobytes()
+
+    def _orders_until(self, until: float) -> list[TimedOrder]:
         """Return the orders up to an instant, and forget them."""
         found = []
-        while self._orders and self._orders[0][0] <= until:
+        while self._orders and self._orders[0].time <= until:
             found.append(self._orders.popleft())
         return found
+
+    def _gone_to(self, until: float, orders: list[TimedOrder]) -> Events:
+        """Let the rig run on beyond the last joint states; return its events."""
+        if self._shadowing is not None:
+            nothing = np.empty(0, message_row(2 * len(JOINTS)))
+            return self._shadowing.follow(nothing, np.empty(0), until, orders).events
+        passage = self.passage(self.rig, (), until, deque(orders))
+        self.note_refusals(passage)
+        self._expect(passage.events, passage.records)
+        return passage.events
 
     def _note_rows(self, done: Advance, states: Messages, times_ns: Ints) -> Part:
         """Note what differs in joint states, and the gaps between them."""
@@ -281,43 +308,17 @@ class Replay:
         self._left_out += int((~usable).sum())
         return usable
 
-    def advanced(self, rig: Rig, instants: Numbers) -> tuple[Samples, Events, list[ControlRecord]]:
-        """Let a rig run on to instants; return samples, events and acts of its control."""
-        orders = self._orders.copy()
-        first, acts_first = self._moved(rig, rig.time, orders)
-        # An event that a change leaves due at once happens in the next call to a later instant.
-        here = int(np.searchsorted(instants, rig.time, side='right'))
-        at_once = samples_as_rows([rig.sample()] * here)
-        instants = instants[here:]
-        if not len(instants):
-            return at_once, table_of_events(first), acts_first
-        if not orders or orders[0][0] > instants[-1]:
-            rig.compiled = self._compiled and rig.own_law is None
-            most = inf if rig.acts else max(MOST_IN_PERIOD, 10 * len(instants))
-            try:
-                result = rig.run(float(instants[-1]), instants, most_events=most)
-            except _FAILURES as error:
-                raise self._cannot_go_on(rig, str(error)) from error
-            if result.outcome is not Outcome.COMPLETE:
-                raise self._cannot_go_on(rig, result.reason)
-            return (
-                np.concatenate([at_once, result.samples]),
-                np.concatenate([table_of_events(first), result.events]),
-                acts_first + rig.records,
-            )
-        samples, events, records = [], first, acts_first
-        for time in instants.tolist():
-            more, acts = self._moved(rig, time, orders)
-            events += more
-            records += acts
-            samples.append(rig.sample())
-        return (
-            np.concatenate([at_once, samples_as_rows(samples)]),
-            table_of_events(events),
-            records,
-        )
+    def passage(
+        self, rig: Rig, instants: Numbers | tuple[()], until: float, orders: deque[TimedOrder]
+    ) -> Passage:
+        """Let a rig run on through instants to a later one, with the orders on the way."""
+        rig.compiled = self._compiled and rig.own_law is None
+        try:
+            return Passage(rig, instants).go(until, orders)
+        except _FAILURES as error:
+            raise self._cannot_go_on(rig, str(error)) from error
 
-    def moved(self, rig: Rig, time: float) -> Events:
+    def to_event(self, rig: Rig, time: float) -> Events:
         """Let a rig run on to an instant, or to the next event."""
         try:
             result = rig.run(time, most_events=1)
@@ -327,51 +328,33 @@ class Replay:
             raise self._cannot_go_on(rig, result.reason)
         return result.events
 
-    def _moved(
-        self, rig: Rig, time: float, orders: deque[tuple[float, Order]]
-    ) -> tuple[list[Event], list[ControlRecord]]:
-        """Let a rig run on to an instant, and carry out the orders up to then."""
-        # Once to each instant, as the node does
-        events: list[Event] = []
-        records: list[ControlRecord] = []
-        while orders and orders[0][0] <= time:
-            due, order = orders.popleft()
-            more, acts = self._moved(rig, due, deque())
-            events += more
-            records += acts
-            try:
-                events += rig.order(order)
-                records += rig.records
-            except ParameterError as error:
-                self.findings.fault(
-                    f'the order at rig time {due:.9g} s cannot be carried out: {error}'
-                )
-        try:
-            if time > rig.time:
-                events += rig.advance(time, MOST_IN_PERIOD)
-                records += rig.records
-        except _FAILURES as error:
-            raise self._cannot_go_on(rig, str(error)) from error
-        return events, records
+    def note_refusals(self, passage: Passage) -> None:
+        """Note the orders that the rig could not carry out."""
+        for time, error in passage.refusals:
+            self.findings.fault(
+                f'the order at rig time {time:.9g} s cannot be carried out: {error}'
+            )
 
     def _cannot_go_on(self, rig: Rig, reason: str) -> RecordingError:
         cause = f'the rig cannot be run on from rig time {rig.time:.9g} s: {reason}'
         return RecordingError('replay', self.recorded.reader.path, cause, _REMEDY)
 
-    def _advanced_through(self, states: Messages, times_ns: Ints) -> Advance:
+    def _advanced_through(
+        self, states: Messages, times_ns: Ints, orders: list[TimedOrder]
+    ) -> Advance:
         """Let the rig run on to joint states, and hold these against it."""
-        found = self.advanced(self.rig, times_ns / 1e9)
-        numbers = published_states(found[0], self.rig.parameters)
+        instants = times_ns / 1e9
+        found = self.passage(self.rig, instants, float(instants[-1]), deque(orders))
+        self.note_refusals(found)
+        self._expect(found.events, found.records)
+        numbers = published_states(found.samples, self.rig.parameters)
         expected = expected_states(states, numbers)
         differs = differing_states(states, expected)
-        for time_ns, before in self._before:
-            # A sample of the very instant of a change may be from before it.
-            for i in np.flatnonzero(differs & (times_ns == time_ns)):
-                differs[i] = states['numbers'][i].tobytes() != before.tobytes()
-        return Advance(*found, expected, differs)
+        return Advance(found.samples, found.events, expected, differs)
 
     def _expect(self, events: Events, records: list[ControlRecord]) -> None:
         if self._shadowing is not None:
+            self._shadowing.caused(events, records)
             return
         offset_ns = self.findings.offset_ns
         impacts, acts = self._matchers
@@ -401,8 +384,10 @@ class Replay:
         self._command = start
         self.findings.snapshots += 1
         # What a rig has no use for must be as a rig writes it, too.
-        for name, there, here in state_differences(start.state, motion_of(self.rig.snapshot())):
-            self._differ(self.recorded.topics.snapshot, name, there, here)
+        replayed = motion_of(self.rig.snapshot())
+        if self._shadowing is None or not near(start.state, replayed):
+            for name, there, here in state_differences(start.state, replayed):
+                self._differ(self.recorded.topics.snapshot, name, there, here)
         control = start.state['gap_control']
         if control['parameters']['gap_control'] != 'off' or control['state']['returning']:
             return
@@ -422,9 +407,8 @@ class Replay:
         self._command = command
         findings.snapshots += 1
         orders = self._orders_until(command.time)
-        events, records = self._moved(self.rig, command.time, deque(orders))
+        events = self._gone_to(command.time, orders)
         self._time_ns = command.time_ns
-        self._expect(table_of_events(events), records)
         lost = command.number != last.number + 1
         if lost and self._own:
             self._differ(topic, 'number', command.number, last.number + 1)
@@ -444,8 +428,8 @@ class Replay:
             for matcher in self._matchers:
                 matcher.settle(inf)
         if findings.end_ns is None and not self._own:
-            events = []
-        everything = np.concatenate([table_of_events(events), *more])
+            events = NO_EVENTS
+        everything = np.concatenate([events, *more])
         yield Part(NO_SAMPLES, everything, command, steps, before, orders)
 
     def _carry_out(self, command: Command) -> tuple[list[tuple[int, Step]], list[Events]]:
@@ -507,7 +491,7 @@ class Replay:
             if not near(recorded, replayed) or initial != self.initial.as_dict():
                 self._differ(topic, *differences[0])
             self.rig, self.initial = self._restored(command), command.initial
-            self._shadowing.restart()
+            self._shadowing.restart(command.stamp_ns)
             return
         if not differences:
             return
@@ -535,13 +519,12 @@ class Replay:
         findings, recorded = self.findings, self.recorded
         end_ns = findings.offset_ns + self._time_ns
         last_ns = max(matcher.last_ns for matcher in self._matchers)
-        events: list[Event] = []
+        events = NO_EVENTS
         before = self.rig.snapshot()
         if end_ns < last_ns <= end_ns + _MOST_MISSING * self._period_ns:
             # A cut bag may end with the impacts of a tick whose sample is lost.
-            until = (last_ns + 1 - findings.offset_ns) / 1e9
-            events, records = self._moved(self.rig, until, self._orders)
-            self._expect(table_of_events(events), records)
+            until = (last_ns + 3 - findings.offset_ns) / 1e9
+            events = self._gone_to(until, self._orders_until(until))
         else:
             last_ns = end_ns
         for matcher in self._matchers:
@@ -559,10 +542,17 @@ class Replay:
         if recorded.early and not self._own:
             findings.remark(f'messages from before the first snapshot, left out: {recorded.early}')
         if findings.other_bits:
-            findings.remark(self._said_of_other_bits())
-        return Part(NO_SAMPLES, table_of_events(events), before=before)
+            findings.remark(self._on_other_bits())
+        findings.unchecked = self._unchecked()
+        return Part(NO_SAMPLES, events, before=before)
 
-    def _said_of_other_bits(self) -> str:
+    def _unchecked(self) -> tuple[str, ...]:
+        """Return the topics that are not compared with the replay."""
+        topics = self.recorded.topics
+        checked = {topics.joint_states, topics.impacts, topics.gap_control, topics.snapshot}
+        return tuple(sorted({name for name, _ in self.recorded.reader.topics} - checked))
+
+    def _on_other_bits(self) -> str:
         findings = self.findings
         text = f'{findings.other_bits}: held against the replay within round-off, from impact to '
         text += 'impact'

@@ -18,6 +18,7 @@ from impact_damper_ros.bag.messages import message_row
 from impact_damper_ros.control.record import Action, ControlRecord
 from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind, Sample
 from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.rig.observed_run import TimedOrder
 from impact_damper_ros.rig.order import Order
 
 Samples = NDArray[np.void]
@@ -32,11 +33,10 @@ NO_EVENTS: Events = np.empty(0, EVENT_TYPE)
 
 
 class Advance(NamedTuple):
-    """What a rig did up to the last of some joint states, and which of these differ."""
+    """What a rig did on its way through some joint states, and which of these differ."""
 
     samples: Samples
     events: Events
-    records: list[ControlRecord]
     expected: Messages  # joint states
     differs: NDArray[np.bool_]  # which of the recorded ones differ
 
@@ -72,20 +72,15 @@ def _messages(times: Numbers, offset_ns: int, numbers: Numbers) -> Messages:
 
 def published_impacts(events: Events, rig: RigParameters, offset_ns: int) -> Messages:
     """Return the messages of the impacts among some events."""
-    hits = impacts_of(events)
-    rest = rig.static_deflection
-    impulse = np.where(hits['stop'] == 1, hits['impulse'], -hits['impulse'])
-    numbers = np.column_stack(
-        [
-            hits['x'] + rest,
-            hits['x'] + hits['y'] + rest,
-            hits['primary_velocity_after'],
-            hits['damper_velocity_after'],
-            impulse,
-            -impulse,
-        ]
+    from impact_damper_ros.bag.rig_topics import impact_numbers
+
+    hits: Any = impacts_of(events)
+    sign: Any = np.where(hits['stop'] == 1, 1.0, -1.0)
+    after = hits['primary_velocity_after'], hits['damper_velocity_after']
+    parts = impact_numbers(
+        hits['x'], hits['y'], after, sign * hits['impulse'], rig.static_deflection
     )
-    found = _messages(hits['time'], offset_ns, numbers)
+    found = _messages(hits['time'], offset_ns, np.column_stack(sum(parts, ())))
     found['frame'] = np.where(hits['stop'] == 1, 'stop_1', 'stop_2')
     return found
 
@@ -99,13 +94,14 @@ def published_acts(records: Sequence[ControlRecord], offset_ns: int) -> Messages
     return found
 
 
-def orders_of(acts: Messages, offset_ns: int) -> list[tuple[float, Order]]:
-    """Return what a controller outside the rig ordered, among some acts, with the rig times, s."""
+def orders_of(acts: Messages, offset_ns: int) -> list[TimedOrder]:
+    """Return what a controller outside the rig ordered, among some acts."""
     orders = acts[acts['frame'] == Action.ORDER.name.lower()]
     times = (orders['stamp_ns'] - offset_ns) / 1e9
     # Targets, speeds and the force among three positions, three velocities and three efforts
     chosen = orders['numbers'][:, [0, 1, 3, 4, 8]]
-    return [(t, Order(*row)) for t, row in zip(times.tolist(), chosen.tolist(), strict=True)]
+    pairs = zip(times.tolist(), chosen.tolist(), strict=True)
+    return [TimedOrder(time, Order(*row)) for time, row in pairs]
 
 
 def recorded_samples(states: Messages, rig: RigParameters, times: Numbers) -> Samples:

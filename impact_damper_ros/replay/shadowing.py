@@ -13,6 +13,7 @@ events, as at a grazing impact or at the end of a chatter, the flight is not dec
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,10 +23,19 @@ from impact_damper_ros.bag.messages import message_row
 from impact_damper_ros.bag.snapshots import motion_of
 from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.rig.observed_run import TimedOrder
 from impact_damper_ros.rig.rig import Rig
 
 from .findings import IMPACT, Findings
-from .matching import QUANTITIES, Matcher, differing_states, expected_states
+from .matching import (
+    QUANTITIES,
+    STAMP_NS,
+    Matcher,
+    NearMatcher,
+    differing_states,
+    expected_states,
+)
+from .passage import Passage
 from .rows import (
     NO_EVENTS,
     NO_SAMPLES,
@@ -35,6 +45,7 @@ from .rows import (
     Numbers,
     Samples,
     impacts_of,
+    published_acts,
     published_impacts,
     published_states,
 )
@@ -46,11 +57,16 @@ class Replayed(Protocol):
     rig: Rig
     findings: Findings
 
-    def advanced(self, rig: Rig, instants: Numbers) -> tuple[Samples, Events, list[ControlRecord]]:
-        """Let a rig run on, with samples at instants."""
+    def passage(
+        self, rig: Rig, instants: Numbers, until: float, orders: deque[TimedOrder]
+    ) -> Passage:
+        """Let a rig run on through instants to a later one, with the orders on the way."""
 
-    def moved(self, rig: Rig, time: float) -> Events:
+    def to_event(self, rig: Rig, time: float) -> Events:
         """Let a rig run on to an instant, or to the next event."""
+
+    def note_refusals(self, passage: Passage) -> None:
+        """Note the orders that a rig could not carry out."""
 
 
 #: Relative change of the second rig, and how many times as far off the recording may be.
@@ -58,8 +74,8 @@ _NUDGE, _TIMES = 1e-12, 10.0
 #: Stamps are whole nanoseconds; the second rig is late by as much.
 _STAMP_S = 1e-9
 #: What else a number may be off, as a share of the largest of its kind (and by what the motion
-#: does in 2 ns), and a stamp.
-_FLOOR, _STAMP_NS = 1e-9, 2.0
+#: does in 2 ns).
+_FLOOR = 1e-9
 #: Time after a recorded impact within which the replay must have it, s.
 _LATE_S = 1e-6
 #: Tolerance of a snapshot: share of each number, and of the largest of its origin.
@@ -87,11 +103,11 @@ def _shifted(state: dict[str, Any], rig: Rig, later: float) -> dict[str, Any]:
 
 
 def near(recorded: Any, replayed: Any, size: float = 0.0) -> bool:
-    """Return whether two snapshots are as near as round-off explains."""
+    """Return whether two snapshots are as near as round-off explains, of whatever arithmetic."""
     if isinstance(replayed, dict) and isinstance(recorded, dict):
         numbers = [abs(v) for v in replayed.values() if isinstance(v, float)]
         size = max(numbers, default=0.0)
-        keys = recorded.keys() | replayed.keys()
+        keys = (recorded.keys() | replayed.keys()) - {'arithmetic'}
         return all(near(recorded.get(k), replayed.get(k), size) for k in keys)
     if isinstance(replayed, list) and isinstance(recorded, list):
         pairs = zip(recorded, replayed, strict=False)
@@ -104,41 +120,113 @@ def near(recorded: Any, replayed: Any, size: float = 0.0) -> bool:
 class Shadowing:
     """Holds the rows of a replay's run against it, from impact to impact."""
 
-    def __init__(self, replay: Replayed, matcher: Matcher) -> None:
-        self._replay, self._matcher = replay, matcher
+    def __init__(self, replay: Replayed, matcher: Matcher, acts: NearMatcher) -> None:
+        self._replay, self._matcher, self._acts = replay, matcher, acts
         self._near = _nudged(replay.rig)
         self._waiting = np.empty(0, message_row(6))
+        # Impacts that a change has caused, and that are not joined yet
+        self._caused = self._waiting
+        self._orders: tuple[deque[TimedOrder], deque[TimedOrder]] = deque(), deque()
         self._sizes = np.zeros(2)  # largest position and velocity so far
 
-    def restart(self) -> None:
-        """Take the present state of the replay for that of the second rig."""
+    def restart(self, stamp_ns: int) -> None:
+        """Take the present state of the replay, at a stamp, for that of the second rig."""
         self._near = _nudged(self._replay.rig)
+        self._acts.recover(stamp_ns)
 
     def expect(self, impacts: Messages) -> None:
         """Take recorded impacts."""
         self._waiting = np.concatenate([self._waiting, impacts])
 
-    def follow(self, states: Messages, instants: Numbers) -> Advance:
-        """Let the rig run on to joint states, from impact to impact."""
+    def caused(self, events: Events, records: list[ControlRecord]) -> None:
+        """Take what a change of the replay's rig has brought at once."""
+        rig, offset_ns = self._replay.rig, self._replay.findings.offset_ns
+        impacts = published_impacts(events, rig.parameters, offset_ns)
+        self._caused = np.concatenate([self._caused, impacts])
+        self._expect_acts(rig.time, records, records, alike=True)
+
+    def follow(
+        self, states: Messages, instants: Numbers, until: float, orders: list[TimedOrder]
+    ) -> Advance:
+        """Let the rig run on through joint states to an instant, s, from impact to impact."""
         replay, offset_ns = self._replay, self._replay.findings.offset_ns
+        self._orders = deque(orders), deque(orders)
         self._grow(states['numbers'][:, :4], states['numbers'][:, 7:11])
         waiting = self._waiting
         times = (waiting['stamp_ns'] - offset_ns) / 1e9
-        due = int(np.searchsorted(times, instants[-1], side='right'))
+        # What is stamped at the very end of a piece may be caused by the command that follows.
+        end = until if len(states) else until - STAMP_NS * 1e-9
+        due = int(np.searchsorted(times, end, side='right'))
         self._waiting = waiting[due:]
         found = []
         begin = 0
         for i in range(due):
+            if self._is_caused(waiting[i : i + 1]):
+                continue
             end = int(np.searchsorted(instants, times[i], side='left'))
-            found.append(self._flights(states[begin:end], instants[begin:end]))
+            if end > begin:
+                last = float(instants[end - 1])
+                found.append(self._flights(states[begin:end], instants[begin:end], last))
             found.append(self._impact(waiting[i : i + 1], float(times[i])))
             begin = end
-        found.append(self._flights(states[begin:], instants[begin:]))
+        for row in self._caused:
+            self._matcher.differ_wholly(row, recorded=False)
+        self._caused = self._caused[:0]
+        found.append(self._flights(states[begin:], instants[begin:], until))
         samples, events, numbers, differs = (np.concatenate(c) for c in zip(*found, strict=True))
         replay.findings.impacts += due
         # Texts are held against the replay as they are.
         differs |= differing_states(states, expected_states(states, states['numbers']))
-        return Advance(samples, events, [], expected_states(states, numbers), differs)
+        return Advance(samples, events, expected_states(states, numbers), differs)
+
+    def _is_caused(self, recorded: Messages) -> bool:
+        """Return whether an impact is one that a change has caused, and join it."""
+        off = np.abs(self._caused['stamp_ns'] - recorded['stamp_ns'])
+        same = (off <= STAMP_NS) & (self._caused['frame'] == recorded['frame'])
+        places = np.flatnonzero(same)
+        if not len(places):
+            return False
+        mine = self._caused[places[0]]
+        self._caused = np.delete(self._caused, places[0])
+        wrong = np.abs(mine['numbers'] - recorded['numbers'][0]) > self._impact_floors()
+        self._differ_at(np.flatnonzero(wrong), recorded[0], mine)
+        return True
+
+    def _impact_floors(self) -> Numbers:
+        """Return what each number of an impact may be off in any case."""
+        length, speed = self._floors()
+        floors = [length, speed, self._replay.rig.parameters.damper_mass * speed]
+        return np.repeat(floors, 2)
+
+    def _differ_at(self, wrong: NDArray[np.int64], recorded: np.void, replayed: np.void) -> None:
+        """Note the first of the numbers in which an impact differs."""
+        if len(wrong):
+            numbers = (float(row['numbers'][wrong[0]]) for row in (recorded, replayed))
+            quantity = QUANTITIES['impacts'][2 + wrong[0]]
+            self._matcher.differ(recorded['stamp_ns'], *quantity, *numbers)
+
+    def _expect_acts(
+        self,
+        since: float,
+        records: list[ControlRecord],
+        others: list[ControlRecord],
+        *,
+        alike: bool,
+    ) -> None:
+        """Expect acts as the replay and the second rig have them since an instant, s."""
+        offset_ns = self._replay.findings.offset_ns
+        here, there = (published_acts(acts, offset_ns) for acts in (records, others))
+        if not alike or here['frame'].tolist() != there['frame'].tolist():
+            self._acts.lose(offset_ns + round(since * 1e9))
+            return
+        length, speed = self._floors()
+        allowed = here.copy()
+        doubt = np.nan_to_num(np.abs(there['numbers'] - here['numbers']))
+        floors = np.tile(np.repeat([length, speed, 0.0], 3), (len(here), 1))
+        floors[:, 6:] = _FLOOR * np.nan_to_num(np.abs(here['numbers'][:, 6:]))
+        allowed['numbers'] = _TIMES * doubt + floors
+        allowed['stamp_ns'] = _TIMES * np.abs(there['stamp_ns'] - here['stamp_ns'])
+        self._acts.expect_near(here, allowed)
 
     def _grow(self, positions: Numbers, velocities: Numbers) -> None:
         with np.errstate(invalid='ignore'):
@@ -158,48 +246,72 @@ class Shadowing:
             float(_FLOOR * speed + 2.0 * _STAMP_S * acceleration),
         )
 
-    def _flights(
-        self, states: Messages, instants: Numbers
-    ) -> tuple[Samples, Events, Numbers, NDArray[np.bool_]]:
-        """Run on through joint states without an impact."""
-        replay, rig = self._replay, self._replay.rig
-        (samples, events, _), (others, near_events, _) = (
-            replay.advanced(one, instants) for one in (rig, self._near)
-        )
-        numbers = published_states(samples, rig.parameters)
-        doubt = np.abs(published_states(others, rig.parameters) - numbers)
+    def state_floors(self) -> Numbers:
+        """Return what each number of joint states may be off in any case."""
         length, speed = self._floors()
         sizes = [length, _FLOOR, length, speed, _FLOOR, speed]
-        floor = np.repeat(sizes, [4, 1, 2, 4, 1, 2])
-        differs = ~(np.abs(states['numbers'] - numbers) <= _TIMES * doubt + floor).all(axis=1)
-        alike = np.array_equal(events['kind'], near_events['kind'])
+        return np.repeat(sizes, [4, 1, 2, 4, 1, 2])
+
+    def _flights(
+        self, states: Messages, instants: Numbers, until: float
+    ) -> tuple[Samples, Events, Numbers, NDArray[np.bool_]]:
+        """Run on through joint states, and to an instant, s, without an impact."""
+        replay, rig = self._replay, self._replay.rig
+        since = rig.time
+        mine, other = (
+            replay.passage(one, instants, until, orders)
+            for one, orders in zip((rig, self._near), self._orders, strict=True)
+        )
+        replay.note_refusals(mine)
+        events = mine.events
+        numbers = published_states(mine.samples, rig.parameters)
+        doubt = np.abs(published_states(other.samples, rig.parameters) - numbers)
+        floor = self.state_floors()
+        near = np.abs(states['numbers'] - numbers) <= _TIMES * doubt + floor
+        differs = np.logical_not(near.all(axis=1), dtype=np.bool_)
+        alike = np.array_equal(events['kind'], other.events['kind'])
         if not alike:
             replay.findings.undecided += 1
             differs[:] = False
+        self._expect_acts(since, mine.records, other.records, alike=alike)
         for hit in impacts_of(events) if alike else ():
             stamp_ns = replay.findings.offset_ns + round(float(hit['time']) * 1e9)
             self._matcher.differ(stamp_ns, IMPACT, '', None, f'stop_{hit["stop"]}')
-        return samples, events, numbers, differs
+        return mine.samples, events, numbers, differs
 
-    def _to_impact(self, rig: Rig, until: float) -> Events:
+    def _to_impact(
+        self, rig: Rig, until: float, orders: deque[TimedOrder]
+    ) -> tuple[Events, list[ControlRecord]]:
         """Run on to the next impact, or for some time beyond it."""
-        found = []
+        found, records = [NO_EVENTS], []
         while rig.time < until:
-            found.append(self._replay.moved(rig, until))
+            if orders and orders[0].time <= rig.time:
+                passage = self._replay.passage(rig, np.empty(0), rig.time, orders)
+                found.append(passage.events)
+                records += passage.records
+            stop = min(until, orders[0].time) if orders else until
+            found.append(self._replay.to_event(rig, stop))
+            records += rig.records
             if (found[-1]['kind'] == EventKind.IMPACT).any():
                 break
-        return np.concatenate(found) if found else NO_EVENTS
+        return np.concatenate(found), records
 
     def _impact(
         self, recorded: Messages, time: float
     ) -> tuple[Samples, Events, Numbers, NDArray[np.bool_]]:
         """Run on to a recorded impact, and begin anew there."""
         replay, rig = self._replay, self._replay.rig
-        events, others = (self._to_impact(one, time + _LATE_S) for one in (rig, self._near))
+        since = rig.time
+        (events, records), (others, other_records) = (
+            self._to_impact(one, time + _LATE_S, orders)
+            for one, orders in zip((rig, self._near), self._orders, strict=True)
+        )
         offset_ns = replay.findings.offset_ns
         here, there = (published_impacts(e, rig.parameters, offset_ns) for e in (events, others))
         stamp_ns, frame = int(recorded['stamp_ns'][0]), str(recorded['frame'][0])
-        if len(here) != len(there) or not np.array_equal(events['kind'], others['kind']):
+        alike = len(here) == len(there) and np.array_equal(events['kind'], others['kind'])
+        self._expect_acts(since, records, other_records, alike=alike)
+        if not alike:
             replay.findings.undecided += 1
         elif not len(here):
             self._matcher.differ_wholly(recorded[0], recorded=True)
@@ -207,18 +319,16 @@ class Shadowing:
             doubt_ns = abs(float(events['time'][-1] - others['time'][-1])) * 1e9
             ours: Numbers = here['numbers'][0]
             doubt, off = (np.abs(ours - rows['numbers'][0]) for rows in (there, recorded))
-            length, speed = self._floors()
-            floor = np.repeat([length, speed, rig.parameters.damper_mass * speed], 2)
-            wrong = np.flatnonzero(~(off <= _TIMES * doubt + floor))
-            if abs(stamp_ns - int(here['stamp_ns'][0])) > _STAMP_NS + _TIMES * doubt_ns:
+            wrong = np.flatnonzero(~(off <= _TIMES * doubt + self._impact_floors()))
+            if abs(stamp_ns - int(here['stamp_ns'][0])) > STAMP_NS + _TIMES * doubt_ns:
                 self._matcher.differ(stamp_ns, 'stamp', 'ns', stamp_ns, int(here['stamp_ns'][0]))
             elif frame != str(here['frame'][0]):
                 self._matcher.differ(stamp_ns, 'frame_id', '', frame, str(here['frame'][0]))
-            elif len(wrong):
-                numbers = (float(t['numbers'][0, wrong[0]]) for t in (recorded, here))
-                self._matcher.differ(stamp_ns, *QUANTITIES['impacts'][2 + wrong[0]], *numbers)
+            else:
+                self._differ_at(wrong, recorded[0], here[0])
         if len(here):
             self._begin(recorded['numbers'][0], time, float(events['time'][-1]))
+            self._orders = self._orders[0], self._orders[0].copy()
         nothing = published_states(NO_SAMPLES, rig.parameters)
         return NO_SAMPLES, events, nothing, np.empty(0, np.bool_)
 

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +24,14 @@ from impact_damper_ros.motion.compiled import has_numba
 from impact_damper_ros.motion.event import Event, table_of_events
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import InitialConditions
-from impact_damper_ros.rig.order import Order
-from impact_damper_ros.rig.rig import Outcome, Rig
-from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
+from impact_damper_ros.rig.observed_run import Observer
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.runaway import MOST_IN_PERIOD
 
 from .command import Command, Setting
+from .passage import Passage
 from .replay import Part, Step
-from .rows import NO_EVENTS, NO_SAMPLES, Events, Numbers, Samples, samples_as_rows
+from .rows import NO_EVENTS, Events
 
 
 class WhatIf:
@@ -63,6 +63,8 @@ class WhatIf:
         as it does on a live rig.
     reached : Part
         What `follow` returned last; what there was of it, if it failed.
+    refusals : list of (float, ParameterError)
+        Orders of the recorded controller that this rig could not carry out: when, s, and why.
 
     Raises
     ------
@@ -85,8 +87,7 @@ class WhatIf:
         compiled: bool = False,
     ) -> None:
         self._most_in_period = most_in_period
-        # In one call from sample to sample, unless something may have to be done between them
-        self._at_once = bag is None and most_in_period == MOST_IN_PERIOD
+        self.refusals: list[tuple[float, ParameterError]] = []
         self._held = dict(held)
         self.reached = Part.empty()
         self._held_initial = dict(held_initial or {})
@@ -131,30 +132,25 @@ class WhatIf:
         RecordingError
             If the recording fails.
         """
-        events, self._early = self._early, []
-        samples: list[Samples] = []
+        passage = Passage(self.rig, part.samples['time'])
+        early, self._early = self._early, []
         command, before = part.command, {}
-        orders = deque(part.orders)
+        caused: list[Events] = []
         try:
-            if self._at_once and not orders:
-                self._run(part.samples['time'], samples, events)
-            else:
-                for time in part.samples['time'].tolist():
-                    self._ordered(orders, time, events)
-                    self._move(time, events)
-                    samples.append(samples_as_rows([self.rig.sample()]))
-            self._ordered(orders, math.inf, events)
-            if command is not None:
-                self._move(command.time, events)
+            ends = [command.time] if command is not None else part.samples['time'][-1:].tolist()
+            for end in ends:
+                recorder = [] if self._recorder is None else [_UpTo(end, self._recorder)]
+                passage.go(end, deque(part.orders), recorder, self._most_in_period)
             if part.before:
                 before = self.rig.snapshot()
             for time_ns, step in part.steps:
-                events += self.carry_out(time_ns, step)
+                caused += self.carry_out(time_ns, step)
             if command is not None:
                 command = command._replace(state=self.rig.snapshot())
         finally:
-            rows = np.concatenate([NO_SAMPLES, *samples]), np.concatenate([NO_EVENTS, *events])
-            self.reached = Part(*rows, command, part.steps, before, part.orders)
+            self.refusals += passage.refusals
+            events = np.concatenate([NO_EVENTS, *early, passage.events, *caused])
+            self.reached = Part(passage.samples, events, command, part.steps, before, part.orders)
         return self.reached
 
     def close(self) -> None:
@@ -163,57 +159,6 @@ class WhatIf:
             recorder, self._recorder = self._recorder, None
             recorder.reached(self.rig.time)
             recorder.close()
-
-    def _run(self, instants: Numbers, samples: list[Samples], events: list[Events]) -> None:
-        """Go on through instants, s, in one call."""
-        here = int(np.searchsorted(instants, self.rig.time, side='right'))
-        samples.append(samples_as_rows([self.rig.sample()] * here))
-        if here == len(instants):
-            return
-        result = self.rig.run(float(instants[-1]), instants[here:], most_events=math.inf)
-        samples.append(result.samples)
-        events.append(result.events)
-        if result.outcome is not Outcome.COMPLETE:
-            raise RunawayError(result.reason)
-
-    def _ordered(
-        self, orders: deque[tuple[float, Order]], until: float, events: list[Events]
-    ) -> None:
-        """Carry out the orders up to an instant, s, but for those that this rig cannot take."""
-        while orders and orders[0][0] <= until:
-            time, order = orders.popleft()
-            self._move(time, events)
-            with suppress(ParameterError):
-                events.append(self._noted(self.rig.order(order)))
-
-    def _move(self, time: float, events: list[Events]) -> None:
-        """Go on to an instant, s, and record the ticks before it."""
-        if time <= self.rig.time:
-            return
-        if self._at_once:
-            self._run(np.array([time]), [], events)
-            return
-        recorder = self._recorder
-        while recorder is not None and recorder.due < time:
-            # What is done at the instant of a tick is done before its joint states.
-            self._advance(recorder.due, events)
-            recorder.reached(self.rig.time)
-        self._advance(time, events)
-
-    def _advance(self, time: float, events: list[Events]) -> None:
-        if time <= self.rig.time:
-            return
-        try:
-            events.append(self._noted(self.rig.advance(time, self._most_in_period)))
-        except RunawayError as error:
-            events.append(self._noted(list(error.events)))
-            raise
-
-    def _noted(self, events: list[Event]) -> Events:
-        """Record what the rig's last call has brought; return it as an array."""
-        if self._recorder is not None:
-            self._recorder.happened(events)
-        return table_of_events(events)
 
     def _changed(self, time_ns: int, setting: Setting) -> list[Events]:
         """Change the rig, and record that."""
@@ -252,6 +197,26 @@ class WhatIf:
         if self._recorder is not None:
             self._recorder.reset(time_ns, initial.as_dict(), ())
         return events + (self._changed(time_ns, held) if held is not None else [])
+
+
+class _UpTo(Observer):
+    """Lets a recorder follow a rig to an instant, s, the tick at which may be of what follows."""
+
+    def __init__(self, until: float, recorder: RigRecorder) -> None:
+        self._until, self._recorder = until, recorder
+
+    def ticks(self) -> Iterator[float]:
+        """Yield the ticks of the recorder."""
+        return self._recorder.ticks()
+
+    def happened(self, events: Sequence[Event]) -> None:
+        """Record events and acts."""
+        self._recorder.happened(events)
+
+    def reached(self, instant: float) -> None:
+        """Record a tick: what is done at its instant is done before its joint states."""
+        if instant < self._until:
+            self._recorder.reached(instant)
 
 
 def _from_initial(

@@ -12,9 +12,20 @@ from impact_damper_ros.replay.run import RecordedRun
 
 _VERDICTS = {
     ReplayVerdict.IDENTICAL: 'identical: the run is reproduced bit for bit from its log',
+    ReplayVerdict.WITHIN_ROUND_OFF: 'within round-off: the run is reproduced from its log, but '
+    'not its last bits',
     ReplayVerdict.DIFFERENT: 'DIFFERENT: the run is not reproduced from its log',
-    ReplayVerdict.PARTIAL: 'identical as far as it could be compared; the bag is not complete',
 }
+
+
+def _verdict(findings: Findings) -> str:
+    """Return the verdict in words."""
+    if not findings.samples:
+        return 'nothing could be compared'
+    if findings.verdict is not ReplayVerdict.PARTIAL:
+        return _VERDICTS[findings.verdict]
+    how = 'within round-off' if findings.other_bits else 'identical'
+    return f'{how} as far as it could be compared; the bag is not complete'
 
 
 def _value(value: Any, unit: str) -> str:
@@ -32,8 +43,7 @@ def _difference_lines(first: Difference, start: float) -> list[str]:
         f'  replayed  {_value(first.replayed, first.unit)}',
     ]
     if not math.isnan(first.amount):
-        ulps = f', {first.ulps:.4g} units in the last place' if first.ulps < 1e6 else ''
-        lines.append(f'  difference {first.amount:.6g} {first.unit}'.rstrip() + ulps)
+        lines.append(f'  difference {first.amount:.6g} {first.unit}'.rstrip())
     lines.append(f'  after     {first.after}')
     return lines
 
@@ -50,12 +60,6 @@ def _divergence_lines(findings: Findings) -> list[str]:
     end = (findings.end_ns or 0) / 1e9
     if divergence.last < end:
         lines.append('            after that, all samples agree again')
-    if len(divergence.marks) > 1:
-        lines.append('growth      sample   rig time [s]     X [m]       Z [m]')
-        lines += [
-            f'            {number:>6}   {time:<14.6f} {x:> .3e}  {z:> .3e}'
-            for number, time, x, z in divergence.marks
-        ]
     return lines
 
 
@@ -83,8 +87,7 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
         gap = findings.gaps[0]
         lines.append(
             f'missing     {counted(findings.missing_samples, "sample")} in '
-            f'{counted(findings.gap_count, "gap")}, the first after {gap.time:.9g} s: the '
-            'recorder did not receive them'
+            f'{counted(findings.gap_count, "gap")}, the first after {gap.time:.9g} s'
         )
     if findings.missing_impacts:
         lines.append(
@@ -96,6 +99,8 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
             f'missing     {counted(findings.missing_control, "act")} of the gap control of the '
             'replay, where the recorder may have dropped messages'
         )
+    if findings.unchecked:
+        lines.append(f'not checked {"; ".join(findings.unchecked)}')
     lines += [f'note        {remark}' for remark in findings.remarks]
     lines += [f'fault       {fault}' for fault in findings.faults]
     if (first := findings.first) is not None:
@@ -103,10 +108,7 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
         parts = ', '.join(f'{n} on {topic}' for topic, n in findings.by_topic.items())
         lines.append(f'differences {parts}')
         lines += _divergence_lines(findings)
-    if not findings.samples:
-        lines.append('verdict     nothing could be compared')
-    else:
-        lines.append(f'verdict     {_VERDICTS[findings.verdict]}')
+    lines.append(f'verdict     {_verdict(findings)}')
     # Names of topics and texts of faults come from the bag
     return '\n'.join(map(as_line, lines))
 
@@ -120,7 +122,7 @@ def findings_json(findings: Findings, recorded: RecordedRun) -> dict[str, Any]:
         'run': recorded.number,
         'run_count': recorded.run_count,
         'complete': recorded.reader.complete,
-        'verdict': findings.verdict.name.lower(),
+        'verdict': findings.verdict.value,
         'compared': {
             'samples': findings.samples,
             'impacts': findings.impacts,
@@ -133,6 +135,7 @@ def findings_json(findings: Findings, recorded: RecordedRun) -> dict[str, Any]:
             'start': None if findings.start_ns is None else findings.start_ns / 1e9,
             'end': None if findings.end_ns is None else findings.end_ns / 1e9,
         },
+        'not_checked': list(findings.unchecked),
         'difference_count': findings.difference_count,
         'difference_count_by_topic': findings.by_topic,
         'first_difference': first.as_dict() if first else None,
@@ -143,9 +146,6 @@ def findings_json(findings: Findings, recorded: RecordedRun) -> dict[str, Any]:
             'last': divergence.last if divergence.samples else None,
             'largest_x': divergence.largest_x,
             'largest_z': divergence.largest_z,
-            'growth': [
-                {'sample': n, 'time': t, 'x': x, 'z': z} for n, t, x, z in divergence.marks
-            ],
         },
         'missing_samples': findings.missing_samples,
         'missing_impacts': findings.missing_impacts,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run of a rig with timed changes of its parameters, which observers follow."""
+"""A run of a rig with timed changes of its parameters and orders, which observers follow."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from itertools import chain, groupby, takewhile
 from typing import Any, NamedTuple
 
 from impact_damper_ros.motion.event import Event
+from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import GapControlParameters, RigParameters
 
+from .order import Order
 from .rig import Rig
 from .runaway import MOST_IN_PERIOD, RunawayError
 from .waiting_change import made_at_once, waiting_values
@@ -38,6 +40,18 @@ class TimedChange(NamedTuple):
     parameters: RigParameters
     control: GapControlParameters
 
+    @property
+    def time(self) -> float:
+        """The instant, s."""
+        return self.time_ns / 1e9
+
+
+class TimedOrder(NamedTuple):
+    """An order of a controller outside the rig, and its instant, s."""
+
+    time: float
+    order: Order
+
 
 class Observer:
     """What observes a run of a rig; a class derived from it defines the methods that it needs."""
@@ -58,6 +72,9 @@ class Observer:
         """Take a change of the rig, which has been made, and its immediate events."""
         self.happened(events)
 
+    def refused(self, order: TimedOrder, error: ParameterError) -> None:
+        """Take an order that the rig cannot carry out, and why."""
+
     def reached(self, instant: float) -> None:
         """Look at the rig, which has stopped at an instant; one of `ticks` or another one."""
 
@@ -66,8 +83,10 @@ def run(
     rig: Rig,
     until: float,
     observers: Sequence[Observer] = (),
-    changes: Sequence[TimedChange] = (),
+    changes: Sequence[TimedChange | TimedOrder] = (),
     most_in_period: float = MOST_IN_PERIOD,
+    *,
+    begun: bool = False,
 ) -> None:
     """
     Run a rig to an instant, and call observers on the way.
@@ -82,12 +101,14 @@ def run(
         Time at which the run ends, s.
     observers : sequence of Observer, optional
         They are called in this order.
-    changes : sequence of TimedChange, optional
-        Changes of the parameters, in the order of their instants, not later than `until`. Those of
-        one instant are made one after the other. A change of the base is made at its next upward
-        zero; see `Rig.wait_for_change`.
+    changes : sequence of TimedChange or TimedOrder, optional
+        Changes of the parameters, and orders, in the order of their instants, not later than
+        `until`. Those of one instant are made one after the other. A change of the base is made at
+        its next upward zero; see `Rig.wait_for_change`.
     most_in_period : float, optional
         Most events of the rig within a period, see `Rig.advance`.
+    begun : bool, optional
+        Whether the run goes on from another one: what is due at once then happens on the way on.
 
     Raises
     ------
@@ -108,20 +129,25 @@ def run(
     """
     coming = deque(changes)
     stops = heapq.merge(
-        *(observer.ticks() for observer in observers), [c.time_ns / 1e9 for c in changes]
+        *(observer.ticks() for observer in observers), [change.time for change in changes]
     )
     before_end = takewhile(lambda instant: instant < until, stops)
     waiting: TimedChange | None = None
     for stop, _ in groupby(chain([rig.time], before_end, [until])):
         instant = rig.time
         while instant < stop or instant == rig.time == stop:
-            instant = stop if waiting is None else min(stop, waiting.time_ns / 1e9)
-            _advance(rig, instant, observers, most_in_period)
-            if waiting is not None and waiting.time_ns / 1e9 == instant:
+            instant = stop if waiting is None else min(stop, waiting.time)
+            if instant > rig.time or not begun:
+                _advance(rig, instant, observers, most_in_period)
+            if waiting is not None and waiting.time == instant:
                 _change_all(rig, waiting, observers)
                 waiting = None
-            while coming and coming[0].time_ns / 1e9 == instant:
-                waiting = _change(rig, coming.popleft(), observers)
+            while coming and coming[0].time == instant:
+                due = coming.popleft()
+                if isinstance(due, TimedOrder):
+                    _order(rig, due, observers)
+                else:
+                    waiting = _change(rig, due, observers)
             if instant == stop:
                 break
         for observer in observers:
@@ -156,3 +182,15 @@ def _change_all(rig: Rig, change: TimedChange, observers: Sequence[Observer]) ->
     caused = rig.change(change.parameters, change.control)
     for observer in observers:
         observer.changed(change.time_ns, change.values, caused)
+
+
+def _order(rig: Rig, due: TimedOrder, observers: Sequence[Observer]) -> None:
+    """Carry out an order, unless the rig cannot."""
+    try:
+        events = rig.order(due.order)
+    except ParameterError as error:
+        for observer in observers:
+            observer.refused(due, error)
+        return
+    for observer in observers:
+        observer.happened(events)

@@ -8,7 +8,7 @@ import struct
 
 import pytest
 from bag import ros2_bags, samples
-from bag.altered_bags import cut, rewritten
+from bag.alterations import cut, rewritten
 from bag.recorded_rig import NOTES, RecordedRig, params_file
 from rigs import BENCH
 

@@ -70,15 +70,12 @@ def test_a_difference_is_reported_where_it_starts(tmp_path, capsys):
     assert first['quantity'] in ('position of stop_1', 'position of stop_2')
     assert first['difference'] == pytest.approx(0.001, rel=1e-9)
     assert first['after'] == 'friction = 0.1 at 0.005 s'
-    growth = result['divergence'].pop('growth')
-    assert [mark['sample'] for mark in growth] == [1, 2, 5, 10, 20, 50, 100]
     assert result['divergence']['samples'] == 100
     assert result['divergence']['largest_x'] > 1e-4
     text = capsys.readouterr().out
     assert 'DIFFERENT' in text
     assert 'rig time 1.000000000 s' in text
     assert 'after     friction = 0.1 at 0.005 s' in text
-    assert 'growth' in text
 
 
 def test_what_if_is_what_simulate_rig_says(tmp_path, capsys):

@@ -12,7 +12,7 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 from bag import samples
-from bag.altered_bags import cut, file_of, rewritten
+from bag.alterations import cut, file_of, rewritten
 from bag.recorded_rig import RecordedRig
 from theory import searches
 

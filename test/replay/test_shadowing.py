@@ -4,11 +4,20 @@ import math
 
 import pytest
 from bag import samples
-from bag.recorded_rig import LIVELY, NOTES, RecordedRig
+from bag.recorded_rig import (
+    CONTROL,
+    LIVELY,
+    NOTES,
+    RecordedRig,
+    ordered_run,
+    random_run,
+    requested_run,
+)
 from replay.test_replay import places, replayed
 
 from impact_damper_ros import InitialConditions
 from impact_damper_ros.replay import ReplayVerdict
+from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 RIGS = {
     'chaotic': LIVELY.replace(gap=0.013, gravity=0.0),
@@ -43,7 +52,7 @@ def test_agrees_within_round_off(tmp_path, elsewhere, monkeypatch, name):
     rig = elsewhere(record(RIGS[name], 200, 300))
     bag = rig.save(tmp_path / 'bag')
     findings = replayed(bag)
-    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:1]
+    assert findings.verdict is ReplayVerdict.WITHIN_ROUND_OFF, findings.differences[:1]
     counts = [len(places(rig.messages, topic)) for topic in ('/joint_states', '/impacts')]
     assert [findings.samples, findings.impacts] == counts
     assert findings.undecided <= 0.02 * counts[1]
@@ -85,3 +94,79 @@ def test_one_altered_number_is_found(tmp_path, elsewhere):
     findings = replayed(samples.record(tmp_path / 'gone', part, custom=NOTES))
     assert (findings.first.quantity, findings.first.recorded) == ('impact', None)
     assert findings.difference_count == 1
+
+
+# Acts of the gap control
+
+
+def counts_of(messages):
+    return [len(places(messages, name)) for name in ('/joint_states', '/impacts', '/gap_control')]
+
+
+CONTROLLED = {
+    'timed': lambda: requested_run(3, control=CONTROL),
+    'amplitude': lambda: requested_run(4, control=CONTROL.replace(gap_control='amplitude')),
+    'orders': lambda: ordered_run(2),
+    'changes': lambda: random_run(2, 400),
+}
+
+
+@pytest.mark.parametrize('name', CONTROLLED)
+def test_acts_and_what_changes_cause_agree_within_round_off(tmp_path, elsewhere, name):
+    rig = elsewhere(CONTROLLED[name]())
+    findings = replayed(rig.save(tmp_path / 'bag'))
+    expected = ReplayVerdict.WITHIN_ROUND_OFF
+    if findings.undecided and findings.control:
+        # After a flight that is not decided the acts are not known up to the next snapshot.
+        assert all('acts of the gap control' in fault for fault in findings.faults)
+        expected = ReplayVerdict.PARTIAL if findings.faults else expected
+    assert findings.verdict is expected, (findings.differences[:2], findings.faults[:2])
+    counts = counts_of(rig.messages)
+    assert [findings.samples, findings.impacts] == counts[:2]
+    assert findings.recorded_control == counts[2]
+    assert 0.8 * counts[2] <= findings.control <= counts[2]
+    assert (counts[2] > 10) is (name != 'changes')
+
+
+def test_altered_acts_are_found(tmp_path, elsewhere):
+    whole = elsewhere(CONTROLLED['timed']()).messages
+    acts = places(whole, '/gap_control')
+    at = acts[len(acts) // 2]
+    topic, content, stamp = whole[at]
+    later = samples.with_numbers(content, stamp + 30, *samples.numbers(content))
+    for name, messages, quantity in (
+        ('missing', [m for i, m in enumerate(whole) if i != at], 'act of the gap control'),
+        ('half', [m for i, m in enumerate(whole) if i not in acts[::2]], 'act of the gap control'),
+        ('late', [*whole[:at], (topic, later, stamp), *whole[at + 1 :]], 'act of the gap control'),
+        *(
+            (f'{number}', [*whole[:at], altered(whole[at], number)[0], *whole[at + 1 :]], ' of ')
+            for number in (0, 1, 2, 6)
+        ),
+    ):
+        findings = replayed(samples.record(tmp_path / name, messages, custom=NOTES))
+        assert findings.verdict is ReplayVerdict.DIFFERENT, name
+        assert set(findings.by_topic) == {'/gap_control'}, name
+        assert quantity in findings.first.quantity
+        assert findings.difference_count <= 2 or name == 'half'
+
+
+def test_a_bag_of_another_arithmetic(tmp_path, elsewhere):
+    """Its number differs in all snapshots; all else agrees within round-off, and is compared."""
+    messages = elsewhere(record(RIGS['sticking'], 200, 300)).messages
+    now, other = (f'"arithmetic": {ARITHMETIC + k}'.encode() for k in (0, 9))
+    assert sum(content.count(now) for _, content, _ in messages) >= 3
+    length = len(other) - len(now)
+    changed = []
+    for topic, content, stamp in messages:
+        if now in content:
+            text = content[8:-1].replace(now, other)
+            content = content[:4] + (len(text) + 1).to_bytes(4, 'little') + text + b'\0'
+            assert length in (0, 1)
+        changed.append((topic, content, stamp))
+    findings = replayed(samples.record(tmp_path / 'bag', changed, custom=NOTES))
+    assert findings.verdict is ReplayVerdict.WITHIN_ROUND_OFF, findings.differences[:1]
+    assert f'recorded with arithmetic {ARITHMETIC + 9}' in findings.remarks[-1]
+    at = places(changed, '/joint_states')[150]
+    changed[at], _ = altered(changed[at], 0)
+    findings = replayed(samples.record(tmp_path / 'altered', changed, custom=NOTES))
+    assert findings.verdict is ReplayVerdict.DIFFERENT

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A rig on its way through instants, with the orders of a controller outside it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from math import inf
+
+import numpy as np
+
+from impact_damper_ros.control.record import ControlRecord
+from impact_damper_ros.motion.event import Event, Sample, table_of_events
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.rig.observed_run import Observer, TimedOrder, run
+from impact_damper_ros.rig.rig import Outcome, Rig
+from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
+
+from .rows import NO_EVENTS, NO_SAMPLES, Events, Numbers, Samples, samples_as_rows
+
+
+class Passage(Observer):
+    """
+    Samples of a rig at instants, s, its events and the acts of its control, as far as it came.
+
+    The instants are ascending; at those that the rig has passed already it is sampled at once.
+    """
+
+    def __init__(self, rig: Rig, instants: Numbers | Sequence[float] = ()) -> None:
+        self._rig = rig
+        self._instants = np.asarray(instants, float)
+        self._samples: list[Samples] = []
+        self._at_instants: list[Sample] = []
+        self._events: list[Events] = []
+        self.records: list[ControlRecord] = []
+        #: Orders that the rig could not carry out: when, s, and why
+        self.refusals: list[tuple[float, ParameterError]] = []
+
+    @property
+    def samples(self) -> Samples:
+        """The samples so far."""
+        rows = samples_as_rows(self._at_instants)
+        return np.concatenate([NO_SAMPLES, *self._samples, rows])
+
+    @property
+    def events(self) -> Events:
+        """The events so far."""
+        return np.concatenate([NO_EVENTS, *self._events])
+
+    def go(
+        self,
+        until: float,
+        orders: deque[TimedOrder],
+        observers: Sequence[Observer] = (),
+        most_in_period: float = MOST_IN_PERIOD,
+    ) -> Passage:
+        """
+        Run on to an instant, s, with the orders up to it, which are taken out of the queue.
+
+        Without orders, observers and a limit of its own this is one call of the rig.
+
+        Raises
+        ------
+        RunawayError
+            If the rig has more events than it may have.
+        """
+        until, due = max(until, self._rig.time), []
+        while orders and orders[0].time <= until:
+            due.append(orders.popleft())
+        due = [order._replace(time=max(order.time, self._rig.time)) for order in due]
+        if due or observers or most_in_period != MOST_IN_PERIOD:
+            run(self._rig, until, [self, *observers], due, most_in_period, begun=True)
+            return self
+        # An event that a change makes due at once is handled by the next call with a later time.
+        here = int(np.searchsorted(self._instants, self._rig.time, side='right'))
+        self._at_instants += [self._rig.sample()] * here
+        if until > self._rig.time:
+            result = self._rig.run(until, self._instants[here:], most_events=inf)
+            self._samples += [samples_as_rows(self._at_instants), result.samples]
+            self._at_instants = []
+            self._events.append(result.events)
+            self.records += self._rig.records
+            if result.outcome is not Outcome.COMPLETE:
+                raise RunawayError(result.reason)
+        return self
+
+    def ticks(self) -> Iterator[float]:
+        """Yield the instants."""
+        yield from self._instants.tolist()
+
+    def happened(self, events: Sequence[Event]) -> None:
+        """Keep events, and the acts of the control."""
+        self._events.append(table_of_events(events))
+        self.records += self._rig.records
+
+    def refused(self, order: TimedOrder, error: ParameterError) -> None:
+        """Keep why an order was not carried out."""
+        self.refusals.append((order.time, error))
+
+    def reached(self, instant: float) -> None:
+        """Sample the rig, once for each of the instants up to the present one."""
+        done = len(self._at_instants)
+        count = int(np.searchsorted(self._instants, instant, side='right'))
+        self._at_instants += [self._rig.sample()] * (count - done)
