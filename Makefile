@@ -40,8 +40,9 @@ dist:  ## build source distribution and wheel into dist/, and check what PyPI wo
 	@rm -rf build/lib build/bdist.*
 	@$(PY) -m twine check --strict dist/*
 
-docs:  ## build the documentation into docs/_build/html, without network
+docs:  ## write the generated parts of the documentation, and build it into docs/_build/html
 	@$(VENV) ros,plot,test,dev,docs
+	@$(PY) docs/generated.py
 	@$(PY) -m sphinx -q -E -W --keep-going -b html docs docs/_build/html
 	@echo "The documentation is in docs/_build/html/index.html"
 

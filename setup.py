@@ -117,12 +117,12 @@ setup(
         # make docs
         'docs': [
             'furo>=2024.8',
+            'jupytext>=1.16',
             'myst-parser>=4.0',
-            'nbformat>=5.9',
+            'numpydoc>=1.7',
             'sphinx>=8.0',
             'sphinx-copybutton>=0.5',
             'sphinx-design>=0.6',
-            'sphinx-gallery>=0.18',
             'sphinx-mathjax-offline>=0.0.2',
         ],
         'dev': [

@@ -31,4 +31,5 @@ for stop, color in COLORS.items():
     axes.plot([], [], 's', color=color, label=f'stop {stop}')
 axes.set(xlabel='gap d, mm', ylabel='phase of the impacts, cycles', ylim=(0.0, 1.0))
 axes.legend(loc='upper center')
+plt.savefig('bifurcation.png')
 plt.show()

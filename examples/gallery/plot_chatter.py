@@ -48,4 +48,5 @@ axes.plot(1e3 * leaves, np.zeros(len(leaves)), '^', color='C2', label='is releas
 axes.set(xlabel='time, ms', ylabel='height of the ball over the table, mm')
 axes.set_ylim(-0.3, 6.6)
 axes.legend(ncols=3, loc='upper center', columnspacing=1.0)
+plt.savefig('chatter.png')
 plt.show()

@@ -49,4 +49,5 @@ for i, level in enumerate(levels):
 above.set(ylabel='rms of X, mm', ylim=(0.0, None))
 above.legend(loc='upper left')
 below.set(xlabel='time, s', ylabel='gap, mm', xlim=(0.0, lasts * len(levels)), ylim=(0.0, None))
+plt.savefig('controllers.png')
 plt.show()

@@ -40,4 +40,5 @@ for i, level in enumerate(levels):
 axes.set(xlabel='time, s', ylabel='largest |X| of a cycle, mm', yscale='log', xlim=(0.0, 80.0))
 axes.set(ylim=(0.8, 200.0))
 axes.legend(loc='upper left')
+plt.savefig('gap_control.png')
 plt.show()

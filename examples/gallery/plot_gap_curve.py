@@ -35,4 +35,5 @@ for (name, points), shape in zip(marks.items(), 'os^Dv', strict=False):
     axes.plot(*np.transpose(points), shape, color='k', mfc='white', mew=0.8, label=name)
 axes.set(xlabel='gap d, mm', ylabel='largest |X|, mm', ylim=(0.0, None))
 axes.legend()
+plt.savefig('gap_curve.png')
 plt.show()

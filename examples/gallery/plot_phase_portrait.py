@@ -40,4 +40,5 @@ for axes, gap, cycles in zip(panels, (0.024, 0.034), (1, 30), strict=True):
     axes.set(xlabel='position Y of m in the gap, mm', title=f'gap {1e3 * gap:.0f} mm')
 panels[0].set_ylabel("velocity Y', m/s")
 panels[1].legend(loc='upper left', bbox_to_anchor=(0.06, 1.0))
+plt.savefig('phase_portrait.png')
 plt.show()

@@ -28,4 +28,5 @@ axes.plot(ratios[repeats], 1e3 * largest[repeats], 'o', label='with damper, repe
 axes.plot(ratios[~repeats], 1e3 * largest[~repeats], 'x', label='with damper, does not repeat')
 axes.set(xlabel='frequency ratio r', ylabel='largest |X|, mm', ylim=(0.0, 42.0))
 axes.legend(loc='upper left')
+plt.savefig('resonance.png')
 plt.show()

@@ -145,10 +145,6 @@ def test_links_lead_somewhere(page):
             continue
         path, _, anchor = target.partition('#')
         found = (page.parent / path).resolve() if path else page
-        if found.parent == ROOT / 'docs' / 'gallery' / 'made':
-            # `make docs` makes it of an example.
-            name = 'README.rst' if found.stem == 'index' else f'{found.stem}.py'
-            found = ROOT / 'examples' / 'gallery' / name
         assert found.exists(), f'{page.name}: {target}'
         if anchor:
             assert anchor in anchors(found), f'{page.name}: {target}'

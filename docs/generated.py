@@ -1,0 +1,198 @@
+"""
+What the documentation has of the code: help of the commands, glossary, Python library, gallery.
+
+    python docs/generated.py [--figures]
+
+It writes these parts as Markdown that GitHub shows, with `--figures` those of the gallery, too. A
+test compares the texts.
+"""
+
+import ast
+import inspect
+import os
+import re
+import shutil
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from numpydoc.docscrape import NumpyDocString
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+REFERENCE = ROOT / 'docs' / 'reference'
+SCRIPTS = sorted((ROOT / 'examples' / 'gallery').glob('plot_*.py'))
+GALLERY = ROOT / 'docs' / 'gallery'
+#: Titles of the pages of the library, and per page the modules and the rooms they take names from.
+LIBRARY = {
+    'simulate': ('Simulation', 'impact_damper_ros', 'parameters', 'rig'),
+    'events': ('Events and samples', 'impact_damper_ros', 'motion'),
+    'laws': ('Gap control', 'impact_damper_ros', 'control'),
+    'orbits': ('Periodic motions', 'impact_damper_ros', 'orbits'),
+    'sweeps': ('Sweeps', 'impact_damper_ros.sweep'),
+    'bags': ('Recordings', 'impact_damper_ros.bag'),
+    'replay': ('Replay', 'impact_damper_ros.replay'),
+    'compare': ('Comparison', 'impact_damper_ros.compare'),
+    'report': ('Reports', 'impact_damper_ros.report'),
+}
+LISTS = 'Parameters', 'Attributes', 'Returns', 'Yields', 'Raises', 'Other Parameters'
+PROSE = 'Notes', 'References'
+
+
+def commands(page: str) -> str:
+    """Return the page of the commands with their present help."""
+    # argparse breaks lines by the width of the terminal.
+    os.environ['COLUMNS'] = '96'
+
+    def block(match: re.Match[str]) -> str:
+        parser = import_module(f'impact_damper_ros.cli.{match[1]}')._parser()
+        return f'## `{match[1]}`\n\n```text\n{parser.format_help()}```\n'
+
+    return re.sub(r'^## `(\w+)`\n\n```text\n.*?^```\n', block, page, flags=re.M | re.S)
+
+
+def glossary(page: str) -> str:
+    """Return the glossary with the words of the page in the browser and their sentences."""
+    path = ROOT / 'impact_damper_ros' / 'page' / 'static' / 'glossary.js'
+    # The object is a Python literal, too.
+    literal = re.search(r'TERMS = (\{.*?\n\});', path.read_text(encoding='utf-8'), re.DOTALL)
+    assert literal is not None
+    terms = sorted(ast.literal_eval(literal[1]).values(), key=lambda term: term[0].lower())
+    words = '\n'.join(f'- **{term}**: {sentence}' for term, sentence in terms)
+    return re.sub(r'^- \*\*.*\Z', f'{words}\n'.replace('\\', r'\\'), page, flags=re.M | re.S)
+
+
+def library(stem: str) -> str:
+    """Return a page of the Python library."""
+    title, module, *rooms = LIBRARY[stem]
+    surface = import_module(module)
+    # A name that comes from another folder is documented there.
+    places = tuple(f'{module}.{room}.' for room in rooms) or (f'{module}.',)
+    things = {name: getattr(surface, name) for name in surface.__all__}
+    own = {
+        name: thing
+        for name, thing in things.items()
+        if callable(thing) and thing.__module__.startswith(places)
+    }
+    lines = [f'# {title} in Python', '', f'From `{module}`:', '', '| name | |', '| --- | --- |']
+    lines += [
+        f'| [`{name}`](#{name.lower()}) | {_cell(inspect.getdoc(thing))} |'
+        for name, thing in own.items()
+    ]
+    for name, thing in own.items():
+        lines += ['', f'## `{name}`', '', *_entry(name, thing)]
+        if isinstance(thing, type):
+            for member, value in _members(thing):
+                lines += ['', f'### `{name}.{member}`', '', *_entry(member, value)]
+    return '\n'.join(lines) + '\n'
+
+
+def _cell(doc: str | None) -> str:
+    """Return the first paragraph of a docstring for a table."""
+    first = (doc or '').partition('\n\n')[0].replace('\n', ' ')
+    return _inline(first).replace('|', r'\|')
+
+
+def _members(cls: type) -> list[tuple[str, Any]]:
+    """Return the documented methods and properties that a class defines."""
+    return [
+        (name, value)
+        for name, value in vars(cls).items()
+        if not name.startswith('_')
+        and isinstance(value, (classmethod, staticmethod, property)) | inspect.isfunction(value)
+        and getattr(value, '__doc__', None)
+    ]
+
+
+def _entry(name: str, thing: Any) -> list[str]:
+    """Return signature and docstring of a function, class or property."""
+    lines = []
+    error = isinstance(thing, type) and issubclass(thing, Exception)
+    if not error and not isinstance(thing, property):
+        full = inspect.signature(getattr(thing, '__func__', thing))
+        given = [one for one in full.parameters.values() if one.name != 'self']
+        bare = [one.replace(annotation=full.empty) for one in given]
+        signature = str(full.replace(parameters=bare, return_annotation=full.empty))
+        signature = re.sub(r"<class '(\w+)'>", r'\1', signature)
+        signature = re.sub(r'<function .*? at 0x\w+>', '...', signature)
+        lines += ['```python', f'{name}{signature}', '```', '']
+    doc = NumpyDocString(inspect.getdoc(thing) or '')
+    for part in ('Summary', 'Extended Summary'):
+        if text := doc[part]:
+            lines += [*_prose(text), '']
+    for part in LISTS:
+        if rows := doc[part]:
+            lines += [f'**{part}**', '', *(_row(*row) for row in rows), '']
+    for part in PROSE:
+        if text := doc[part]:
+            lines += [f'**{part}**', '', *_prose(text), '']
+    if text := doc['Examples']:
+        lines += ['**Examples**', '', '```python', *text, '```', '']
+    return lines[:-1]
+
+
+def _row(name: str, kind: str, text: list[str]) -> str:
+    """Return one parameter, result or error."""
+    label = ' : '.join(f'`{part}`' for part in (name, kind) if part)
+    return f'- {label}: {_inline(" ".join(line.strip() for line in text))}'.rstrip(': ')
+
+
+def _prose(lines: list[str]) -> list[str]:
+    return [_inline(line) for line in lines]
+
+
+def _inline(text: str) -> str:
+    """Return reStructuredText of one line as Markdown."""
+    text = re.sub(r':\w+:`~?([^`]*)`', r'`\1`', text)
+    return text.replace('``', '`')
+
+
+def gallery() -> str:
+    """Return the page of the figures to print."""
+    lines = [
+        '# Figures to print',
+        '',
+        'Nine figures as a paper would print them, one column wide, with the script of each. A',
+        'script runs in its own folder, for instance',
+        '`cd examples/gallery && python plot_resonance.py`, takes less than ten seconds, and',
+        'writes the figure there.',
+    ]
+    for path in SCRIPTS:
+        _, text, code = path.read_text(encoding='utf-8').split('"""', 2)
+        title, _, *words = text.strip().splitlines()
+        name = path.stem.removeprefix('plot_')
+        lines += ['', f'## {title}', *map(_inline, words), '', f'![{title}]({name}.png)', '']
+        lines += [f'`examples/gallery/{path.name}`:', '', '```python', code.strip(), '```']
+    return '\n'.join(lines) + '\n'
+
+
+def draw() -> None:
+    """Draw the figures of the gallery."""
+    for path in SCRIPTS:
+        subprocess.run(
+            [sys.executable, path.name],
+            cwd=path.parent,
+            env={**os.environ, 'MPLBACKEND': 'agg', 'PYTHONPATH': str(ROOT)},
+            check=True,
+        )
+        name = path.with_stem(path.stem.removeprefix('plot_')).with_suffix('.png').name
+        shutil.move(path.parent / name, GALLERY / name)
+
+
+def pages() -> dict[Path, str]:
+    """Return the pages with generated parts."""
+    made = {GALLERY / 'index.md': gallery()}
+    made |= {REFERENCE / 'python' / f'{stem}.md': library(stem) for stem in LIBRARY}
+    for name, fill in (('commands.md', commands), ('glossary.md', glossary)):
+        path = REFERENCE / name
+        made[path] = fill(path.read_text(encoding='utf-8'))
+    return made
+
+
+if __name__ == '__main__':
+    if '--figures' in sys.argv:
+        draw()
+    for path, text in pages().items():
+        path.write_text(text, encoding='utf-8')
