@@ -117,12 +117,10 @@ def _split_row(line: str, delimiter: str) -> list[str]:
     """Return the cells of a line; an empty delimiter stands for spaces."""
     if not delimiter:
         return line.split()
-    if '"' not in line:
+    # A quote that is not closed ends nowhere
+    if line.count('"') % 2 or '"' not in line or len(line) > csv.field_size_limit():
         return [cell.strip() for cell in line.split(delimiter)]
-    try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
-    except csv.Error:
-        return [line]
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
 
 
 def _is_value(cell: str) -> bool:
@@ -243,8 +241,9 @@ class Body:
             rows += len(piece)
             if rows > _MOST_ROWS:
                 raise TableError(f'{self._source}: more than {_MOST_ROWS} rows: cut it')
-            pieces.append(self._piece(piece, places))
-            numbers.append(np.array([n for n, _ in piece], np.int64))
+            if piece:
+                pieces.append(self._piece(piece, places))
+                numbers.append(np.array([n for n, _ in piece], np.int64))
             piece = coming
         whole = np.concatenate(pieces)
         whole[~np.isfinite(whole)] = np.nan
