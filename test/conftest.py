@@ -9,48 +9,9 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
-from run_alone import pytest_addoption, pytest_configure  # noqa: F401 - hooks
 
 # 1..101: above that, the ports of a domain reach into Linux's range of ephemeral ports.
 DOMAINS = 101
-
-# Files whose tests take longest. They come first, so that of several processes none is left with
-# one of them at the end, when the others have nothing more to do.
-LONGEST = (
-    'page/test_browser.py',
-    'docs/test_tutorials.py',
-    'cli/test_readme.py',
-    'page/test_recorded.py',
-    'node/test_motion_reports.py',
-    'docs/test_site.py',
-    'cli/test_design_damper.py',
-    'node/test_recorded_runs.py',
-    'examples/test_controllers.py',
-    'node/test_controllers.py',
-    'replay/test_replay.py',
-    'design/test_damper_design.py',
-    'page/test_pictures.py',
-    'page/test_in_browser.py',
-    'node/test_absurd_rigs.py',
-    'examples/test_published.py',
-    'cli/test_sweep_rig.py',
-    'cli/test_compare_run.py',
-    'orbits/test_branches.py',
-    'orbits/test_enumeration.py',
-    'page/test_live_page.py',
-    'cli/test_verdicts.py',
-    'examples/test_demo.py',
-    'examples/test_paper.py',
-    'node/test_parameters.py',
-    'node/test_viewers.py',
-    'sweep/test_sweep.py',
-    'sweep/test_sweep_findings.py',
-    'sweep/test_sweep_dask.py',
-    'report/test_comparison_report.py',
-    'compare/test_score.py',
-    'packaging/test_ways_in.py',
-    'packaging/test_colcon.py',
-)
 
 # Properties of random rigs: the same few ones each time, or, to look for rigs that break them,
 # other ones each time: pytest --hypothesis-profile=search test/rig/test_rig.py
@@ -147,13 +108,6 @@ def _check_wheels() -> None:
 _check_wheels()
 _take_interruptions()
 _isolate_ros()
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the `LONGEST` files; pytest-xdist needs ``--no-loadscope-reorder`` to do so."""
-    here = Path(__file__).parent
-    places = {here / name: place for place, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: places.get(item.path, len(places)))
 
 
 def pytest_unconfigure() -> None:
