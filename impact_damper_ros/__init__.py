@@ -14,7 +14,6 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from .control.own_law import LawError as LawError, LawInput as LawInput, OwnLaw as OwnLaw
     from .control.record import Action as Action, ControlRecord as ControlRecord
-    from .control.state import Damper as Damper, damper_of as damper_of
     from .motion.event import (
         EVENT_TYPE as EVENT_TYPE,
         SAMPLE_TYPE as SAMPLE_TYPE,
@@ -84,7 +83,6 @@ _NAMES, __getattr__, __dir__ = lazy_names(
     {
         'control.own_law': 'LawError LawInput OwnLaw',
         'control.record': 'Action ControlRecord',
-        'control.state': 'Damper damper_of',
         'motion.event': 'EVENT_TYPE Event EventKind SAMPLE_TYPE Sample',
         'motion.state': 'Mode',
         'motion.swing': 'Swing',

@@ -17,7 +17,8 @@ import math
 import numpy as np
 import study
 
-from impact_damper_ros import GapControlParameters, Order, Rig, RigParameters, damper_of
+from impact_damper_ros import GapControlParameters, Order, Rig, RigParameters
+from impact_damper_ros.control.state import damper_of
 
 #: Time after which M is to have the least energy, in half cycles.
 HORIZON = 2.1

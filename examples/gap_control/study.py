@@ -21,10 +21,10 @@ from impact_damper_ros import (
     GapControlParameters,
     Rig,
     RigParameters,
-    damper_of,
     run_ensemble,
     run_flights,
 )
+from impact_damper_ros.control.state import damper_of
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 

@@ -16,10 +16,9 @@ from impact_damper_ros import (
     InitialConditions,
     Rig,
     RigParameters,
-    damper_of,
 )
 from impact_damper_ros.control.controller import control_of
-from impact_damper_ros.control.state import LAW_NUMBERS, PARTS
+from impact_damper_ros.control.state import LAW_NUMBERS, PARTS, damper_of
 from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from control.controlled_rigs import IDEAL, TRIAL, control
-from impact_damper_ros import Rig, RigParameters, damper_of
+from impact_damper_ros import Rig, RigParameters
+from impact_damper_ros.control.state import damper_of
 
 
 def rms(rig, law, settled=300.0, until=900.0):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from control.controlled_rigs import TRIAL, control
-from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameters, damper_of
+from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameters
 from impact_damper_ros.control.controller import control_of, measured
 from impact_damper_ros.control.sensors import (
     forget_hits,
@@ -16,7 +16,7 @@ from impact_damper_ros.control.sensors import (
     observe_sample,
     sensor_noise,
 )
-from impact_damper_ros.control.state import Estimates, Measurement
+from impact_damper_ros.control.state import Estimates, Measurement, damper_of
 from impact_damper_ros.motion.compiled import has_numba
 
 #: Time, X, X', Y, Y', and the stops
