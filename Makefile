@@ -3,6 +3,8 @@
 
 PYTHON := python3
 ARGS :=
+ROOM := rig
+COUNT := 60
 PY := .venv/bin/python
 VENV := PYTHON='$(PYTHON)' .ci/venv
 
@@ -16,7 +18,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: bench clean colcon demo dist docs env format help lint page test types
+.PHONY: bench clean colcon demo dist docs env format help lint mutants page test types
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
@@ -63,6 +65,10 @@ types:  ## check the types (mypy --strict)
 colcon:  ## build with colcon into build/ and install/, as in a ROS 2 workspace
 	@$(VENV) ros,plot,test
 	@$(PY) -m colcon build
+
+mutants:  ## alter operators of a room, and see whether its tests notice: ROOM=rig COUNT=60
+	@$(VENV) ros,plot,test,dev
+	@$(PY) test/mutants.py $(ROOM) --count $(COUNT) $(ARGS)
 
 bench:  ## measure speed, accuracy and jitter against general tools (some minutes)
 	@$(VENV) ros,plot,test

@@ -127,6 +127,7 @@ setup(
         ],
         'dev': [
             'build>=1.0',
+            'cosmic-ray>=8.3',
             'mypy>=1.11',
             'pre-commit>=3.7',
             'pytest-xdist>=3.5',

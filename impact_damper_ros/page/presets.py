@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from impact_damper_ros.parameters.parameters_file import load_parameters
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
@@ -54,7 +55,7 @@ def load_presets(path: Path = _FILE) -> dict[str, Preset]:
     """Read the presets, by name; ValueError if the parameters of one are not admissible."""
     found = {}
     for name, entry in yaml.safe_load(path.read_text(encoding='utf-8')).items():
-        values = _with_scaled(entry['parameters'])
+        values = _values_of(entry.get('file'), entry.get('parameters', {}))
         rig, control, initial = (
             {n: values[n] for n in values.keys() & specs}
             for specs in (PARAMETER_SPECS, GAP_CONTROL_SPECS, INITIAL_SPECS)
@@ -68,8 +69,11 @@ def load_presets(path: Path = _FILE) -> dict[str, Preset]:
     return found
 
 
-def _with_scaled(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parameters of a rig with those that depend on its natural frequency."""
+def _values_of(file: str | None, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters of a preset: of a file of config/ with some changed, or its own."""
+    if file is not None:
+        rig, initial, settings = load_parameters(file)
+        return {**settings, **rig.as_dict(), **initial.as_dict(), **values}
     omega = math.sqrt(values['stiffness'] / values['primary_mass'])
     return {**scaled_to(omega), **values}
 

@@ -14,9 +14,7 @@ from impact_damper_ros import (
     find_orbits,
     settle,
 )
-from impact_damper_ros.page.knobs import GAP_CONTROL_SPECS, as_json
 from impact_damper_ros.page.presets import load_presets, preset_with
-from impact_damper_ros.parameters.parameters_file import load_parameters
 
 PRESETS = load_presets()
 #: Of the rigs that settle: stops of a period of one cycle, and Xmax/A.
@@ -51,16 +49,6 @@ def test_a_sweep_and_a_multisine_are_about_the_resonance(name):
         assert 0.45 * rig.omega < low < 0.9 * rig.omega < 1.1 * rig.omega < high < 1.6 * rig.omega
     assert rig.base_frequencies == pytest.approx([rig.omega], rel=1e-3)
     assert 10.0 < rig.sweep_dwell * rig.omega / math.tau < 60.0
-
-
-def test_the_bench_rig_is_that_of_its_file():
-    rig, initial, settings = load_parameters('bench_rig')
-    control = GapControlParameters(
-        **{name: value for name, value in settings.items() if name in GAP_CONTROL_SPECS}
-    )
-    parts = (rig, initial, control)
-    values = {name: value for part in parts for name, value in part.as_dict().items()}
-    assert preset_with(as_json(values)) == 'Bench rig'
 
 
 @pytest.mark.parametrize('name', SETTLED)

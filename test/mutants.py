@@ -1,0 +1,94 @@
+"""
+Which altered operators the tests of a room notice: `make mutants ROOM=rig COUNT=60`.
+
+Of all places in a room where one operator can be altered, a fixed draw is taken. Each is altered
+in a copy of the package by cosmic-ray, and the room's own tests run until one fails. Those without
+a failure are printed. Kernels run as plain Python: compiling each of them anew would take longest.
+"""
+
+import argparse
+import os
+import random
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from cosmic_ray.commands import init
+from cosmic_ray.modules import find_modules
+from cosmic_ray.mutating import mutate_and_test
+from cosmic_ray.work_db import WorkDB, use_db
+
+ROOT = Path(__file__).parents[1]
+SWAPS = ('Add_Sub', 'Sub_Add', 'Mul_Div', 'Div_Mul')
+ORDERS = ('Eq_NotEq', 'NotEq_Eq', 'Lt_LtE', 'LtE_Lt', 'Gt_GtE', 'GtE_Gt', 'Lt_Gt', 'Gt_Lt')
+OPERATORS = {
+    *(f'core/ReplaceBinaryOperator_{swap}' for swap in SWAPS),
+    *(f'core/ReplaceComparisonOperator_{order}' for order in ORDERS),
+    'core/ReplaceAndWithOr',
+    'core/ReplaceOrWithAnd',
+    'core/ReplaceUnaryOperator_Delete_Not',
+    'core/ReplaceUnaryOperator_Delete_USub',
+}
+#: In the copy: as if numba were not installed.
+PLAIN = """
+import importlib.metadata as metadata, sys
+installed = metadata.version
+
+def version(name):
+    if name == 'numba':
+        raise metadata.PackageNotFoundError(name)
+    return installed(name)
+
+metadata.version = version
+sys.modules['numba'] = None
+"""
+
+
+def main() -> int:
+    """Draw, alter, test, and print what is not noticed."""
+    parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n\n')[0].strip())
+    parser.add_argument('room', help='a folder of the package and of test/')
+    parser.add_argument('--count', type=int, default=60, help='size of the draw [60]')
+    parser.add_argument('--seed', type=int, default=1, help='of the draw [1]')
+    parser.add_argument('--tests', nargs='+', help='in place of the tests of the room')
+    parser.add_argument('--timeout', type=float, default=600.0, help='for the tests of one, s')
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix='mutants_') as folder:
+        place = Path(folder)
+        for name in ('impact_damper_ros', 'test', 'config', 'examples', 'docs', 'benchmarks'):
+            shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns('_build'))
+        for path in filter(Path.is_file, ROOT.iterdir()):
+            shutil.copy(path, place)
+        (place / 'sitecustomize.py').write_text(PLAIN)
+        # Python looks there first.
+        os.chdir(place)
+        tests = ' '.join(given.tests or [f'test/{given.room}'])
+        command = (
+            f'env -u _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH={place} '
+            f'{sys.executable} -m pytest -x -q -p no:cacheprovider {tests}'
+        )
+        with use_db(str(place / 'mutants.sqlite'), WorkDB.Mode.create) as work:
+            modules = sorted(find_modules([place / 'impact_damper_ros' / given.room]))
+            init(modules, work, {})
+            items = [
+                item for item in work.work_items if item.mutations[0].operator_name in OPERATORS
+            ]
+        items.sort(key=lambda item: (item.mutations[0].module_path, item.mutations[0].start_pos))
+        drawn = random.Random(given.seed).sample(items, min(given.count, len(items)))
+        noticed = 0
+        for number, item in enumerate(drawn, 1):
+            result = mutate_and_test(item.mutations, command, given.timeout)
+            noticed += result.is_killed
+            (where,) = item.mutations
+            outcome = 'noticed' if result.is_killed else 'NOT noticed'
+            path, line = where.module_path.relative_to(place), where.start_pos[0]
+            print(f'{number}: {path}:{line} {where.operator_name[5:]}: {outcome}', flush=True)
+            if not result.is_killed:
+                print(result.diff, flush=True)
+        print(f'{given.room}: {noticed} of {len(drawn)} are noticed ({len(items)} places)')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
