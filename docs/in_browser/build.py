@@ -60,7 +60,7 @@ ROOTS: dict[str, Any] = {
     **{one.__name__: one for one in (presets.change_between, presets.preset_with)},
     'Preset': presets.Preset,
     'MeasuredRecord': MeasuredRecord,
-    **{name: getattr(frames, name) for name in ('LAYOUT', '_PLACES', '_RATES')},
+    'LAYOUT': frames.LAYOUT,
     'numbers_of': numbers.numbers_of,
     'IMPACT_COLUMNS': motion.IMPACT_COLUMNS,
     'IMPACT': IMPACT,

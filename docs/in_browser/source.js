@@ -47,7 +47,7 @@ class InPage {
   }
 
   tell(message) {
-    this.onmessage?.({ data: message instanceof ArrayBuffer ? message : JSON.stringify(message) });
+    this.onmessage?.({ data: message.type ? JSON.stringify(message) : message });
   }
 
   // The rig
@@ -57,7 +57,7 @@ class InPage {
     this.parts = { rig, control, initial };
     this.settings = { ...SETTINGS };
     this.rig = new Rig(rig, initial, 0, control);
-    Object.assign(this, { k: 0, now: 0, wall: null, paused: false, replace: true, until: null, window: 30, relative: false, reported: -Infinity, late: 0 });
+    Object.assign(this, { k: 0, now: 0, wall: null, paused: false, replace: true, until: null, window: 30, reported: -Infinity, late: 0 });
     this.rows = { samples: [], impacts: [], measured: [], acts: [], ghost_samples: [], ghost_impacts: [] };
     this.fresh = this.none();
     this.sample();
@@ -161,54 +161,12 @@ class InPage {
   // To the page
 
   frame() {
-    let parts = this.fresh;
-    let set = this.paused ? LAYOUT.flags.paused : 0;
-    if (this.replace) {
-      set |= LAYOUT.flags.replace | LAYOUT.flags.replace_ghost;
-      const start = this.now - this.window;
-      parts = Object.fromEntries(Object.entries(this.rows).map(([name, rows]) => [name, rows.filter(([time]) => time > start)]));
-    }
+    const { replace } = this;
+    const start = this.now - this.window;
+    const parts = replace ? Object.fromEntries(Object.entries(this.rows).map(([name, rows]) => [name, rows.filter(([time]) => time > start)])) : this.fresh;
     [this.replace, this.fresh] = [false, this.none()];
-    const names = Object.keys(LAYOUT.tables);
-    const size = names.reduce((sum_, name) => sum_ + 4 * LAYOUT.tables[name].length * parts[name].length, 0);
-    const view = new DataView(new ArrayBuffer(LAYOUT.header + size));
-    view.setUint8(0, LAYOUT.kind);
-    view.setUint8(1, set);
-    [this.now, Date.now() / 1000].forEach((instant, n) => view.setFloat64(LAYOUT.instants + 8 * n, instant, true));
-    let place = LAYOUT.header;
-    names.forEach((name, n) => {
-      view.setUint16(LAYOUT.counts + 2 * n, parts[name].length, true);
-      for (const row of parts[name]) {
-        for (const number of this.shown(name, row)) {
-          view.setFloat32(place, number, true);
-          place += 4;
-        }
-      }
-    });
-    this.tell(view.buffer);
-  }
-
-  /** A row with its time from the end of the frame, and from the base where that is asked for. */
-  shown(name, row) {
-    const [base, rate] = this.relative && name !== 'acts' ? this.base(row[0]) : [0, 0];
-    return LAYOUT.tables[name].map((column, n) => {
-      if (!n) return row[0] - this.now;
-      return row[n] - (_PLACES.includes(column) ? base : _RATES.includes(column) ? rate : 0);
-    });
-  }
-
-  /** Displacement and velocity of the base at an instant, between two samples. */
-  base(time) {
-    const { samples } = this.rows;
-    let [low, high] = [0, samples.length - 1];
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (samples[middle][0] < time) low = middle + 1;
-      else high = middle;
-    }
-    const [before, after] = [samples[Math.max(0, low - 1)], samples[low]];
-    const part = after[0] > before[0] ? Math.min(1, (time - before[0]) / (after[0] - before[0])) : 1;
-    return [9, 10].map((n) => before[n] + part * (after[n] - before[n]));
+    const tables = Object.entries(parts).map(([name, rows]) => [name, rows.flatMap(([time, ...rest]) => [time - this.now, ...rest])]);
+    this.tell({ paused: this.paused, replace, replace_ghost: replace, end: this.now, epoch: Date.now() / 1000, ...Object.fromEntries(tables) });
   }
 
   report() {
@@ -250,8 +208,8 @@ class InPage {
     if ('id' in message) this.tell({ type: 'answer', id: message.id, ...answer });
   }
 
-  handle({ type: kind, name, values, window: seconds, relative = false }) {
-    if (kind === 'view') Object.assign(this, { window: seconds, relative, replace: true });
+  handle({ type: kind, name, values, window: seconds }) {
+    if (kind === 'view') Object.assign(this, { window: seconds, replace: true });
     else if (kind === 'set') return { values: this.set(read_values(values)) };
     else if (kind === 'begin') this.restart(this.values(), this.parted(read_values(values)));
     else if (kind !== 'service') throw new RequestError(`${kind} needs the installed package`);

@@ -12,11 +12,13 @@ from __future__ import annotations
 import asyncio
 import json
 import time
+import traceback
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
 from .frames import View
-from .source import RequestError, Source, number
+from .requests import RequestError, check_request, identity_of, read_json
+from .source import Source
 
 if TYPE_CHECKING:
     from tornado.websocket import WebSocketHandler
@@ -36,23 +38,12 @@ _MOST_WAITING = 256
 #: a browser that only has to wait for a busy machine does not.
 STALLED_S = 180.0
 _MOST_RATE = 60.0
-#: Messages of one page that are processed at once, and then per second; dragging a knob sends
-#: some 60 per second. Further ones wait in the connection, without delaying other pages.
-_BURST, _MESSAGES_PER_S = 100.0, 100.0
-#: Most requests of a page that wait for their answers.
-_MOST_REQUESTS = 256
 #: Requests that a page may make that only watches; the rest change the rig.
 _WATCHING = frozenset(('view', 'play', 'seek', 'jump', 'what_if'))
 #: Requests that change nothing and take long; they end with their page, which asks again.
 _COMPUTING = frozenset(('structure',))
-#: Longest identifier of a request.
-_LONGEST_ID = 80
 
 Handler = Callable[[dict[str, Any], 'Client'], Awaitable[dict[str, Any] | None]]
-
-
-def _refuse(name: str) -> float:
-    raise ValueError(f'{name} is not a number in JSON')
 
 
 class Client:
@@ -74,7 +65,6 @@ class Client:
         self._since = 0.0
         self.closed = False
         self._period = self._due = 0.0
-        self._credit, self._counted = _BURST, time.monotonic()
         self.show(source)
 
     def show(self, source: Source) -> None:
@@ -147,9 +137,8 @@ class Client:
 
     # From the page
 
-    async def take(self, text: str | bytes) -> None:
+    def take(self, text: str | bytes) -> None:
         """Begin to process a message of the page; what comes next does not wait for the answer."""
-        await self._take_turn()
         task = asyncio.ensure_future(self._process(text))
         self._requests.add(task)
         task.add_done_callback(self._forget)
@@ -160,33 +149,22 @@ class Client:
 
     async def _process(self, text: str | bytes) -> None:
         """Process a message; errors in it are reported to this page only."""
-        identity: Any = None
+        identity: int | str | None = None
         try:
-            message = json.loads(text, parse_constant=_refuse) if isinstance(text, str) else None
-            if not isinstance(message, dict) or not isinstance(message.get('type'), str):
-                raise RequestError('a message must be a JSON object with a type')
-            identity = message.get('id')
-            if not isinstance(identity, int | str) or len(str(identity)) > _LONGEST_ID:
-                identity = None
-            if len(self._requests) > _MOST_REQUESTS:
-                raise RequestError('too many requests wait for their answers: try it again')
+            message = read_json(text)
+            identity = identity_of(message)
+            check_request(message)
             if message['type'] in _COMPUTING and (task := asyncio.current_task()) is not None:
                 self._computing.add(task)
             answer = await self._answer(message)
-        except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
-            answer = {'ok': False, 'reason': f'the message cannot be read: {error!r}'[:500]}
         except RequestError as error:
             answer = {'ok': False, 'reason': str(error)[:2000]}
+        except Exception as error:
+            # A page waits for the answer, whatever has failed.
+            traceback.print_exc()
+            answer = {'ok': False, 'reason': f'the request has failed: {error!r}'[:500]}
         if answer is not None:
             self.put({'type': 'answer', 'id': identity, **answer})
-
-    async def _take_turn(self) -> None:
-        """Wait after too many messages; the next one is read only after that."""
-        now = time.monotonic()
-        earned = _MESSAGES_PER_S * (now - self._counted)
-        self._credit, self._counted = min(_BURST, self._credit + earned) - 1.0, now
-        if self._credit < 0.0:
-            await asyncio.sleep(-self._credit / _MESSAGES_PER_S)
 
     async def _answer(self, message: dict[str, Any]) -> dict[str, Any] | None:
         kind = message['type']
@@ -197,11 +175,10 @@ class Client:
             )
         if kind != 'view':
             return await self._handle(message, self)
-        window, rate = number(message, 'window'), number(message, 'rate')
-        relative = message.get('relative', False) is True
+        window, rate = message['window'], message['rate']
         # A page that has a longer window already has all of a shorter one.
-        if window > self.view.window or relative != self.view.relative:
-            self.view = View(window, relative=relative)
+        if window > self.view.window:
+            self.view = View(window)
         self._period = 0.0 if rate >= _MOST_RATE else 1.0 / max(rate, 0.1)
         # A page that comes into view is not shown what it was a second ago.
         self._due = 0.0

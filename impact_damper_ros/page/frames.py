@@ -37,12 +37,6 @@ TABLES = {
     'ghost_samples': SAMPLE_COLUMNS,
     'ghost_impacts': IMPACT_COLUMNS,
 }
-#: Columns of a sample and of an impact that count from the laboratory: places, and velocities.
-_PLACES = {'x', 'z', 'stop_1', 'stop_2', 'base'}
-_RATES = {
-    *('primary_velocity', 'damper_velocity', 'base_velocity'),
-    *(f'{mass}_velocity_{when}' for mass in ('primary', 'damper') for when in ('before', 'after')),
-}
 #: What a page has to know to read a frame: where the counts of rows begin, and where the two
 #: instants stand, as numbers of 2 and 8 bytes.
 LAYOUT = {
@@ -55,7 +49,6 @@ LAYOUT = {
 }
 #: Lengths of a window, s.
 _WINDOWS = 0.05, 300.0
-_BASE = 'time', 'base', 'base_velocity'
 #: Most rows of a kind in a frame.
 _MOST = 60_000
 
@@ -87,23 +80,14 @@ class _Sent:
         return parts
 
 
-def _from_base(name: str, rows: Rows, samples: Rows) -> None:
-    """Let the rows of a table count from the base, which moves as the samples say."""
-    times, base, rate = (samples[:, SAMPLE_COLUMNS.index(n)] for n in _BASE)
-    for names, moved in ((_PLACES, base), (_RATES, rate)):
-        places = [n for n, column in enumerate(TABLES[name]) if column in names]
-        rows[:, places] -= np.interp(rows[:, 0], times, moved)[:, np.newaxis]
-
-
 class View:
     """
     What one page shows of a motion, and the part that the page has already.
 
-    `window` is how far back it goes, s; `relative` whether positions count from the base.
+    `window` is how far back it goes, s.
     """
 
-    def __init__(self, window: float = 30.0, *, relative: bool = False) -> None:
-        self.relative = relative
+    def __init__(self, window: float = 30.0) -> None:
         self.window = min(max(window, _WINDOWS[0]), _WINDOWS[1])
         self._own, self._others = _Sent(), _Sent()
         self._ghost: Motion | None = None
@@ -140,11 +124,8 @@ class View:
             return None
         self._last, self._ghost = last, ghost
         content = [HEADER.pack(_KIND, flags, *map(len, parts), end, epoch)]
-        for name, rows in zip(TABLES, parts, strict=True):
+        for rows in parts:
             rows = rows.copy()
-            # Stops of an act are in M, and so relative in any case.
-            if self.relative and name != 'acts' and len(rows):
-                _from_base(name, rows, motion.samples)
             rows[:, :1] -= end
             content.append(rows.astype('<f4').tobytes())
         return b''.join(content)

@@ -15,7 +15,7 @@ from impact_damper_ros.parameters.rig_parameters import (
 )
 from impact_damper_ros.parameters.units import UNITS
 
-from .source import RequestError
+from .requests import RequestError
 
 #: The most important parameters in the order in which they are shown: a title, the entry of the
 #: glossary that explains it, and the name in a line of the traces.
@@ -90,6 +90,9 @@ def read_values(values: Mapping[str, Any]) -> dict[str, Any]:
         if isinstance(value, dict):
             if name not in ALL_SPECS:
                 raise RequestError(f'{name[:80]} is not a parameter')
+            for key in ('text', 'unit'):
+                if key not in value:
+                    raise RequestError(f'the value of {name} has no {key}')
             try:
                 read[name] = as_json(ALL_SPECS[name].read(str(value['text']), str(value['unit'])))
             except ParameterError as error:

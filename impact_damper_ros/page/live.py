@@ -30,10 +30,11 @@ from impact_damper_ros.rig.snapshot import Snapshot
 
 from .frames import PAUSED, View
 from .knobs import as_json, first_knobs, knobs_of, read_values
-from .motion import Era, ForcePhase, Motion
+from .motion import ForcePhase, Motion, Stretch
 from .numbers import numbers_of
 from .presets import change_between, preset_with
-from .source import RequestError, Source
+from .requests import RequestError
+from .source import Source
 from .structure import FieldError, designed, note_on, settings_of, structure_of
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ _MOST_SAMPLES, _MOST_IMPACTS = 60_000, 20_000
 #: Time without messages after which a node counts as gone, s; diagnostics come every second.
 GONE_S = 3.5
 _STATUS_PERIOD_S = 1.0
-#: Time after which no more messages of an earlier era come, ns.
+#: Time after which no more messages of an earlier stretch come, ns.
 _LATE_NS = 10 * 10**9
 _RETRY_S = 1.0
 _LEVELS = ('ok', 'warn', 'error')
@@ -52,6 +53,11 @@ _LEVELS = ('ok', 'warn', 'error')
 _WALL_S = 3600.0
 #: Speed of the rig below which the time between two samples is seen.
 _SLOW = 0.5
+#: Numbers that the node measures, and their keys in its report.
+_MEASURED = {
+    'impacts_per_cycle': 'Impacts per cycle of the force',
+    'x_max_ratio': 'Largest X / A',
+}
 _TRIGGERS = ('reset', 'step', 'step_to_impact')
 
 
@@ -76,9 +82,8 @@ class LiveRig(Source):
 
     def _forget(self) -> None:
         """Discard all messages: a run begins."""
-        self.link.begin_again()
-        # Its identity, which its snapshots name
-        self._run = ''
+        # Its identity, which its snapshots name, and the format of those that cannot be read
+        self._run, self._format = '', FORMAT
         #: Present values of the parameters that are known
         self.values: dict[str, Any] = {}
         self.motion = Motion(_MOST_SAMPLES, _MOST_IMPACTS)
@@ -89,7 +94,7 @@ class LiveRig(Source):
             'gap_control': JointStateRows(CONTROL_JOINTS, (3, 3, 3)),
         }
         # Those whose messages may still come
-        self._eras: list[Era] = []
+        self._stretches: list[Stretch] = []
         self._paused = False
         self._epoch = self._came = 0.0
         # The joint states of a paused rig
@@ -134,7 +139,16 @@ class LiveRig(Source):
         return float(min(times[0] + factor * (time.monotonic() - self._came), times[1]))
 
     def _numbers(self) -> list[dict[str, Any]]:
-        return [numbers_of(e.rig, self.motion, self.motion.end) for e in self._eras[-1:]]
+        return [
+            {**numbers_of(s.rig, self.motion, self.motion.end), **self._measured()}
+            for s in self._stretches[-1:]
+        ]
+
+    def _measured(self) -> dict[str, Any]:
+        """Return the numbers that the node measures itself, as `/diagnostics` has them."""
+        report = self._reports.get('measured motion')
+        values = dict(report.values) if report else {}
+        return {name: _float(values.get(key, '')) for name, key in _MEASURED.items()}
 
     # Messages of the node
 
@@ -143,18 +157,18 @@ class LiveRig(Source):
         messages = self.link.poll()
         for content in messages['snapshot']:
             self._take_snapshot(content)
-        if self._eras:
-            for era, table in self._tables('joint_states', messages['joint_states']):
-                self.motion.add_samples(era.samples(table))
+        if self._stretches:
+            for stretch, table in self._tables('joint_states', messages['joint_states']):
+                self.motion.add_samples(stretch.samples(table))
                 self._came = time.monotonic()
             self._show_paused()
             for topic, rows, add in (
-                ('impacts', Era.impacts, self.motion.add_impacts),
-                ('measurements', Era.measured, self.motion.add_measured),
-                ('gap_control', Era.acts, self.motion.add_acts),
+                ('impacts', Stretch.impacts, self.motion.add_impacts),
+                ('measurements', Stretch.measured, self.motion.add_measured),
+                ('gap_control', Stretch.acts, self.motion.add_acts),
             ):
-                for era, table in self._tables(topic, messages[topic]):
-                    add(rows(era, table))
+                for stretch, table in self._tables(topic, messages[topic]):
+                    add(rows(stretch, table))
         for content in messages['parameter_events']:
             self._take_event(content)
         for content in messages['diagnostics']:
@@ -167,14 +181,15 @@ class LiveRig(Source):
         """Show what a change or a reset has made of a paused rig."""
         states, self._paused_states = self._paused_states, None
         if states is not None:
-            self.motion.correct_end(self._eras[-1].samples(states)[0])
+            self.motion.correct_end(self._stretches[-1].samples(states)[0])
 
     def _take_snapshot(self, content: bytes) -> None:
         try:
             message = decode(STRING, content)
             assert isinstance(message, String)
             held = parsed(message.data)
-            if held['format'] != FORMAT:
+            self._format = held['format']
+            if self._format != FORMAT:
                 return
             snapshot = Snapshot.from_dict(held['state'])
             offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])
@@ -184,16 +199,19 @@ class LiveRig(Source):
         except (CdrError, ValueError, KeyError, TypeError, LookupError):
             return
         if run != self._run:
+            if self._run:
+                # Another node has the name of the one that was asked.
+                self.link.begin_again()
             self._forget()
             self._run = run
-        began = not self._eras
+        began = not self._stretches
         self.state = held['state']
         late_ns = time_ns - _LATE_NS
-        kept = [era for era, after in pairwise(self._eras) if after.time_ns > late_ns]
+        kept = [stretch for stretch, after in pairwise(self._stretches) if after.time_ns > late_ns]
         phase = ForcePhase(snapshot)
-        self._eras = [
-            *(kept + self._eras[-1:]),
-            Era(time_ns, offset_ns, snapshot.parameters, phase),
+        self._stretches = [
+            *(kept + self._stretches[-1:]),
+            Stretch(time_ns, offset_ns, snapshot.parameters, phase),
         ]
         kind = 'reset' if reason == 'reset' else 'change'
         self._note(values, None if began else time_ns / 1e9, kind)
@@ -208,8 +226,8 @@ class LiveRig(Source):
         if change is not None:
             self.send({'type': 'parameters', **change})
 
-    def _tables(self, topic: str, contents: list[bytes]) -> Iterable[tuple[Era, Messages]]:
-        """Return messages of a topic, those of each era together."""
+    def _tables(self, topic: str, contents: list[bytes]) -> Iterable[tuple[Stretch, Messages]]:
+        """Return messages of a topic, those of each stretch together."""
         if not contents:
             return []
         rows, readable = self._readers[topic].read(contents, 0)
@@ -221,25 +239,25 @@ class LiveRig(Source):
             self._paused_states = rows[-1:] if self._paused else None
             # A paused rig repeats its last sample.
             rows = rows[rows['frame'] != PAUSED_FRAME]
-        if len(self._eras) == 1:
-            return [(self._eras[0], rows)]
+        if len(self._stretches) == 1:
+            return [(self._stretches[0], rows)]
         places = self._places(rows['stamp_ns'].tolist())
-        return [(self._eras[n], rows[places == n]) for n in np.unique(places)]
+        return [(self._stretches[n], rows[places == n]) for n in np.unique(places)]
 
     def _places(self, stamps_ns: list[int]) -> np.ndarray[Any, np.dtype[np.int64]]:
         """
-        Return the number of the era of each message.
+        Return the number of the stretch of each message.
 
         Topics may overtake each other, and after a step of the system clock a stamp may lie in
-        two eras: it is that in which the message comes soonest after, or before, the last one.
+        two stretches: it belongs to that in which it comes soonest after, or before, the last one.
         """
         end = self.motion.end
-        last_ns = self._eras[0].time_ns if math.isnan(end) else round(end * 1e9)
-        begins = [era.time_ns for era in self._eras]
+        last_ns = self._stretches[0].time_ns if math.isnan(end) else round(end * 1e9)
+        begins = [stretch.time_ns for stretch in self._stretches]
         ends = [*begins[1:], math.inf]
         places = []
         for stamp_ns in stamps_ns:
-            times = [stamp_ns - era.offset_ns for era in self._eras]
+            times = [stamp_ns - stretch.offset_ns for stretch in self._stretches]
             spans = zip(begins, times, ends, strict=True)
             there = [n for n, (begin, at, end_ns) in enumerate(spans) if begin <= at <= end_ns]
             # At the instant of a change, it is the later one.
@@ -305,9 +323,8 @@ class LiveRig(Source):
         report = self._reports.get('controller')
         if report is None or self.values.get('gap_control') != 'external':
             return None
-        age = dict(report.values).get('Age of the last command [s]', '')
-        seen = {'level': _level([report]), 'text': report.message}
-        return {**seen, 'age': float(age) if age else None}
+        age = _float(dict(report.values).get('Age of the last command [s]', ''))
+        return {'level': _level([report]), 'text': report.message, 'age': age}
 
     def _status(self) -> dict[str, Any]:
         """Return whether the rig runs."""
@@ -316,7 +333,13 @@ class LiveRig(Source):
 
     def _judged(self) -> tuple[str, str]:
         silence = self.link.silence
-        if silence > GONE_S or not self._eras:
+        if self._format != FORMAT:
+            older = self._format < FORMAT
+            return 'other_version', (
+                f'{self.link.name} writes snapshots of format {self._format}, and this page reads '
+                f'{FORMAT}: install the version of the {"page" if older else "node"} on both sides'
+            )
+        if silence > GONE_S or not self._stretches:
             return 'gone', f'no message from {self.link.name} for {max(1, round(silence))} s'
         if self.link.mixed:
             return 'doubled', (
@@ -416,3 +439,8 @@ class LiveRig(Source):
 def _level(reports: Iterable[DiagnosticStatus]) -> str:
     worst = max((report.level for report in reports), default=0)
     return _LEVELS[min(worst, 2)]
+
+
+def _float(text: str) -> float | None:
+    """Return the number of a report; None where it has none."""
+    return float(text) if text else None

@@ -71,7 +71,7 @@ class ForcePhase:
 
 
 @dataclass(frozen=True)
-class Era:
+class Stretch:
     """The rig from one command to the next, which turns its messages into rows."""
 
     time_ns: int  # rig time at which it begins

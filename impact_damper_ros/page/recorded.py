@@ -26,15 +26,16 @@ from impact_damper_ros.theory.theory_process import TheoryProcess
 
 from .frames import PAUSED, View
 from .knobs import as_json, knobs_of, read_values
-from .motion import MOST_IMPACTS, MOST_SAMPLES, Era, ForcePhase, Motion, measured_rows
+from .motion import MOST_IMPACTS, MOST_SAMPLES, ForcePhase, Motion, Stretch, measured_rows
 from .numbers import numbers_of
 from .presets import change_between, preset_with
-from .source import RequestError, Source, number
+from .requests import RequestError
+from .source import Source
 from .what_if import WhatIfMotion
 
 #: Largest number of changes that are marked.
 _MOST_CHANGES = 10_000
-#: Settings of a recording of which theory is kept.
+#: Stretches of a recording of which theory is kept.
 _MOST_DOCUMENTS = 64
 _SLOWEST, _FASTEST = 0.01, 100.0
 _STATUS_PERIOD_S = 1.0
@@ -43,7 +44,7 @@ _STEPS = {'step': 'sample', 'step_to_impact': 'impact'}
 _KINDS = {'stretch': ('stretch', 'change', 'reset'), 'change': ('change',)}
 
 
-class Setting(NamedTuple):
+class RecordedStretch(NamedTuple):
     """The rig from one change to the next."""
 
     state: dict[str, Any]  # of its snapshot
@@ -73,13 +74,13 @@ class Recording:
         """Rig time of the first sample, s."""
         return float(self.motion.samples[0, 0])
 
-    def era(self, time: float) -> int:
-        """Return the number of the setting at an instant."""
+    def number_at(self, time: float) -> int:
+        """Return the number of the stretch at an instant."""
         return max(int(np.searchsorted(self.times, time, side='right')) - 1, 0)
 
-    def setting(self, era: int) -> Setting:
-        """Return a setting by its number."""
-        return Setting(*json.loads(zlib.decompress(self.packed[era])))
+    def stretch(self, number: int) -> RecordedStretch:
+        """Return a stretch by its number."""
+        return RecordedStretch(*json.loads(zlib.decompress(self.packed[number])))
 
 
 def load_recording(path: Path) -> Recording:
@@ -92,18 +93,18 @@ def load_recording(path: Path) -> Recording:
     packed: list[bytes] = []
     before: dict[str, Any] = {}
     remarks: list[str] = []
-    era: Era | None = None
+    stretch: Stretch | None = None
     offsets: list[tuple[int, int]] = []
     for item in run.walk():
         if isinstance(item, Rows):
-            assert era is not None
-            motion.add_samples(era.samples(item.states))
-            motion.add_impacts(era.impacts(item.impacts))
-            motion.add_acts(era.acts(item.acts))
+            assert stretch is not None
+            motion.add_samples(stretch.samples(item.states))
+            motion.add_impacts(stretch.impacts(item.impacts))
+            motion.add_acts(stretch.acts(item.acts))
         elif isinstance(item, Command):
             snapshot = Snapshot.from_dict(dict(item.state))
             rig = snapshot.parameters
-            era = Era(item.time_ns, item.offset_ns, rig, ForcePhase(snapshot))
+            stretch = Stretch(item.time_ns, item.offset_ns, rig, ForcePhase(snapshot))
             offsets.append((item.stamp_ns, item.offset_ns))
             control = item.state['gap_control']['parameters']
             values = as_json({**rig.as_dict(), **control, **item.initial.as_dict()})
@@ -149,41 +150,41 @@ class SharedTheory:
 
     def __init__(self) -> None:
         self._process = TheoryProcess(documents=True)
-        # Documents by the number of their setting, the complete ones, and what each player is in
+        # Documents by the number of their stretch, the complete ones, and what each player is in
         self._documents: dict[int, str] = {}
         self._complete: set[int] = set()
-        self._players: dict[object, tuple[int, Setting]] = {}
-        self._era = -1
+        self._players: dict[object, tuple[int, RecordedStretch]] = {}
+        self._number = -1
 
-    def enter(self, player: object, era: int, setting: Setting) -> None:
-        """Note in which setting a player is."""
-        self._players[player] = era, setting
+    def enter(self, player: object, number: int, stretch: RecordedStretch) -> None:
+        """Note in which stretch a player is."""
+        self._players[player] = number, stretch
         self._choose()
 
     def leave(self, player: object) -> None:
         """Forget a player; with the last one the process ends."""
         self._players.pop(player, None)
         if not self._players:
-            self._era = -1
+            self._number = -1
             self._process.close()
 
     def _choose(self) -> None:
-        """Compute a setting that somebody is in: the present one until it is done, or the next."""
+        """Compute a stretch that somebody is in: the present one until it is done, or the next."""
         wanted = dict(self._players.values())
-        if self._era in wanted and self._era not in self._complete:
+        if self._number in wanted and self._number not in self._complete:
             return
-        for era, setting in wanted.items():
-            if era not in self._complete:
-                self._era = era
-                self._process.ask(setting.state)
+        for number, stretch in wanted.items():
+            if number not in self._complete:
+                self._number = number
+                self._process.ask(stretch.state)
                 return
 
     def document(self, player: object) -> str:
-        """Return what is known of the setting of a player by now; empty if nothing is."""
+        """Return what is known of the stretch of a player by now; empty if nothing is."""
         if self._process.poll():
-            self._documents[self._era] = self._process.document
+            self._documents[self._number] = self._process.document
             if self._process.done:
-                self._complete.add(self._era)
+                self._complete.add(self._number)
                 self._choose()
             if len(self._documents) > _MOST_DOCUMENTS:
                 oldest = next(iter(self._documents))
@@ -210,24 +211,19 @@ class Player(Source):
         self._ghost: WhatIfMotion | None = None
         self._status_at = -math.inf
         self._document = ''
-        self._enter(recorded.era(self._start))
+        self._enter(recorded.number_at(self._start))
 
-    def _enter(self, era: int) -> None:
-        self._era, self._setting = era, self.recorded.setting(era)
-        self._rig = self._setting.rig
-        self.recorded.theory.enter(self, era, self._setting)
-        # What was known of another setting is no theory of this one.
+    def _enter(self, number: int) -> None:
+        self._number, self._stretch = number, self.recorded.stretch(number)
+        self._rig = self._stretch.rig
+        self.recorded.theory.enter(self, number, self._stretch)
+        # What was known of another stretch is no theory of this one.
         self._take_theory('')
 
     def _take_theory(self, document: str) -> None:
         if document is not self._document:
             self._document = document
             self.send_theory(json.loads(document or '{}'))
-
-    @property
-    def computes(self) -> bool:
-        """Whether it has a what-if."""
-        return self._ghost is not None
 
     async def close(self) -> None:
         """End what it has started."""
@@ -243,8 +239,8 @@ class Player(Source):
             **super().hello(),
             'mode': 'player',
             'bag': self._name,
-            'parameters': knobs_of(self._setting.values),
-            'preset': preset_with(self._setting.values),
+            'parameters': knobs_of(self._stretch.values),
+            'preset': preset_with(self._stretch.values),
             'start': self._start,
             'duration': self._end - self._start,
             'changes': self.recorded.changes,
@@ -275,12 +271,12 @@ class Player(Source):
         now = self.time
         if self._playing and now >= self._end:
             self._go_to(self._end, playing=False)
-        era, before = self.recorded.era(now), self._setting.values
-        if era != self._era:
-            played = era == self._era + 1 and self._playing
-            self._enter(era)
-            change = self.recorded.changes[era]
-            values = {n: v for n, v in self._setting.values.items() if before.get(n, v) != v}
+        number, before = self.recorded.number_at(now), self._stretch.values
+        if number != self._number:
+            played = number == self._number + 1 and self._playing
+            self._enter(number)
+            change = self.recorded.changes[number]
+            values = {n: v for n, v in self._stretch.values.items() if before.get(n, v) != v}
             self.send(
                 {**change, 'type': 'parameters', 'kind': 'change', 'values': values}
                 | ({} if played else {'time': None})
@@ -308,11 +304,11 @@ class Player(Source):
         """Process a request."""
         kind = message['type']
         if kind == 'seek':
-            self._go_to(number(message, 'time'))
+            self._go_to(message['time'])
         elif kind == 'play':
-            self._play(number(message, 'speed'))
+            self._play(message['speed'])
         elif kind == 'jump':
-            self._jump(message['to'], number(message, 'direction'))
+            self._jump(message['to'], message['direction'])
         elif kind == 'what_if':
             values = read_values(message['values'] or {})
             self._what_if(values)

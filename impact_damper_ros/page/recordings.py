@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The recordings that the page lists, plays, downloads, compares and fits.
+The recordings that the page lists, plays, downloads and compares.
 
 Only the bags directly in one directory are accessible, by name; no request contains a path. Names
 are those that can be printed: what is not UTF-8 in one of a file is shown as an escape.
@@ -13,6 +13,7 @@ import contextlib
 import os
 import shutil
 import signal
+import struct
 import sys
 import tempfile
 from pathlib import Path
@@ -20,6 +21,8 @@ from typing import Any
 from urllib.parse import quote
 
 import yaml
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 
 import impact_damper_ros
 from impact_damper_ros.bag import RecordingError
@@ -29,9 +32,8 @@ from impact_damper_ros.parameters.quoting import printable
 
 _SUFFIXES = ('.mcap', '.mcap.zstd', '.db3', '.db3.zstd')
 _MOST_LISTED = 500
-#: What is made of a recording: the command that writes a report, and the word for it.
-_WORK = {'compare': ('compare_run', 'comparison'), 'fit': ('fit_rig', 'fit')}
-#: Longest comparison or fit, s.
+#: Comparisons at a time, and the longest one, s.
+_MOST_COMPARED = 2
 _PATIENCE_S = 1800.0
 
 
@@ -61,8 +63,8 @@ class Recordings:
         # The directory of the reports, and these by the name of their bag
         self._directory: Path | None = None
         self._reports: dict[str, Path] = {}
-        # Comparisons and fits under way by recording: which of them, and the process once it runs
-        self._comparing: dict[str, tuple[str, asyncio.subprocess.Process | None]] = {}
+        # Comparisons under way by recording, and the process of each once it runs
+        self._comparing: dict[str, asyncio.subprocess.Process | None] = {}
         # What has been read of each bag, and the files that it was read of
         self._known: dict[Path, tuple[object, dict[str, Any]]] = {}
 
@@ -98,7 +100,7 @@ class Recordings:
         return files[0]
 
     def list(self) -> list[dict[str, Any]]:
-        """Return name, start, duration and size of each recording."""
+        """Return name, start, duration, size and number of files of each recording."""
         described = {}
         for path in self._bags():
             files, known = _state_of(path), self._known.get(path)
@@ -114,51 +116,47 @@ class Recordings:
             raise LookupError('there is no such report')
         return self._reports[name]
 
-    def start_comparison(self, name: str, work: str = 'compare') -> bool:
-        """Note what is made of a bag; return whether it begins now; a LookupError if not yet."""
-        present, _ = self._comparing.get(name, ('', None))
-        if present == work:
+    def start_comparison(self, name: str) -> bool:
+        """Return whether a comparison begins now: not if it runs; a LookupError if too many do."""
+        if name in self._comparing:
             return False
-        if present or len(self._comparing) > 1:
+        if len(self._comparing) >= _MOST_COMPARED:
             raise LookupError(
-                'the other of comparison and fit is being made of it, or two of other recordings: '
-                'wait for them'
+                f'{_MOST_COMPARED} other recordings are being compared: wait for one'
             )
-        self._comparing[name] = work, None
+        self._comparing[name] = None
         return True
 
     def cancel_comparison(self, name: str) -> None:
         """End a comparison, if there is one."""
-        _, process = self._comparing.get(name, ('', None))
+        process = self._comparing.get(name)
         if process is not None and process.returncode is None:
             process.terminate()
 
-    async def compare(self, path: Path, work: str = 'compare') -> dict[str, Any]:
-        """Compare a bag with theory, or fit a rig to it; return the message for the pages."""
+    async def compare(self, path: Path) -> dict[str, Any]:
+        """Compare a bag with theory; return the message for the pages."""
         name = printable(path.name)
         try:
-            ok, text = await self._compare(path, name, work)
+            ok, text = await self._compare(path, name)
         finally:
             self._comparing.pop(name, None)
         url = f'/reports/{quote(name, safe="")}/report.html' if ok else ''
-        done = {'type': 'compare_done', 'recording': name, 'work': work}
-        return {**done, 'ok': ok, 'url': url, 'text': text}
+        return {'type': 'compare_done', 'recording': name, 'ok': ok, 'url': url, 'text': text}
 
-    async def _compare(self, path: Path, name: str, work: str) -> tuple[bool, str]:
-        """Run a command on a bag in a child process; return whether it has written a report."""
-        command, word = _WORK[work]
+    async def _compare(self, path: Path, name: str) -> tuple[bool, str]:
+        """Run `compare_run` in a child process; return whether it has written a report."""
         if self._directory is None:
             self._directory = Path(tempfile.mkdtemp(prefix='impact_damper_reports_'))
         directory = Path(tempfile.mkdtemp(dir=self._directory))
         process = await asyncio.create_subprocess_exec(
-            *('nice', '-n', '5', sys.executable, '-m', f'impact_damper_ros.cli.{command}'),
+            *('nice', '-n', '5', sys.executable, '-m', 'impact_damper_ros.cli.compare_run'),
             *(str(path), '--report', str(directory)),
             env=_environment(),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,
         )
-        self._comparing[name] = work, process
+        self._comparing[name] = process
         try:
             output, _ = await asyncio.wait_for(process.communicate(), _PATIENCE_S)
         except (TimeoutError, asyncio.CancelledError):
@@ -166,7 +164,7 @@ class Recordings:
             await process.wait()
             raise
         if process.returncode in (-signal.SIGTERM, 128 + signal.SIGTERM):
-            return False, f'the {word} of {name} was cancelled'
+            return False, f'the comparison of {name} was cancelled'
         self._reports[name] = directory / 'report.html'
         text = printable(output.decode(errors='replace'))[-4000:]
         return self._reports[name].is_file(), text
@@ -191,19 +189,39 @@ def _described(path: Path) -> dict[str, Any]:
         'start': None,
         'duration': None,
         'size': 0,
+        'files': 1,
         'whole': False,
     }
     with contextlib.suppress(OSError, RecordingError):
-        found['size'] = sum(file.stat().st_size for file in bag_files(path))
+        sizes = [file.stat().st_size for file in bag_files(path)]
+        found |= {'size': sum(sizes), 'files': len(sizes)}
     with contextlib.suppress(
-        OSError, RecordingError, LookupError, TypeError, ValueError, yaml.YAMLError
+        *(OSError, RecordingError, LookupError, TypeError, ValueError, yaml.YAMLError),
+        *(McapError, struct.error),
     ):
-        listing = read_listing(path) if path.is_dir() else None
-        if listing is not None:
-            found['start'] = int(listing['starting_time']['nanoseconds_since_epoch']) / 1e9
-            found['duration'] = int(listing['duration']['nanoseconds']) / 1e9
-            found['whole'] = True
+        if (span := _listed_span(path) if path.is_dir() else _file_span(path)) is not None:
+            start_ns, duration_ns = span
+            found |= {'start': start_ns / 1e9, 'duration': duration_ns / 1e9, 'whole': True}
     return found
+
+
+def _listed_span(bag: Path) -> tuple[int, int] | None:
+    """Return beginning and duration of a bag by its listing, ns; None if it has none."""
+    listing = read_listing(bag)
+    if listing is None:
+        return None
+    times = listing['starting_time']['nanoseconds_since_epoch'], listing['duration']['nanoseconds']
+    return int(times[0]), int(times[1])
+
+
+def _file_span(file: Path) -> tuple[int, int] | None:
+    """Return beginning and duration of a whole MCAP file by its footer, ns; else None."""
+    with file.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    if summary is None or summary.statistics is None:
+        return None
+    start_ns, end_ns = summary.statistics.message_start_time, summary.statistics.message_end_time
+    return start_ns, end_ns - start_ns
 
 
 def _is_bag(path: Path, place: Path) -> bool:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 from weakref import WeakValueDictionary
 
+from tornado.httpserver import HTTPServer
 from tornado.iostream import StreamClosedError
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
@@ -27,12 +28,12 @@ from impact_damper_ros.parameters.quoting import counted
 
 from .client import LONGEST_MESSAGE, STALLED_S, Client
 from .gate import Gate
-from .listener import Listener, share_of_files
 from .live import LiveRig
 from .presets import load_presets
 from .recorded import Player, Recording, load_recording
 from .recordings import Recordings
-from .source import RequestError, Source
+from .requests import RequestError
+from .source import Source
 
 if TYPE_CHECKING:
     from .ros_client import RosClient
@@ -45,10 +46,9 @@ _LIST_PERIOD_S = 2.0
 _COMPLAINT_PERIOD_S = 10.0
 #: Time within which a request must have come, s.
 _IDLE_S = 10.0
-#: Largest number of pages, as more would slow one another down; of connections for files; of
-#: what-ifs at a time; and of samples of the recordings that are open, some 70 bytes each.
-_MOST_PAGES, _MOST_CONNECTIONS, _MOST_WHAT_IFS = 100, 256, 8
-_MOST_SAMPLES = 6_000_000
+#: Largest number of pages, as more would slow one another down, and of bytes of the recordings
+#: that are open.
+_MOST_PAGES, _MOST_BYTES = 100, 600_000_000
 
 _STATIC = Path(__file__).with_name('static')
 _POLICY = (
@@ -93,7 +93,7 @@ class PageServer:
         self._tasks: set[asyncio.Task[Any]] = set()
         # These are not cancelled: processes end meanwhile.
         self._endings: set[asyncio.Task[Any]] = set()
-        self._http: Listener | None = None
+        self._http: HTTPServer | None = None
         self._listing: asyncio.Task[None] | None = None
         # One recording is read at a time: pages that ask for the same one wait for it.
         self._reading = asyncio.Lock()
@@ -105,10 +105,9 @@ class PageServer:
         """Listen; OSError if the port is taken."""
         sockets = bind_sockets(port, self.gate.host)
         self.gate.port = sockets[0].getsockname()[1]
-        self._http = Listener(
+        self._http = HTTPServer(
             _application(self), idle_connection_timeout=_IDLE_S, max_body_size=LONGEST_MESSAGE
         )
-        self._http.most = share_of_files(_MOST_CONNECTIONS)
         self._http.add_sockets(sockets)
         self._look_for_rigs()
         self._spawn(self._run(), self._tasks)
@@ -240,10 +239,9 @@ class PageServer:
 
     async def open(self, socket: Any, rig: str, bag: str, *, steers: bool) -> Client:
         """Open a page on a rig or a recording; raise a RequestError if that is not possible."""
-        most = share_of_files(_MOST_PAGES)
-        if len(self._clients) + self._opening >= most:
+        if len(self._clients) + self._opening >= _MOST_PAGES:
             raise RequestError(
-                f'{counted(most, "page")} open already: close one, and reload this one'
+                f'{counted(_MOST_PAGES, "page")} open already: close one, and reload this one'
             )
         self._opening += 1
         try:
@@ -288,9 +286,9 @@ class PageServer:
         key = path, tuple((f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files)
         found = self._recorded.get(key)
         if found is None:
-            others = sum(len(one.motion.samples) for one in list(self._recorded.values()))
+            others = sum(one.motion.samples.nbytes for one in list(self._recorded.values()))
             found = load_recording(path)
-            if others and others + len(found.motion.samples) > _MOST_SAMPLES:
+            if others and others + found.motion.samples.nbytes > _MOST_BYTES:
                 raise ValueError('the recordings that are open fill the memory: close one of them')
             self._recorded[key] = found
         return path, found
@@ -303,29 +301,22 @@ class PageServer:
 
     async def _handle(self, message: dict[str, Any], client: Client) -> dict[str, Any] | None:
         """Process a request of a page, or let its source do so."""
-        kind, source = message['type'], client.source
-        if kind == 'what_if' and message['values']:
-            players = (one for one in self.sources.values() if isinstance(one, Player))
-            if sum(one.computes for one in players if one is not source) >= _MOST_WHAT_IFS:
-                raise RequestError(
-                    f'{counted(_MOST_WHAT_IFS, "what-if")} of other pages run already: clear one'
-                )
-        if kind not in ('compare', 'fit'):
-            return await source.handle(message)
+        if message['type'] != 'compare':
+            return await client.source.handle(message)
         name = message['recording']
         if not message['on']:
             self.recordings.cancel_comparison(name)
             return {'ok': True, 'reason': ''}
         try:
             path = await asyncio.to_thread(self.recordings.path, name)
-            if not self.recordings.start_comparison(name, kind):
+            if not self.recordings.start_comparison(name):
                 # All pages are informed of its end.
                 return {'ok': True, 'reason': ''}
         except LookupError as error:
             raise RequestError(str(error)) from error
 
         async def work() -> None:
-            self._send(await self.recordings.compare(path, kind))
+            self._send(await self.recordings.compare(path))
 
         self._spawn(work(), self._tasks)
         return {'ok': True, 'reason': ''}
@@ -370,9 +361,18 @@ class _Guarded(RequestHandler):
         return str(stream.socket.getsockname()[0])
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
-        del kwargs
+        error = kwargs.get('exc_info', (None, None))[1]
+        why = f': {error.why}' if isinstance(error, _AbsentError) else ''
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
-        self.finish(f'{status_code} {self._reason}\n')
+        self.finish(f'{status_code} {self._reason}{why}\n')
+
+
+class _AbsentError(HTTPError):
+    """What is asked for is not there; `why` is for the user."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(404)
+        self.why = why
 
 
 class _Index(_Guarded):
@@ -380,9 +380,11 @@ class _Index(_Guarded):
         gate, token = self.server.gate, self.get_query_argument('token', None)
         if token is not None:
             # Kept in a cookie that scripts cannot read, and out of the address
-            if gate.accepts_token(token):
+            right = gate.accepts_token(token)
+            if right:
                 self.set_cookie(gate.cookie, token, httponly=True, samesite='Strict', path='/')
-            self.redirect('/')
+            # Who steers anyway needs no other token.
+            self.redirect('/' if right or self.steers else '/?wrong_token')
             return
         self.set_header('Content-Type', 'text/html; charset=utf-8')
         self.finish((_STATIC / 'index.html').read_bytes())
@@ -416,7 +418,9 @@ class _Download(_Guarded):
         try:
             path = await asyncio.to_thread(self.server.recordings.file, name)
             stream = await asyncio.to_thread(path.open, 'rb')
-        except (LookupError, OSError):
+        except LookupError as error:
+            raise _AbsentError(str(error.args[0])) from None
+        except OSError:
             raise HTTPError(404) from None
         with stream:
             rest = os.fstat(stream.fileno()).st_size
@@ -448,7 +452,9 @@ class _Report(_Guarded):
         try:
             report = self.server.recordings.report(name)
             content = await asyncio.to_thread(report.read_bytes)
-        except (LookupError, OSError):
+        except LookupError as error:
+            raise _AbsentError(str(error.args[0])) from None
+        except OSError:
             raise HTTPError(404) from None
         self.set_header('Content-Type', 'text/html; charset=utf-8')
         self.finish(content)
@@ -488,7 +494,7 @@ class _Socket(_Guarded, WebSocketHandler):
     async def on_message(self, message: str | bytes) -> None:
         await asyncio.shield(self.opening)
         if self.client is not None:
-            await self.client.take(message)
+            self.client.take(message)
 
     def on_close(self) -> None:
         if self.client is not None:

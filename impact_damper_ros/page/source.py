@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any, Protocol
 
 from impact_damper_ros import __version__
-from impact_damper_ros.parameters.quoting import shown
 
 from .frames import LAYOUT, View
+from .requests import RequestError
 
 #: What the page shows as long as a part of the theory is not known.
 _UNKNOWN: dict[str, dict[str, Any]] = {
@@ -18,18 +17,6 @@ _UNKNOWN: dict[str, dict[str, Any]] = {
     'gap_curve': {'type': 'gap_curve', 'branches': [], 'done': False, 'text': ''},
     'theory_failed': {'type': 'theory_failed', 'text': ''},
 }
-
-
-class RequestError(Exception):
-    """A request of a page that is rejected; the message is for its user."""
-
-
-def number(message: dict[str, Any], name: str) -> float:
-    """Return a finite number of a request."""
-    value = message[name]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise RequestError(f'{name} is {shown(value)}: give a finite number')
-    return float(value)
 
 
 class Page(Protocol):

@@ -19,7 +19,7 @@ from impact_damper_ros.report.run_pair import RunPair
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.theory.background import BackgroundCall
 
-from .motion import MOST_IMPACTS, MOST_SAMPLES, Era, Motion
+from .motion import MOST_IMPACTS, MOST_SAMPLES, Motion, Stretch
 
 
 class WhatIfMotion:
@@ -94,12 +94,12 @@ def _computed(path: Path, values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
         found = 0
         for part in replay:
             # The rows of a part are of the rig before the command at its end.
-            era = Era(0, 0, other.rig.parameters, None)
+            stretch = Stretch(0, 0, other.rig.parameters, None)
             followed = other.follow(part)
             runs.take(part, followed)
             # The impacts before a sample must arrive before it.
-            yield 'impacts', era.impact_rows(followed.events)
-            yield 'samples', era.sample_rows(followed.samples)
+            yield 'impacts', stretch.impact_rows(followed.events)
+            yield 'samples', stretch.sample_rows(followed.samples)
             found += len(followed.samples)
         runs.finish()
         text, totals = 'the recording holds no motion', {}

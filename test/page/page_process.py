@@ -22,16 +22,14 @@ class PageProcess(Running):
     """
     The server of the page.
 
-    It may have `files` open, and with `elsewhere` takes all pages for those of another machine.
+    With `elsewhere` it takes all pages for those of another machine.
     """
 
-    def __init__(self, directory, *arguments, files=None, elsewhere=False):
+    def __init__(self, directory, *arguments, elsewhere=False):
         directory.mkdir(exist_ok=True)
         self.recordings = directory / 'runs'
         program = ['-c', ELSEWHERE] if elsewhere else ['-m', 'impact_damper_ros.cli.rig_page']
         command = [sys.executable, *program, '--port', '0']
-        if files is not None:
-            command = ['sh', '-c', f'ulimit -n {files}; exec "$@"', 'sh', *command]
         super().__init__(directory, *command, '--recordings', self.recordings, *arguments)
         address = r'http://\S+:(\d+)/\S*'
         found = self.until(lambda: re.search(address, self.output))

@@ -22,11 +22,8 @@ from running import SOURCE, until as at_once
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from impact_damper_ros import Rig
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.orbits.flight_arrays import run_flights
-from impact_damper_ros.orbits.ring_down import cycles_of
 from impact_damper_ros.page.knobs import ALL_SPECS
 from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.page.recorded import load_recording
@@ -326,43 +323,6 @@ def test_the_rig_is_moved_by_hand(opened, parameters):
     drag(place('0.5 * state.stop_2 * scale - slug'), -0.004)
     page.wait('Math.abs(impactDamper.history.state.x + 0.004) < 4e-4')
     page.click('#pause')
-
-
-def test_sound_makes_a_click_at_each_impact(opened):
-    page = opened()
-    events = []
-    protocol = page.protocol()
-    for name in ('audioNodeCreated', 'nodesConnected', 'contextChanged'):
-        protocol.on(f'WebAudio.{name}', lambda event, name=name: events.append((name, event)))
-    protocol.send('WebAudio.enable')
-
-    def made(kind):
-        page.run('0')
-        nodes = [event['node'] for name, event in events if name == 'audioNodeCreated']
-        return [node['nodeId'] for node in nodes if node['nodeType'] == kind]
-
-    def states():
-        page.run('0')
-        return [event['context']['contextState'] for n, event in events if n == 'contextChanged']
-
-    # No sound, and nothing that could make one, before it is asked for
-    frames = page.run('impactDamper.received.frames')
-    page.wait(f'impactDamper.received.frames > {frames} + 20')
-    assert events == []
-    page.click('#sound')
-    until(lambda: len(made('AudioBufferSource')) > 5, 'no click is made')
-    page.click('#sound')
-    until(lambda: states()[-1:] == ['suspended'], lambda: f'it does not become silent: {states()}')
-    # Each click went through its own loudness and side to the loudspeakers.
-    sources, gains, sides = map(made, ('AudioBufferSource', 'Gain', 'StereoPanner'))
-    (speakers,) = made('AudioDestination')
-    links = {(t['sourceId'], t['destinationId']) for n, t in events if n == 'nodesConnected'}
-    for source, gain, side in zip(sources, gains, sides, strict=True):
-        assert {(source, gain), (gain, side), (side, speakers)} <= links
-    end = page.run('impactDamper.history.end')
-    page.wait(f'impactDamper.history.end > {end} + 0.5')
-    assert made('AudioBufferSource') == sources
-    protocol.detach()
 
 
 # Theory
@@ -787,23 +747,6 @@ def test_single_steps_of_a_paused_rig(opened, parameters):
     page.wait('!impactDamper.requests.stepping')
     page.click('#step-to-impact')
     page.expect('#toast').to_contain_text('No impact so far')
-
-
-def test_losses_of_a_ring_down(opened, parameters):
-    preset = load_presets()['ring_down']
-    exact = cycles_of(run_flights(Rig(preset.rig, preset.initial), 3.0))
-    page = opened()
-    page.expect('#map-title').to_have_text('Impact map')
-    page.click('#presets-open')
-    page.click('#presets [data-name=ring_down]')
-    page.expect('#map-title').to_have_text('Ring-down')
-    cycles = 'impactDamper.drawing.ringDown.cycles'
-    page.wait(f'{cycles}.length > 12')
-    seen = page.run(f'{cycles}.slice(0, 12).map(one => [one.amplitude, one.loss])')
-    expected = [exact.velocity[:12] / preset.rig.omega, exact.loss[:12]]
-    assert np.transpose(seen) == pytest.approx(np.array(expected), rel=2e-3, abs=1e-3)
-    assert parameters.set(force_amplitudes=[1.0]) == ''
-    page.expect('#map-title').to_have_text('Impact map')
 
 
 # Nodes and servers that come and go

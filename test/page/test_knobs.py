@@ -65,7 +65,7 @@ for blocked, names in {parts!r}:
 """
 ROS = ('rclpy', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs', 'diagnostic_msgs')
 #: Only these need Tornado, and the command says so if it is not there.
-TORNADO = {'server', 'listener'}
+TORNADO = {'server'}
 
 
 def test_only_one_module_needs_ros_and_two_need_tornado():

@@ -1,11 +1,15 @@
 """A rig as the page follows it, from its messages."""
 
 import asyncio
+import json
 
 import numpy as np
 import pytest
 
 from impact_damper_ros import RigParameters
+from impact_damper_ros.bag import String
+from impact_damper_ros.bag.messages import STRING, decode, encode
+from impact_damper_ros.bag.snapshots import FORMAT
 from impact_damper_ros.page.client import Client
 from impact_damper_ros.page.live import LiveRig
 
@@ -77,7 +81,7 @@ async def test_changes_without_end_are_forgotten():
         link.change(gap=10.0 + number)
         live.tick()
     # Of the last ten seconds, within which messages may come late
-    assert len(live._eras) == pytest.approx(101, abs=2)
+    assert len(live._stretches) == pytest.approx(101, abs=2)
     await left(live)
 
 
@@ -135,15 +139,64 @@ async def test_a_page_that_comes_into_view_is_shown_what_is_new(monkeypatch):
             return written
 
     client = Client(Sink(), live, lambda message, _: live.handle(message))
-    await client.take('{"type": "view", "window": 30, "rate": 1}')
+    client.take('{"type": "view", "window": 30, "rate": 1}')
     await asyncio.sleep(0.0)
     for expected in (1, 1):
         link.run(0.1)
         live.tick()
         client.pump()
         assert len(frames) == expected
-    await client.take('{"type": "view", "window": 30, "rate": 60}')
+    client.take('{"type": "view", "window": 30, "rate": 60}')
     await asyncio.sleep(0.0)
     client.pump()
     assert len(frames) == 2
+    await left(live)
+
+
+@in_loop
+async def test_a_node_of_another_version_is_called_so():
+    link = FakeLink()
+    (content,) = link.messages['snapshot']
+    text = decode(STRING, content).data
+    assert f'"format":{FORMAT}' in text.replace(' ', '')
+    newer = json.loads(text) | {'format': FORMAT + 1}
+    link.messages['snapshot'] = [encode(String(json.dumps(newer)))]
+    live = followed(link)
+    live.tick()
+    status, *_ = live.news()
+    assert status['state'] == 'other_version'
+    assert f'format {FORMAT + 1}, and this page reads {FORMAT}' in status['text']
+    # The same node, started again from the version of the page
+    link.messages['snapshot'] = [content]
+    link.run(0.1)
+    live.tick()
+    assert live.news()[0]['state'] == 'running'
+    await left(live)
+
+
+@in_loop
+async def test_only_another_node_leaves_requests_unanswered(monkeypatch):
+    """The first snapshot that comes in is not one of another node."""
+    link, given_up = FakeLink(), []
+    monkeypatch.setattr(link, 'begin_again', lambda: given_up.append(True))
+    live = followed(link)
+    live.tick()
+    assert not given_up
+    link.restart(RigParameters(gap=5.0))
+    live.tick()
+    assert given_up
+    await left(live)
+
+
+@in_loop
+async def test_impacts_per_cycle_are_those_that_the_node_reports():
+    link = FakeLink()
+    live = followed(link)
+    link.run(20.0)
+    measured = {'Impacts per cycle of the force': '2', 'Largest X / A': ''}
+    link.report((0, 'measured motion', '2 impacts in 1 cycle', measured))
+    live.tick()
+    (numbers,) = [one for one in live.news() if one['type'] == 'numbers']
+    assert (numbers['impacts_per_cycle'], numbers['x_max_ratio']) == (2.0, None)
+    assert numbers['energy_per_cycle'] is not None
     await left(live)

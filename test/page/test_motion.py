@@ -259,34 +259,3 @@ def test_numbers(motion):
     undamped = LIVELY.replace(damping=0.0, force_frequencies=(LIVELY.omega,))
     assert numbers_of(undamped, motion, 1.0)['static_amplitude'] is None
     assert 'impacts_per_cycle' not in numbers_of(LIVELY, Motion(10, 10), math.nan)
-
-
-def test_a_view_from_the_base_has_what_is_relative_to_it():
-    shaken = LIVELY.replace(
-        force_amplitudes=(0.0,), base_amplitudes=(0.005,), base_frequencies=(31.6,)
-    )
-    motion = motion_of(shaken.replace(base_quantity='displacement'), 6.0)
-    plain, seen = (
-        taken_apart(View(window=6.0, relative=relative).frame(motion, 6.0, 0.0))
-        for relative in (False, True)
-    )
-    names = list(SAMPLE_COLUMNS)
-    base, rate = (plain.samples[:, names.index(n)] for n in ('base', 'base_velocity'))
-    assert np.abs(base).max() == pytest.approx(0.005, rel=0.01)
-    for name, moved in (
-        *(('x', base), ('z', base), ('stop_1', base), ('base', base), ('phase', 0.0)),
-        *(('primary_velocity', rate), ('damper_velocity', rate), ('base_velocity', rate)),
-    ):
-        column = names.index(name)
-        expected = plain.samples[:, column] - moved
-        assert seen.samples[:, column] == pytest.approx(expected, abs=1e-6, nan_ok=True)
-    # Of impacts what moves relative to M is the same, and X lies on the line between samples.
-    assert len(seen.impacts) > 5
-    hits = dict(zip(IMPACT_COLUMNS, seen.impacts.T, strict=True))
-    whole = dict(zip(IMPACT_COLUMNS, plain.impacts.T, strict=True))
-    assert hits['y'] == pytest.approx(whole['y'])
-    assert hits['damper_velocity_after'] - hits['primary_velocity_after'] == pytest.approx(
-        whole['damper_velocity_after'] - whole['primary_velocity_after'], abs=1e-5
-    )
-    line = np.interp(hits['time'], seen.samples[:, 0], seen.samples[:, 1])
-    assert np.abs(hits['x'] - line).max() < 2e-4

@@ -14,6 +14,7 @@ from tornado.websocket import WebSocketClosedError
 from impact_damper_ros import GapControlParameters, InitialConditions, Rig, RigParameters, settle
 from impact_damper_ros.page.client import Client
 from impact_damper_ros.page.live import LiveRig
+from impact_damper_ros.page.requests import REQUESTS
 from impact_damper_ros.page.source import Source
 
 from .fake_rig import FakeLink, FakeNetwork, diagnostics
@@ -39,7 +40,6 @@ async def test_every_answer_keeps_foreign_things_out(tmp_path):
         answer = await get(server, '/recordings/%3Cscript%3E/download')
         assert answer.code == 404
         assert answer.headers['Content-Type'].startswith('text/plain')
-        assert b'<' not in answer.body
 
 
 @in_loop
@@ -81,7 +81,7 @@ async def test_another_machine_watches_and_steers_with_the_token(tmp_path, monke
         other_machine(monkeypatch)
         for path in ('/?token=wrong', '/?token=', '/?token=%C3%A4'):
             answer = await get(server, path)
-            assert (answer.code, answer.headers['Location']) == (302, '/')
+            assert (answer.code, answer.headers['Location']) == (302, '/?wrong_token')
             assert 'Set-Cookie' not in answer.headers
         # Who has the token keeps it, whatever link is opened later.
         answer = await get(server, f'/?token={gate.token}')
@@ -130,7 +130,7 @@ async def test_no_path_leads_out(path, tmp_path):
     runs = tmp_path / 'runs'
     runs.mkdir()
     (tmp_path / 'secret').mkdir()
-    (tmp_path / 'secret' / 'secret_0.mcap').write_bytes(b'secret')
+    (tmp_path / 'secret' / 'secret_0.mcap').write_bytes(b'its content')
     async with serving(runs, FakeNetwork()) as server:
         # As it is, without the client that tidies it up
         reader, writer = await asyncio.open_connection('127.0.0.1', server.gate.port)
@@ -140,7 +140,7 @@ async def test_no_path_leads_out(path, tmp_path):
         writer.close()
         await writer.wait_closed()
         assert re.match(rb'HTTP/1.1 (400|403|404) ', answer), answer[:80]
-        assert b'secret' not in answer.partition(b'\r\n\r\n')[2]
+        assert b'its content' not in answer
         assert b'import' not in answer
 
 
@@ -210,54 +210,44 @@ async def test_a_design_holds_up_no_other_request_and_the_rig_moves_so(tmp_path)
 
 
 @pytest.mark.parametrize(
-    'text',
+    ('text', 'words'),
     [
-        *('', '[]', 'null', '{', '{"type": 1}', '{"type": "set"}', '{"type": "set", "values": 3}'),
-        *('{"type": "view", "window": "wide"}', '{"type": "view", "window": null}', '[' * 60_000),
-        *('{"type": "shutdown"}', '{"type": "begin"}', '{"type": "set", "values": [3]}'),
-        *('{"type": "service", "name": {}}', '{"type": "begin", "values": [3]}'),
-        '{"type": "view"}',
+        *((text, 'the message cannot be read') for text in ('', '{', '[' * 60_000)),
+        *((text, 'a message must be a JSON object') for text in ('[]', 'null', '3')),
+        # What JSON does not have, or no number can hold
+        ('{"type": "set", "values": {"gap": NaN}}', 'NaN is not a number in JSON'),
+        ('{"type": "set", "values": {"gap": 1e400}}', '1e400 is too large for a number'),
+        (f'{{"type": "seek", "time": 1{"0" * 400}}}', 'is too large for a number'),
+        *((f'{{"type": {kind}}}', 'is no request: give one of view') for kind in ('1', '"off"')),
+        # Each field of each request by its name
         *(
-            '{"type": "compare", "recording": [], "on": true}',
-            '{"type": "set", "values": {"a": NaN}}',
+            (json.dumps({'type': kind}), f'{kind} has no {next(iter(fields))}')
+            for kind, fields in REQUESTS.items()
         ),
+        *(
+            (json.dumps({'type': kind, **{key: [] for key in fields}}), f' of {kind} is []: give')
+            for kind, fields in REQUESTS.items()
+        ),
+        ('{"type": "set", "values": {"gap": {"text": "1"}}}', 'gap has no unit'),
+        ('{"type": "set", "values": {"a": {"text": "1"}}}', 'a is not a parameter'),
+        ('{"type": "service", "name": "shutdown"}', 'shutdown is not a service'),
+        ('{"type": "seek", "time": 1}', 'seek is not a request for a live rig'),
+        ('{"type": "compare", "recording": "a", "on": true}', 'there is no recording a'),
     ],
 )
 @in_loop
-async def test_what_cannot_be_read_is_answered_and_does_no_harm(text, tmp_path):
+async def test_every_message_is_answered_and_does_no_harm(text, words, tmp_path, monkeypatch):
+    monkeypatch.setattr('traceback.print_exc', lambda: None)
     async with live_page(tmp_path) as (link, page):
         await page.until(lambda: page.frames)
         await page.socket.write_message(text)
         answer = await page.until(
             lambda: [m for m in page.messages if m.get('ok') is False], text[:80]
         )
-        assert answer[0]['reason']
+        assert words in answer[0]['reason']
         seen = len(page.frames)
         link.run(0.2)
         await page.until(lambda: len(page.frames) > seen)
-
-
-@in_loop
-async def test_a_page_that_sends_too_much_waits_and_nobody_else(tmp_path, monkeypatch):
-    monkeypatch.setattr('impact_damper_ros.page.client._BURST', 5.0)
-    monkeypatch.setattr('impact_damper_ros.page.client._MESSAGES_PER_S', 9.0)
-    link = started(FakeLink())
-    async with (
-        serving(tmp_path, FakeNetwork(link)) as server,
-        opened(server) as page,
-        opened(server) as other,
-    ):
-        for number in range(1000):
-            await page.send(type='nonsense', id=number)
-        answers = await page.until(lambda: page.of('answer'))
-        assert 'not a request for a live rig' in answers[0]['reason']
-        assert (await other.ask(type='set', values={'gap': 31.0}))[0]
-        seen = len(other.frames)
-        link.run(0.2)
-        await other.until(lambda: len(other.frames) > seen)
-        assert 5 <= len(page.of('answer')) < 100
-        # Else its connection ends with the last of them.
-        monkeypatch.setattr('impact_damper_ros.page.client._MESSAGES_PER_S', 1e9)
 
 
 @in_loop
@@ -311,7 +301,7 @@ async def test_a_rig_that_comes_later_is_found_and_one_that_is_not_there_is_name
 
 
 @in_loop
-async def test_silence_is_said(tmp_path, monkeypatch):
+async def test_silence_and_reports_of_the_node_are_its_state(tmp_path, monkeypatch):
     monkeypatch.setattr('impact_damper_ros.page.live.GONE_S', 0.2)
     async with live_page(tmp_path) as (link, page):
         await page.next('status', state='gone')

@@ -13,17 +13,14 @@ import { Player } from './player.js';
 import { makePresets, markPreset } from './presets.js';
 import { Recordings } from './recordings.js';
 import { Requests } from './requests.js';
-import { Clicks } from './sound.js';
 import { history, isInPage, isLive, keepAddress, keepView, keepWholeRig, opened, reproducible, state, steers, theory } from './state.js';
 import { Structure } from './structure.js';
 import { startTour } from './tour.js';
 import { WINDOWS } from './traces.js';
 import { Verdict } from './verdict.js';
 
-/** Looks, one a second, without a message of the server after which it counts as lost. */
-const SILENCE = 8;
 /** Where the word for a state is not its name. */
-const STATES = { gone: 'rig gone', offline: 'no server', doubled: 'several rigs' };
+const STATES = { gone: 'rig gone', offline: 'no server', doubled: 'several rigs', other_version: 'other version' };
 /** Speeds of the rig that are offered. */
 const SPEEDS = [[0.05, '1/20'], [0.2, '1/5'], [1, '1×'], [5, '5×']];
 /** Keys that jump in a recording; those that go forwards move a paused rig, too. */
@@ -35,7 +32,6 @@ const STEP_KEYS = { ArrowRight: 'step_to_impact', 'Shift+ArrowRight': 'step' };
 const connection = new Connection();
 const player = new Player(connection);
 const verdict = new Verdict();
-const clicks = new Clicks();
 const requests = new Requests(connection, {
   onValues: (values) => knobs.take(values),
   onWhatIf: (on) => showWhatIf(on),
@@ -80,6 +76,7 @@ function setStatus(now, text = '') {
     gone: 'The node does not answer; waiting for it.',
     offline: 'The page server does not answer; trying again.',
     doubled: text,
+    other_version: text,
     paused: isLive() ? 'Paused' : '',
   }[now] ?? '';
   curtain.hidden = !shown;
@@ -140,6 +137,7 @@ const isRelative = () => byId('relative').checked && !byId('relative-switch').hi
 
 /** Theory is of X in the laboratory. */
 function showFrom() {
+  history.countFrom(isRelative());
   drawing.traces.showTheory = byId('theory').checked && !isRelative();
   drawing.rescale(NaN);
 }
@@ -175,7 +173,6 @@ function takeValues(values) {
   if (byId('relative-switch').hidden !== still) {
     byId('relative-switch').hidden = still;
     showFrom();
-    sendView();
   }
   drawing.rig.stale = true;
 }
@@ -314,10 +311,7 @@ connection.addEventListener('parameters', ({ detail }) => {
 connection.addEventListener('frame', ({ detail: frame }) => {
   history.add(frame);
   const now = performance.now();
-  for (const { stop, impulse } of history.fresh) {
-    drawing.rig.flash(stop, impulse, now);
-    clicks.play(stop, impulse);
-  }
+  for (const { stop, impulse } of history.fresh) drawing.rig.flash(stop, impulse, now);
   received.frames += 1;
   received.epoch = frame.epoch;
   received.latest = now;
@@ -381,13 +375,6 @@ connection.addEventListener('what_if', ({ detail }) => {
 });
 connection.addEventListener('notice', ({ detail }) => toast(detail.text, 'bad'));
 connection.addEventListener('seek_done', ({ detail }) => keepAddress(detail.time));
-// A server that is there reports the rig once a second. Looks are counted, not time: a browser that stood still has not looked.
-const quiet = { since: 0, looks: 0 };
-setInterval(() => {
-  quiet.looks = received.latest === quiet.since ? quiet.looks + 1 : 0;
-  quiet.since = received.latest;
-  if (state.status === 'running' && isLive() && quiet.looks > SILENCE) setStatus('offline');
-}, 1000);
 
 // What is pressed
 
@@ -415,9 +402,7 @@ byId('slow').addEventListener('change', () => {
 byId('relative').addEventListener('change', () => {
   keepView('relative', byId('relative').checked ? '1' : '');
   showFrom();
-  sendView();
 });
-byId('sound').addEventListener('change', () => clicks.switch(byId('sound').checked));
 byId('theory').addEventListener('change', () => {
   const on = byId('theory').checked;
   drawing.showTheory(on);
@@ -462,7 +447,7 @@ document.addEventListener('keydown', (event) => {
 // The view
 
 function sendView() {
-  connection.send({ type: 'view', window: history.window, rate: document.hidden ? 1 : 60, relative: isRelative() });
+  connection.send({ type: 'view', window: history.window, rate: document.hidden ? 1 : 60 });
 }
 
 function setWindow(seconds) {
@@ -490,8 +475,8 @@ for (const seconds of WINDOWS) {
 document.addEventListener('visibilitychange', sendView);
 addEventListener('hashchange', () => location.reload());
 
-/** Whether the tour has switched the gap control on. */
-let toured = false;
+/** Gap control before the tour switched it on; null if it has not. */
+let toured = null;
 startGlossary();
 startTour({
   records: () => !isInPage(),
@@ -510,13 +495,12 @@ startTour({
     else toast('No best gap is known for this rig.');
   },
   control: (law) => {
-    toured = true;
+    toured ??= state.values.gap_control;
     requests.turn({ gap_control: law });
   },
-  // Without control the rig has a verdict. Whether it is on yet, the page may not know.
   end: () => {
-    if (toured) requests.turn({ gap_control: 'off' });
-    toured = false;
+    if (toured !== null) requests.turn({ gap_control: toured });
+    toured = null;
   },
 });
 
@@ -529,5 +513,9 @@ byId('slow').checked = state.address.view.slow === '1';
 drawing.slow.switch(byId('slow').checked);
 history.window = Number(state.address.view.window) || 30;
 setWindow(history.window);
+if (location.search === '?wrong_token') {
+  globalThis.history.replaceState(null, '', location.pathname + location.hash);
+  toast('The token of this address is not that of this server, which makes a new one at each start: this page only watches.', 'bad');
+}
 connection.join(state.address);
 drawing.begin();

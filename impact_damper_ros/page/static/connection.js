@@ -6,7 +6,7 @@ const NOT_THERE = 4404;
 const FIRST_WAIT = 400;
 const LONGEST_WAIT = 5000;
 /** Requests that are asked again where the connection is lost before the answer: those that change no rig. */
-const REPEATED = new Set(['structure', 'what_if', 'compare', 'fit']);
+const REPEATED = new Set(['structure', 'what_if', 'compare']);
 const NOT_ASKED = 'The page server does not answer: nothing was changed.';
 const LOST = 'The connection was lost before the answer: the change may or may not have been made.';
 
@@ -86,7 +86,8 @@ export class Connection extends EventTarget {
 
   receive(data) {
     if (typeof data !== 'string') {
-      const frame = readFrame(data, this.layout);
+      // A rig of this page hands over its frames as they are.
+      const frame = data instanceof ArrayBuffer ? readFrame(data, this.layout) : data;
       if (frame) this.dispatchEvent(new CustomEvent('frame', { detail: frame }));
       return;
     }

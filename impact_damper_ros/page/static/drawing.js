@@ -6,7 +6,6 @@ import { byId, mark, write } from './dom.js';
 import { clock, digits, withUnit } from './format.js';
 import { GapCurve } from './gap_curve.js';
 import { ImpactMap, Multipliers, PhasePortrait } from './portraits.js';
-import { RingDown, ringsDown } from './ring_down.js';
 import { RigDrawing } from './rig_drawing.js';
 import { SlowMotion } from './slow_motion.js';
 import { history, state, theory } from './state.js';
@@ -26,9 +25,6 @@ export class Drawing {
     this.traces = new Traces(history, theory);
     this.portrait = new PhasePortrait(byId('portrait-canvas'), history, theory);
     this.map = new ImpactMap(byId('map-canvas'), history, theory);
-    // Without a force there is no phase of it: the losses of a ring-down are in place of the map.
-    this.ringDown = new RingDown(byId('map-canvas'), history);
-    this.ringing = false;
     this.multipliers = new Multipliers(byId('multipliers-canvas'));
     this.curve = new GapCurve(byId('curve-canvas'), theory, setGap);
     /** Measurements: pictures drawn so far, and how long each took, ms. */
@@ -67,7 +63,7 @@ export class Drawing {
   /** Choose all scales anew, from what moves since an instant. */
   rescale(time) {
     if (Number.isFinite(time)) history.begun = time;
-    for (const picture of [this.rig, this.slow.drawing, this.traces, this.portrait, this.map, this.ringDown]) picture.rescale();
+    for (const picture of [this.rig, this.slow.drawing, this.traces, this.portrait, this.map]) picture.rescale();
   }
 
   /** Draw the motion anew though nothing moves: theory is another one. */
@@ -95,34 +91,16 @@ export class Drawing {
     }
     if (anew || this.portrait.stale) this.portrait.draw(now);
     if (this.player.canvas.stale) this.player.marks();
-    this.drawMap(now, anew);
+    if (history.impacts.end !== this.impacts || this.map.stale) {
+      this.map.draw(now);
+      this.impacts = history.impacts.end;
+    }
     if (this.curve.stale) this.curve.draw();
     if (this.multipliers.stale) this.multipliers.draw(theory.orbit?.multipliers);
     if (now - this.spoken > SPOKEN && history.state) this.describe(now);
     if (anew) {
       this.times.push(performance.now() - begun);
       if (this.times.length > MOST_TIMES) this.times.shift();
-    }
-  }
-
-  drawMap(now, anew) {
-    const ringing = ringsDown(state.values);
-    if (ringing !== this.ringing) {
-      this.ringing = ringing;
-      this.map.stale = true;
-      const title = byId('map-title').firstElementChild;
-      write(title, ringing ? 'Ring-down' : 'Impact map');
-      title.dataset.term = ringing ? 'ring-down' : 'impact-map';
-      byId('map-line').hidden = ringing;
-      if (!ringing) mark(byId('map-canvas'), 'aria-label', 'Impact map: velocity of m after each impact over the phase of the force');
-    }
-    if (ringing) {
-      if (!anew && !this.map.stale) return;
-      this.map.stale = false;
-      this.ringDown.draw(now, state.values);
-    } else if (history.impacts.end !== this.impacts || this.map.stale) {
-      this.map.draw(now);
-      this.impacts = history.impacts.end;
     }
   }
 

@@ -133,8 +133,7 @@ export class GapCurve extends Axes {
         write('my structure: best', toX(this.design), colours.good, toX(this.design) > box.left + box.width / 2);
       }
       for (const branch of branches) this.branch(context, branch, toX, toY);
-      context.font = font(0.68);
-      this.specials(context, curve?.special ?? [], toX, toY, box);
+      this.specials(context, curve?.special ?? [], toX, toY);
       if (this.aim !== null && this.settable) {
         upright(this.aim, colours.link, 1);
         write(`set ${digits(this.aim * factor, 3)} ${unit}`, toX(this.aim), colours.link, toX(this.aim) > box.left + box.width / 2, 'bottom');
@@ -161,42 +160,15 @@ export class GapCurve extends Axes {
     canvas.setAttribute('aria-valuetext', `gap ${label}, Xmax over A ${digits(this.measured, 3)}`);
   }
 
-  /** Special points as rings, each with its name where there is room for it. */
-  specials(context, specials, toX, toY, box) {
-    const places = specials.map(({ gap, x_max_ratio: ratio, kind }) => [toX(gap), toY(ratio), kind]);
-    this.places = places;
-    context.strokeStyle = colours.special;
-    context.fillStyle = colours.page;
-    context.lineWidth = 1.6;
-    for (const [a, b] of places) {
+  /** Special points as rings; the pointer names them. */
+  specials(context, specials, toX, toY) {
+    this.places = specials.map(({ gap, x_max_ratio: ratio, kind }) => [toX(gap), toY(ratio), kind]);
+    Object.assign(context, { strokeStyle: colours.special, fillStyle: colours.page, lineWidth: 1.6 });
+    for (const [a, b] of this.places) {
       circle(context, a, b, 3.6);
       context.fill();
       context.stroke();
     }
-    const rig = this.gap > 0 && Number.isFinite(this.measured) ? [[toX(this.gap), toY(this.measured)]] : [];
-    const taken = [...places, ...rig].map(([a, b]) => [a - 4, b - 4, a + 4, b + 4]);
-    const free = ([left, top, right, bottom]) => left > box.left && right < box.left + box.width
-      && top > box.top && bottom < box.top + box.height
-      && taken.every(([u, v, w, x]) => right < u || left > w || bottom < v || top > x);
-    const height = 0.68 * colours.size;
-    context.textAlign = 'left';
-    context.textBaseline = 'top';
-    context.lineJoin = 'round';
-    specials.forEach(({ kind }, n) => {
-      const [a, b] = places[n];
-      const name = MARKS[kind]?.[0] ?? kind;
-      const { width } = context.measureText(name);
-      const corners = [[a + 5, b - 4 - height], [a - 5 - width, b - 4 - height], [a + 5, b + 4], [a - 5 - width, b + 4]];
-      const place = corners.map(([x, y]) => [x, y, x + width, y + height]).find(free);
-      if (!place) return;
-      taken.push(place);
-      // The lines of the curve do not run through the letters.
-      context.strokeStyle = colours.page;
-      context.lineWidth = 5;
-      context.strokeText(name, place[0], place[1]);
-      context.fillStyle = colours.special;
-      context.fillText(name, place[0], place[1]);
-    });
   }
 
   /** Stable parts solid, unstable ones dashed, those that are not viable dotted. */

@@ -23,7 +23,7 @@ export const TERMS = {
   'force': ['force F', 'The force F sin(Ωt + φ) that shakes M.'],
   'phase-portrait': ['phase portrait', 'Velocity drawn over position, so that a periodic motion is a closed curve.'],
   'impact-map': ['impact map', 'One mark for each impact: a periodic motion is a few marks, a quasi-periodic one closed curves, a chaotic one a cloud.'],
-  'ring-down': ['ring-down', 'The decay of the vibration while nothing shakes the rig. One mark for each cycle: the share of its energy that M loses, over its amplitude; dashed is what the dashpot alone takes.'],
+  'ring-down': ['ring-down', 'The decay of the vibration while nothing shakes the rig.'],
   'gap-curve': ['gap curve', 'The largest |X| over the gap by exact theory: solid where the motion is stable, dashed where it is unstable, dotted where it is not viable. A click sets the gap.'],
   'multiplier': ['multiplier', 'A factor by which a small deviation from a periodic motion is multiplied in each period; the motion is stable if all are within the unit circle.'],
   'stable': ['stable', 'Small deviations from the motion die out, so that a real rig stays in it: all multipliers are smaller than 1 in modulus. An unstable motion solves the equations, but the smallest deviation leads away from it.'],

@@ -9,6 +9,10 @@ const AT_ONCE = 0.5;
 const HELD = 0.1;
 /** What a field is before the server has named it. */
 const NOTHING = new Float64Array(0);
+const KINDS = ['samples', 'impacts', 'measured', 'acts'];
+/** Columns that count from the laboratory: places, and velocities. The base has both, too. */
+const PLACES = ['x', 'z', 'stop_1', 'stop_2'];
+const RATES = ['primary', 'damper'].flatMap((mass) => ['', '_before', '_after'].map((when) => `${mass}_velocity${when}`));
 
 /** Rows of numbers of which the oldest are dropped; one typed array for each field. */
 class Rows {
@@ -35,7 +39,7 @@ class Rows {
     return this.end - this.start;
   }
 
-  /** Append rows of which the first field counts from an instant. */
+  /** Append rows of which the first field counts from an instant; return the place of the first of them. */
   push(rows, since) {
     const width = this.fields.length;
     for (let n = 0; n < rows.length; n += width) {
@@ -48,6 +52,7 @@ class Rows {
       this.end += 1;
       if (this.length > this.room) this.start += 1;
     }
+    return Math.max(this.start, this.end - rows.length / (width || 1));
   }
 
   field(name) {
@@ -81,6 +86,9 @@ function between([t0, x0, v0], [t1, x1, v1], t) {
 
 /** What is known of the motion of one rig. */
 class Motion {
+  /** Whether positions and velocities count from the base. */
+  relative = false;
+
   constructor() {
     this.samples = new Rows(ROOM);
     this.impacts = new Rows(IMPACTS);
@@ -90,11 +98,40 @@ class Motion {
 
   /** Take tables with these fields. */
   shape(tables) {
-    for (const [kind, rows] of Object.entries(this)) rows.shape(tables[kind] ?? []);
+    for (const kind of KINDS) this[kind].shape(tables[kind] ?? []);
   }
 
   clear() {
-    for (const rows of Object.values(this)) rows.clear();
+    for (const kind of KINDS) this[kind].clear();
+  }
+
+  /** Take in rows of a kind, which count from the laboratory. */
+  push(kind, rows, since) {
+    const first = this[kind].push(rows, since);
+    if (this.relative) this.count(this[kind], first, -1);
+  }
+
+  /** Let positions and velocities count from the base, or from the laboratory. */
+  countFrom(relative) {
+    if (relative === this.relative) return;
+    this.relative = relative;
+    for (const kind of KINDS) this.count(this[kind], this[kind].start, relative ? -1 : 1);
+  }
+
+  /** Let rows from a place on count from the base (sign -1), or from the laboratory again (1). */
+  count(rows, first, sign) {
+    const { samples } = this;
+    const [times, base, rate] = ['time', 'base', 'base_velocity'].map((name) => samples.field(name));
+    if (!samples.length || rows === this.acts) return;
+    const moved = [[PLACES, base], [RATES, rate]].flatMap(([names, values]) => names.map((name) => [rows.field(name), values])).filter(([column]) => column.length);
+    const instants = rows.field('time');
+    for (let n = first; n < rows.end; n += 1) {
+      const later = Math.min(Math.max(samples.after(instants[n]), samples.start + 1), samples.end - 1);
+      const before = Math.max(samples.start, later - 1);
+      const length = times[later] - times[before];
+      const part = length > 0 ? Math.min(1, Math.max(0, (instants[n] - times[before]) / length)) : 0;
+      for (const [column, values] of moved) column[n] += sign * (values[before] + part * (values[later] - values[before]));
+    }
   }
 
   /** The state at an instant: between samples and impacts by cubics through places and velocities. */
@@ -103,6 +140,7 @@ class Motion {
     const n = samples.after(time) - 1;
     if (n < samples.start) return null;
     const state = samples.row(n);
+    if (this.relative) state.base = 0;
     if (n + 1 === samples.end) return time > state.time + HELD ? null : state;
     const next = samples.row(n + 1);
     let [left, right] = [state, next].map((one) => [[one.time, one.x, one.primary_velocity], [one.time, one.z, one.damper_velocity]]);
@@ -116,7 +154,7 @@ class Motion {
       right = [[t, x, xRate], [t, x + y, zRate]];
     }
     const [x, z] = [0, 1].map((k) => between(left[k], right[k], time));
-    const base = state.base + ((next.base - state.base) * (time - state.time)) / (next.time - state.time);
+    const base = this.relative ? 0 : state.base + ((next.base - state.base) * (time - state.time)) / (next.time - state.time);
     const turned = (((next.phase - state.phase) % 1) + 1) % 1;
     const phase = (state.phase + (turned * (time - state.time)) / (next.time - state.time)) % 1;
     // The stops ride on M.
@@ -164,16 +202,27 @@ export class History {
     const { end } = frame;
     if (frame.replace) this.own.clear();
     if (frame.replace_ghost) this.other.clear();
-    for (const kind of ['samples', 'impacts', 'measured', 'acts']) this.own[kind].push(frame[kind], end);
-    this.other.samples.push(frame.ghost_samples, end);
-    this.other.impacts.push(frame.ghost_impacts, end);
+    for (const kind of KINDS) this.own.push(kind, frame[kind], end);
+    for (const kind of ['samples', 'impacts']) this.other.push(kind, frame[`ghost_${kind}`], end);
     const [from, to] = frame.replace ? [0, 0] : [this.own.impacts.after(this.end), this.own.impacts.after(end)];
     this.fresh = Array.from({ length: Math.max(0, to - from) }, (_, n) => this.own.impacts.row(from + n));
     this.end = end;
-    this.state = this.own.at(end) ?? this.state;
-    this.ghost = this.other.samples.length ? this.other.at(end) : null;
+    this.look();
     this.paused = frame.paused;
     while (!this.recorded && this.changes.length && this.changes[0].time < end - 120) this.changes.shift();
+    this.version += 1;
+  }
+
+  /** Look at the state at the end. */
+  look() {
+    this.state = this.own.at(this.end) ?? this.state;
+    this.ghost = this.other.samples.length ? this.other.at(this.end) : null;
+  }
+
+  /** Let positions and velocities count from the base, or from the laboratory. */
+  countFrom(relative) {
+    for (const motion of [this.own, this.other]) motion.countFrom(relative);
+    this.look();
     this.version += 1;
   }
 
@@ -213,7 +262,7 @@ export class History {
         upper = Math.max(upper, stop_1[n], stop_2[n] || 0);
         swing = Math.max(swing, Math.abs(x[n]));
         apart = Math.max(apart, Math.abs(z[n] - x[n]));
-        shaken = Math.max(shaken, Math.abs(base[n]));
+        if (!this.own.relative) shaken = Math.max(shaken, Math.abs(base[n]));
       }
     }
     return { low, high, lower, upper, swing, apart, shaken };

@@ -203,13 +203,16 @@ class Knob {
     const turn = { ArrowUp: 1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key];
     if (!turn || !['double', 'integer', 'double_array'].includes(this.descriptor.type)) return;
     if (this.descriptor.type === 'double_array' && !this.firstOnly) return;
-    const number = Number(this.input.value);
+    // A number as it may be typed: with a comma, and a unit of its own
+    const [, text, own] = /^\s*([-+\d.,eE]+)\s*(.*)$/.exec(this.input.value) ?? [];
+    const number = Number(text?.replace(',', '.'));
     if (!Number.isFinite(number)) return;
     event.preventDefault();
-    const step = this.descriptor.type === 'integer' ? 1 : this.span?.[2] || 10 ** Math.floor(Math.log10(Math.abs(number) || 1) - 1);
+    const step = this.descriptor.type === 'integer' ? 1 : (!own && this.span?.[2]) || 10 ** Math.floor(Math.log10(Math.abs(number) || 1) - 1);
     const next = Number((number + turn * step).toPrecision(12));
-    this.input.value = typed(next);
-    this.sendNumber(next);
+    this.input.value = own ? `${typed(next)} ${own}` : typed(next);
+    if (own) this.enter();
+    else this.sendNumber(next);
   }
 
   /** Send a value; while one is on its way, only the newest waits. */

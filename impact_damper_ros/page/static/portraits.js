@@ -162,6 +162,7 @@ export class ImpactMap extends Axes {
       }
     });
     if (!impacts.length) this.say('no impact yet', axes.box, 0.75);
+    else if (!Number.isFinite(phase[impacts.end - 1])) this.say('no force: no phase', axes.box, 0.75);
   }
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The recordings: play, download, compare with theory, fit a rig.
+// The recordings: play, download, compare with theory.
 
 import { byId, element, mark, toast, write } from './dom.js';
 import { bytes, clock } from './format.js';
@@ -16,7 +16,7 @@ export class Recordings {
   constructor(connection, play) {
     this.connection = connection;
     this.play = play;
-    // Comparisons and fits under way: which of them, and when it began, ms.
+    // Comparisons under way by recording, and when each began, ms.
     this.busy = new Map();
     setInterval(() => { if (this.busy.size) this.show(this.list); }, 1000);
     this.list = [];
@@ -40,15 +40,14 @@ export class Recordings {
   /** Return the row of a recording, which is made once, with what is known of it now. */
   row(one) {
     const row = this.rows.get(one.name) ?? this.made(one.name);
-    const about = [dated(one.start), clock(one.duration), bytes(one.size), one.whole ? null : 'not ended'];
+    const about = [dated(one.start), clock(one.duration), bytes(one.size), one.files > 1 ? `${one.files} files: to copy them, copy the directory` : null, one.whole ? null : 'not ended'];
     write(row.querySelector('strong'), one.name);
     write(row.querySelector('p'), about.filter((text) => text !== null && text !== undefined && text !== '–').join(' · '));
+    row.querySelector('[download]').hidden = one.files !== 1;
     const compare = row.querySelector('[data-compare]');
     const busy = this.busy.get(one.name);
-    // One thing at a time is made of a recording.
-    row.querySelector('[data-fit]').hidden = Boolean(busy);
-    write(compare, busy ? `Cancel (${Math.round((performance.now() - busy.begun) / 1000)} s)` : 'Compare');
-    mark(compare, 'aria-label', busy ? `Cancel the work on ${one.name}` : `Compare ${one.name} with theory`);
+    write(compare, busy === undefined ? 'Compare' : `Cancel (${Math.round((performance.now() - busy) / 1000)} s)`);
+    mark(compare, 'aria-label', busy === undefined ? `Compare ${one.name} with theory` : `Cancel the comparison of ${one.name}`);
     return row;
   }
 
@@ -67,31 +66,28 @@ export class Recordings {
         }),
         element('button', {
           type: 'button', 'data-compare': '', 'data-steers': '', 'aria-label': `Compare ${name} with theory`, onclick: () => this.compare(name),
-        }),
-        element('button', {
-          type: 'button', 'data-fit': '', 'data-steers': '', text: 'Fit', 'aria-label': `Fit a rig to ${name}`, title: 'Stiffness, damping, restitution, friction and gap from the motion of M', onclick: () => this.compare(name, 'fit'),
         })),
     );
   }
 
-  /** Compare a recording with theory, or fit a rig to it; or cancel what is under way. */
-  async compare(name, type = 'compare', on = !this.busy.has(name)) {
-    if (on) this.busy.set(name, { type, begun: this.busy.get(name)?.begun ?? performance.now() });
+  /** Compare a recording with theory, or cancel that. */
+  async compare(name, on = !this.busy.has(name)) {
+    if (on) this.busy.set(name, this.busy.get(name) ?? performance.now());
     this.show(this.list);
-    const { ok, reason } = await this.connection.ask({ type, recording: name, on });
+    const { ok, reason } = await this.connection.ask({ type: 'compare', recording: name, on });
     if (ok) return;
     this.busy.delete(name);
     this.show(this.list);
-    toast(`No ${type === 'fit' ? 'fit' : 'comparison'} of ${name}: ${reason}`, 'bad');
+    toast(`No comparison of ${name}: ${reason}`, 'bad');
   }
 
   /** Ask again for what is under way, as its end may have been missed without a connection. */
   goOn() {
-    for (const [name, { type }] of this.busy) this.compare(name, type, true);
+    for (const name of this.busy.keys()) this.compare(name, true);
   }
 
   /** A comparison has ended; its report opens in the page. */
-  done({ recording, work, ok, url, text }) {
+  done({ recording, ok, url, text }) {
     const asked = this.busy.delete(recording);
     this.show(this.list);
     if (!asked) return;
@@ -100,7 +96,7 @@ export class Recordings {
       return;
     }
     byId('recordings').close();
-    byId('report-title').textContent = `${recording}: ${work === 'fit' ? 'a rig fitted to it' : 'comparison with theory'}`;
+    byId('report-title').textContent = `${recording}: comparison with theory`;
     // Only pages of this server are opened, whatever the message says.
     const place = new URL(url, location.href);
     if (place.origin !== location.origin) return;

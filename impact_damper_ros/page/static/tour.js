@@ -10,7 +10,7 @@ export function startTour(act) {
       at: '#rig',
       title: 'The rig',
       text: 'A force F shakes the mass M on its spring. The loose mass m rattles in the gap and hits the two stops. Each impact takes energy out of the vibration.',
-      label: 'Load the bench rig',
+      label: 'Load the bench rig and reset',
       run: () => act.preset('bench'),
     },
     {
@@ -44,7 +44,7 @@ export function startTour(act) {
     {
       at: '#first-knobs [data-name=gap_control]',
       title: 'Let the stops move',
-      text: 'With gap control, the stops follow the vibration, at any force; the end of the tour switches it off again.',
+      text: 'With gap control, the stops follow the vibration, at any force; the end of the tour sets it back to what it was.',
       recorded: ' Record a run, play it back, and compare it with the exact theory.',
       label: 'Switch on timed control',
       run: () => act.control('timed'),
