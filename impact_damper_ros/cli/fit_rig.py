@@ -24,6 +24,7 @@ from .command_line import (
     add_path_option,
     check_outputs,
     command_parser,
+    draw,
     long_work,
     motion_size,
     need_matplotlib,
@@ -74,6 +75,12 @@ NEEDS = (
     ('--also', 'no --structure'),
     ('--unit', '--column'),
     *((option, 'FILE') for option in ('--column', '--time', '--base-column', '--force-column')),
+    ('--look', 'FILE'),
+    (
+        '--look',
+        'only --column --unit --time --base-column --force-column --impacts --impact-deviation '
+        '--saturation --from --to',
+    ),
     ('--rebounds', 'only --rig --set --node --from --to --json'),
 )
 
@@ -160,6 +167,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar='TIME',
         help='without DATA: how long to listen to --topic [20]',
     )
+    add_path_option(
+        parser, '--look', 'draw what is read of a file of columns, and fit nothing', 'FIGURE'
+    )
     add_json_option(parser)
     add_path_option(parser, '--report', 'write an HTML report, and its numbers beside it', 'DIR')
     add_path_option(parser, '--rig-out', 'write the fitted rig, with its intervals as comments')
@@ -196,11 +206,11 @@ def _read(
     return data, rig
 
 
-def _data(arguments: argparse.Namespace) -> tuple[MeasuredMotion, RigParameters | None]:
+def _options(arguments: argparse.Namespace) -> ReadingOptions:
     from impact_damper_ros.fit.measured_motion import ReadingOptions
 
     saturation = arguments.saturation
-    options = ReadingOptions(
+    return ReadingOptions(
         column=arguments.column,
         unit=arguments.unit,
         time_column=arguments.time,
@@ -214,8 +224,12 @@ def _data(arguments: argparse.Namespace) -> tuple[MeasuredMotion, RigParameters 
         first=-math.inf if arguments.from_time is None else arguments.from_time,
         last=math.inf if arguments.to_time is None else arguments.to_time,
     )
+
+
+def _data(arguments: argparse.Namespace) -> tuple[MeasuredMotion, RigParameters | None]:
+    saturation = arguments.saturation
     try:
-        data, rig = _read(arguments, options)
+        data, rig = _read(arguments, _options(arguments))
     except OSError as error:
         name = error.filename or arguments.data
         raise CommandError(
@@ -245,6 +259,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     # `impacts` is an output of other commands
     arguments.impact_file = arguments.__dict__.pop('impacts')
+    arguments.figure = arguments.look
     if arguments.data is None and not arguments.topic:
         parser.error('give the file of the data, or a live topic with --topic')
     command = shlex.join(['fit_rig', *(sys.argv[1:] if argv is None else argv)])
@@ -254,12 +269,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.report is not None:
             need_matplotlib()
             check_directory(arguments.report)
+        if arguments.look is not None:
+            return _look(arguments)
         if arguments.rebounds:
             return _rebounds(arguments)
         run = _structure if arguments.structure else _rig
         return run(arguments, command)
 
     return outcome('fit_rig', work)
+
+
+def _look(arguments: argparse.Namespace) -> int:
+    """Draw what is read, and say why it cannot be used, if so."""
+    from impact_damper_ros.fit.measured_motion import raw_columns, read_table_motion
+    from impact_damper_ros.report.look_figure import look_figure
+
+    options, problem, data = _options(arguments), None, None
+    columns = raw_columns(arguments.data, options)
+    try:
+        data = read_table_motion(arguments.data, options)
+    except ValueError as error:
+        problem = error
+    draw(arguments.look, look_figure, columns, data, data.source if data else str(problem))
+    if problem is not None:
+        raise problem
+    assert data is not None
+    say('fit_rig', data.columns)
+    return 0
 
 
 def _finish(

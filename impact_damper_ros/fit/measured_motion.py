@@ -40,6 +40,7 @@ from impact_damper_ros.measured.sheet import (
     ColumnError,
     Quantity,
     Sheet,
+    TableError,
     choose,
 )
 from impact_damper_ros.measured.table import (
@@ -240,6 +241,33 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
         digit=digit,
         factor=columns['motion'].factor,
     )
+
+
+class RawColumn(NamedTuple):
+    """A column as it is in a file, over time in s: what it is read as, and its factor to SI."""
+
+    title: str
+    time: Array
+    values: Array
+    role: str
+    factor: float
+
+
+def raw_columns(path: Path, options: ReadingOptions = NO_OPTIONS) -> list[RawColumn]:
+    """Return all columns of numbers of a file, used or not."""
+    sheet = read_sheet(path)
+    _, choices = _choices(sheet, options)
+    roles = {choice.place: (key, choice.factor) for key, choice in choices.items()}
+    clock = choices['time']
+    found = []
+    for place, head in enumerate(sheet.headings):
+        role, factor = roles.get(place, ('', 1.0))
+        # A column of text is none
+        with contextlib.suppress(TableError):
+            (time, values), _ = sheet.read([clock.place, place])
+            if not role.startswith('time'):
+                found.append(RawColumn(head.title, time * clock.factor, values, role, factor))
+    return found
 
 
 def _choices(sheet: Sheet, options: ReadingOptions) -> tuple[str, dict[str, Choice]]:
