@@ -17,9 +17,17 @@ from impact_damper_ros import (
     Rig,
     RigParameters,
 )
-from impact_damper_ros.control.controller import control_of
+from impact_damper_ros.control.controller import begin_sampling, control_of
 from impact_damper_ros.control.state import LAW_NUMBERS, PARTS, damper_of
 from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS
+
+
+@pytest.mark.parametrize(('time', 'rate'), [(0.0, 32.0), (10.0, 32.0), (9.99, 0.5), (1e6, 7.0)])
+def test_the_first_sample_comes_after_the_present_time(time, rate):
+    begun = control_of(control('timed', gap_control_rate=rate), RigParameters())
+    begin_sampling(begun, time)
+    index = begun.controller.sample_index
+    assert (index - 1) / rate <= time < index / rate
 
 
 def test_rigs_restored_from_one_snapshot_do_not_share_it():

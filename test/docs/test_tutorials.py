@@ -61,7 +61,7 @@ def test_links_to_the_page_are_rigs():
     assert len(links) > 8
     for link in links:
         given = dict(part.split('=', 1) for part in link.split('&'))
-        preset = presets[given.pop('preset')]['parameters']
+        preset = presets[given.pop('preset')].get('parameters', {})
         own = {name: value for name, value in given.items() if f"'{name}'" not in view}
         values = {**preset, **{name: yaml.safe_load(value) for name, value in own.items()}}
         for record in (RigParameters, GapControlParameters, InitialConditions):

@@ -19,13 +19,17 @@ ROOT = Path(impact_damper_ros.__file__).parents[1]
 FASTER = """
 import sys
 import time
+from pathlib import Path
 sys.path.insert(0, 'examples')
 import demo
+
+run = Path(sys.argv[1])
 
 class SlowClient(demo.RigParameterClient):
     def __init__(self, *arguments):
         super().__init__(*arguments)
-        time.sleep(3.0)
+        while sum(file.stat().st_size for file in run.rglob('*.mcap')) < 150_000:
+            time.sleep(0.05)
 
 demo.RigParameterClient = SlowClient
 demo.SPEED *= 3.0
