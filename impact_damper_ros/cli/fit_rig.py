@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.outputs import check_directory
 from impact_damper_ros.parameters.parameters_file import presets, rig_yaml
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .command_line import (
     EXIT_FAILED,
@@ -46,14 +45,13 @@ if TYPE_CHECKING:
     from impact_damper_ros.fit.structure import StructureFit
 
 #: What may be fitted besides, see `fit.rig_fit.FURTHER`.
-_FURTHER = ('restitution_2', 'gain', 'bias', 'force_delay', 'impact_delay')
+_FURTHER = ('restitution_2', 'bias', 'force_delay')
 
 _DESCRIPTION = """\
 Fit a rig to the measured motion of M: stiffness, damping, restitution, friction and gap, each with
 its 95 % interval. DATA is a CSV file whose header has units (t [s], x [mm], accel [g],
 force [N], impact), the export of a phone, .uff, .lvm, or a bag; or --topic takes a live one. With
---structure frequency and damping come from a ring-down or a sweep without the damper; with
---rebounds restitution over speed from the bounces of a dropped damper.
+--structure frequency and damping come from a ring-down or a sweep without the damper.
 """
 _EPILOG = """\
 Masses, force and angle are those of --rig, whose stiffness and damping are guesses (within 5 and
@@ -63,7 +61,6 @@ the input is invalid; 130 on Ctrl-C, 143 on SIGTERM.
 Examples:
   fit_rig free.csv --structure --rig rig.yaml --rig-out start.yaml
   fit_rig run.csv --impacts hits.csv --rig start.yaml --rig-out fitted.yaml --report report
-  fit_rig bounces.wav --rebounds
   fit_rig --topic /joint_states --seconds 20 --rig bench_rig
 """
 
@@ -81,7 +78,6 @@ NEEDS = (
         'only --column --unit --time --base-column --force-column --impacts --impact-deviation '
         '--saturation --from --to',
     ),
-    ('--rebounds', 'only --rig --set --node --from --to --json'),
 )
 
 
@@ -101,25 +97,18 @@ def _parser() -> argparse.ArgumentParser:
         '--node', default='', metavar='NAME', help='which rig, if that file describes several'
     )
     add_set_option(parser)
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument(
+    parser.add_argument(
         '--structure',
         action='store_true',
         help='fit frequency and damping of the structure alone; with --rig its masses are used',
-    )
-    form.add_argument(
-        '--rebounds',
-        action='store_true',
-        help='fit restitution over speed to the times, or the sound (.wav), of a damper that '
-        'bounces on a stop',
     )
     parser.add_argument(
         '--also',
         action='append',
         choices=_FURTHER,
         default=[],
-        help='what to fit besides: restitution of stop 2, gain or bias of the sensor, delay of '
-        'the force or of the impact times; may be repeated',
+        help='what to fit besides: restitution of stop 2, offset of the sensor, delay of the '
+        'force; may be repeated',
     )
     data = parser.add_argument_group('the data')
     add_path_option(
@@ -271,8 +260,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             check_directory(arguments.report)
         if arguments.look is not None:
             return _look(arguments)
-        if arguments.rebounds:
-            return _rebounds(arguments)
         run = _structure if arguments.structure else _rig
         return run(arguments, command)
 
@@ -367,24 +354,6 @@ def _structure(arguments: argparse.Namespace, command: str) -> int:
 
     text = fit_report.structure_text(found)
     return _finish(arguments, text, found.accepted, rig_text)
-
-
-def _rebounds(arguments: argparse.Namespace) -> int:
-    from impact_damper_ros.fit.rebounds import fit_rebounds
-    from impact_damper_ros.measured.impacts import read_impacts
-    from impact_damper_ros.report import fit_report
-
-    times, _ = read_impacts(arguments.data)
-    low, high = arguments.from_time, arguments.to_time
-    within = (times >= (-math.inf if low is None else low)) & (
-        times <= (math.inf if high is None else high)
-    )
-    rig = _start(arguments, None)
-    found = fit_rebounds(times[within], STANDARD_GRAVITY if rig is None else rig.gravity)
-    write_json(arguments.json, fit_report.rebounds_json(found))
-    text = fit_report.rebounds_text(found, str(arguments.data))
-    print(text, file=text_stream(arguments.json))
-    return 0
 
 
 def _of_rig(found: StructureFit, mass: float) -> dict[str, Estimate]:

@@ -85,20 +85,7 @@ def alternatives(shooting: Shooting, solution: Solution, chi: float) -> list[Alt
 def _columns(shooting: Shooting, solution: Solution) -> Iterator[_Column]:
     """Yield the derivatives of residuals and conditions by each further parameter."""
     yield from _of_m(shooting, solution)
-    yield from _of_structure(shooting, solution)
     yield from _of_force(shooting, solution)
-    if 'bias' not in shooting.unknowns.extras and shooting.record.order != 1:
-        residual = np.zeros(len(solution.equations.residual))
-        n = len(shooting.record.time)
-        inside = shooting.motion(solution.unknowns)[1]
-        residual[:n] = np.where(inside, 1.0 / shooting.deviation, 0.0)
-        yield _Column(
-            'bias',
-            ('m', 'm/s', 'm/s^2')[shooting.record.order],
-            'the sensor has an offset, which --also bias fits',
-            residual,
-            np.zeros(len(solution.equations.condition)),
-        )
 
 
 def _of_m(shooting: Shooting, solution: Solution) -> Iterator[_Column]:
@@ -141,32 +128,6 @@ def _of_m(shooting: Shooting, solution: Solution) -> Iterator[_Column]:
         )
 
 
-def _of_structure(shooting: Shooting, solution: Solution) -> Iterator[_Column]:
-    """Yield K and C over the amplitude of M, relative, over the mean amplitude."""
-    u, equations = solution.unknowns, solution.equations
-    shared, states = shooting.parts(u)
-    amplitude = np.hypot(states[:, 1], states[:, 2] / shooting.rate)
-    middle = amplitude.mean()
-    factor = amplitude / middle - 1.0
-    n = len(shooting.record.time)
-    node = np.clip(
-        np.searchsorted(states[:, 0], shooting.record.time, side='right') - 1, 0, len(states) - 1
-    )
-    for column, name in ((0, 'stiffness'), (1, 'damping')):
-        residual = np.zeros(len(equations.residual))
-        residual[:n] = equations.residual_rates[:n, [column]].toarray().ravel() * factor[node]
-        condition = equations.condition_rates[:, [column]].toarray().ravel()
-        flights = 5 * len(shooting.ends)
-        condition[:flights] *= np.repeat(factor[shooting.ends - 1], 5)
-        yield _Column(
-            f'{name} over amplitude',
-            '',
-            f'the structure is not linear: its {name} depends on the amplitude',
-            residual * shared[column],
-            condition * shared[column],
-        )
-
-
 def _of_force(shooting: Shooting, solution: Solution) -> Iterator[_Column]:
     """Yield the force, relative, and its delay."""
     u, equations = solution.unknowns, solution.equations
@@ -198,8 +159,6 @@ def _of_force(shooting: Shooting, solution: Solution) -> Iterator[_Column]:
     ]
     for name, unit, other, step, meaning in changes:
         if name == 'force delay' and 'force_delay' in shooting.unknowns.extras:
-            continue
-        if name == 'force amplitude' and 'gain' in shooting.unknowns.extras:
             continue
         varied = copy.copy(shooting)
         varied.unknowns = shooting.unknowns._replace(rig=other)

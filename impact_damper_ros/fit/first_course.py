@@ -19,8 +19,6 @@ from .vibration import Array, Vibration
 #: and the part of it while K and C are sought, which missed impacts bias more than false ones.
 PENALTY, _PENALTY_MEASURED, _SOUGHT = 24.0, 6.0, 0.5
 _ROUNDS = 4
-#: Longest delay of impact times that is looked for, as a phase of M, rad.
-_LONGEST_LAG = 1.0
 #: Phases of the force that are tried, and stiffnesses, in that of the start.
 _PHASES, _STIFFNESSES = 16, (0.96, 0.98, 1.0, 1.02, 1.04)
 #: Least first guess of the gap, in the swing of M at impacts.
@@ -69,29 +67,6 @@ def _penalties(record: Record, measured: Array, deviation: float) -> Array:
     for shift in range(-around, around + 1):
         cuts[np.clip(at + shift, 0, len(cuts) - 1)] = _PENALTY_MEASURED
     return cuts
-
-
-def _lag(record: Record, rig: RigParameters, deviation: float, measured: Array) -> float:
-    """Return by how much measured instants come later than the impacts that the motion shows."""
-    if not len(measured):
-        return 0.0
-    vibration = Vibration.of(
-        rig, rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
-    )
-    for _ in range(2):
-        edges = partition(record, vibration, deviation, PENALTY)
-        guess = rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
-        vibration = Vibration.of(rig, *fit_vibration(record, rig, edges, guess, deviation))
-    shown = jumps_between(record, vibration, edges, np.zeros(0))
-    strong = shown.time[np.abs(shown.jump) > np.median(np.abs(shown.jump))]
-    apart = (measured[None, :] - strong[:, None]).ravel()
-    near = np.sort(apart[np.abs(apart) < _LONGEST_LAG / rig.omega])
-    if len(near) < LEAST_IMPACTS:
-        return 0.0
-    # The shortest interval with half as many differences as there are impacts
-    size = min(len(near), max(LEAST_IMPACTS, len(strong) // 2))
-    at = int(np.argmin(near[size - 1 :] - near[: len(near) - size + 1]))
-    return float(np.median(near[at : at + size]))
 
 
 def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float, float]:
@@ -151,9 +126,6 @@ def first_course(
     if force_delay >= 0:
         late, stiffness = _delay(record, rig, deviation)
         rig = later(rig, late)
-    delay = unknowns.column('impact_delay')
-    lag = _lag(record, rig, deviation, measured) if delay >= 0 else 0.0
-    measured = measured - lag
     cuts = _penalties(record, measured, impact_deviation)
     for _ in range(_ROUNDS):
         vibration = Vibration.of(rig, stiffness, damping)
@@ -181,8 +153,6 @@ def first_course(
     shared = unknowns.start(stiffness, damping, alphas, grip, gap)
     if bias >= 0:
         shared[bias] = offset
-    if delay >= 0:
-        shared[delay] = lag
     if force_delay >= 0:
         shared[force_delay] = late
     ratio = rig.primary_mass / rig.damper_mass

@@ -86,10 +86,6 @@ class NodeMotion(Nodes):
             course.reversals[k] = states[turns[self.flight[turns] == k], T].copy()
         return course
 
-    def times_of_impacts(self, shared: Array) -> Array:
-        """Return the measured instants of impacts on the clock of the motion."""
-        return self.impact_times - self.unknowns.value(shared, 'impact_delay')
-
     def parts(self, u: Array) -> tuple[Array, Array]:
         """Return the shared unknowns and the states (n, 5)."""
         return u[: self.count], u[self.count :].reshape(-1, 5)
@@ -162,8 +158,7 @@ class NodeMotion(Nodes):
 
     def sensed(self, shared: Array, signal: Array) -> Array:
         """Return what the sensor shows of a signal."""
-        value = self.unknowns.value
-        return value(shared, 'gain') * signal + value(shared, 'bias')
+        return signal + self.unknowns.value(shared, 'bias')
 
     def _node_of_samples(self, states: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Return the node before each sample, and whether its flight counts."""

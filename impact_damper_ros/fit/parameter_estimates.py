@@ -14,7 +14,6 @@ _UNITS = {
     'damping': 'N s/m',
     'gap': 'm',
     'force_delay': 's',
-    'impact_delay': 's',
 }
 #: Correlation of each two parameters, by their names.
 Correlations = dict[str, dict[str, float]]

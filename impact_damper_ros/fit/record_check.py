@@ -31,8 +31,8 @@ def faults_of(measured: MeasuredMotion, rig: RigParameters, also: Sequence[str] 
     source = measured.source or 'the record'
     if rig.one_sided:
         return [
-            'one_sided is true: rigs with one stop are not fitted; bounces on the stop give its '
-            'restitution, see --rebounds'
+            'one_sided is true: rigs with one stop are not fitted; the times of bounces on it '
+            'give its restitution (examples/published/measured_bounces.py)'
         ]
     if rig.sweep_mode != 'off':
         return [f'sweep_mode is {rig.sweep_mode}: fit the steps of a sweep one by one, with off']

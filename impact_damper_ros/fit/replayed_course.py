@@ -38,8 +38,6 @@ _OFTEN = 2
 _MOST_SEARCHES = 10
 #: Residuals of the data in a flight that changes the course, in standard deviations.
 _MISFIT = 3.0
-#: Part of the speed of approach by which that of a new start may be off.
-_APPROACH = 0.3
 #: Least time between two nodes, s.
 _LEAST_SPAN = 2e-6
 
@@ -94,7 +92,7 @@ class ReplayedCourse:
         self.risky: list[float] = []
         self.searches = 0
         self.why_cut: dict[int, str] = {}
-        self.log: list[str] = []
+        self.changed = False
 
     def _own(self, k: int) -> list[float]:
         """Return the state just after an impact of the course."""
@@ -125,40 +123,18 @@ class ReplayedCourse:
         jump = (self.course.damper_velocity[k] - self.course.velocity[k]) / (alpha - ratio - 1.0)
         return float(self.course.velocity[k] + (alpha - 1.0) * jump)
 
-    def _search_start(self, k: int, end: int) -> Passage:
-        """Look for the velocity of m with which it gets from where it begins anew to an impact."""
+    def _search_start(self, k: int) -> Passage:
+        """Look for the velocity with which m gets from where it begins anew to the next impact."""
         self.searches += 1
         course, last = self.course, self.impacts[-1]
-        span = float(course.time[end]) - last.time
-        wanted = self._arrival(end), self.largest, self.shooting.rate
-        stop = int(course.stop[end])
+        span = float(course.time[k + 1]) - last.time
+        wanted = self._arrival(k + 1), self.largest, self.shooting.rate
+        stop = int(course.stop[k + 1])
         found = start_velocity(
             self.replay, (last.time, last.row[1], last.row[2]), span, self.margin, stop, wanted
         )
         last.row[3], last.stop = found
         return self._passage(k, 4.0 * self.tolerance)
-
-    def _start_again(self, k: int) -> Passage | None:
-        """
-        Look for a flight from where the motion begins anew that passes the next impact.
-
-        Any next impact can be reached from there; if none follows, it may be a false one.
-        """
-        course, last = self.course, self.impacts[-1]
-        kept = list(last.row), last.stop
-        self.memory.starts.append((last.time, 1))
-        for end in range(k + 2, min(k + 2 + _MOST_PASSED, len(course) - 1)):
-            if course.begins[end + 1]:
-                continue
-            found = self._search_start(k, end)
-            if found.ahead == end - k and not found.missed and not found.sticks:
-                hit, wanted = found.impacts[-1], self._arrival(end)
-                approach = hit.damper_velocity_before - hit.primary_velocity_before
-                if abs(hit.damper_velocity_before - wanted) < _APPROACH * abs(approach):
-                    self.log.append(f'{k}:again')
-                    return found
-            last.row[:], last.stop = kept
-        return None
 
     def revise(self) -> Course:
         """Return the course that the engine's flights suggest."""
@@ -187,11 +163,9 @@ class ReplayedCourse:
         free &= memory.count(memory.starts, self.impacts[-1].time) < _OFTEN
         if free and not was_cut and (found.ahead != 1 or found.missed):
             memory.starts.append((self.impacts[-1].time, 1))
-            found = self._search_start(k, k + 1)
+            found = self._search_start(k)
             self.risky.append(float(course.time[k + 1]))
-            self.log.append(f'{k}:start')
-        elif free and not k and k + 2 < len(course) and course.begins[k + 2]:
-            found = self._start_again(k) or found
+            self.changed = True
         end = k + max(found.ahead, 1)
         gain = self.gains.get(k, 0.0)
         banned = memory.count(memory.cuts, float(course.time[end])) >= _OFTEN
@@ -240,8 +214,7 @@ class ReplayedCourse:
         course, begin = self.course, self.impacts[-1].time
         if found.missed or end > k + 1 or was_cut:
             self.risky.append(float(course.time[end]))
-            change = f':+{found.missed}' * bool(found.missed) + f':-{end - k - 1}' * (end > k + 1)
-            self.log.append(f'{k}{change or ":joined"}')
+            self.changed = True
         turns: list[Event] = []
         held = bool(course.held[k].any())
         hits = found.impacts
@@ -266,10 +239,10 @@ class ReplayedCourse:
         """Add a flight that does not count."""
         time = float(self.course.time[end])
         self.impacts.append(Impact(self._own(end), int(self.course.stop[end]), begins=True))
-        self.why_cut[len(self.impacts) - 1] = why = _why(found, gain)
+        self.why_cut[len(self.impacts) - 1] = _why(found, gain)
         if not self.course.begins[end] or end > k + 1:
             self.memory.cuts.append((time, _OFTEN if gain else 1))
-            self.log.append(f'{k}:cut {why}')
+            self.changed = True
 
     def _flat(self, begin: float, event: Event, was_held: bool) -> bool:
         """Return whether m hardly reverses at an event, so that its instant is held."""
@@ -286,7 +259,7 @@ class ReplayedCourse:
         """Return whether impacts of the engine may have been missed by the data."""
         if found.missed > _MOST_INSERTED:
             return False
-        times = self.shooting.times_of_impacts(self.course.shared)
+        times = self.shooting.impact_times
         if not len(times):
             return True
         course, begin = self.course, self.impacts[-1].time
@@ -306,7 +279,7 @@ class ReplayedCourse:
         rows = np.array([impact.row for impact in impacts])
         for k in range(1, len(rows)):
             rows[k, 0] = max(rows[k, 0], rows[k - 1, 0] + _LEAST_SPAN)
-        times = self.shooting.times_of_impacts(self.course.shared)
+        times = self.shooting.impact_times
         time, x, velocity, damper_velocity = rows.T.copy()
         course = Course(
             self.course.shared.copy(),

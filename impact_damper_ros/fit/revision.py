@@ -116,16 +116,16 @@ def chi_of(shooting: Shooting, solution: Solution) -> float:
     return float(np.sqrt(residual @ residual / free))
 
 
-def revised(course: Course, problem: Problem, *, report: bool = False) -> Revised:
+def revised(course: Course, problem: Problem) -> Revised:
     """Revise and fit a course in passes, until nothing changes or a pass does not improve it."""
-    found, rounds = _passed(course, problem, report=report), 0
+    found, rounds = _passed(course, problem), 0
     for _ in range(_MOST_PASSES - 1):
         used = int(found.course.flies.sum())
         part = used / (len(found.course) - 1)
         if part < _PROMISING or (found.unchanged and part >= LEAST_USED):
             break
         rounds += found.rounds
-        again = _passed(found.course, problem, report=report)
+        again = _passed(found.course, problem)
         if (again.unchanged, int(again.course.flies.sum())) <= (found.unchanged, used):
             break
         found = again
@@ -165,7 +165,7 @@ def _tolerances(shooting: Shooting) -> tuple[float, float]:
     return max(_SAMPLES * step, _PART * period), _SAME * period
 
 
-def _passed(course: Course, problem: Problem, *, report: bool) -> Revised:
+def _passed(course: Course, problem: Problem) -> Revised:
     """Revise and fit a course until nothing changes, or for `_MOST_ROUNDS` rounds."""
     shooting = problem(course)
     tolerance, same = _tolerances(shooting)
@@ -178,7 +178,7 @@ def _passed(course: Course, problem: Problem, *, report: bool) -> Revised:
     for number in range(_MOST_ROUNDS):
         turn = ReplayedCourse(course, shooting, memory, gains_now, tolerance)
         proposed = turn.revise()
-        if kept and not turn.log and proposed.structure == course.structure:
+        if kept and not turn.changed and proposed.structure == course.structure:
             kept = kept._replace(rounds=number, why_cut=turn.why_cut)
             if kept.solution.broken < EXACT:
                 return kept._replace(unchanged=True)
@@ -198,15 +198,6 @@ def _passed(course: Course, problem: Problem, *, report: bool) -> Revised:
         memory.cuts += [(time, 1) for time in shooting.course.time[cut_again].tolist()]
         proposed = shooting.course
         chi = chi_of(shooting, solution)
-        laws = np.abs(solution.equations.condition)
-        if report:
-            print(
-                f'  {number}: chi {chi:.3f} laws {laws.max(initial=0.0):.1e} '
-                f'{int(proposed.flies.sum())}/{len(proposed) - 1} flights, '
-                f'gain {gains.max(initial=0.0):.1f}',
-                turn.log,
-                flush=True,
-            )
         worse = chi > _WORSE * max(1.0, least_chi)
         if worse and turn.risky and undone < _MOST_UNDONE:
             shooting, gains_now = problem(course), {}

@@ -162,7 +162,6 @@ def fit_rig(
     start: RigParameters,
     *,
     also: Sequence[str] = (),
-    report: bool = False,
 ) -> RigFit:
     """
     Fit a rig to its measured motion.
@@ -176,10 +175,8 @@ def fit_rig(
         taken from it, stiffness and damping are guesses (within some 5 % and 60 %). The rest of it
         does not count.
     also : sequence of str, optional
-        What to fit besides: 'restitution_2' for a restitution of its own of stop 2, 'gain' and
-        'bias' of the sensor, 'force_delay' of the force, 'impact_delay' of the impact times.
-    report : bool, optional
-        Whether to print each round of the revision.
+        What to fit besides: 'restitution_2' for a restitution of its own of stop 2, 'bias' of
+        the sensor, 'force_delay' of the force.
 
     Returns
     -------
@@ -201,7 +198,7 @@ def fit_rig(
     began = float(measured.time[0])
     if abs(began) < _FAR or start.multisine_level:
         began = 0.0
-    found = _fitted(_earlier(measured, began), later(start, -began), also, report=report)
+    found = _fitted(_earlier(measured, began), later(start, -began), also)
     found = found._replace(remarks=[*remarks, *found.remarks])
     return _on_clock(found, began) if began else found
 
@@ -228,9 +225,7 @@ def _on_clock(found: RigFit, began: float) -> RigFit:
     return found._replace(impacts=impacts, flights=flights, rig=rig)
 
 
-def _fitted(
-    measured: MeasuredMotion, start: RigParameters, also: Sequence[str], *, report: bool
-) -> RigFit:
+def _fitted(measured: MeasuredMotion, start: RigParameters, also: Sequence[str]) -> RigFit:
     """Fit a rig whose excitation is known."""
     faults = faults_of(measured, start, also)
     if faults:
@@ -259,7 +254,7 @@ def _fitted(
         course = first_course(record, unknowns, noise, times, measured.impact_deviation)
         course = relaxed(course, problem, timed=len(times) > 0)
         noise = max(_noise(problem(course), rough), least)
-        found = revised(course, problem, report=report)
+        found = revised(course, problem)
     except UnfitRecordError as error:
         return _refused(measured, [str(error)])
     except ParameterError as error:
@@ -372,8 +367,7 @@ def _impacts(shooting: Shooting, u: Array) -> NDArray[np.void]:
     timed = course.measured >= 0
     table['measured_time'] = np.nan
     table['measured_time'][timed] = shooting.impact_times[course.measured[timed]]
-    delay = shooting.unknowns.value(shared, 'impact_delay')
-    table['time_residual'] = table['measured_time'] - course.time - delay
+    table['time_residual'] = table['measured_time'] - course.time
     return table
 
 

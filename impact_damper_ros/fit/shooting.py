@@ -186,20 +186,17 @@ class Shooting(NodeMotion):
         x_rate, v_rate = matrix
         signal = self._signal(shared, states, node)
         weight = np.where(inside, self.weight, 0.0)
-        scale = weight * value(shared, 'gain')
         rates = np.zeros((len(time), 3 + self.count))
-        rates[:, 0] = -(x_rate * states[node, V] + v_rate * start[node]) * scale
-        rates[:, 1], rates[:, 2] = x_rate * scale, v_rate * scale
+        rates[:, 0] = -(x_rate * states[node, V] + v_rate * start[node]) * weight
+        rates[:, 1], rates[:, 2] = x_rate * weight, v_rate * weight
         ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
         own = rates[:, 3:]
         if (column := self.unknowns.column('grip')) >= 0:
-            own[:, column] = by_push * ratio * self.direction[node] * scale
+            own[:, column] = by_push * ratio * self.direction[node] * weight
         for column, step in self._varied.items():
             other = shared.copy()
             other[column] += step
-            own[:, column] = (self._signal(other, states, node) - signal) / step * scale
-        if (column := self.unknowns.column('gain')) >= 0:
-            own[:, column] = signal * weight
+            own[:, column] = (self._signal(other, states, node) - signal) / step * weight
         if (column := self.unknowns.column('bias')) >= 0:
             own[:, column] = weight
         columns = np.empty((len(time), 3 + self.count), np.int64)
@@ -214,21 +211,15 @@ class Shooting(NodeMotion):
         return np.flatnonzero((self.course.measured >= 0) & ~lone)
 
     def _times(self, u: Array) -> Array:
-        shared, states = self.parts(u)
-        delay = self.unknowns.value(shared, 'impact_delay')
-        fitted = states[self.impacts[self._timed], T] + delay
+        fitted = self.parts(u)[1][self.impacts[self._timed], T]
         measured = self.impact_times[self.course.measured[self._timed]]
         left: Array = (fitted - measured) / max(self.impact_deviation, 1e-12)
         return left
 
     def _time_rates(self) -> sparse.csr_array:
         nodes = self.impacts[self._timed]
-        columns = [self.count + 5 * nodes + T]
-        if (delay := self.unknowns.column('impact_delay')) >= 0:
-            columns.append(np.full(len(nodes), delay))
-        shape = (len(nodes), len(columns))
-        rates = np.full(shape, 1.0 / max(self.impact_deviation, 1e-12))
-        return _sparse(rates, np.array(columns, np.int64).T.reshape(shape), self.size)
+        rates = np.full((len(nodes), 1), 1.0 / max(self.impact_deviation, 1e-12))
+        return _sparse(rates, (self.count + 5 * nodes + T)[:, None], self.size)
 
     @cached_property
     def _law_rows(self) -> NDArray[np.bool_]:

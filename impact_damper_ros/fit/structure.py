@@ -8,9 +8,9 @@ response to it, which is linear between samples and therefore exact. For given w
 linear in all else, so that the likelihood of white noise has its maximum over two unknowns only
 (variable projection [1]_); intervals are those of its curvature there.
 
-Whether the damping is viscous is seen in parts of some cycles: each has a damping ratio of its
-own, with its deviation, at its own amplitude A. Dry friction adds to it in proportion to 1/A,
-air in proportion to A.
+Whether the structure is linear with viscous damping is seen in parts of some cycles: each has a
+damping ratio and a frequency of its own, with their deviations, at its own amplitude. A slope of
+either over the logarithm of the amplitude says that it is not.
 
 References
 ----------
@@ -46,6 +46,8 @@ _ABOVE_NOISE = 4.0
 #: larger than this part of the value.
 _RARE = float(chdtri(1, 1e-4))
 _LEAST_CHANGE = {'damping_ratio': 0.05, 'frequency': 0.002}
+_DEVIATIONS = {'damping_ratio': 'damping_deviation', 'frequency': 'frequency_deviation'}
+_UNITS = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
 #: Largest mean square of the residual over that of the noise, of long records; and what chance
 #: adds to it in n samples, times sqrt(n).
 _MOST_CHI_SQUARED, _CHANCE = 1.2, 7.0
@@ -60,35 +62,6 @@ class Part(NamedTuple):
     frequency_deviation: float
     damping_ratio: float
     damping_deviation: float
-
-
-class Change(NamedTuple):
-    """
-    How a quantity changes with the amplitude.
-
-    Attributes
-    ----------
-    at_largest, at_least : Estimate
-        The quantity at the largest and the least amplitude.
-    amplitudes : tuple of float
-        These amplitudes, in the unit of the motion.
-    law : str
-        What describes it best: 'constant', 'dry friction', 'growing with the amplitude' or
-        'falling with the amplitude'.
-    significance : float
-        Fall of chi squared by that law.
-    """
-
-    at_largest: Estimate
-    at_least: Estimate
-    amplitudes: tuple[float, float]
-    law: str
-    significance: float
-
-    @property
-    def constant(self) -> bool:
-        """Whether it does not change."""
-        return self.law == 'constant'
 
 
 class StructureFit(NamedTuple):
@@ -119,8 +92,6 @@ class StructureFit(NamedTuple):
         Standard deviation of the noise, in the unit of the motion.
     parts : tuple of Part
         Of a ring-down.
-    damping_change, frequency_change : Change or None
-        Over the amplitude; None where there are too few parts.
     data : MeasuredMotion
         The part of the data that was used.
     fitted : ndarray
@@ -139,8 +110,6 @@ class StructureFit(NamedTuple):
     whiteness: float
     noise: float
     parts: tuple[Part, ...]
-    damping_change: Change | None
-    frequency_change: Change | None
     data: MeasuredMotion
     fitted: Array
 
@@ -152,18 +121,6 @@ class StructureFit(NamedTuple):
         }
         if self.mass is not None:
             parameters['primary_mass'] = self.mass.as_dict()
-
-        def of(change: Change | None) -> dict[str, Any] | None:
-            return (
-                None
-                if change is None
-                else {
-                    'at_largest': change.at_largest.as_dict(),
-                    'at_least': change.at_least.as_dict(),
-                    'amplitudes': list(change.amplitudes),
-                    'law': change.law,
-                }
-            )
 
         return {
             'accepted': self.accepted,
@@ -177,8 +134,6 @@ class StructureFit(NamedTuple):
             'noise': self.noise,
             'quantity': self.data.quantity,
             'interval_of_time': [float(self.data.time[0]), float(self.data.time[-1])],
-            'damping_over_amplitude': of(self.damping_change),
-            'frequency_over_amplitude': of(self.frequency_change),
             'parts': [part._asdict() for part in self.parts],
         }
 
@@ -385,55 +340,38 @@ def _parts(data: MeasuredMotion, whole: _Solution) -> list[Part]:
     return found
 
 
-def _change(parts: list[Part], quantity: str) -> Change | None:
-    """Return how a quantity changes over the amplitude: the law that describes it best."""
+def _changing(parts: list[Part], name: str, unit: str) -> str:
+    """Return that a quantity changes with the amplitude; an empty text if it does not."""
     if len(parts) < 3:
-        return None
-    amplitude = np.array([part.amplitude for part in parts])
-    damping = quantity == 'damping_ratio'
-    values = np.array([part.damping_ratio if damping else part.frequency for part in parts])
-    deviations = np.array(
-        [part.damping_deviation if damping else part.frequency_deviation for part in parts]
-    )
-    largest, least = float(amplitude.max()), float(amplitude.min())
+        return ''
+    size, value, deviation = np.array(
+        [(part.amplitude, getattr(part, name), getattr(part, _DEVIATIONS[name])) for part in parts]
+    ).T
 
-    def regressed(shape: Array | None) -> tuple[float, Array, Array, Callable[[float], Array]]:
-        columns = [np.ones(len(values))] + ([] if shape is None else [shape])
-        weighted = np.column_stack(columns) / deviations[:, None]
-        covariance = np.linalg.pinv(weighted.T @ weighted)
-        best = covariance @ (weighted.T @ (values / deviations))
-        left = weighted @ best - values / deviations
-        return float(left @ left), best, covariance, lambda s: np.array([1.0, s][: len(best)])
+    def left(degree: int) -> float:
+        """Return chi squared of a polynomial in the logarithm of the amplitude."""
+        best = np.polyfit(np.log(size), value, degree, w=1.0 / deviation)
+        return float(np.sum(((np.polyval(best, np.log(size)) - value) / deviation) ** 2))
 
-    shapes: dict[str, Callable[[Any], Any]] = {
-        'linear': lambda a: a / largest,
-        'square': lambda a: (a / largest) ** 2,
-    }
-    if damping:
-        shapes = {'dry friction': lambda a: largest / a, 'linear': shapes['linear']}
-    alone = regressed(None)
-    fits = {name: regressed(shape(amplitude)) for name, shape in shapes.items()}
-    law = min(fits, key=lambda name: fits[name][0])
-    fall = alone[0] - fits[law][0]
-    cost, best, covariance, row = fits[law]
-    ends = []
-    for size in (largest, least):
-        weights = row(shapes[law](size))
-        variance = float(weights @ covariance @ weights)
-        ends.append(
-            Estimate.normal(float(weights @ best), math.sqrt(variance), '' if damping else 'Hz')
-        )
-    changed = abs(ends[0].value - ends[1].value) > _LEAST_CHANGE[quantity] * abs(
-        float(np.median(values))
-    )
     # What scatters more than its deviation says is not judged by it
-    scatter = max(1.0, cost / max(1, len(parts) - 2))
-    if fall < _RARE * scatter or not changed:
-        law = 'constant'
-    elif law != 'dry friction' or best[1] < 0.0:
-        rises = ends[0].value > ends[1].value
-        law = f'{"growing" if rises else "falling"} with the amplitude'
-    return Change(ends[0], ends[1], (largest, least), law, fall)
+    scatter = max(1.0, left(1) / (len(parts) - 2))
+    most, least = int(size.argmax()), int(size.argmin())
+    change = abs(value[most] - value[least])
+    if left(0) - left(1) < _RARE * scatter or change < _LEAST_CHANGE[name] * np.median(value):
+        return ''
+    percent = name == 'damping_ratio'
+    words = [
+        (
+            f'{100.0 * value[k]:.3g} ± {100.0 * deviation[k]:.1g} %'
+            if percent
+            else f'{value[k]:.5g} ± {deviation[k]:.1g} Hz'
+        )
+        + f' at {size[k]:.3g} {unit}'
+        for k in (most, least)
+    ]
+    return f'the {name.replace("_", " ")} changes with the amplitude: {words[0]}, {words[1]}; ' + (
+        'the damping is not viscous' if percent else 'the stiffness is not linear'
+    )
 
 
 def _start_of_sweep(basis: _Basis, data: MeasuredMotion, drive: Array) -> Array:
@@ -519,8 +457,6 @@ def _judged(data: MeasuredMotion, kind: str, solution: _Solution) -> StructureFi
     chi_squared = (solution.deviation / noise) ** 2 if noise > 0.0 else 1.0
     size = float(np.std(data.motion[data.used]))
     parts = _parts(data, solution) if kind == 'ring-down' and zeta > 0.0 else []
-    damping_change = _change(parts, 'damping_ratio')
-    frequency_change = _change(parts, 'frequency')
     reasons = []
     if damping.interval[0] <= 0.0:
         reasons.append(
@@ -530,9 +466,8 @@ def _judged(data: MeasuredMotion, kind: str, solution: _Solution) -> StructureFi
         )
     if mass is not None and mass.value < 0.0:
         reasons.append('M moves against the force: reverse the sign of one of the sensors')
-    for name, change in (('damping ratio', damping_change), ('frequency', frequency_change)):
-        if change is not None and not change.constant:
-            reasons.append(_changing(name, change, data))
+    changes = [_changing(parts, name, _UNITS[data.quantity]) for name in _DEVIATIONS]
+    reasons += filter(None, changes)
     most = _MOST_CHI_SQUARED + _CHANCE / math.sqrt(len(residual))
     if not reasons and chi_squared > most and solution.deviation > 2e-3 * size:
         worst = _where_worst(data, solution.fitted)
@@ -554,8 +489,6 @@ def _judged(data: MeasuredMotion, kind: str, solution: _Solution) -> StructureFi
         whiteness=_whiteness(residual),
         noise=noise,
         parts=tuple(parts),
-        damping_change=damping_change,
-        frequency_change=frequency_change,
         data=data,
         fitted=solution.fitted,
     )
@@ -568,30 +501,3 @@ def _where_worst(data: MeasuredMotion, fitted: Array) -> float:
     total = np.cumsum(np.concatenate([[0.0], square]))
     place = int(np.argmax(total[window:] - total[:-window]))
     return float(data.time[min(place + window // 2, len(data.time) - 1)])
-
-
-_UNITS = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
-
-
-def _changing(name: str, change: Change, data: MeasuredMotion) -> str:
-    unit, (largest, least) = _UNITS[data.quantity], change.amplitudes
-    percent = name == 'damping ratio'
-
-    def words(estimate: Estimate) -> str:
-        if percent:
-            value, deviation = 100.0 * estimate.value, 100.0 * estimate.standard_deviation
-            return f'{value:.3g} ± {deviation:.1g} %'
-        return f'{estimate.value:.5g} ± {estimate.standard_deviation:.1g} Hz'
-
-    text = (
-        f'the {name} changes with the amplitude: {words(change.at_largest)} at {largest:.3g} '
-        f'{unit}, {words(change.at_least)} at {least:.3g} {unit}'
-    )
-    if not percent:
-        return f'{text}; the stiffness is not linear'
-    if change.law == 'dry friction':
-        return (
-            f'{text}; the damping is not viscous, it grows towards small amplitudes as that of '
-            'dry friction does'
-        )
-    return f'{text}; the damping is not viscous'

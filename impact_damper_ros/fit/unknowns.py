@@ -18,8 +18,8 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .vibration import Array
 
-#: What may be fitted beside the rig: of the sensor and of the clocks.
-EXTRAS = ('gain', 'bias', 'force_delay', 'impact_delay')
+#: What may be fitted beside the rig: the offset of the sensor, and by how much the force is late.
+EXTRAS = ('bias', 'force_delay')
 
 
 def later(rig: RigParameters, delay: float) -> RigParameters:
@@ -71,7 +71,7 @@ class Unknowns(NamedTuple):
         """Return the value of an unknown, or what it is where it is not fitted."""
         if name in self.names:
             return float(shared[self.names.index(name)])
-        return 1.0 if name == 'gain' else 0.0
+        return 0.0
 
     def alpha_columns(self) -> tuple[int, int]:
         """Return where the alpha of stop 1 and of stop 2 stands."""
@@ -82,9 +82,9 @@ class Unknowns(NamedTuple):
         self, stiffness: float, damping: float, alphas: Array, grip: float, gap: float
     ) -> Array:
         """Return the shared unknowns of a guess."""
-        extras = [1.0 if name == 'gain' else 0.0 for name in self.extras]
         grips = [grip] if self.normal > 0.0 else []
-        return np.array([stiffness, damping, *alphas[: 1 + self.separate], *grips, gap, *extras])
+        known = [stiffness, damping, *alphas[: 1 + self.separate], *grips, gap]
+        return np.array([*known, *[0.0] * len(self.extras)])
 
     @property
     def share(self) -> float:

@@ -12,7 +12,6 @@ from typing import Any
 
 from impact_damper_ros.fit.estimate import Estimate
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
-from impact_damper_ros.fit.rebounds import Rebounds
 from impact_damper_ros.fit.rig_fit import RigFit
 from impact_damper_ros.fit.structure import StructureFit
 from impact_damper_ros.parameters.plain import as_plain
@@ -21,7 +20,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .drawing import page_style
 from .fit_figures import rig_pictures, structure_pictures
-from .formatting import NONE, number
+from .formatting import NONE, number, quantity
 from .html_page import on_page, rendered, write_page
 from .table import Table
 
@@ -319,62 +318,20 @@ def structure_text(found: StructureFit) -> str:
         f'noise {number(found.noise, 3)} {unit}, largest correlation of the residual '
         f'{number(found.whiteness, 2)}',
     ]
-    change = found.damping_change
-    if change is not None:
-        most, least = (100.0 * one.value for one in change[:2])
-        deviations = [100.0 * one.standard_deviation for one in change[:2]]
-        lines.append(
-            f'damping ratio over amplitude: {most:.3g} ± {deviations[0]:.1g} % at '
-            f'{change.amplitudes[0]:.3g} {unit}, {least:.3g} ± {deviations[1]:.1g} % at '
-            f'{change.amplitudes[1]:.3g} {unit}: {change.law}'
-        )
+    if len(found.parts) > 1:
+        ends = [f(found.parts, key=lambda part: part.amplitude) for f in (max, min)]
+        words = [
+            f'{100.0 * part.damping_ratio:.3g} ± {100.0 * part.damping_deviation:.1g} % at '
+            f'{quantity(part.amplitude, unit, 3)}'
+            for part in ends
+        ]
+        lines.append(f'damping ratio over amplitude: {words[0]}, {words[1]}')
     if found.accepted:
         lines.append('accepted: linear, with viscous damping, as far as the data show')
     else:
         lines.append('NOT accepted:')
         lines += [f'  - {reason}' for reason in found.reasons]
     return '\n'.join(lines)
-
-
-def _rebound_parameters(found: Rebounds) -> dict[str, Estimate]:
-    return {'restitution': found.restitution, 'slope over speed': found.slope}
-
-
-def rebounds_text(found: Rebounds, source: str) -> str:
-    """Return the fit of the bounces of a damper as text."""
-    low, high = found.speeds.min(), found.speeds.max()
-    middle, slope = found.restitution.value, found.slope.value
-    law = [f'{middle + slope * (v - found.mean_speed):.4g} at {v:.3g} m/s' for v in (low, high)]
-    first, last = found.slope.interval
-    words = 'does not change with the speed, as far as the data show'
-    if first > 0.0 or last < 0.0:
-        words = f'{"rises" if first > 0.0 else "falls"} with the speed: {law[0]}, {law[1]}'
-    return '\n'.join(
-        [
-            f'{source}: {counted(len(found.residuals), "bounce")}, speeds from {high:.3g} to '
-            f'{low:.3g} m/s',
-            '',
-            estimate_table(_rebound_parameters(found)).text('  '),
-            '',
-            f'restitution is that at the mean speed of {found.mean_speed:.4g} m/s; it {words}',
-            f'standard deviation of a time {1e3 * found.deviation:.2g} ms, from the residuals',
-        ]
-    )
-
-
-def rebounds_json(found: Rebounds) -> dict[str, Any]:
-    """Return the fit of the bounces of a damper for JSON."""
-    parameters = {
-        name.replace(' ', '_'): one.as_dict() for name, one in _rebound_parameters(found).items()
-    }
-    return {
-        'parameters': parameters,
-        'mean_speed': found.mean_speed,
-        'speeds': found.speeds.tolist(),
-        'restitutions': found.restitutions.tolist(),
-        'residuals': found.residuals.tolist(),
-        'noise': found.deviation,
-    }
 
 
 def write_structure_report(found: StructureFit, directory: Path, command: str) -> Path:

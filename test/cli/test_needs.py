@@ -22,6 +22,7 @@ VALUES = {
     **dict.fromkeys(('N', 'T', 'HZ', 'K', 'TIME', 'KG', 'MU', 'R'), '1'),
     **dict.fromkeys(('GAMMA', 'ANGLE', 'ZETA', 'RATIO'), '0.1'),
     'BYTES': '1e6',
+    'UNIT': 'mm',
     'SIZE': '2g',
     '1,2,...': '1,2',
     'LOW:HIGH': '0.5:2',

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from running import DEADLINE_S
 
@@ -16,6 +17,7 @@ sys.path.append(str(EXAMPLES / 'published'))
 import bouncing_ball  # noqa: E402
 import chain_sector  # noqa: E402
 import invariant_manifold  # noqa: E402
+import measured_bounces  # noqa: E402
 import rebounds  # noqa: E402
 import sliding_block  # noqa: E402
 import vertical_ring_down  # noqa: E402
@@ -72,6 +74,37 @@ def test_rebounds(ball, first):
     assert found.intervals[0] == pytest.approx(first, abs=1e-4)
     assert found.apart < 1e-7
     assert found.rest == pytest.approx(found.closed_rest, abs=1e-6)
+
+
+def bounces(count, law, speed=2.5, deviation=0.0, seed=0):
+    """Return times of the bounces of a ball whose restitution is a law of its speed."""
+    times = [0.1]
+    for _ in range(count - 1):
+        times.append(times[-1] + 2.0 * speed / 9.80665)
+        speed *= law(speed)
+    return np.array(times) + np.random.default_rng(seed).normal(0.0, deviation, count)
+
+
+def test_measured_restitution_of_a_ping_pong_ball_falls_with_its_speed():
+    """Without noise exactly; with 0.1 ms the intervals hold."""
+    true = measured_bounces.fit_rebounds(bounces(12, lambda v: 0.92 - 0.03 * v))
+    assert true.slope.value == pytest.approx(-0.03, abs=1e-9)
+    assert true.restitution.value == pytest.approx(0.92 - 0.03 * true.mean_speed, abs=1e-9)
+    held = 0
+    for seed in range(40):
+        times = bounces(12, lambda v: 0.92 - 0.03 * v, 2.5, 1e-4, seed)
+        low, high = measured_bounces.fit_rebounds(times).slope.interval
+        held += low < -0.03 < high
+    # 38 of 40 are expected
+    assert held >= 33
+    times = bounces(10, lambda _: 0.7)
+    for wrong, reason in (
+        (np.delete(times, 4), 'is missing'),
+        (times[:4], '4 bounces were measured'),
+        (times[::-1], 'do not rise'),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            measured_bounces.fit_rebounds(wrong)
 
 
 def test_ring_down_of_a_vertical_rig():

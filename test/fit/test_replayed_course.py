@@ -55,7 +55,7 @@ def test_wrong_impacts_are_replaced_by_those_of_the_engine(timed):
     _, course, problem = truth(105, timed=timed)
     assert course.flies.all()
     _, turn = revised(course, problem)
-    assert not turn.log
+    assert not turn.changed
     # One is missing, one is false, and one is in a wrong place
     keep = np.ones(len(course), bool)
     keep[12] = False
@@ -67,7 +67,7 @@ def test_wrong_impacts_are_replaced_by_those_of_the_engine(timed):
     wrong.time[30] += 0.012
     wrong.begins[[21, 22, 30, 31]] = True
     found, turn = revised(wrong, problem)
-    assert found.flies.all(), turn.log
+    assert found.flies.all(), turn.why_cut
     np.testing.assert_allclose(found.time, course.time, atol=1e-9)
     np.testing.assert_array_equal(found.stop, course.stop)
     for mine, true in zip(found.reversals, course.reversals, strict=True):
