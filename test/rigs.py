@@ -32,6 +32,12 @@ BENCH = RigParameters(
     force_amplitudes=(1.2,),
     force_frequencies=(31.416,),
 )
+#: Without a force of its own: for records, or a base that moves
+UNFORCED = BENCH.replace(friction=0.0, force_amplitudes=0.0, force_frequencies=1.0)
+#: M is still: m moves as a free body until it touches something.
+STILL = RigParameters(
+    primary_mass=1e9, stiffness=1e9, damper_mass=1.0, gap=10.0, gravity=0.0, force_amplitudes=[0.0]
+)
 #: A structure of 5 kg, 10 Hz and 2 % with a damper, on a table at 0.2 g
 TABLE = RigParameters.of_structure(
     primary_mass=5.0,

@@ -5,37 +5,26 @@ import math
 import numpy as np
 import pytest
 import scipy
+from rigs import UNFORCED
 
 from impact_damper_ros import (
     EventKind,
     InitialConditions,
     ParameterError,
     Rig,
-    RigParameters,
     run_ensemble,
 )
 from impact_damper_ros.parameters.base_motion import BaseMotion, angles_after, wait_for_change
 
-BENCH = {
-    'primary_mass': 2.0,
-    'stiffness': 1974.0,
-    'damping': 1.26,
-    'damper_mass': 0.1,
-    'gap': 0.024,
-    'restitution_1': 0.6,
-    'restitution_2': 0.6,
-    'force_amplitudes': 0.0,
-}
-STRUCTURE = {
-    **BENCH,
-    'primary_mass': 5.0,
-    'stiffness': 5.0 * (20.0 * math.pi) ** 2,
-    'damping': 2.0 * 0.02 * 5.0 * 20.0 * math.pi,
-}
+STRUCTURE = UNFORCED.replace(
+    primary_mass=5.0,
+    stiffness=5.0 * (20.0 * math.pi) ** 2,
+    damping=2.0 * 0.02 * 5.0 * 20.0 * math.pi,
+)
 
 
 def base_of(**more):
-    return RigParameters(**{**BENCH, **more})
+    return UNFORCED.replace(**more)
 
 
 def lines_of(rig):
@@ -379,8 +368,9 @@ def test_refusals(values, name, remedy):
 
 def test_structure_on_a_table():
     """A structure of 5 kg, 10 Hz and 2 % on a table at 0.2 g: X without the damper is A."""
-    rig = RigParameters(
-        **{**STRUCTURE, 'damper_mass': 1e-9, 'gap': 10.0},
+    rig = STRUCTURE.replace(
+        damper_mass=1e-9,
+        gap=10.0,
         base_amplitudes=0.2 * 9.80665,
         base_frequencies=20.0 * math.pi,
     )

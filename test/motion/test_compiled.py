@@ -11,16 +11,16 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from rigs import HORIZONTAL
 from running import until
 
 import impact_damper_ros.rig.loop as loop_module
 import impact_damper_ros.rig.rig as rig_module
-from impact_damper_ros import Rig, RigParameters
+from impact_damper_ros import Rig
 from impact_damper_ros.motion import compiled
 from impact_damper_ros.motion.flight import motion_at
 
 ROOT = Path(__file__).parents[2]
-LEVEL = RigParameters(gravity=0.0)
 
 
 def test_names_are_unique():
@@ -142,11 +142,11 @@ def test_more_events_than_the_first_table_takes(code, monkeypatch):
     if code:
         pytest.importorskip('numba')
     monkeypatch.setattr(rig_module, '_ROWS', 16)
-    run, rig = Rig(LEVEL, compiled=code), Rig(LEVEL)
+    run, rig = Rig(HORIZONTAL, compiled=code), Rig(HORIZONTAL)
     table = run.run(600.0).events
     assert len(table) > 100
     assert table['time'].tolist() == [event.time for event in rig.advance(600.0)]
-    silent = Rig(LEVEL, compiled=code)
+    silent = Rig(HORIZONTAL, compiled=code)
     assert silent.run(600.0, record=False).event_count == len(table)
     assert silent.snapshot() == run.snapshot()
 
@@ -202,7 +202,7 @@ def test_ctrl_c_as_compiled_code_returns(monkeypatch):
         except KeyboardInterrupt as error:
             raise SystemError('returned a result with an exception set') from error
 
-    run = Rig(LEVEL, compiled=True)
+    run = Rig(HORIZONTAL, compiled=True)
     before = run.snapshot()
     monkeypatch.setattr(loop_module, 'compiled', lambda *_: interrupted)
     with pytest.raises(KeyboardInterrupt):

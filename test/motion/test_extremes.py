@@ -6,25 +6,25 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from rigs import HORIZONTAL
 
 from impact_damper_ros import GapControlParameters, InitialConditions, Mode, Rig, RigParameters
 
-LEVEL = RigParameters(gravity=0.0)
 TIMED = GapControlParameters(gap_control='timed', gap_control_rate=5.0)
 
 
 @pytest.mark.parametrize('kind', [np.float32, np.float16, np.int64, np.array, int, Fraction])
 def test_any_kind_of_number_gives_all_digits(kind):
     """A float32 once left its seven digits in all that was computed with it."""
-    exact, rig = Rig(LEVEL), Rig(LEVEL)
+    exact, rig = Rig(HORIZONTAL), Rig(HORIZONTAL)
     exact.advance(50.0, 100.0)
     rig.advance(kind(50), kind(100))
     assert type(rig.time) is float
     assert rig.advance(kind(100)) == exact.advance(100.0)
     assert rig.sample() == exact.sample()
     assert json.dumps(rig.snapshot()) == json.dumps(exact.snapshot())
-    assert type(Rig(LEVEL, time=kind(3)).time) is float
-    run = Rig(LEVEL, compiled=False)
+    assert type(Rig(HORIZONTAL, time=kind(3)).time) is float
+    run = Rig(HORIZONTAL, compiled=False)
     run.run(kind(100))
     assert json.dumps(run.snapshot()) == json.dumps(exact.snapshot())
 
@@ -33,7 +33,7 @@ def test_any_kind_of_number_gives_all_digits(kind):
 def test_times_whose_squares_are_no_floats(exponent):
     """The least of them once ended in a division by zero."""
     time = 10.0**exponent
-    rig, run = Rig(LEVEL), Rig(LEVEL)
+    rig, run = Rig(HORIZONTAL), Rig(HORIZONTAL)
     rig.advance(time)
     assert tuple(rig.sample()) == tuple(run.run(1.0, [time]).samples[0])
     rig.move_stops(15.0, -15.0, 1.0)
@@ -43,7 +43,7 @@ def test_times_whose_squares_are_no_floats(exponent):
 
 def test_samples_closer_than_the_spacing_of_floats():
     """Samples 10 us apart where floats are 2 ms apart: the time goes on."""
-    rig = Rig(LEVEL, control=TIMED.replace(gap_control_rate=1e5), time=1e13 - 1.0)
+    rig = Rig(HORIZONTAL, control=TIMED.replace(gap_control_rate=1e5), time=1e13 - 1.0)
     rig.advance(1e13 - 0.99)
     assert rig.time == 1e13 - 0.99
 

@@ -6,15 +6,12 @@ import random
 import pytest
 from hypothesis import example, given, strategies as st
 from motion.random_rigs import random_change, random_rig, run, through_json
+from rigs import STILL
 
 from impact_damper_ros import EventKind, InitialConditions, Mode, Rig, RigParameters
 
 EPS = 2.0**-52
 IMPACT, ARRIVED = EventKind.IMPACT, EventKind.STOP_ARRIVED
-# No force, M still and heavy: m moves as a free body until it touches something.
-QUIET = RigParameters(
-    primary_mass=1e9, stiffness=1e9, damper_mass=1.0, gap=10.0, gravity=0.0, force_amplitudes=[0.0]
-)
 
 
 def mirrored(side, parameters, offset=0.0, velocity=0.0):
@@ -45,7 +42,7 @@ def y_of(rig):
 )
 def test_gap_while_m_moves_inwards(place, changes, end, expected, side):
     """What holds of commands to both stops holds of a gap (test_stops); here one after another."""
-    rig, told = mirrored(side, QUIET, place, -1.0), []
+    rig, told = mirrored(side, STILL, place, -1.0), []
     for time, gap in changes.items():
         told += rig.advance(time)
         told += rig.change(rig.parameters.replace(gap=gap))
@@ -59,7 +56,7 @@ def test_gap_while_m_moves_inwards(place, changes, end, expected, side):
 @pytest.mark.parametrize('side', [1, -1])
 def test_reversing_while_the_stop_follows(side):
     """M turns back onto the following stop and rests on it; turned over, both go on."""
-    pulled = QUIET.replace(stiffness=1e12, gravity=1.0, angle=math.pi / 2)
+    pulled = STILL.replace(stiffness=1e12, gravity=1.0, angle=math.pi / 2)
     rig = mirrored(side, pulled, 4.0, -1.0)
     assert rig.change(rig.parameters.replace(gap=2.0)) == []
     (event,) = rig.advance(1.5)
@@ -135,25 +132,25 @@ def test_the_force_goes_on_from_its_angles():
 
 def test_one_sided_both_ways():
     """Without stop 2, m flies on; when the stop comes back it comes up to m."""
-    rig = mirrored(1, QUIET.replace(one_sided=True), 0.0, -1.0)
+    rig = mirrored(1, STILL.replace(one_sided=True), 0.0, -1.0)
     assert rig.advance(8.0) == []
     assert y_of(rig) == pytest.approx(-8.0, rel=EPS)
-    (hit,) = rig.change(QUIET)
+    (hit,) = rig.change(STILL)
     assert (hit.kind, hit.stop) == (EventKind.IMPACT, 2)
     assert hit.y == pytest.approx(-8.0, rel=EPS)
     (arrived,) = rig.advance(12.5)
     assert (arrived.kind, arrived.stop, arrived.y) == (EventKind.STOP_ARRIVED, 2, -5.0)
     assert arrived.time == pytest.approx(8.0 + 3.0 / 0.75, rel=1e-5)
-    rig.change(QUIET.replace(one_sided=True))
-    rig = mirrored(1, QUIET, 0.0, -1.0)
+    rig.change(STILL.replace(one_sided=True))
+    rig = mirrored(1, STILL, 0.0, -1.0)
     rig.advance(4.0)
-    assert rig.change(QUIET.replace(one_sided=True)) == []
+    assert rig.change(STILL.replace(one_sided=True)) == []
     assert rig.advance(40.0) == []
     assert y_of(rig) == pytest.approx(-40.0, rel=2 * EPS)
 
 
 def test_one_sided_while_resting_on_stop_2():
-    upside = QUIET.replace(angle=-math.pi / 2, gravity=1.0)
+    upside = STILL.replace(angle=-math.pi / 2, gravity=1.0)
     rig = mirrored(1, upside, -5.0)
     assert rig.mode == Mode.REST_2
     rig.advance(1.0)

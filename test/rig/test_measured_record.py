@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import scipy
+from rigs import UNFORCED
 
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.measured.record import MeasuredRecord
@@ -14,16 +15,7 @@ from impact_damper_ros.motion.state import RECORDED, STORED
 from impact_damper_ros.parameters.rig_parameters import GapControlParameters, InitialConditions
 from impact_damper_ros.rig.order import Order
 
-BENCH = {
-    'primary_mass': 2.0,
-    'stiffness': 1974.0,
-    'damping': 1.26,
-    'damper_mass': 0.1,
-    'gap': 0.024,
-    'restitution_1': 0.6,
-    'restitution_2': 0.7,
-    'force_amplitudes': 0.0,
-}
+BENCH = UNFORCED.replace(restitution_2=0.7)
 #: The state at the origin of a flight
 ORIGIN = (*STORED[:21], *RECORDED)
 MOVING = InitialConditions(initial_damper_velocity=0.3)
@@ -122,7 +114,7 @@ class Reference:
 )
 @pytest.mark.parametrize('more', [{'friction': 0.0}, FRICTION], ids=['smooth', 'friction'])
 def test_an_independent_integration(quantity, relative, more):
-    parameters, record = RigParameters(**BENCH, **more), noise(quantity)
+    parameters, record = BENCH.replace(**more), noise(quantity)
     rig = Rig(parameters, MOVING, records=[record])
     end = 1.6
     found = rig.run(end, [end])
@@ -139,7 +131,7 @@ def test_the_base_is_the_integral():
     """Under a constant acceleration M lags by M b''/K, and the base is a parabola."""
     times = np.linspace(0.0, 60.0, 601)
     record = MeasuredRecord('base', times, np.full(601, 0.5), 'c.csv')
-    parameters = RigParameters(**{**BENCH, 'damping': 60.0, 'one_sided': True, 'gap': 1e6})
+    parameters = BENCH.replace(damping=60.0, one_sided=True, gap=1e6)
     rig = Rig(parameters, records=[record])
     rig.advance(50.0)
     sample = rig.sample()
@@ -158,7 +150,7 @@ def test_the_error_is_of_the_second_order(quantity):
     """A sine, sampled ever finer, comes to the harmonic of the parameters."""
     omega, size = 20.0, 0.7
     lines = {f'{quantity}_{n}': v for n, v in (('amplitudes', size), ('frequencies', omega))}
-    parameters = RigParameters(**{**BENCH, 'gap': 1.0, **lines})
+    parameters = BENCH.replace(gap=1.0, **lines)
     exact = Rig(parameters)
     exact.advance(1.0)
     # That base starts with a velocity of its own.
@@ -171,7 +163,7 @@ def test_the_error_is_of_the_second_order(quantity):
             initial_primary_velocity=-start, initial_damper_velocity=-start
         )
         record = MeasuredRecord(quantity, times, size * np.sin(omega * times), 's.csv')
-        rig = Rig(RigParameters(**{**BENCH, 'gap': 1.0}), initial, records=[record])
+        rig = Rig(BENCH.replace(gap=1.0), initial, records=[record])
         rig.advance(1.0)
         found = rig.sample()
         errors.append(abs((found.x - found.base) - (expected.x - expected.base)))
@@ -182,7 +174,7 @@ def test_the_error_is_of_the_second_order(quantity):
 
 @pytest.mark.parametrize('quantity', ['force', 'base'])
 def test_the_motion_does_not_depend_on_samples_pieces_or_code(quantity):
-    parameters, record = RigParameters(**BENCH, **FRICTION), noise(quantity, 1.0)
+    parameters, record = BENCH.replace(**FRICTION), noise(quantity, 1.0)
 
     def at_end(instants, **how):
         rig = Rig(parameters, MOVING, records=[record], **how)
@@ -197,7 +189,7 @@ def test_the_motion_does_not_depend_on_samples_pieces_or_code(quantity):
 
 
 def test_going_back_and_reset():
-    parameters, record = RigParameters(**BENCH, **FRICTION), noise('base', 0.6)
+    parameters, record = BENCH.replace(**FRICTION), noise('base', 0.6)
     rig = Rig(parameters, MOVING, records=[record])
     rig.advance(0.2)
     mark = rig.mark()
@@ -212,7 +204,7 @@ def test_going_back_and_reset():
 
 def test_a_step_releases_m():
     """Friction holds m until the base is accelerated by more than friction can give it."""
-    parameters = RigParameters(**BENCH, friction=0.1, gravity=10.0)
+    parameters = BENCH.replace(friction=0.1, gravity=10.0)
     times = np.arange(0.0, 1.0, 0.1)
     values = np.where(times < 0.45, 0.0, 3.0)
     rig = Rig(parameters, records=[MeasuredRecord('base', times, values, 'b.csv')])
@@ -226,7 +218,7 @@ def test_a_step_releases_m():
 
 def test_records_beside_each_other_and_orders():
     """A force record, one of the base and the force of a controller add up."""
-    parameters = RigParameters(**{**BENCH, 'gap': 1.0})
+    parameters = BENCH.replace(gap=1.0)
     external = GapControlParameters(gap_control='external', gap_min=1e-3)
     times = np.arange(0.0, 1.0, 0.1)
     push = [MeasuredRecord('force', times, np.full(10, 3.0), 'f.csv')]
@@ -254,7 +246,7 @@ def test_records_beside_each_other_and_orders():
 @pytest.mark.parametrize('quantity', ['force', 'base'])
 def test_a_snapshot_has_a_copy_of_the_record(quantity):
     """A rig goes on from JSON to the last bit: in the middle of a sample, at a step, after all."""
-    rig = Rig(RigParameters(**BENCH, **FRICTION), MOVING, records=[noise(quantity, 1.0)])
+    rig = Rig(BENCH.replace(**FRICTION), MOVING, records=[noise(quantity, 1.0)])
     for instant in (0.2345, 0.25, 1.2):
         rig.advance(instant)
         other = Rig.restore(json.loads(json.dumps(rig.snapshot())))
@@ -283,7 +275,7 @@ def altered(held, **values):
     ],
 )
 def test_altered_snapshots(values, problem):
-    rig = Rig(RigParameters(**BENCH), records=[noise('force', 1.0)])
+    rig = Rig(BENCH, records=[noise('force', 1.0)])
     with pytest.raises(ValueError, match=problem):
         Rig.restore(altered(rig.snapshot(), **values))
 
@@ -329,6 +321,6 @@ def test_the_bound_excludes_no_event_that_a_search_finds(seed, monkeypatch):
 
 def test_every_second_sample_has_a_copy_of_its_own():
     record = noise('force', 1.0).with_copy()
-    half = Rig(RigParameters(**BENCH), records=[record.halved()])
+    half = Rig(BENCH, records=[record.halved()])
     (found,) = Rig.restore(half.snapshot()).measured_records
     assert len(found.values) == 25

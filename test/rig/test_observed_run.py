@@ -1,18 +1,17 @@
 """A run before observers is the run without them, and they see all of it."""
 
 import pytest
+from rigs import HORIZONTAL
 
 from impact_damper_ros import (
     GapControlParameters,
     Observer,
     Rig,
-    RigParameters,
     RunawayError,
     TimedChange,
     run,
 )
 
-LEVEL = RigParameters(gravity=0.0)
 CONTROL = GapControlParameters()
 
 
@@ -38,11 +37,11 @@ class Diary(Observer):
 
 
 def test_observers_see_all_and_alter_nothing():
-    change = TimedChange(50_000_000_000, {'gap': 30.0}, LEVEL.replace(gap=30.0), CONTROL)
-    rig = Rig(LEVEL)
+    change = TimedChange(50_000_000_000, {'gap': 30.0}, HORIZONTAL.replace(gap=30.0), CONTROL)
+    rig = Rig(HORIZONTAL)
     often, plain = Diary(rig, (0.0, 0.7, 50.0, 79.9, 90.0)), Diary(rig, (0.7, 3.0))
     run(rig, 80.0, [often, plain], [change])
-    alone = Rig(LEVEL)
+    alone = Rig(HORIZONTAL)
     events = alone.advance(50.0) + alone.change(change.parameters) + alone.advance(80.0)
     assert len(events) > 5
     assert often.events == plain.events == events
@@ -53,16 +52,16 @@ def test_observers_see_all_and_alter_nothing():
 
 
 def test_a_run_goes_on_from_where_the_rig_is():
-    rig = Rig(LEVEL)
+    rig = Rig(HORIZONTAL)
     first = Diary(rig)
     run(rig, 45.0, [first])
     run(rig, 60.0, [first])
-    assert first.events == Rig(LEVEL).advance(60.0)
+    assert first.events == Rig(HORIZONTAL).advance(60.0)
     assert first.looks == [0.0, 45.0, 45.0, 60.0]
 
 
 def test_the_observers_have_seen_the_events_of_a_rig_that_has_too_many():
-    hammering = LEVEL.replace(gap=1e-6, restitution_1=1.0, restitution_2=1.0)
+    hammering = HORIZONTAL.replace(gap=1e-6, restitution_1=1.0, restitution_2=1.0)
     rig = Rig(hammering)
     diary = Diary(rig)
     with pytest.raises(RunawayError, match='the rig had 2000 events'):
@@ -72,14 +71,14 @@ def test_the_observers_have_seen_the_events_of_a_rig_that_has_too_many():
 
 def test_changes_of_one_instant_are_made_one_after_the_other():
     """And those that follow are not lost."""
-    wide, rough = LEVEL.replace(gap=30.0), LEVEL.replace(gap=30.0, friction=0.01)
-    last = LEVEL.replace(gap=20.0)
+    wide, rough = HORIZONTAL.replace(gap=30.0), HORIZONTAL.replace(gap=30.0, friction=0.01)
+    last = HORIZONTAL.replace(gap=20.0)
     changes = [
         TimedChange(10**9, {'gap': 30.0}, wide, CONTROL),
         TimedChange(10**9, {'gap': 30.0, 'friction': 0.01}, rough, CONTROL),
         TimedChange(2 * 10**9, {'gap': 20.0}, last, CONTROL),
     ]
-    rig = Rig(LEVEL)
+    rig = Rig(HORIZONTAL)
     diary = Diary(rig)
     run(rig, 5.0, [diary], changes)
     assert [time_ns for time_ns, _, _ in diary.changes] == [10**9, 10**9, 2 * 10**9]

@@ -4,6 +4,7 @@ import math
 import re
 
 import pytest
+from rigs import HORIZONTAL
 
 import impact_damper_ros.rig.rig as rig_module
 from impact_damper_ros import (
@@ -85,7 +86,6 @@ def test_a_change_of_the_rig_counts_anew():
         rig.advance(1.0, MOST)
 
 
-LEVEL = RigParameters(gravity=0.0)
 CONTROLS = [None, GapControlParameters(gap_control='timed')]
 
 
@@ -94,7 +94,7 @@ def test_a_number_of_events_is_rounded_up(control):
     """A fraction of an event left over once kept a rig from ever coming back."""
     stops = []
     for most in (14.67, 15, 14):
-        rig = Rig(LEVEL, control=control)
+        rig = Rig(HORIZONTAL, control=control)
         rig.run(500.0, most_events=most)
         stops.append(rig.time)
     assert stops[0] == stops[1] < 500.0
@@ -134,7 +134,7 @@ def test_a_rig_with_endless_events_can_be_taken_back():
 def test_a_run_has_the_acts_of_its_control(monkeypatch):
     """As `advance` has them, plain and compiled, in tables that they do not fit in."""
     control = GapControlParameters(gap_control='timed', actuator_speed=40.0)
-    rigs = [Rig(LEVEL, control=control) for _ in range(3)]
+    rigs = [Rig(HORIZONTAL, control=control) for _ in range(3)]
     rigs[0].advance(200.0)
     acts = rigs[0].records
     assert len(acts) > 100
@@ -154,7 +154,7 @@ def test_compiled_rigs_advance_compiled(monkeypatch):
     calls = []
     go = rig_module.run_compiled
     monkeypatch.setattr(rig_module, 'run_compiled', lambda *a, **k: (calls.append(1), go(*a, **k)))
-    rig, plain = Rig(LEVEL, compiled=True), Rig(LEVEL)
+    rig, plain = Rig(HORIZONTAL, compiled=True), Rig(HORIZONTAL)
     assert rig.advance(300.0) == plain.advance(300.0)
     assert len(calls) == 1
     # Interrupted on the way, it goes on with the same bits.

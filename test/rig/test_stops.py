@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 from motion.energy import Account
 from motion.random_rigs import random_command, random_rig, rig_of, through_json
+from rigs import STILL
 
 from impact_damper_ros import EventKind, InitialConditions, Mode, Rig, RigParameters
 from oracle.hybrid_oracle import DEFAULTS
@@ -17,10 +18,6 @@ from oracle.moving_stops import first_meeting
 EPS = 2.0**-52
 ARRIVED, TOUCHED, IMPACT = EventKind.STOP_ARRIVED, EventKind.STOP_TOUCHED, EventKind.IMPACT
 REST, RELEASE, STARTED = EventKind.REST, EventKind.RELEASE, EventKind.STOP_STARTED
-# No force, M still and heavy: m moves as a free body until it touches something.
-QUIET = RigParameters(
-    primary_mass=1e9, stiffness=1e9, damper_mass=1.0, gap=10.0, gravity=0.0, force_amplitudes=[0.0]
-)
 
 
 def targets(rig):
@@ -29,7 +26,7 @@ def targets(rig):
     return run.target_1, run.target_2
 
 
-def thrown(offset, velocity, parameters=QUIET):
+def thrown(offset, velocity, parameters=STILL):
     return Rig(
         parameters,
         InitialConditions(initial_damper_offset=offset, initial_damper_velocity=velocity),
@@ -162,7 +159,7 @@ ONE_STOP = {
 def test_one_stop(case, side):
     """`side` mirrors: 1 for stop 1, -1 for stop 2. Each rebound is that of a standing stop."""
     changes, thrown_with, (start, target, speed), expected, until, place, rate = ONE_STOP[case]
-    parameters = QUIET.replace(**changes)
+    parameters = STILL.replace(**changes)
     rig = thrown(
         *(side * v for v in thrown_with), parameters.replace(angle=side * parameters.angle)
     )
@@ -192,7 +189,7 @@ def test_one_stop(case, side):
 class TestCommands:
     def test_samples_show_its_velocity(self, side):
         """That of M while it stands, its own one besides while it moves, Z' while it follows m."""
-        heavy = QUIET.replace(stiffness=1.0, damping=0.0)
+        heavy = STILL.replace(stiffness=1.0, damping=0.0)
         rig = Rig(
             heavy,
             InitialConditions(
@@ -232,11 +229,11 @@ class TestCommands:
         to(rig, side, 1.0, 1.0)
         rig.advance(1.0)
         # Anything else leaves it as it is.
-        rig.change(QUIET.replace(restitution_1=0.5))
+        rig.change(STILL.replace(restitution_1=0.5))
         assert near(rig, side) == 4.0
         rig.advance(2.0)
         assert near(rig, side) == 3.0
-        rig.change(QUIET.replace(gap=12.0))
+        rig.change(STILL.replace(gap=12.0))
         assert rig.stops == targets(rig) == (6.0, -6.0)
         assert rig.stop_velocities == (0.0, 0.0)
         to(rig, side, 1.0, 1.0)

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from rigs import UNFORCED
 
-from impact_damper_ros import GapControlParameters, Observer, Rig, RigParameters, TimedChange, run
+from impact_damper_ros import GapControlParameters, Observer, Rig, TimedChange, run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
@@ -13,18 +14,7 @@ from impact_damper_ros.replay.run import RecordedRun
 from impact_damper_ros.rig.waiting_change import made_at_once
 
 CONTROL = GapControlParameters()
-SHAKEN = RigParameters(
-    primary_mass=2.0,
-    stiffness=1974.0,
-    damping=1.26,
-    damper_mass=0.1,
-    gap=0.024,
-    restitution_1=0.6,
-    restitution_2=0.6,
-    force_amplitudes=0.0,
-    base_amplitudes=0.6,
-    base_frequencies=31.4,
-)
+SHAKEN = UNFORCED.replace(base_amplitudes=0.6, base_frequencies=31.4)
 #: b = -B sin(W t) of an acceleration rises through zero after each half turn too many.
 ZEROS_NS = [(2 * k + 1) * math.pi / 31.4 * 1e9 for k in range(100)]
 
