@@ -78,35 +78,5 @@ if TYPE_CHECKING:
 
 __version__ = '0.2.0'
 
-_NAMES, __getattr__, __dir__ = lazy_names(
-    __name__,
-    {
-        'control.own_law': 'LawError LawInput OwnLaw',
-        'control.record': 'Action ControlRecord',
-        'motion.event': 'EVENT_TYPE Event EventKind SAMPLE_TYPE Sample',
-        'motion.state': 'Mode',
-        'motion.swing': 'Swing',
-        'orbits.arguments': 'OrbitError plausible_stops',
-        'orbits.branch': 'Branch BranchPoint SpecialKind SpecialPoint',
-        'orbits.continuation': 'follow switch_branch',
-        'orbits.flight_arrays': 'Flights run_flights',
-        'orbits.orbit': 'OrbitEvent PeriodicOrbit Rhythm',
-        'orbits.recurrence': 'MotionKind Period Section find_period',
-        'orbits.ring_down': 'RingDown ring_down',
-        'orbits.search': 'OrbitSearch StartReport find_orbits',
-        'orbits.settled_motion': 'SettledMotion settle',
-        'orbits.solution_curve': 'value_of with_value',
-        'orbits.solved_orbits': 'orbit_near transmissibility',
-        'orbits.starts': 'ImpactEquations',
-        'orbits.transmissibility': 'Transmissibility',
-        'parameters.parameter_spec': 'ParameterError ParameterSpec',
-        'parameters.parameters_file': 'ParametersFileError load_parameters',
-        'parameters.rig_parameters': 'GapControlParameters InitialConditions RigParameters',
-        'rig.ensemble': 'EnsembleResult run_ensemble',
-        'rig.observed_run': 'Observer TimedChange run',
-        'rig.order': 'Order',
-        'rig.rig': 'Outcome Rig RunResult',
-        'rig.runaway': 'RunawayError',
-    },
-)
+_NAMES, __getattr__, __dir__ = lazy_names(__name__, __file__)
 __all__ = ['__version__', *_NAMES]

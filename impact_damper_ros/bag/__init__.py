@@ -35,16 +35,4 @@ if TYPE_CHECKING:
     from .run_writer import RunWriter as RunWriter
     from .topics import LATCHED as LATCHED, QosProfile as QosProfile, Topic as Topic
 
-__all__, __getattr__, __dir__ = lazy_names(
-    __name__,
-    {
-        'errors': 'RecordingError',
-        'messages': 'DiagnosticArray DiagnosticStatus JointState Message Parameter '
-        'ParameterEvent String decode',
-        'recover': 'Recovery recover_run',
-        'rig_recorder': 'RigRecorder',
-        'run_reader': 'RecordedMessage RecordedTopic RunReader',
-        'run_writer': 'RunWriter',
-        'topics': 'LATCHED QosProfile Topic',
-    },
-)
+__all__, __getattr__, __dir__ = lazy_names(__name__, __file__)

@@ -28,12 +28,4 @@ if TYPE_CHECKING:
     )
     from .stretches import LoggedRig as LoggedRig
 
-__all__, __getattr__, __dir__ = lazy_names(
-    __name__,
-    {
-        'comparison': 'compare_bag',
-        'result': 'Beginning Decay EnergyBalance ImpactStates LogCheck LogVerdict '
-        'MeasuredMotion Overall RunComparison StretchComparison Verdict',
-        'stretches': 'LoggedRig',
-    },
-)
+__all__, __getattr__, __dir__ = lazy_names(__name__, __file__)

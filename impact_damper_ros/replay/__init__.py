@@ -20,13 +20,4 @@ if TYPE_CHECKING:
     from .run import RecordedRun as RecordedRun, Rows as Rows
     from .what_if import WhatIf as WhatIf
 
-__all__, __getattr__, __dir__ = lazy_names(
-    __name__,
-    {
-        'command': 'Command Setting',
-        'findings': 'Difference Findings ReplayVerdict',
-        'replay': 'Part Replay',
-        'run': 'RecordedRun Rows',
-        'what_if': 'WhatIf',
-    },
-)
+__all__, __getattr__, __dir__ = lazy_names(__name__, __file__)

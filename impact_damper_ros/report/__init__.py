@@ -15,11 +15,4 @@ if TYPE_CHECKING:
     from .replay_report import findings_json as findings_json, findings_text as findings_text
     from .text_report import comparison_text as comparison_text
 
-__all__, __getattr__, __dir__ = lazy_names(
-    __name__,
-    {
-        'html_report': 'report_page write_report',
-        'replay_report': 'findings_json findings_text',
-        'text_report': 'comparison_text',
-    },
-)
+__all__, __getattr__, __dir__ = lazy_names(__name__, __file__)
