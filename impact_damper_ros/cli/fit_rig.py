@@ -169,7 +169,8 @@ def _messages(arguments: argparse.Namespace) -> list[RecordedMessage]:
     """Return the messages of a live topic, and of those beside it."""
     if find_spec('rclpy') is None:
         raise CommandError(MISSING_ROS)
-    from impact_damper_ros.fit.recorded_motion import TYPES, beside
+    from impact_damper_ros.bag.topic_columns import TYPES
+    from impact_damper_ros.fit.recorded_motion import beside
     from impact_damper_ros.node.topic_listener import TopicError, listened
 
     seconds, topic = arguments.seconds or 20.0, arguments.topic
@@ -268,8 +269,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _look(arguments: argparse.Namespace) -> int:
     """Draw what is read, and say why it cannot be used, if so."""
-    from impact_damper_ros.fit.measured_motion import raw_columns, read_table_motion
-    from impact_damper_ros.report.look_figure import look_figure
+    from impact_damper_ros.fit.measured_motion import read_table_motion
+    from impact_damper_ros.report.look_figure import look_figure, raw_columns
 
     options, problem, data = _options(arguments), None, None
     columns = raw_columns(arguments.data, options)

@@ -40,7 +40,6 @@ from impact_damper_ros.measured.sheet import (
     ColumnError,
     Quantity,
     Sheet,
-    TableError,
     choose,
 )
 from impact_damper_ros.measured.table import (
@@ -68,45 +67,25 @@ _MOST_HELD, _IN_RHYTHM = 20, 0.98
 
 
 class MeasuredMotion(NamedTuple):
-    """
-    What was measured of a rig, in SI units.
+    """What was measured of a rig, in SI units, by samples."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (n,)
-        Instants of the samples, s, rising, at equal intervals but for the jitter of a clock.
-    motion : ndarray, shape (n,)
-        Displacement (m), velocity (m/s) or acceleration (m/s^2) of M; any number where `used` is
-        False.
-    quantity : {'displacement', 'velocity', 'acceleration'}
-        What `motion` is.
-    used : ndarray of bool, shape (n,)
-        False for samples that are saturated or missing.
-    force : ndarray, shape (n,), or None
-        Force on M, N, if it was measured; NaN where rows are missing.
-    base : ndarray, shape (n,), or None
-        Motion of the base, if it was measured; NaN where rows are missing.
-    base_quantity : str
-        What `base` is; empty without it.
-    impact_times : ndarray, shape (k,), or None
-        Measured instants of impacts, s, rising; None if none were measured.
-    impact_deviation : float
-        Standard deviation of an impact time, s.
-    source : str
-        Where the motion comes from, and what was made of it, for messages.
-    columns : str
-        Which columns are used, and which are not.
-    """
-
+    #: Rising, at equal intervals but for the jitter of a clock, s.
     time: Array
+    #: Of M: any number where it is not used.
     motion: Array
+    #: 'displacement', 'velocity' or 'acceleration'.
     quantity: str
+    #: False for samples that are saturated or missing.
     used: Mask
+    #: On M, if it was measured; as the base NaN where rows are missing.
     force: Array | None = None
+    #: Motion of the base, and which quantity that is.
     base: Array | None = None
     base_quantity: str = ''
+    #: Rising, s; None if none were measured. And the standard deviation of one.
     impact_times: Array | None = None
     impact_deviation: float = 0.0
+    #: Where it comes from and what was made of it; which columns are used, and which not.
     source: str = ''
     columns: str = ''
 
@@ -135,38 +114,23 @@ class MeasuredMotion(NamedTuple):
 
 
 class ReadingOptions(NamedTuple):
-    """
-    What a reader needs to know beside the data.
+    """What a reader needs to know beside the data."""
 
-    Attributes
-    ----------
-    column, unit : str
-        Header or number of the column of the motion, if several may be it, and its unit, if it
-        has none there.
-    time_column, base_column, force_column : str
-        The same for these.
-    saturation : float or None
-        Size of the motion from which on it is saturated, SI; found by itself if not given.
-    impacts : Path or None
-        File of impact times, or of an accelerometer whose spikes are impacts.
-    impact_deviation : float or None
-        Standard deviation of an impact time, s.
-    topic, joint : str
-        Topic and joint (or axis) of a bag.
-    first, last : float
-        Instants of the data between which they are read, s.
-    """
-
+    #: Header or number of the column of the motion, and its unit, if it has none there.
     column: str = ''
     unit: str = ''
     time_column: str = ''
     base_column: str = ''
     force_column: str = ''
+    #: Size of the motion from which on it is saturated, SI; found by itself if not given.
     saturation: float | None = None
+    #: File of impact times, or of a signal that shows them, and the deviation of a time, s.
     impacts: Path | None = None
     impact_deviation: float | None = None
+    #: Of a bag, and its joint, or its axis.
     topic: str = ''
     joint: str = ''
+    #: Instants of the data between which they are read, s.
     first: float = -math.inf
     last: float = math.inf
 
@@ -183,29 +147,9 @@ NO_OPTIONS = ReadingOptions()
 
 
 def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> MeasuredMotion:
-    """
-    Read a measured motion from a file of columns.
-
-    Parameters
-    ----------
-    path : Path
-        A file of any format of `measured.formats`.
-    options : ReadingOptions, optional
-        What is not in the file.
-
-    Returns
-    -------
-    MeasuredMotion
-        The displacement of M if it has one, else its velocity, else its acceleration. Beside one
-        of the first two an acceleration serves to find the impacts.
-
-    Raises
-    ------
-    TableError
-        If the file cannot be used; the text names column and line.
-    """
+    """Read a measured motion from a file of columns, or raise `TableError`."""
     sheet = read_sheet(path)
-    quantity, choices = _choices(sheet, options)
+    quantity, choices = choices_of(sheet, options)
     table = table_of(sheet, choices)
     table = _on_one_clock(table).between(options.first, options.last)
     table, digit = table.on_a_clock()
@@ -220,7 +164,8 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
         table.check_finite('spikes')
         times = spike_times(time, columns['spikes'].values)
     force, base = (columns.get(name) for name in ('force', 'base'))
-    moving = base is not None and np.nanmin(base.values) < np.nanmax(base.values)
+    there = np.empty(0) if base is None else base.values[np.isfinite(base.values)]
+    moving = len(there) > 0 and there.min() < there.max()
     return prepared(
         MeasuredMotion(
             time=time,
@@ -243,35 +188,8 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
     )
 
 
-class RawColumn(NamedTuple):
-    """A column as it is in a file, over time in s: what it is read as, and its factor to SI."""
-
-    title: str
-    time: Array
-    values: Array
-    role: str
-    factor: float
-
-
-def raw_columns(path: Path, options: ReadingOptions = NO_OPTIONS) -> list[RawColumn]:
-    """Return all columns of numbers of a file, used or not."""
-    sheet = read_sheet(path)
-    _, choices = _choices(sheet, options)
-    roles = {choice.place: (key, choice.factor) for key, choice in choices.items()}
-    clock = choices['time']
-    found = []
-    for place, head in enumerate(sheet.headings):
-        role, factor = roles.get(place, ('', 1.0))
-        # A column of text is none
-        with contextlib.suppress(TableError):
-            (time, values), _ = sheet.read([clock.place, place])
-            if not role.startswith('time'):
-                found.append(RawColumn(head.title, time * clock.factor, values, role, factor))
-    return found
-
-
-def _choices(sheet: Sheet, options: ReadingOptions) -> tuple[str, dict[str, Choice]]:
-    """Return what the motion is, and the columns that are read."""
+def choices_of(sheet: Sheet, options: ReadingOptions) -> tuple[str, dict[str, Choice]]:
+    """Return which quantity the motion is, and the columns that are read."""
     found: dict[str, Choice] = {}
     taken: set[int] = set()
 
@@ -490,20 +408,8 @@ def prepared(
     """
     Return a motion as the fit takes it: gaps filled, saturated samples masked, impacts found.
 
-    Parameters
-    ----------
-    data : MeasuredMotion
-        As it was read.
-    options : ReadingOptions
-        What was given beside it.
-    place : callable
-        Returns where a row is, for messages.
-    what : str, optional
-        Name of the motion in its source, for messages.
-    digit : float, optional
-        Size of the last digit of the times, s.
-    factor : float, optional
-        Of the unit in which the motion was written.
+    `place` says where a row is, and `what` is the motion, for messages; `digit` is the last one of
+    the times, s, and `factor` that of the unit in which the motion was written.
     """
     name = f'{as_line(data.source)}: {what or "the motion"}'
     data, many = _samples(data, factor)

@@ -21,7 +21,7 @@ from .text_table import Body, text_sheet
 
 #: Largest file that is read, bytes, and largest one that is read as a whole; read, it takes up to
 #: ten times as much memory.
-_MOST_BYTES, _MOST_WHOLE = 150_000_000, 40_000_000
+_MOST_BYTES, _MOST_WHOLE = 100_000_000, 40_000_000
 #: For the documents: suffixes, and what is read of such a file.
 SHOWN = {
     '.csv, .txt, any other': 'text with commas, semicolons, tabs or spaces between its columns',

@@ -40,28 +40,16 @@ _SLOPE = Quantity(('slope', 'steigung'), ('dB/oct',))
 
 
 class RandomLines(NamedTuple):
-    """
-    Lines of a random signal.
-
-    Attributes
-    ----------
-    amplitudes : tuple of float
-        Of a force, N, or of an acceleration, m/s^2.
-    frequencies, phases : tuple of float
-        In rad/s and rad.
-    integral : float
-        Root of the integral of the table, which is the root mean square of the lines.
-    period : float
-        Time after which the signal repeats, s.
-    quantity : {'force', 'acceleration'}
-        What the table is the density of.
-    """
+    """Lines of a random force, N, or of an acceleration of the base, m/s^2."""
 
     amplitudes: tuple[float, ...]
     frequencies: tuple[float, ...]
     phases: tuple[float, ...]
+    #: Root of the integral of the table, which is the root mean square of the lines.
     integral: float
+    #: After which the signal repeats, s.
     period: float
+    #: 'force' or 'acceleration'.
     quantity: str
 
     @property
@@ -94,14 +82,10 @@ class RandomLines(NamedTuple):
 
 class Density:
     """
-    A power spectral density, one-sided, a power of the frequency between two points.
+    A one-sided power spectral density over rising frequencies, Hz.
 
-    Parameters
-    ----------
-    frequencies : array_like, shape (n,)
-        Rising and positive, Hz; at least two. Two that are equal are a step.
-    levels : array_like, shape (n,)
-        In the square of a unit per Hz; beside one of zero the density is zero.
+    It is a power of the frequency between two points, a step where two frequencies are equal, and
+    zero beside a level of zero.
     """
 
     def __init__(self, frequencies: ArrayLike, levels: ArrayLike) -> None:
@@ -148,31 +132,7 @@ class Density:
 def random_lines(
     path: Path, count: int = LINES, seed: int = 1, quantity: str | None = None
 ) -> RandomLines:
-    """
-    Return the lines of a random signal from the table of its density.
-
-    Parameters
-    ----------
-    path : Path
-        A CSV file with the columns ``f [Hz]`` and ``level [g^2/Hz]``, or the unit
-        ``(m/s^2)^2/Hz`` for a base and ``N^2/Hz`` for a force.
-    count : int, optional
-        Number of bins into which the band is divided.
-    seed : int, optional
-        Seed of the phases.
-    quantity : {'force', 'acceleration'}, optional
-        What the table has to be the density of; either, if not given.
-
-    Returns
-    -------
-    RandomLines
-        The lines, which the parameters of a force or of a base take.
-
-    Raises
-    ------
-    TableError
-        If the table is no density.
-    """
+    """Return the lines of the table of a density: of that `quantity`, if it is given."""
     if not 1 <= count <= MAX_HARMONICS - 1:
         raise TableError(f'{count} lines: give a number from 1 to {MAX_HARMONICS - 1}')
     wanted = LEVEL if quantity is None else _LEVELS[quantity]
@@ -220,9 +180,9 @@ def _follow_slopes(hertz: Array, levels: Array, slopes: Array) -> None:
     """Fill levels by the slopes from each point to the next one, in dB per octave."""
     with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
         ratios = 10.0 ** (0.1 * slopes[:-1] * np.diff(np.log2(hertz)))
-    for k, ratio in enumerate(ratios):
-        if np.isnan(levels[k + 1]):
-            levels[k + 1] = levels[k] * ratio
-    for k in range(len(ratios) - 1, -1, -1):
-        if np.isnan(levels[k]):
-            levels[k] = levels[k + 1] / ratios[k]
+        for k, ratio in enumerate(ratios):
+            if np.isnan(levels[k + 1]):
+                levels[k + 1] = levels[k] * ratio
+        for k in range(len(ratios) - 1, -1, -1):
+            if np.isnan(levels[k]):
+                levels[k] = levels[k + 1] / ratios[k]

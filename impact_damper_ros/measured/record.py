@@ -44,30 +44,17 @@ _LONGEST_COPY, _LARGEST = 25 * _MOST_SAMPLES, 1e12
 
 
 class MeasuredRecord(NamedTuple):
-    """
-    A record, as a rig follows it.
+    """A force on M, N, or an acceleration of the base, m/s^2, as a rig follows it."""
 
-    Attributes
-    ----------
-    quantity : {'force', 'base'}
-        A force on M, N, or the acceleration of the base, m/s^2.
-    times : ndarray, shape (n,)
-        Instants of the samples since the first one, s.
-    values : ndarray, shape (n,)
-        What was measured then.
-    name : str
-        Name of the file.
-    columns : str
-        Which of its columns are used, and which are not.
-    copy : tuple of (str, str)
-        The same as named texts, which JSON keeps; see `with_copy`.
-    """
-
+    #: 'force' or 'base'.
     quantity: str
+    #: Since the first sample, s.
     times: Array
     values: Array
+    #: Of the file, and which of its columns are used.
     name: str
     columns: str = ''
+    #: The same as named texts, which JSON keeps; see `with_copy`.
     copy: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -166,23 +153,7 @@ def _expanded(packed: str) -> str:
 
 
 def read_record(path: Path, quantity: str, cycle: float = 0.0) -> MeasuredRecord:
-    """
-    Read a record from a table.
-
-    Parameters
-    ----------
-    path : Path
-        A file of any format with a column of time and one of a force, or of an acceleration.
-    quantity : {'force', 'base'}
-        What was recorded.
-    cycle : float, optional
-        Least time that it has to last, s.
-
-    Raises
-    ------
-    TableError
-        If the table is no such record: the text names column, line and remedy.
-    """
+    """Read a record from a file; it has to last a cycle, s."""
     table, digit = read_table(path, {'time': TIME, quantity: _COLUMNS[quantity]}).on_a_clock()
     check_whole(table, digit)
     table.check_finite(quantity)

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 #: Longest header that is looked at.
 _LONGEST_TITLE = 200
+#: A unit behind a name without brackets: time / s, t in s, x_mm.
+_BESIDE = re.compile(r'(.+?)(?:\s*[/,]\s*|\s+in\s+|[\s_]+)([^\s_]+)')
 
 
 class TableError(ValueError):
@@ -33,24 +35,14 @@ class ColumnError(TableError):
 
 
 class Quantity(NamedTuple):
-    """
-    A column that is looked for.
+    """A column that is looked for, by a word of its header and the SI units that it may have."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Words of which its header may have one, in any case; the first is that of messages.
-    units : tuple of str
-        SI units that it may have; the first of them is that of a column that needs none.
-    bare : bool
-        Whether it may stand without a unit.
-    by_unit : bool
-        Whether a column of another name may be it if it is the only one of that unit.
-    """
-
+    #: In lower case; the first one is that of messages.
     names: tuple[str, ...]
     units: tuple[str, ...]
+    #: May stand without a unit, which is the first one then.
     bare: bool = False
+    #: May have another name if it is the only one of its unit.
     by_unit: bool = True
 
 
@@ -108,7 +100,8 @@ def heading(title: str, unit: str | None = None) -> Heading:
     end = max(text.rfind(mark) for mark in '])')
     if 0 <= start < end:
         # The outermost brackets, as of ((m/s2)2/Hz), or the last ones that are a unit
-        spans = [(start, end), *((m.start(), m.end() - 1) for m in _brackets(text))]
+        inner = [*re.finditer(r'[\[(][^\[\]()]*[\])]', text)]
+        spans = [(start, end), *((m.start(), m.end() - 1) for m in reversed(inner))]
         for begin, last in spans:
             if text[begin + 1 : last].strip() and unit_of(text[begin + 1 : last]):
                 start, end = begin, last
@@ -116,51 +109,27 @@ def heading(title: str, unit: str | None = None) -> Heading:
         own = text[start + 1 : end].strip()
         name = ' '.join(f'{text[:start]} {text[end + 1 :]}'.split())
         return Heading(title, name, own, unit_of(own))
-    for name, own in _unit_beside(text):
-        if own and (si := unit_of(own, any_case=False)):
-            return Heading(title, name, own, si)
+    words = text.split('_' if '_' in text else None)
+    # A time may be called by its unit alone
+    if words and len(words[0]) > 1 and (unit_of(words[0]) or ('',))[0] == 's':
+        text, unit = ' '.join(words[1:]) or 'time', words[0].casefold()
+        return Heading(title, text, unit, unit_of(unit))
+    beside = _BESIDE.fullmatch(text)
+    si = unit_of(beside[2], any_case=False) if beside else None
+    if beside and si:
+        return Heading(title, beside[1], beside[2], si)
     return Heading(title, text, None, None)
 
 
-def _brackets(text: str) -> list[re.Match[str]]:
-    return [*re.finditer(r'[\[(][^\[\]()]*[\])]', text)][::-1]
-
-
-def _unit_beside(text: str) -> list[tuple[str, str]]:
-    """Return name and unit where a unit may stand without brackets: x_mm, seconds_elapsed."""
-    parts = re.split(r'[\s_,]+', text)
-    slash, _, below = text.partition(' / ')
-    found = [(slash, below.strip())] if below else []
-    if len(parts) > 1:
-        found.append((text[: -len(parts[-1])].rstrip(' _,/').removesuffix(' in'), parts[-1]))
-    if '/' in text and len(parts) == 1:
-        found.append((text.partition('/')[0], text.partition('/')[2]))
-    # A time may be called by its unit alone
-    if len(parts[0]) > 1 and (unit_of(parts[0], any_case=True) or ('', 0.0))[0] == 's':
-        found.append((' '.join(parts[1:]) or 'time', parts[0].casefold()))
-    return found
-
-
 class Sheet(NamedTuple):
-    """
-    Columns of a file.
-
-    Attributes
-    ----------
-    source : str
-        Name of the file, for messages.
-    headings : list of Heading
-        One for each column.
-    read : callable
-        Returns the numbers of some columns, as they are in the file (NaN where one is missing; a
-        date or a time of day as seconds), and the line of each row.
-    first : list of str
-        Cells of the first row, of a file that is text.
-    """
+    """The columns of a file, and the reader of their numbers."""
 
     source: str
     headings: list[Heading]
+    #: Numbers of some columns as they are in the file, NaN where one is missing, and the line of
+    #: each row; a date or a time of day is in seconds.
     read: Callable[[Sequence[int]], tuple[list[Array], NDArray[np.int64]]]
+    #: Cells of the first row, of a file that is text.
     first: list[str]
 
     def titles(self, without: Collection[int] = ()) -> str:
@@ -209,32 +178,25 @@ def _known(sheet: Sheet, place: int, quantity: Quantity) -> tuple[str, float] | 
         if CLOCK.match(first):
             return 's', 1.0
         # Since 1970, in s, ms, us or ns, as each number of that size is
-        if head.unit is None and first.isdigit() and first[0] in '12':
-            factors = {10: 1.0, 13: 1e-3, 16: 1e-6, 19: 1e-9}
-            if len(first) in factors:
-                return 's', factors[len(first)]
+        if head.unit is None and re.fullmatch(r'[12]\d{9}(\d{3}){0,3}', first):
+            return 's', 10.0 ** (10 - len(first))
     return (quantity.units[0], 1.0) if quantity.bare and head.unit is None else None
 
 
 def _named(sheet: Sheet, key: str, column: str) -> int:
     """Return the place of the column that was named, by its header, name or number."""
     words = column.strip().casefold()
-    of: tuple[Callable[[Heading], str], ...] = (lambda h: h.title, lambda h: h.name)
-    places: list[int] = []
-    for text in of:
-        places = [n for n, h in enumerate(sheet.headings) if text(h).casefold() == words]
-        if len(places) == 1:
-            return places[0]
-        if places:
-            break
-    if not places and words.isdigit() and 0 < int(words[:9]) <= len(sheet.headings):
+    heads = [*enumerate(sheet.headings)]
+    places = [n for n, head in heads if head.title.casefold() == words]
+    places = places or [n for n, head in heads if head.name.casefold() == words]
+    if len(places) == 1:
+        return places[0]
+    if not places and words.isdigit() and 0 < int(words[:9]) <= len(heads):
         return int(words) - 1
-    problem = f'{"several columns" if places else "no column"} {shown(column)}'
+    problem = f'{"several columns" if places else "no column"} {shown(column)} for the {key}'
     numbers = ' and '.join(str(n + 1) for n in places[:3])
     remedy = f': give the number of the column, {numbers}' if places else ''
-    raise ColumnError(
-        key, f'{sheet.source}: {problem} for the {key} among {sheet.titles()}{remedy}'
-    )
+    raise ColumnError(key, f'{sheet.source}: {problem} among {sheet.titles()}{remedy}')
 
 
 def choose(

@@ -26,25 +26,7 @@ _STEP = 1e-6
 
 
 def sweep_levels(path: Path) -> dict[str, Any]:
-    """
-    Return the parameters of a sweep with the levels of a table.
-
-    Parameters
-    ----------
-    path : Path
-        A CSV file with the columns ``f [Hz]`` and ``level``, which is an acceleration, a velocity
-        or a displacement of the base, or a force in N: ``level [g]``.
-
-    Returns
-    -------
-    dict
-        Amplitude of the force, or of the base and its quantity, with the notches as factors of it.
-
-    Raises
-    ------
-    TableError
-        If the file is no such table.
-    """
+    """Return amplitude and notches of a sweep from a table of levels, of base or force."""
     table = read_table(path, {'frequency': FREQUENCY, 'level': _LEVEL})
     table.check_rising('frequency', steps=True)
     for key in ('frequency', 'level'):

@@ -26,46 +26,23 @@ EQUAL_INTERVALS = 'give samples at equal intervals'
 
 
 class Column(NamedTuple):
-    """
-    A column of a table, in SI units.
-
-    Attributes
-    ----------
-    values : ndarray
-        The numbers; NaN where one is missing.
-    unit : str
-        Their SI unit.
-    title : str
-        The header as it stands in the file.
-    factor : float
-        Of the unit in the file.
-    """
+    """A column of a table in SI units, NaN where a number is missing."""
 
     values: Array
     unit: str
+    #: As it is in the file, whose unit has this factor.
     title: str
     factor: float
 
 
 class MeasuredTable(NamedTuple):
-    """
-    The columns of a file that were looked for, by their keys, and the line of each row.
-
-    Attributes
-    ----------
-    source : str
-        The file.
-    columns : dict of Column
-        What is read.
-    lines : ndarray of int
-        Line of each row in the file, from 1.
-    described : str
-        Which columns are used, and which are not.
-    """
+    """The columns of a file that were looked for, by their keys."""
 
     source: str
     columns: dict[str, Column]
+    #: Of each row in the file, from 1.
     lines: NDArray[np.int64]
+    #: Which columns are used, and which are not.
     described: str = ''
 
     def error(self, key: str, row: int, problem: str) -> TableError:
@@ -165,30 +142,7 @@ def read_table(
     optional: Mapping[str, Quantity] | None = None,
     named: Mapping[str, str] | None = None,
 ) -> MeasuredTable:
-    """
-    Read a file of measured data.
-
-    Parameters
-    ----------
-    path : Path
-        The file, of any format of `formats`.
-    needed, optional : mapping of str to Quantity
-        Columns that must be there, and those that may be.
-    named : mapping of str to str, optional
-        The header, with or without its unit, or the number of the column that is meant, for some
-        of them.
-
-    Returns
-    -------
-    MeasuredTable
-        The columns in SI units.
-
-    Raises
-    ------
-    TableError
-        If the file cannot be read, or a needed column is missing, has no unit or holds something
-        else than numbers.
-    """
+    """Read columns of a file, those that may be there as well, some by a header or a number."""
     sheet = read_sheet(path)
     found: dict[str, Choice] = {}
     # The clock is that of the other columns

@@ -27,7 +27,7 @@ from .sheet import CLOCK, FREQUENCY, TIME, Array, Heading, Sheet, TableError, he
 from .units import unit_of
 
 #: Most rows and columns of a table, longest line, bytes, and lines among which the header is.
-_MOST_ROWS, _MOST_COLUMNS, _LONGEST_LINE, _HEAD = 10_000_000, 1000, 1_000_000, 2000
+_MOST_ROWS, _MOST_COLUMNS, _LONGEST_LINE, _HEAD = 5_000_000, 1000, 1_000_000, 2000
 #: Lines that are read at once, cells of a line that are looked at for its kind.
 _PIECE, _CELLS_SEEN = 20_000, 50
 _COMMENTS = ('#', '%', '//', ';')
@@ -94,23 +94,19 @@ class _Text:
             raise TableError(f'{source}: {count} lines: cut it to {_MOST_ROWS}')
         if not wide and b'\0' in content:
             raise TableError(f'{source}: no text: export the data as CSV')
-        self._encoding = 'utf-16' if wide else _encoding(content)
+        decoder = codecs.getincrementaldecoder('utf-16' if wide else 'utf-8')()
+        self._encoding = 'utf-16' if wide else 'utf-8-sig'
+        try:
+            for start in range(0, len(content), _LONGEST_LINE):
+                decoder.decode(content[start : start + _LONGEST_LINE])
+        except UnicodeDecodeError:
+            self._encoding = self._encoding if wide else 'latin-1'
 
     def lines(self, start: int, count: int | None = None) -> Iterator[str]:
         """Yield lines from one on."""
         text = io.TextIOWrapper(io.BytesIO(self._content), self._encoding, 'replace')
         end = None if count is None else start + count
         return (line.rstrip('\n') for line in itertools.islice(text, start, end))
-
-
-def _encoding(content: bytes) -> str:
-    decoder = codecs.getincrementaldecoder('utf-8')()
-    try:
-        for start in range(0, len(content), _LONGEST_LINE):
-            decoder.decode(content[start : start + _LONGEST_LINE])
-    except UnicodeDecodeError:
-        return 'latin-1'
-    return 'utf-8-sig'
 
 
 def _split_row(line: str, delimiter: str) -> list[str]:
@@ -169,18 +165,14 @@ def _header(head: list[str], above: list[int], row: str) -> tuple[list[Heading],
 
     marked = {n for n in above if head[n].lstrip().startswith(_COMMENTS)}
     marked = {n for n in marked if head[n].lstrip()[0] != ';' or ';' not in row}
-    plain = [n for n in above if n not in marked]
     nearest = [*reversed(above)]
     units: list[str] = []
     if len(nearest) > 1 and _are_units(cells_of(nearest[0])[0]):
         units = cells_of(nearest.pop(0))[0]
-    chosen = next((n for n in nearest if fits(n)), None)
-    if chosen is None and plain and not units:
-        chosen = plain[-1]
-    if chosen is None:
-        if not units:
-            return [], _delimiter('', row)
-        chosen = nearest[0]
+    likely = [*filter(fits, nearest), *(n for n in nearest if units or n not in marked)]
+    if not likely:
+        return [], _delimiter('', row)
+    chosen = likely[0]
     cells, delimiter = cells_of(chosen)
     if chosen in marked and len(cells) == 1 + len(_split_row(row, delimiter)):
         # ;Headers, time [s], Ax [mg]

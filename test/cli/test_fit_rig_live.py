@@ -10,9 +10,10 @@ from node.rig_client import SimProcess
 from running import DEADLINE_S, SOURCE, until
 
 from impact_damper_ros import Rig, load_parameters
+from impact_damper_ros.bag.topic_columns import TYPES
 from impact_damper_ros.cli.fit_rig import main
 from impact_damper_ros.fit.measured_motion import NO_OPTIONS
-from impact_damper_ros.fit.recorded_motion import TYPES, beside, motion_of_messages, recorded_rig
+from impact_damper_ros.fit.recorded_motion import beside, motion_of_messages, recorded_rig
 from impact_damper_ros.node.topic_listener import TopicError, listened
 
 RIG, _, _ = load_parameters('bench_rig')

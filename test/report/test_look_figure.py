@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.cli.fit_rig import main as fit_rig
-from impact_damper_ros.fit.measured_motion import raw_columns, read_table_motion
-from impact_damper_ros.report.look_figure import look_figure
+from impact_damper_ros.fit.measured_motion import read_table_motion
+from impact_damper_ros.report.look_figure import look_figure, raw_columns
 
 TIME = np.arange(200) / 200.0
 HEAD = 't [s],shaker [g],x [mm],temperature [°C],note\n'
