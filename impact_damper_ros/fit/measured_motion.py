@@ -159,9 +159,8 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
     if options.impacts is not None:
         times, deviation = read_impacts(options.impacts)
     elif 'impact' in columns:
-        times = rises(time, np.nan_to_num(columns['impact'].values))
+        times = rises(time, columns['impact'].values)
     elif 'spikes' in columns:
-        table.check_finite('spikes')
         times = spike_times(time, columns['spikes'].values)
     force, base = (columns.get(name) for name in ('force', 'base'))
     there = np.empty(0) if base is None else base.values[np.isfinite(base.values)]
@@ -432,7 +431,7 @@ def prepared(
     data = data._replace(used=data.used & ~cut, source=source)
     times, deviation = data.impact_times, data.impact_deviation
     if times is None and data.quantity == 'acceleration':
-        found = spike_times(data.time, np.where(np.isfinite(data.motion), data.motion, 0.0))
+        found = spike_times(data.time, data.motion)
         times = found if len(found) else None
         deviation = sampling_deviation(data.time)
     missing = missing_samples(data.time, digit)

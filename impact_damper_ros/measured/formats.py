@@ -137,12 +137,11 @@ def _universal(path: Path, _: bytes) -> Sheet:
             'install pyuff, or the package with its extra [uff]; or export the data as CSV'
         ) from None
     sets = library.UFF(str(path)).read_sets()
-    per_metre = per_newton = 1.0
+    sets = sets if isinstance(sets, list) else [sets]
+    # What SI is multiplied by
+    units = next((one for one in sets if one.get('type') == 164), {'length': 1.0, 'force': 1.0})
     found: list[tuple[Heading, Array]] = []
-    for one in sets if isinstance(sets, list) else [sets]:
-        if one.get('type') == 164:
-            # What SI is multiplied by
-            per_metre, per_newton = float(one['length']), float(one['force'])
+    for one in sets:
         # 1 is a time response
         if one.get('type') != 58 or one.get('func_type') != 1:
             continue
@@ -157,7 +156,7 @@ def _universal(path: Path, _: bytes) -> Sheet:
         own = str(one.get('ordinate_axis_units_lab') or '').strip()
         given = own not in ('', 'NONE')
         if not given:
-            values = values / (per_metre**length * per_newton**force)
+            values = values / (units['length'] ** length * units['force'] ** force)
         # Such as 12:+X, and what the axis is called
         direction = _DIRECTIONS.get(int(one.get('rsp_dir') or 0), '')
         label = str(one.get('ordinate_axis_lab') or '').strip()

@@ -55,7 +55,6 @@ def read_impacts(path: Path) -> tuple[Array, float]:
     for name, instants in (('acceleration', spike_times), ('impact', rises)):
         if name in table.columns:
             table, _ = table.on_a_clock()
-            table.check_finite(name)
             time = table.columns['time'].values
             return instants(time, table.columns[name].values), sampling_deviation(time)
     table.check_finite('time')
@@ -105,8 +104,8 @@ def sampling_deviation(time: Array) -> float:
 
 def rises(time: Array, level: Array) -> Array:
     """Return where a logic signal rises, between two samples."""
-    low, high = float(level.min()), float(level.max())
-    if low == high:
+    low, high = float(np.nanmin(level, initial=np.inf)), float(np.nanmax(level, initial=-np.inf))
+    if low >= high:
         return np.empty(0)
     on = level > 0.5 * (low + high)
     rise = np.flatnonzero(on[1:] & ~on[:-1])
@@ -127,7 +126,11 @@ def spike_times(
     nothing of the noise.
     """
     step = float(np.median(np.diff(time)))
-    bend = np.abs(np.diff(acceleration, 2))
+    there = np.isfinite(acceleration)
+    if not there.any():
+        return np.empty(0)
+    # A sample that is missing is no spike
+    bend = np.abs(np.diff(np.interp(time, time[there], acceleration[there]), 2))
     if not (bend > 0.0).any():
         return np.empty(0)
     noise = 1.4826 * float(np.median(bend[bend > 0.0]))

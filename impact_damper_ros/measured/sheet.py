@@ -240,7 +240,9 @@ def choose(
         return best[0]
     if best:
         both = ' and '.join(shown(sheet.headings[c.place].title) for c in best[:3])
-        raise ColumnError(key, f'{sheet.source}: {both} may each be the {key}: rename the others')
+        raise ColumnError(
+            key, f'{sheet.source}: {both} may each be the {key}: name one, or rename the others'
+        )
     others = [
         n
         for n, head in enumerate(sheet.headings)

@@ -9,11 +9,10 @@ from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.fit.measured_motion import (
     NO_OPTIONS,
     ReadingOptions,
-    read_impacts,
     read_table_motion,
     saturated,
-    spike_times,
 )
+from impact_damper_ros.measured.impacts import read_impacts, spike_times
 from impact_damper_ros.measured.table import TableError
 
 RIG = RigParameters(
@@ -232,6 +231,16 @@ def test_spikes_of_an_accelerometer_are_impacts(rate):
     missed = np.abs(found[:, None] - hits['time']).min(axis=0) > 2.0 / rate
     assert (off < 2.0 / rate).mean() > 0.97  # false ones
     assert missed.mean() < 0.1  # of which some are weaker than the noise
+
+
+def test_a_missing_sample_is_no_spike():
+    """Of a sensor that has gravity as an offset."""
+    acceleration = 9.81 + np.random.default_rng(5).normal(0.0, 0.01, 400)
+    acceleration[100] = np.nan
+    assert len(spike_times(TIME, acceleration)) == 0
+    acceleration[200] += 5.0
+    assert spike_times(TIME, acceleration) == pytest.approx([TIME[200] - 0.0025])
+    assert len(spike_times(TIME, np.nan * TIME)) == 0
 
 
 def test_an_acceleration_is_not_used_where_its_sensor_rings(written):

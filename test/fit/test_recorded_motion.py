@@ -131,3 +131,31 @@ def test_plain_numbers(tmp_path):
     assert read_motion(bag, ReadingOptions(joint='velocity')).quantity == 'velocity'
     with pytest.raises(RecordingError, match=r'no topic /x of .*; there are: /measured of std'):
         read_motion(bag, ReadingOptions(topic='/x'))
+
+
+@pytest.mark.parametrize(
+    ('stamps', 'problem'),
+    [
+        (0.0 * TIME, 'all 300 messages have the stamp 0: set header.stamp where they are'),
+        (
+            TIME // 0.1,
+            r'300 messages have 30 different stamps, of which \d+ ns is there 1\d times',
+        ),
+    ],
+)
+def test_stamps_that_are_none(tmp_path, stamps, problem):
+    def make(time, value):
+        message = joint_state(stamps[round(100.0 * time)], value)
+        if not stamps.any():
+            message.header.stamp.sec = 0
+        return message
+
+    with pytest.raises(ValueError, match=problem):
+        read_motion(recorded(tmp_path / 'run', make), ReadingOptions())
+
+
+def test_a_bag_has_no_columns(tmp_path):
+    bag = recorded(tmp_path / 'run', joint_state)
+    with pytest.raises(ValueError, match='a bag has no columns: name --topic and --joint'):
+        read_motion(bag, ReadingOptions(column='carriage'))
+    assert len(read_motion(bag, ReadingOptions(first=1.0, last=1.995)).time) == 100

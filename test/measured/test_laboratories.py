@@ -227,8 +227,9 @@ def function(values, direction, kind=8, unit='NONE', spacing=1):
 def test_universal_files(written):
     pytest.importorskip('pyuff')
     # Of which dataset 164 says that they are in mm
-    data = read_table_motion(written(UNIVERSAL + function(MOTION, 3), 'a.uff'))
-    assert data.motion == pytest.approx(1e-3 * MOTION, abs=1e-7)
+    for text in (UNIVERSAL + function(MOTION, 3), function(MOTION, 3) + UNIVERSAL):
+        data = read_table_motion(written(text, 'a.uff'))
+        assert data.motion == pytest.approx(1e-3 * MOTION, abs=1e-7)
     data = read_table_motion(written(UNIVERSAL + function(MOTION, 3, unit='um'), 'b.uff'))
     assert data.motion == pytest.approx(1e-6 * MOTION, abs=1e-10)
     # The pad behind the last value is none
