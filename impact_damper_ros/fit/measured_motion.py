@@ -60,8 +60,8 @@ _LONGEST_GAP = 1000
 _STEEP = 4.0
 #: Before an impact an acceleration is that of the sensor already, s.
 _BEFORE_IMPACT = 5e-4
-#: Least number of nines of a number that stands for a missing sample, and any beyond this one.
-_NINES, _BEYOND = 999.0, 1e20
+#: Least number of nines that stands for a missing sample, any beyond this one, and most of them.
+_NINES, _BEYOND, _MOST_STAND_INS = 999.0, 1e20, 5
 #: Most samples for which a value is held, and the share of changes that come in that rhythm.
 _MOST_HELD, _IN_RHYTHM = 20, 0.98
 
@@ -304,8 +304,8 @@ def _stand_ins(values: Array, factor: float) -> Mask:
     """Return which samples are -9999 or its like: nines far beyond all others, or 1e30."""
     sizes = np.abs(values) / factor
     found = np.zeros(len(values), np.bool_)
-    while len(rest := sizes[~found & np.isfinite(sizes)]):
-        top = float(rest.max())
+    for _ in range(_MOST_STAND_INS):
+        top = float(sizes[~found & np.isfinite(sizes)].max(initial=0.0)) or 1.0
         nines = top >= _NINES and abs(top + 1.0 - 10.0 ** round(math.log10(top))) < 1e-6 * top
         there = sizes == top
         others = sizes[~found & ~there & np.isfinite(sizes)]

@@ -48,7 +48,10 @@ _TIME_OF_DAY = re.compile(
 def text_sheet(source: str, content: bytes) -> Sheet:
     """Return the columns of a text with separators, whose header stands above the numbers."""
     text = _Text(source, content)
-    head = [*text.lines(0, _HEAD)]
+    # Not much behind a long line
+    sizes = itertools.accumulate(map(len, text.lines(0, _HEAD)), initial=0)
+    pairs = zip(text.lines(0, _HEAD), sizes, strict=False)
+    head = [line for line, size in pairs if size < _LONGEST_LINE]
     first = _first_row(head)
     above = [n for n, line in enumerate(head[:first]) if line.strip()]
     if first is None and not above:
@@ -67,7 +70,7 @@ def text_sheet(source: str, content: bytes) -> Sheet:
             )
         headings = [heading('column 1')]
     if len(headings) > _MOST_COLUMNS:
-        raise TableError(f'{source}: {len(headings)} columns: give at most {_MOST_COLUMNS}')
+        raise TableError(f'{source}: more than {_MOST_COLUMNS} columns: leave some out')
     names = [head.title for head in headings]
     if 'primary_velocity' in names:
         headings = [heading(t, _OF_RIGS.get(t)) for t in names]
@@ -178,7 +181,8 @@ def _header(head: list[str], above: list[int], row: str) -> tuple[list[Heading],
         # ;Headers, time [s], Ax [mg]
         cells = cells[1:]
     pairs = zip(cells, [*units, *[''] * len(cells)], strict=False)
-    return [heading(title, unit.strip('[]()')) for title, unit in pairs], delimiter
+    few = itertools.islice(pairs, _MOST_COLUMNS + 1)
+    return [heading(title, unit.strip('[]()')) for title, unit in few], delimiter
 
 
 def _delimiter(header: str, row: str) -> str:
