@@ -310,8 +310,7 @@ def _rig(arguments: argparse.Namespace, command: str) -> int:
             'masses and force are not known: give the parameters file of the rig with --rig, or '
             '--structure for frequency and damping alone'
         )
-    # Its gap does not count
-    hint('fit_rig', start.replace(gap=min(start.gap, start.response_amplitude or start.gap)))
+    hint('fit_rig', start)
     with long_work('fit_rig', 'still fitting; Ctrl-C ends it'):
         found = fit_rig(data, start, also=arguments.also)
     write_json(arguments.json, fit_report.rig_fit_json(found, data))

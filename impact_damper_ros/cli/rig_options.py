@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from impact_damper_ros.control.own_law import LawError, OwnLaw
-from impact_damper_ros.parameters.description import Varied, described, unit_hint
+from impact_damper_ros.parameters.description import described, frequency_hint
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.parameters_file import (
     YamlError,
@@ -234,15 +234,14 @@ def announce(
     rig: RigParameters,
     control: GapControlParameters | None = None,
     *,
-    varied: Varied | None = None,
     law: str = '',
 ) -> None:
-    """Say which rig a command works on, before it does, and whether it may have another unit."""
+    """Say which rig a command works on, before it does, and whether a frequency may be in Hz."""
     say(command, rig_line(rig, control, law))
-    hint(command, rig, varied)
+    hint(command, rig)
 
 
-def hint(command: str, rig: RigParameters, varied: Varied | None = None) -> None:
-    """Say whether a parameter may have another unit, as `announce` does."""
-    if note := unit_hint(rig, varied):
+def hint(command: str, rig: RigParameters) -> None:
+    """Say whether a frequency may be in Hz, as `announce` does."""
+    if note := frequency_hint(rig):
         say(command, f'note: {note}')

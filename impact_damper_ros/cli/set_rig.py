@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from impact_damper_ros.bag.rig_topics import rig_nodes
-from impact_damper_ros.parameters.description import unit_hint
+from impact_damper_ros.parameters.description import frequency_hint
 from impact_damper_ros.parameters.quoting import named, printable
 from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,
@@ -251,8 +251,8 @@ def watch(node: Any, name: str, *, values: bool) -> None:
 
 
 def _unit_note(values: Mapping[str, Any]) -> str:
-    """Return whether a parameter of a rig may have been given in another unit, in words."""
-    return unit_hint(RigParameters(**{name: values[name] for name in PARAMETER_SPECS}))
+    """Return whether a frequency of a rig may have been given in Hz, in words."""
+    return frequency_hint(RigParameters(**{name: values[name] for name in PARAMETER_SPECS}))
 
 
 def _set(arguments: argparse.Namespace) -> int:

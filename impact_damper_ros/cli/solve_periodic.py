@@ -334,9 +334,7 @@ def _solve(arguments: argparse.Namespace) -> int:
     given = given_rig(arguments.params, arguments.set, arguments.node, with_control=False)
     _check(arguments, given.parameters)
     if not arguments.quiet:
-        name, *ends = arguments.follow or ('',)
-        varied = {name: (min(ends), max(ends))} if ends else {}
-        hint('solve_periodic', given.parameters, varied)
+        hint('solve_periodic', given.parameters)
     searches: list[_Search] = []
     with long_work('solve_periodic', _slow_words(given.parameters), quiet=arguments.quiet):
         if arguments.settled:

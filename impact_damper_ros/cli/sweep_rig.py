@@ -248,18 +248,8 @@ def _check_outputs(arguments: argparse.Namespace, grid: Grid) -> None:
 
 
 def _announce(grid: Grid) -> None:
-    """Print the rig, and notes on what may have been given in another unit and on a slow law."""
-    varied = {
-        p.name: (float(min(axis.values)), float(max(axis.values)))
-        for axis in grid.axes
-        for p in axis.varied
-        if not p.entry and p.name in ('force_frequencies', 'base_frequencies', 'gap')
-    }
-    announce(
-        *('sweep_rig', grid.setup.parameters, grid.setup.control),
-        varied=varied,
-        law=grid.setup.law,
-    )
+    """Print the rig, and notes on a frequency that may be in Hz and on a slow law."""
+    announce('sweep_rig', grid.setup.parameters, grid.setup.control, law=grid.setup.law)
     slow = grid.setup.law and not OwnLaw.from_text(grid.setup.law).compiles
     if slow and find_spec('numba'):
         say(

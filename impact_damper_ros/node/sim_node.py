@@ -55,7 +55,7 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.bag.topics import LATCHED, QosProfile
-from impact_damper_ros.parameters.description import described, unit_hint
+from impact_damper_ros.parameters.description import described, frequency_hint
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.parameters_file import fault_of_file, values_given
 from impact_damper_ros.parameters.quoting import named, printable, shown
@@ -152,7 +152,7 @@ def start_message(
             f'note       lock_step has no effect: gap_control is {parameters.control.gap_control}'
             ', set it to external'
         )
-    if hint := unit_hint(parameters.rig):
+    if hint := frequency_hint(parameters.rig):
         lines.append(f'note       {hint}')
     return '\n  '.join(lines)
 
@@ -473,7 +473,7 @@ class SimNode(Node):
         """Do what follows from a change beside the motion of the rig."""
         self._describe(after)
         self._diagnostics.factor = after.real_time_factor
-        if (hint := unit_hint(after.rig)) and hint != unit_hint(before.rig):
+        if (hint := frequency_hint(after.rig)) and hint != frequency_hint(before.rig):
             self.get_logger().warning(hint)
         if after.predict_motion != before.predict_motion:
             self._theory.enable(after.predict_motion)

@@ -1,21 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rig in a line of text, and a hint if a parameter looks as if it had another unit."""
+"""A rig in a line of text, and a hint if a frequency looks as if it were in Hz."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import TypeAlias
+from collections.abc import Iterator
 
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 #: Frequencies this close to 1/(2 pi) or 2 pi times the natural one may be in the wrong unit.
 _NEAR = 1.25
-#: Largest magnification at resonance that counts.
-_MAGNIFICATION = 100.0
-#: A gap may be in millimetres if it is this many times what M moves from end to end at resonance.
-_WIDE = 5.0, 3000.0
 
 
 def described(rig: RigParameters) -> str:
@@ -43,41 +38,9 @@ times the natural one; gap 37 m; level'
     return '; '.join(parts)
 
 
-#: Range of each parameter that is varied, by its name.
-Varied: TypeAlias = Mapping[str, tuple[float, float]]
-
-
-def unit_hint(rig: RigParameters, varied: Varied | None = None) -> str:
-    """
-    Return a hint if a parameter looks as if it had another unit; else nothing.
-
-    Frequencies may be in Hz, and the gap in millimetres. `varied` has the ranges of what is
-    varied.
-    """
-    varied = varied or {}
-    frequencies = varied.get(f'{rig.swept}_frequencies')
-    hints = frequency_hint(rig, frequencies), gap_hint(rig, varied.get('gap'))
-    return '; '.join(filter(None, hints))
-
-
-def gap_hint(rig: RigParameters, varied: tuple[float, float] | None = None) -> str:
-    """Return a hint if the gap, or its range, looks as if it were given in millimetres."""
-    largest = max(*map(abs, rig.harmonics[0]), rig.multisine_level)
-    swing = 2.0 * largest / rig.stiffness / max(2.0 * rig.zeta, 1.0 / _MAGNIFICATION)
-    low, high = varied or (rig.gap, rig.gap)
-    least, most = _WIDE
-    if rig.one_sided or not least * swing < low <= high < most * swing:
-        return ''
-    return (
-        f'gap is {_range(low, high)} m, {high / swing:.3g} times the {swing:.3g} m that M moves '
-        'from end to end at resonance without impacts: lengths are in metres; if millimetres were '
-        f'meant, give {_range(low / 1000.0, high / 1000.0)}'
-    )
-
-
-def frequency_hint(rig: RigParameters, varied: tuple[float, float] | None = None) -> str:
-    """Return a hint if frequencies, or a range of them, look as if they were given in Hz."""
-    for name, low, high in _bands(rig, varied):
+def frequency_hint(rig: RigParameters) -> str:
+    """Return a hint if a frequency looks as if it were given in Hz; else nothing."""
+    for name, low, high in _bands(rig):
         if low <= rig.omega <= high:
             continue
         one = low == high
@@ -176,15 +139,11 @@ def _base(rig: RigParameters) -> Iterator[str]:
         yield f'and {len(lines) - 1} line{"s" if len(lines) > 2 else ""} more of the base'
 
 
-def _bands(
-    rig: RigParameters, varied: tuple[float, float] | None
-) -> Iterator[tuple[str, float, float]]:
+def _bands(rig: RigParameters) -> Iterator[tuple[str, float, float]]:
     """Yield name, lowest and highest frequency of each force, without zeros."""
     own = rig.first_harmonic[1]
     if rig.sweep_mode != 'off':
         yield 'sweep_low and sweep_high', rig.sweep_low, rig.sweep_high
-    elif varied is not None:
-        yield f'{rig.swept}_frequencies', *varied
     elif own and rig.first_harmonic[0]:
         yield f'{rig.swept}_frequencies', own, own
     if rig.multisine_level:

@@ -23,6 +23,7 @@ VALUES = {
     **dict.fromkeys(('GAMMA', 'ANGLE', 'ZETA', 'RATIO'), '0.1'),
     'BYTES': '1e6',
     'UNIT': 'mm',
+    'FIGURE': 'a.png',
     'SIZE': '2g',
     '1,2,...': '1,2',
     'LOW:HIGH': '0.5:2',

@@ -121,13 +121,13 @@ def test_what_cannot_be_set_changes_nothing(monkeypatch, capsys):
 
 
 @pytest.mark.usefixtures('node')
-def test_a_gap_in_millimetres_is_noted(capsys):
-    assert set_rig.main(['gap=12', 'damping=0.5']) == 0
-    assert 'note: gap is 12 m, ' in capsys.readouterr().err
+def test_a_frequency_in_hertz_is_noted(capsys):
+    assert set_rig.main(['force_frequencies=5', 'damping=0.5']) == 0
+    assert 'note: force_frequencies is 5 rad/s, about 1/(2π)' in capsys.readouterr().err
     # Once, not at each change of something else
     assert set_rig.main(['friction=0.03']) == 0
     assert 'note' not in capsys.readouterr().err
-    assert set_rig.main(['gap=12 mm']) == 0
+    assert set_rig.main(['force_frequencies=5 Hz']) == 0
     assert 'note' not in capsys.readouterr().err
 
 
