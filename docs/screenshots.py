@@ -89,7 +89,7 @@ def main():
             settle(page, 12.0, AGREES)
             write([Image.open(io.BytesIO(page.tab.screenshot()))], directory / 'bench.webp')
             page.resize(*FILM)
-            page.run(f"""impactDamper.requests.set({{ real_time_factor: {FACTOR} }})""")
+            page.run(f"""impactDamper.actions.set({{ real_time_factor: {FACTOR} }})""")
             write(list(filmed(page)), directory / 'page.webp')
         finally:
             node.stop()

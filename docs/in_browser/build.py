@@ -9,11 +9,12 @@ translated from the Python of the package; and what theory says of the presets.
 from __future__ import annotations
 
 import json
+import posixpath
 import re
 import shutil
 import warnings
 from collections.abc import Collection
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from impact_damper_ros.control.record import Action
@@ -112,11 +113,20 @@ def bundle(static: Path = STATIC) -> str:
         if name in done:
             return
         text = (static / name).read_text(encoding='utf-8')
-        imports = re.compile(r"^import \{([^}]*)\} from '\./([\w.]+)';\n", re.M)
-        for _, other in imports.findall(text):
-            add(other, (*asked, name))
+        imports = re.compile(r"^import (?:\* as (\w+)|\{([^}]*)\}) from '(\.[\w./]+)';\n", re.M)
+        here = PurePosixPath(name).parent
+
+        def module(path: str) -> str:
+            return posixpath.normpath(here / path)
+
+        for *_, other in imports.findall(text):
+            add(module(other), (*asked, name))
         text = imports.sub(
-            lambda one: f"const {{{one[1].replace(' as ', ': ')}}} = $modules['{one[2]}'];\n", text
+            lambda one: (
+                f'const {one[1] or f"{{{one[2]}}}".replace(" as ", ": ")} = '
+                f"$modules['{module(one[3])}'];\n"
+            ),
+            text,
         )
         exports = re.findall(
             r'^export (?:const|function\*?|class|async function) (\w+)', text, re.M

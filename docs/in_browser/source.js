@@ -192,7 +192,7 @@ class InPage {
     this.tell({ ...(curve ?? empty), gap: now.gap, x_max_ratio: own ? curve?.x_max_ratio ?? null : null });
     this.tell({ type: 'theory_failed', text: failed?.text ?? '' });
     const verdict = own && orbit?.found ? `${orbit.label}, ${orbit.stable ? 'stable' : 'unstable'}` : 'for the presets only';
-    this.tell({ type: 'diagnostics', level: 'none', message: '', verdict, agreement: '', controller: null });
+    this.tell({ type: 'diagnostics', level: 'none', kind: '', message: '', verdict, agreement: '', controller: null });
   }
 
   // From the page

@@ -312,6 +312,7 @@ class LiveRig(Source):
         return {
             'type': 'diagnostics',
             'level': _level(motions),
+            'kind': dict(measured.values).get('State', '') if measured else '',
             'message': measured.message if measured else '',
             'verdict': predicted.message if predicted else '',
             'agreement': dict(predicted.values).get('Agreement', '') if predicted else '',

@@ -118,7 +118,7 @@ class Page:
         state = self.run("""[location.href, document.querySelector('#status')?.textContent,
             document.querySelector('#curtain')?.textContent,
             document.querySelector('#toast')?.textContent,
-            globalThis.impactDamper?.received.frames,
+            globalThis.impactDamper?.store.frames,
             globalThis.impactDamper?.history.impacts.length]""")
         return f'page: {state}; console: {self.console}'
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The whole state in the address: a link reproduces rig, settings and view.
 
-const VIEW = ['window', 'theory', 'slow', 'relative'];
+const VIEW = ['window', 'theory', 'slow', 'relative', 'large'];
 const OWN = 'address-written';
 
 /** Read the state that an address holds. */

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A small canvas for a scientific picture: size, colours of the theme, axes with units.
 
-import { minus, niceAbove, ticks } from './format.js';
+import { digits, minus, niceAbove, ticks } from './format.js';
 
 const NAMES = [
   'page', 'panel', 'line', 'ink', 'quiet', 'grid', 'stop', 'primary', 'damper', 'theory', 'special',
@@ -63,6 +63,11 @@ export class Canvas {
     this.stale = true;
     new ResizeObserver(() => this.measure()).observe(canvas);
     this.measure();
+  }
+
+  /** What is drawn anew when colours or scales are other ones. */
+  get pictures() {
+    return [this];
   }
 
   measure() {
@@ -131,8 +136,57 @@ export class SteadySpan {
   }
 }
 
+/** A line over a plot with the values under the pointer; a subclass says them in `pointed(x, y)`, in pixels. */
+export class ReadOut extends Canvas {
+  constructor(canvas) {
+    super(canvas);
+    /** @type {[number, number] | null} */
+    this.pointer = null;
+    this.line = document.createElement('p');
+    this.line.className = 'read-out';
+    canvas.after(this.line);
+    canvas.addEventListener('pointermove', ({ clientX, clientY }) => {
+      const box = canvas.getBoundingClientRect();
+      this.pointer = [clientX - box.left, clientY - box.top];
+      this.readOut();
+    });
+    canvas.addEventListener('pointerleave', () => {
+      this.pointer = null;
+      this.readOut();
+    });
+  }
+
+  /** What is under a place. */
+  pointed(_x, _y) {
+    return '';
+  }
+
+  /** Show what is under the pointer. */
+  readOut() {
+    const text = this.pointer ? this.pointed(...this.pointer) : '';
+    if (this.line.textContent !== text) this.line.textContent = text;
+  }
+}
+
 /** Axes in a canvas: a frame with a light grid, numbers and the names of both quantities. */
-export class Axes extends Canvas {
+export class Axes extends ReadOut {
+  constructor(canvas) {
+    super(canvas);
+    /** The frame, how to get from values to pixels and back, and the names of both quantities. */
+    this.plan = null;
+  }
+
+  /** Both values under a place in the frame, with their units. */
+  pointed(x, y) {
+    const { box, fromX, fromY, xName, yName } = this.plan ?? {};
+    if (!box || x < box.left || x > box.left + box.width || y < box.top || y > box.top + box.height) return '';
+    const value = (name, number) => {
+      const [, quantity, unit = ''] = /^(.*?)(?: \((.*)\))?$/.exec(name);
+      return `${quantity} ${digits(number, 3)}${unit && `\u202f${unit}`}`;
+    };
+    return `${value(xName, fromX(x))}, ${value(yName, fromY(y))}`;
+  }
+
   /** Draw the frame and return how to get from values to pixels. */
   axes({ x, y, xName, yName, xTicks = 4, yTicks = 4 }) {
     const { context } = this;
@@ -181,7 +235,11 @@ export class Axes extends Canvas {
     context.fillText(xName, box.left + box.width, this.height - 3);
     context.textAlign = 'left';
     context.fillText(yName, Math.max(2, box.left - margin.left + 4), em + 1);
-    return { box, toX, toY };
+    const fromX = (place) => xLow + ((place - box.left) / box.width) * (xHigh - xLow);
+    const fromY = (place) => yLow + ((box.top + box.height - place) / box.height) * (yHigh - yLow);
+    this.plan = { box, toX, toY, fromX, fromY, xName, yName };
+    this.readOut();
+    return this.plan;
   }
 
   /** A sentence in the middle of the frame, or at another height, in as many lines as it needs. */

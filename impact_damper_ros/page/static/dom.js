@@ -1,7 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // Elements built by hand: text is set as text, so that nothing received becomes markup.
 
+/**
+ * The element of an id, of whatever kind.
+ * @returns {any}
+ */
 export const byId = (id) => document.getElementById(id);
+
+/**
+ * All elements of a selector.
+ * @returns {any[]}
+ */
+export const all = (selector, root = document) => [...root.querySelectorAll(selector)];
 
 /** Return an element with attributes and children; strings become text nodes. */
 export function element(tag, attributes = {}, ...children) {

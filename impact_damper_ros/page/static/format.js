@@ -2,6 +2,7 @@
 // Numbers for people: units, prefixes, a true minus sign.
 
 const SPACE = '\u202f';
+/** @type {[number, string][]} */
 const PREFIXES = [
   [1e9, 'G'], [1e6, 'M'], [1e3, 'k'], [1, ''], [1e-3, 'm'], [1e-6, 'µ'], [1e-9, 'n'],
 ];
@@ -15,7 +16,7 @@ export const minus = (text) => text.replace(/-/g, '−');
 export function digits(value, count = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return '–';
   if (value === 0) return '0';
-  const size = Math.abs(value);
+  const size = Number(Math.abs(value).toPrecision(count));
   if (size >= 1e6 || size < 1e-4) return minus(value.toExponential(count - 1));
   const decimals = Math.max(0, count - 1 - Math.floor(Math.log10(size)));
   return minus(value.toFixed(Math.min(decimals, 8)));

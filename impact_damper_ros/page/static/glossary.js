@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A sentence behind every technical word; the documentation has its glossary from this list.
 
-import { byId, element } from './dom.js';
+import { all, byId, element } from './dom.js';
 
 export const TERMS = {
   'gap': ['gap d', 'The distance that m can move between the stops; both stops together are moved by the gap control.'],
@@ -69,13 +69,13 @@ export function startGlossary() {
   for (const [name, sentence] of Object.values(TERMS).sort((a, b) => a[0].localeCompare(b[0]))) {
     list.append(element('dt', { text: name }), element('dd', { text: sentence }));
   }
-  for (const word of document.querySelectorAll('button.term')) {
+  for (const word of all('button.term')) {
     word.setAttribute('aria-description', TERMS[word.dataset.term][1]);
   }
   const card = byId('term');
   const [title, sentence] = card.children;
   document.addEventListener('click', (event) => {
-    const pressed = event.target.closest?.('button.term');
+    const pressed = /** @type {any} */ (event.target).closest?.('button.term');
     if (!pressed || !TERMS[pressed.dataset.term]) return;
     [title.textContent, sentence.textContent] = TERMS[pressed.dataset.term];
     card.showPopover({ source: pressed });

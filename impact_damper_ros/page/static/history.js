@@ -76,7 +76,11 @@ class Rows {
   }
 }
 
-/** Place on the cubic through two places with their velocities. */
+/**
+ * Place on the cubic through two places with their velocities.
+ * @param {any[]} before time, place, velocity
+ * @param {any[]} after
+ */
 function between([t0, x0, v0], [t1, x1, v1], t) {
   const length = Math.max(t1 - t0, 1e-12);
   const share = Math.min(1, Math.max(0, (t - t0) / length));
@@ -191,7 +195,7 @@ export class History {
   }
 
   /** Begin with the tables that a server sends. */
-  shape({ ghost_samples: samples, ghost_impacts: impacts, ...tables }) {
+  shape(/** @type {Record<string, string[]>} */ { ghost_samples: samples, ghost_impacts: impacts, ...tables }) {
     this.own.shape(tables);
     this.other.shape({ samples, impacts });
     this.clear();
@@ -226,18 +230,17 @@ export class History {
     this.version += 1;
   }
 
-  /** Keep what was done to the rig as a line in the traces. */
-  change(time, text, drag = 0) {
+  /** Keep what was done to the rig as a line in the traces; `name` is the parameter if it is a single one. */
+  change(time, { text, name }, drag = 0) {
     if (!Number.isFinite(time) || !text) return;
     const last = this.changes.at(-1);
     const soon = last && Math.abs(time - last.time) < AT_ONCE;
     // A preset is set, and then the rig is reset.
     if (text === 'reset' && soon) return;
     // A knob that is dragged is turned once: to where it is left.
-    const knob = /^([^=,]+) = [^=]+$/.exec(text)?.[1];
     const same = soon || (drag && drag === last?.drag);
-    if (knob && same && last.text.startsWith(`${knob} = `)) this.changes.pop();
-    this.changes.push({ time, text, drag });
+    if (name && same && last.name === name) this.changes.pop();
+    this.changes.push({ time, text, name, drag });
     if (last && last.time > time) this.changes.sort((a, b) => a.time - b.time);
     if (!this.recorded && this.changes.length > 60) this.changes.shift();
     this.version += 1;

@@ -16,6 +16,7 @@ export class SlowMotion {
     this.drawing = new RigDrawing(byId('slow-canvas'));
     this.stage = byId('slow-stage');
     this.on = false;
+    this.options = null;
     this.clear();
   }
 

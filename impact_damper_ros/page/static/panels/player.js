@@ -1,17 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 // Playing a recording: scrub, speed, jumps, and what would have been with other parameters.
 
-import { byId, element, write } from './dom.js';
-import { clock } from './format.js';
-import { Canvas, colours } from './chart.js';
+import { byId, element, write } from '../dom.js';
+import { clock } from '../format.js';
+import { Canvas, colours } from '../chart.js';
 
 const SPEEDS = [0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10];
 const JUMPS = [['sample', 'sample'], ['impact', 'impact'], ['change', 'change'], ['stretch', 'stretch']];
 
 export class Player {
-  constructor(connection) {
-    this.connection = connection;
+  constructor(store, actions) {
+    this.store = store;
+    this.actions = actions;
+    this.connection = actions.connection;
     this.on = false;
+    this.start = 0;
+    this.duration = 0;
+    /** @type {import('../protocol.js').Change[]} */
+    this.changes = [];
     this.playing = false;
     this.speed = 1;
     this.scrubbing = false;
@@ -96,9 +102,11 @@ export class Player {
     this.connection.send({ type: 'jump', to, direction });
   }
 
-  status({ state }) {
+  status({ time }) {
     if (!this.on) return;
-    this.playing = state === 'running';
+    const { status } = this.store;
+    this.playing = status === 'running';
+    if (status === 'ended') this.show(time);
     write(byId('play'), this.playing ? 'Pause' : 'Play');
   }
 
@@ -109,6 +117,15 @@ export class Player {
     const text = this.progress(time);
     write(byId('played'), text);
     byId('scrub').setAttribute('aria-valuetext', text);
+  }
+
+  get pictures() {
+    return [this.canvas];
+  }
+
+  draw(now, anew) {
+    if (anew) this.show(this.store.history.end);
+    if (this.canvas.stale) this.marks();
   }
 
   /** Marks of changes and resets under the slider. */
@@ -124,3 +141,25 @@ export class Player {
     }
   }
 }
+
+/** @type {import('../screen.js').Mount} */
+export const mount = (root, store, actions) => {
+  const player = new Player(store, actions);
+  const { opened, address } = store;
+  byId('back-live').addEventListener('click', () => actions.join({}));
+  store.on('hello', () => {
+    byId('back-live').hidden = !store.hello.ros;
+    player.begin(store.hello);
+  });
+  store.on('status', (status) => player.status(status));
+  actions.connection.on('lost', () => player.leave(address.bag, store.history.end));
+  // Once the server listens
+  store.on('joined', () => {
+    if (store.isLive) return;
+    if (opened.time && opened.bag === address.bag) player.seek(opened.time);
+    opened.time = NaN;
+    player.goOn(address.bag);
+    if (Object.keys(address.values).length) actions.turn(address.values);
+  });
+  return player;
+};

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Knobs made from the descriptors of the parameters: degrees and hertz for people, SI for the rig.
 
-import { byId, element, mark, reducedMotion, write } from './dom.js';
-import { digits, lengthUnit, TAU, typed, withUnit } from './format.js';
-import { term } from './glossary.js';
+import { all, byId, element, mark, reducedMotion, write } from '../dom.js';
+import { digits, typed, withUnit } from '../format.js';
+import { term } from '../glossary.js';
+import { readTyped, SliderScale } from '../slider.js';
 
-/** Parameters of the node that do not change the rig. */
-const SETTINGS = new Set(['real_time_factor', 'record', 'bag_directory', 'predict_motion', 'max_bag_size', 'max_bag_duration']);
 const GROUPS = [
   ['rig', 'Rig'],
   ['forcing', 'Force'],
@@ -18,19 +17,6 @@ const worded = (name) => {
   return text[0].toUpperCase() + text.slice(1);
 };
 
-/** Units of the motion of the base, by its quantity. */
-export const BASE = { displacement: 'm', velocity: 'm/s', acceleration: 'm/s²' };
-
-/** How a parameter is shown: unit and factor; lengths in a scale, the motion of the base as its quantity. */
-function display({ name, unit }, { scale, quantity }) {
-  if (name === 'base_amplitudes') return { unit: BASE[quantity] ?? '', factor: 1 };
-  if (unit === 'rad/s') return { unit: 'Hz', factor: 1 / TAU };
-  if (unit === 'rad') return { unit: '°', factor: 360 / TAU };
-  if (unit === 'm') return scale;
-  if (unit === 'kg' || unit === 'N' || unit === 'N/m' || unit === 'N s/m') return { unit, factor: 1 };
-  return { unit: unit.replace('^2', '²').replace(' ', '\u202f'), factor: 1 };
-}
-
 /** One knob: a label, a number, and for the first ones a slider. */
 class Knob {
   constructor(descriptor, knobs, { title, about = '', slider = false }) {
@@ -40,7 +26,7 @@ class Knob {
     this.value = descriptor.value;
     this.busy = false;
     this.next = null;
-    this.shown = display(descriptor, knobs);
+    this.shown = knobs.store.units.of(descriptor);
     const { name, type } = descriptor;
     this.id = `${slider ? 'knob' : 'parameter'}-${name}`;
     const fixed = descriptor.read_only || knobs.locked;
@@ -125,15 +111,15 @@ class Knob {
       type: 'range', min: 0, max: 1000, step: 1, 'aria-label': `${title}, slider`, tabindex: 0, disabled: this.input.disabled,
     });
     this.range.addEventListener('input', () => {
-      if (!this.dragging) this.knobs.hold(this.descriptor.name);
+      if (!this.dragging) this.knobs.store.grab(this.descriptor.name);
       this.dragging = true;
-      const number = this.fromSlider(Number(this.range.value) / 1000);
+      const number = this.scale.at(Number(this.range.value) / 1000);
       this.input.value = typed(number, 1e-4);
       this.sendNumber(number);
     });
     const done = () => {
       this.dragging = false;
-      this.knobs.hold('');
+      this.knobs.store.grab('');
       this.show();
     };
     this.range.addEventListener('change', done);
@@ -144,35 +130,7 @@ class Knob {
 
   /** Choose the range of the slider about what the knob stands at. */
   scaleSlider() {
-    if (!this.range) return;
-    const { name, min, max } = this.descriptor;
-    const { factor } = this.shown;
-    const number = this.number;
-    this.log = false;
-    if (name === 'angle') this.span = [-90, 90, 0.5];
-    else if (name.startsWith('restitution')) this.span = [0, 1, 0.01];
-    else if (name === 'friction') this.span = [0, Math.max(1, 2 * number), 0.005];
-    else if (name === 'force_frequencies' || name === 'base_frequencies') {
-      const natural = this.knobs.natural || number || 1;
-      this.span = [0.5 * natural, Math.max(1.5 * natural, 1.2 * number), 0.001 * natural];
-    } else if (number > 0) {
-      this.log = true;
-      // Eight times smaller and larger, but not farther than is usual
-      const [low, high] = (this.descriptor.usual ?? [min, max]).map((bound) => bound * factor);
-      this.span = [Math.min(number, Math.max(low, number / 8)), Math.max(number, Math.min(high, number * 8)), 0];
-    } else this.span = [0, 1, 0.001];
-  }
-
-  fromSlider(part) {
-    const [low, high, step] = this.span;
-    if (this.log) return Number((low * (high / low) ** part).toPrecision(3));
-    return Number((Math.round((low + part * (high - low)) / step) * step).toPrecision(6));
-  }
-
-  toSlider(number) {
-    const [low, high] = this.span;
-    const part = this.log ? Math.log(number / low) / Math.log(high / low) : (number - low) / (high - low);
-    return Math.round(1000 * Math.min(1, Math.max(0, part)));
+    if (this.range) this.scale = new SliderScale(this.descriptor, this.number, this.shown.factor, this.knobs.store.units.natural);
   }
 
   /** Send what was typed, to be read with its unit; without one it is in that of the knob. */
@@ -203,12 +161,10 @@ class Knob {
     const turn = { ArrowUp: 1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key];
     if (!turn || !['double', 'integer', 'double_array'].includes(this.descriptor.type)) return;
     if (this.descriptor.type === 'double_array' && !this.firstOnly) return;
-    // A number as it may be typed: with a comma, and a unit of its own
-    const [, text, own] = /^\s*([-+\d.,eE]+)\s*(.*)$/.exec(this.input.value) ?? [];
-    const number = Number(text?.replace(',', '.'));
+    const { number, own } = readTyped(this.input.value);
     if (!Number.isFinite(number)) return;
     event.preventDefault();
-    const step = this.descriptor.type === 'integer' ? 1 : (!own && this.span?.[2]) || 10 ** Math.floor(Math.log10(Math.abs(number) || 1) - 1);
+    const step = this.descriptor.type === 'integer' ? 1 : (!own && this.scale?.span[2]) || 10 ** Math.floor(Math.log10(Math.abs(number) || 1) - 1);
     const next = Number((number + turn * step).toPrecision(12));
     this.input.value = own ? `${typed(next)} ${own}` : typed(next);
     if (own) this.enter();
@@ -289,7 +245,7 @@ class Knob {
       this.write(this.value.map((one) => typed(one * this.shown.factor)).join(', '));
     } else if (force || !this.dragging) this.write(typed(this.number, type === 'integer' ? 1e-15 : 5e-6));
     if (this.range && !this.dragging) {
-      this.range.value = this.toSlider(this.number);
+      this.range.value = String(Math.round(1000 * this.scale.of(this.number)));
       mark(this.range, 'aria-valuetext', `${this.input.value} ${this.shown.unit}`);
     }
   }
@@ -297,7 +253,7 @@ class Knob {
   /** The unit of lengths, or the natural frequency, is another one. */
   rescale() {
     const { unit } = this.shown;
-    this.shown = display(this.descriptor, this.knobs);
+    this.shown = this.knobs.store.units.of(this.descriptor);
     // What is half typed was meant in the unit before.
     if (this.shown.unit !== unit) this.typing = false;
     write(this.unit, this.unitText());
@@ -307,26 +263,22 @@ class Knob {
 }
 
 export class Knobs {
-  /** `set` sends values and returns the answer {ok, reason}. */
-  constructor(set) {
+  /**
+   * @param {import('../store.js').Store} store
+   * @param {(values: import('../protocol.js').Values) => Promise<import('../protocol.js').Answer>} set
+   */
+  constructor(store, set) {
+    this.store = store;
     this.set = set;
-    this.natural = 0;
-    this.scale = { factor: 1, unit: 'm' };
+    /** @type {Knob[]} */
     this.knobs = [];
     /** Whether the values are only shown. */
     this.locked = false;
-    // The parameter that is dragged, and the number of the drag
-    this.held = { name: '', number: 0 };
     byId('knob-search').addEventListener('input', () => this.filter());
   }
 
   /** Make knobs for all parameters of a rig. */
   make(descriptors) {
-    const known = new Map(descriptors.map((one) => [one.name, one]));
-    const [mass, stiffness] = [known.get('primary_mass')?.value, known.get('stiffness')?.value];
-    this.natural = mass > 0 ? Math.sqrt(stiffness / mass) / TAU : 0;
-    this.scale = lengthUnit(known.get('gap')?.value ?? 1);
-    this.quantity = known.get('base_quantity')?.value;
     this.knobs = [];
     const first = byId('first-knobs');
     first.replaceChildren();
@@ -336,8 +288,8 @@ export class Knobs {
       this.knobs.push(knob);
       first.append(knob.place);
     }
-    const all = byId('all-knobs');
-    all.replaceChildren();
+    const rest = byId('all-knobs');
+    rest.replaceChildren();
     for (const [key, title] of GROUPS) {
       const members = descriptors.filter((one) => one.group === key);
       if (!members.length) continue;
@@ -347,50 +299,30 @@ export class Knobs {
         this.knobs.push(knob);
         group.append(knob.place);
       }
-      all.append(group);
+      rest.append(group);
     }
     const count = descriptors.length;
     byId('more-knobs').querySelector('summary').textContent = `All ${count} parameters`;
     this.filter();
   }
 
-  /** Take in values that the rig has now. */
-  take(values) {
-    let anew = false;
+  /** Take in values that the rig has now; a knob that makes the what-if another rig stays where it is, unless they are its own. */
+  take(values, own = false) {
     for (const knob of this.knobs) {
-      const value = values[knob.descriptor.name];
-      if (value === undefined || JSON.stringify(value) === JSON.stringify(knob.value)) continue;
+      const { name } = knob.descriptor;
+      const value = values[name];
+      if (value === undefined || (!own && name in this.store.whatIf) || JSON.stringify(value) === JSON.stringify(knob.value)) continue;
       knob.take(value);
     }
-    if ('gap' in values || 'primary_mass' in values || 'stiffness' in values) {
-      const find = (name) => this.knobs.find((knob) => knob.descriptor.name === name)?.value;
-      const natural = Math.sqrt(find('stiffness') / find('primary_mass')) / TAU || 0;
-      // A knob that is turned keeps its unit: who has typed millimetres types millimetres next.
-      const many = Object.keys(values).length > 2;
-      const scale = many ? lengthUnit(find('gap') ?? 1) : this.scale;
-      const far = Math.abs(Math.log((natural || 1) / (this.natural || 1))) > 0.05;
-      anew = scale.unit !== this.scale.unit || far;
-      this.natural = natural;
-      if (anew) this.scale = scale;
-    }
-    if (values.base_quantity && values.base_quantity !== this.quantity) {
-      this.quantity = values.base_quantity;
-      anew = true;
-    }
+    this.rescale(false);
+  }
+
+  /** Choose the ranges anew, all or those that do not reach a value. */
+  rescale(all) {
     for (const knob of this.knobs) {
-      const outside = knob.range && !knob.dragging && (knob.number < knob.span[0] || knob.number > knob.span[1]);
-      if (anew || outside) knob.rescale();
+      const outside = knob.range && !knob.dragging && knob.scale.misses(knob.number);
+      if (all || outside) knob.rescale();
     }
-  }
-
-  /** Begin to drag a parameter, or end with none. */
-  hold(name) {
-    this.held = { name, number: this.held.number + 1 };
-  }
-
-  /** Number of the drag that has led to values; 0 if none has. */
-  dragOf(values) {
-    return this.held.name in values ? this.held.number : 0;
   }
 
   /** Turn a knob, as a drag of it would: while a value is on its way, only the newest waits. */
@@ -403,39 +335,12 @@ export class Knobs {
     return Object.fromEntries(this.knobs.map((knob) => [knob.descriptor.name, knob.value]));
   }
 
-  /** What was done to the rig, for the lines in the traces: the same for live and recorded rigs. */
-  done({ kind, values = {}, preset = '' }) {
-    const names = Object.keys(values).filter((name) => !SETTINGS.has(name) && !name.startsWith('initial_') && !this.padded(name, values[name]));
-    const turned = names.length > 2
-      ? preset || `${names.length} parameters`
-      : names.map((name) => this.inWords(name, values[name])).join(', ');
-    return [kind === 'reset' ? 'reset' : '', turned].filter(Boolean).join(', ');
-  }
-
-  /** Whether a list has only become as long as that of another knob. */
-  padded(name, value) {
-    const before = this.knobs.find((one) => one.descriptor.name === name)?.value;
-    const trimmed = (list) => JSON.stringify(list.slice(0, list.findLastIndex((one) => one !== 0) + 1));
-    return Array.isArray(value) && Array.isArray(before) && value.length !== before.length && trimmed(value) === trimmed(before);
-  }
-
-  /** Name for people, and a value with its unit, for the lines in the traces. */
-  inWords(name, value) {
-    const knob = this.knobs.find((one) => one.descriptor.name === name);
-    if (!knob) return `${name} ${value}`;
-    const { unit, factor } = knob.shown;
-    const text = (one) => (typeof one === 'number' ? digits(one * factor, 4).replace(/(\.\d*?)0+$/, '$1').replace(/\.$/, '') : String(one).slice(0, 40));
-    const shown = Array.isArray(value) ? value.slice(0, 3).map(text).join(', ') : text(value);
-    const symbol = knob.descriptor.first?.symbol ?? name.replace(/_/g, ' ');
-    return `${symbol} = ${shown}${knob.unitText() ? ` ${unit}` : ''}`;
-  }
-
   /** Show only parameters whose name or meaning has the words searched for. */
   filter() {
     const words = byId('knob-search').value.toLowerCase().split(/\s+/).filter(Boolean);
-    for (const group of document.querySelectorAll('#all-knobs .group')) {
+    for (const group of all('#all-knobs .group')) {
       let some = false;
-      for (const row of group.querySelectorAll('.knob')) {
+      for (const row of all('.knob', group)) {
         const text = `${row.dataset.name} ${row.dataset.name.replace(/_/g, ' ')} ${row.title}`.toLowerCase();
         row.hidden = !words.every((word) => text.includes(word));
         some ||= !row.hidden;
@@ -444,3 +349,27 @@ export class Knobs {
     }
   }
 }
+
+/** @type {import('../screen.js').Mount} */
+export const mount = (root, store, actions) => {
+  const knobs = new Knobs(store, (values) => actions.set(values));
+  store.on('hello', () => {
+    knobs.locked = store.isLive && !store.hello.steers;
+    write(byId('knobs-title'), store.isLive ? 'Knobs' : 'What if');
+    byId('clear-ghost').hidden = true;
+    knobs.make(store.hello.parameters);
+  });
+  store.on('values', (values) => knobs.take(values));
+  // Those of a what-if are not the rig's own.
+  store.on('turned', (values) => knobs.take(values, true));
+  store.on('units', () => knobs.rescale(true));
+  store.on('whatIf', () => {
+    const none = !Object.keys(store.whatIf).length;
+    byId('clear-ghost').hidden = none;
+    if (none) knobs.make(store.hello.parameters);
+  });
+  byId('clear-ghost').addEventListener('click', () => actions.clearWhatIf());
+  // Where there is room for it, all parameters are in view.
+  byId('more-knobs').open = matchMedia('(min-width: 110rem) and (min-height: 50rem)').matches;
+  return knobs;
+};

@@ -1,10 +1,39 @@
 // SPDX-License-Identifier: Apache-2.0
 // Six steps through the page, each with something to try.
 
-import { byId } from './dom.js';
+import { byId, toast } from '../dom.js';
 
-/** `act` has what the steps do: preset(name part), widen(factor), and so on; `records()` is whether a run can be recorded. */
-export function startTour(act) {
+/** What the steps do. */
+function acts(store, actions) {
+  /** Gap control before the tour switched it on; null if it has not. */
+  let before = null;
+  return {
+    records: () => !store.isInPage,
+    preset: (name) => actions.loadPreset(name),
+    window: (seconds) => store.setWindow(seconds),
+    widen: (factor) => {
+      const gap = store.values.gap * factor;
+      if (gap > 0) actions.turn({ gap: Number(gap.toPrecision(3)) });
+    },
+    optimum: () => {
+      const best = store.theory.curve?.optimum?.gap;
+      if (best > 0) actions.turn({ gap: Number(best.toPrecision(4)) });
+      else toast('No best gap is known for this rig.');
+    },
+    control: (law) => {
+      before ??= store.values.gap_control;
+      actions.turn({ gap_control: law });
+    },
+    end: () => {
+      if (before !== null) actions.turn({ gap_control: before });
+      before = null;
+    },
+  };
+}
+
+/** @type {import('../screen.js').Mount} */
+export const mount = (root, store, actions) => {
+  const act = acts(store, actions);
   const steps = [
     {
       at: '#rig',
@@ -81,7 +110,7 @@ export function startTour(act) {
     const edge = 12;
     const [right, bottom] = [innerWidth - width - edge, innerHeight - height - edge];
     const corners = [[right, bottom], [edge, bottom], [right, 56], [edge, 56]];
-    const [left, top] = corners.reduce((best, one) => (hidden(one) < hidden(best) ? one : best));
+    const [left, top] = /** @type {[number, number][]} */ (corners).reduce((best, one) => (hidden(one) < hidden(best) ? one : best));
     Object.assign(card.style, { left: `${Math.max(0, left)}px`, top: `${Math.max(0, top)}px` });
   };
   const close = () => {
@@ -113,4 +142,4 @@ export function startTour(act) {
   card.addEventListener('keydown', (event) => {
     if (event.key === 'Escape') close();
   });
-}
+};

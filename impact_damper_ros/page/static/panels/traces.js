@@ -1,27 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 // Scrolling traces of X, Z and both stops by uPlot, with impacts, turned knobs and theory.
 
-/* global uPlot */
-
-import { colours, dashes, font, SteadySpan, stopColour, strokeLines, within } from './chart.js';
-import { byId, element, write } from './dom.js';
-import { decimalsOf, digits, lengthUnit, minus } from './format.js';
+import { colours, dashes, font, SteadySpan, stopColour, strokeLines, within } from '../chart.js';
+import { byId, element, mark, write } from '../dom.js';
+import { decimalsOf, digits, lengthUnit, minus, TAU } from '../format.js';
+import { drive } from '../words.js';
 
 const MOST_DOTS = 1200;
 /** Stops so many times farther away than anything moves are not in view. */
 const FAR = 20;
 /** Steps between the numbers of an axis: 1, 2 and 5 times powers of ten. */
 const STEPS = Array.from({ length: 22 }, (_, n) => n - 11).flatMap((power) => [1, 2, 5].map((one) => Number(`${one}e${power}`)));
-export const WINDOWS = [30, 10, 3, 1];
+const WINDOWS = [30, 10, 3, 1];
 
-export class Traces {
-  constructor(history, theory) {
-    this.history = history;
-    this.theory = theory;
+class Traces {
+  constructor(store) {
+    this.store = store;
+    this.history = store.history;
+    this.theory = store.theory;
+    this.stale = true;
     this.place = byId('plot');
     this.range = new SteadySpan();
     this.unit = lengthUnit(1);
-    this.showTheory = true;
     /** With which of its cycles a predicted motion of several begins. */
     this.shift = 0;
     this.legend = this.makeLegend();
@@ -64,7 +64,7 @@ export class Traces {
       border: { show: true, stroke: () => colours.line, width: 1 },
     };
     const line = (stroke, width) => ({ stroke, width, points: { show: false }, spanGaps: false });
-    this.chart = new uPlot(
+    this.chart = new globalThis.uPlot(
       {
         ...this.size(),
         padding: [Math.round(1.9 * em), Math.round(1.4 * em), 0, 0],
@@ -104,6 +104,19 @@ export class Traces {
       this.place,
     );
     this.chart.over.setAttribute('aria-hidden', 'true');
+  }
+
+  get pictures() {
+    return [this];
+  }
+
+  /** The canvas of the chart, with its size in CSS pixels. */
+  get picture() {
+    return { canvas: this.chart.ctx.canvas, width: this.chart.width, height: this.chart.height };
+  }
+
+  recolour() {
+    this.make();
   }
 
   /** Choose the scale anew. */
@@ -146,7 +159,9 @@ export class Traces {
   }
 
   /** Draw what is new. */
-  draw() {
+  draw(now, anew) {
+    if (!anew && !this.stale) return;
+    this.stale = false;
     this.chart.setData(this.data(), false);
     const [min, max] = this.span();
     this.chart.setScale('x', { min, max });
@@ -220,7 +235,8 @@ export class Traces {
         }
         context.fill();
       }
-      if (this.showTheory && this.theory.orbit?.t) this.predicted(u, context, ratio, from, to);
+      // Theory is of X in the laboratory.
+      if (this.store.showTheory && !this.history.own.relative && this.theory.orbit?.t) this.predicted(u, context, ratio, from, to);
       this.controlled(u, context, ratio, from);
     });
   }
@@ -265,7 +281,7 @@ export class Traces {
     const stride = Math.max(1, Math.floor((samples.end - first) / (2 * u.bbox.width)));
     context.strokeStyle = colours.special;
     context.globalAlpha = 0.8;
-    for (const [name, width] of [['z', 0.8], ['x', 1.3]]) {
+    for (const [name, width] of /** @type {[string, number][]} */ ([['z', 0.8], ['x', 1.3]])) {
       const values = samples.field(name);
       context.lineWidth = width * ratio;
       const points = [];
@@ -353,3 +369,41 @@ export class Traces {
     write(this.legend.ghost, `X ${shown(ghost?.x)}, Z ${shown(ghost?.z)}`);
   }
 }
+
+/** @type {import('../screen.js').Mount} */
+export const mount = (root, store, actions) => {
+  const panel = new Traces(store);
+  const buttons = WINDOWS.map((seconds) => element('button', {
+    type: 'button', value: String(seconds), text: `${seconds} s`, 'aria-pressed': 'false', onclick: () => {
+      store.setWindow(seconds);
+      store.keepView('window', String(seconds));
+    },
+  }));
+  byId('windows').append(...buttons);
+  const showWindow = () => {
+    for (const button of buttons) mark(button, 'aria-pressed', String(Number(button.value) === store.history.window));
+    actions.view();
+  };
+  store.on('view hello', showWindow);
+  document.addEventListener('visibilitychange', () => actions.view());
+  store.on('values', (values) => {
+    const frequency = drive(store.values).frequency / TAU;
+    if (!(values.force_frequencies || values.base_frequencies) || !(frequency > 0) || store.address.view.window) return;
+    // Some eight cycles of what shakes the rig, or more
+    const seconds = [...WINDOWS].reverse().find((one) => one >= 8 / frequency) ?? WINDOWS[0];
+    if (seconds !== store.history.window) store.setWindow(seconds);
+  });
+  const theory = byId('theory');
+  const showTheory = () => {
+    store.showTheory = theory.checked;
+    store.emit('rescale', { time: NaN });
+  };
+  theory.checked = store.address.view.theory !== '0';
+  theory.addEventListener('change', () => {
+    showTheory();
+    store.keepView('theory', theory.checked ? '' : '0');
+  });
+  store.showTheory = theory.checked;
+  showWindow();
+  return panel;
+};

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // "My structure": what people know of theirs, its best gap, and what the damper leaves of the vibration.
 
-import { byId, element, write } from './dom.js';
-import { digits, withUnit } from './format.js';
+import { byId, element, write } from '../dom.js';
+import { digits, withUnit } from '../format.js';
 
 /** What shakes the structure: a name, and the unit of its size if none is typed. */
 const SHAKEN = [
@@ -22,7 +22,7 @@ const FIELDS = [
 ];
 const share = (value) => `${digits(100 * value, 3)} %`;
 
-export class Structure {
+class Structure {
   /** `ask` sends a request and returns the answer; `set` sets the rig to a design and its values, and does so too. */
   constructor(ask, set) {
     this.ask = ask;
@@ -131,3 +131,16 @@ export class Structure {
     return `design_damper ${structure} ${shaken} --restitution ${typed('restitution', '')}`;
   }
 }
+
+/** @type {import('../screen.js').Mount} */
+export const mount = (root, store, actions) => {
+  const panel = new Structure(
+    (message) => actions.connection.ask(message),
+    (design, values) => actions.beginDesign(design, values),
+  );
+  store.on('hello', () => { byId('structure-open').hidden = !store.hello.designs; });
+  byId('structure-open').addEventListener('click', () => {
+    byId('presets').hidePopover();
+    panel.open();
+  });
+};

@@ -1,34 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
 // Xmax/A over the gap by theory, with the rig's own dot on it; a click sets the gap.
 
-import { Axes, circle, colours, dashes, font, strokeLines, within } from './chart.js';
-import { mark } from './dom.js';
-import { digits, lengthUnit, niceAbove, withUnit } from './format.js';
-import { TERMS } from './glossary.js';
+import { Axes, circle, colours, dashes, font, strokeLines, within } from '../chart.js';
+import { byId, mark, write } from '../dom.js';
+import { digits, lengthUnit, niceAbove, withUnit } from '../format.js';
+import { TERMS } from '../glossary.js';
 
-/** Short names of special points, and the entries of the glossary that spell them out. */
-const MARKS = {
-  fold: ['fold', 'fold'],
-  'period doubling': ['doubling', 'doubling'],
-  'Neimark-Sacker': ['N.-S.', 'neimark-sacker'],
-  'branch point': ['branch', 'branch-point'],
-  grazing: ['grazing', 'grazing'],
-};
+/** Entries of the glossary that spell special points out. */
+const MARKS = { fold: 'fold', 'period doubling': 'doubling', 'Neimark-Sacker': 'neimark-sacker', 'branch point': 'branch-point', grazing: 'grazing' };
 const KINDS = ['not viable', 'unstable', 'stable'];
 
-export class GapCurve extends Axes {
-  constructor(canvas, theory, setGap) {
+class GapCurve extends Axes {
+  constructor(canvas, store, setGap) {
     super(canvas);
-    this.theory = theory;
+    this.store = store;
+    this.theory = store.theory;
     this.gap = NaN;
     this.measured = NaN;
     this.aim = null;
-    this.top = 1;
+    /** Special points: where they are drawn, and what they are; the one gone to by the keyboard. */
+    this.places = /** @type {[number, number, any][]} */ ([]);
+    this.visited = -1;
+    this.low = 0;
+    this.high = this.top = 1;
+    this.unit = '';
+    this.beyond = false;
     this.plan = null;
-    this.busy = false;
-    this.settable = true;
-    /** The best gap of the user's structure. */
-    this.design = NaN;
     const pointed = (event) => {
       if (!this.plan) return null;
       const { box } = this.plan;
@@ -39,7 +36,6 @@ export class GapCurve extends Axes {
     canvas.addEventListener('pointermove', (event) => {
       this.aim = pointed(event);
       this.stale = true;
-      this.explain(event);
     });
     canvas.addEventListener('pointerleave', () => {
       this.aim = null;
@@ -47,22 +43,50 @@ export class GapCurve extends Axes {
     });
     canvas.addEventListener('click', (event) => {
       const gap = pointed(event);
-      if (gap > 0 && this.settable) setGap(Number(gap.toPrecision(4)));
+      if (gap > 0 && this.store.steers) setGap(Number(gap.toPrecision(4)));
     });
     canvas.addEventListener('keydown', (event) => {
+      const special = { n: 1, p: -1 }[event.key];
+      if (special) this.visit(special);
       const step = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key];
-      if (!step || !(this.gap > 0) || !this.settable) return;
+      if (!step || !(this.gap > 0) || !this.store.steers) return;
       event.preventDefault();
       setGap(Number((this.gap * 1.01 ** step).toPrecision(4)));
     });
   }
 
-  /** Spell out the special point under the pointer. */
-  explain({ clientX, clientY }) {
-    const box = this.canvas.getBoundingClientRect();
-    const near = (this.places ?? []).find(([a, b]) => Math.hypot(a + box.left - clientX, b + box.top - clientY) < 14);
-    const [name, sentence] = TERMS[MARKS[near?.[2]]?.[1]] ?? ['', ''];
-    mark(this.canvas, 'title', name && `${name}: ${sentence}`);
+  /** The branch under the pointer at its gap, or a special point and what it is. */
+  pointed(x, y) {
+    const near = this.places.find(([a, b]) => Math.hypot(a - x, b - y) < 12);
+    if (near) return this.named(near);
+    const { box, fromX, toY } = this.plan ?? {};
+    if (!box || !super.pointed(x, y)) return '';
+    const { factor, unit } = lengthUnit(this.high);
+    const gap = fromX(x) / factor;
+    const crossed = (this.theory.curve?.branches ?? []).flatMap(({ gap: gaps, x_max_ratio: ratios }) => gaps.slice(1).flatMap((to, n) => {
+      const from = gaps[n];
+      if ((from - gap) * (to - gap) > 0 || from === to) return [];
+      return [ratios[n] + ((gap - from) / (to - from)) * (ratios[n + 1] - ratios[n])];
+    }));
+    const ratio = crossed.sort((one, other) => Math.abs(toY(one) - y) - Math.abs(toY(other) - y))[0];
+    return [`d ${digits(gap * factor, 3)}\u202f${unit}`, ratio === undefined ? '' : `Xmax/A ${digits(ratio, 3)}`].filter(Boolean).join(', ');
+  }
+
+  /** A special point in words. */
+  named([, , { kind, gap, x_max_ratio: ratio }]) {
+    const [name, sentence] = TERMS[MARKS[kind]] ?? [kind, ''];
+    return `${name} at ${withUnit(gap, 'm')}, Xmax/A ${digits(ratio, 3)}. ${sentence}`;
+  }
+
+  /** Go to the next or the last special point by the keyboard, and name it. */
+  visit(step) {
+    if (!this.places.length) return;
+    const sorted = [...this.places].sort(([one], [other]) => one - other);
+    this.visited = (this.visited + step + sorted.length) % sorted.length;
+    this.pointer = /** @type {[number, number]} */ (sorted[this.visited].slice(0, 2));
+    this.readOut();
+    mark(this.canvas, 'aria-description', this.line.textContent);
+    this.stale = true;
   }
 
   /** Where the rig is: its gap, and how far M moves. */
@@ -73,14 +97,13 @@ export class GapCurve extends Axes {
     this.stale = true;
   }
 
-  /** Mark the best gap of a structure; NaN: none. */
-  markDesign(gap) {
-    this.design = gap;
-    this.stale = true;
+  /** The best gap of the user's structure; NaN without one. */
+  get design() {
+    return this.store.design?.gap ?? NaN;
   }
 
   draw() {
-    if (!this.begin()) return;
+    if (!this.stale || !this.begin()) return;
     const { curve } = this.theory;
     const branches = curve?.branches ?? [];
     const gaps = branches.flatMap((branch) => branch.gap);
@@ -111,7 +134,6 @@ export class GapCurve extends Axes {
       xName: `gap d (${unit})`,
       yName: 'Xmax / A',
     });
-    this.plan = axes;
     const toX = (gap) => axes.toX(gap * factor);
     const { toY, box } = axes;
     within(this.context, box, (context) => {
@@ -134,7 +156,7 @@ export class GapCurve extends Axes {
       }
       for (const branch of branches) this.branch(context, branch, toX, toY);
       this.specials(context, curve?.special ?? [], toX, toY);
-      if (this.aim !== null && this.settable) {
+      if (this.aim !== null && this.store.steers) {
         upright(this.aim, colours.link, 1);
         write(`set ${digits(this.aim * factor, 3)} ${unit}`, toX(this.aim), colours.link, toX(this.aim) > box.left + box.width / 2, 'bottom');
       }
@@ -162,7 +184,7 @@ export class GapCurve extends Axes {
 
   /** Special points as rings; the pointer names them. */
   specials(context, specials, toX, toY) {
-    this.places = specials.map(({ gap, x_max_ratio: ratio, kind }) => [toX(gap), toY(ratio), kind]);
+    this.places = specials.map((special) => /** @type {[number, number, any]} */ ([toX(special.gap), toY(special.x_max_ratio), special]));
     Object.assign(context, { strokeStyle: colours.special, fillStyle: colours.page, lineWidth: 1.6 });
     for (const [a, b] of this.places) {
       circle(context, a, b, 3.6);
@@ -189,3 +211,18 @@ export class GapCurve extends Axes {
     context.setLineDash([]);
   }
 }
+
+/** @type {import('../screen.js').Mount} */
+export const mount = (root, store, actions) => {
+  const panel = new GapCurve(byId('curve-canvas'), store, (gap) => actions.turn({ gap }));
+  store.on('numbers', () => panel.place(store.numbers.gap, store.numbers.x_max_ratio ?? NaN));
+  store.on('theory', () => {
+    const { gap, basis } = store.theory.best;
+    const sign = basis === 'part' ? '≈\u202f' : basis && `${basis} `;
+    const text = gap > 0 ? `best gap ${sign}${withUnit(gap, 'm')}` : '';
+    write(byId('curve-line'), text);
+    mark(byId('curve-line'), 'title', text);
+  });
+  store.on('change preset', () => { panel.stale = true; });
+  return panel;
+};

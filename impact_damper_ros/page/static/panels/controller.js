@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // What moves the stops: the controller's last command, its score, and faults to try it under.
 
-import { byId, element, mark, write } from './dom.js';
-import { digits, withUnit } from './format.js';
+import { byId, element, mark, write } from '../dom.js';
+import { digits, withUnit } from '../format.js';
 
+/** @type {[string, string, (value: number) => string][]} */
 const SCORE = [
   ['x_rms', 'rms X', (value) => withUnit(value, 'm')],
   ['x_max', 'largest |X|', (value) => withUnit(value, 'm')],
@@ -12,7 +13,7 @@ const SCORE = [
 ];
 const FAULTS = [['sensor_fault', 'Sensors'], ['actuator_fault', 'Stops']];
 
-export class Controller {
+class Controller {
   /** `turn` sets parameters. */
   constructor(turn) {
     this.turn = turn;
@@ -53,8 +54,20 @@ export class Controller {
   }
 
   /** Show what has been achieved in the last minute. */
-  numbers({ score }) {
+  numbers({ score = null }) {
     write(byId('score-title'), score ? `Last ${digits(score.seconds, 2)} s` : 'Last minute');
     SCORE.forEach(([key, , format], n) => write(this.score[n], score ? format(score[key]) : '–'));
   }
 }
+
+/** @type {import('../screen.js').Mount} */
+export const mount = (root, store, actions) => {
+  const panel = new Controller((values) => actions.turn(values));
+  store.on('hello', () => {
+    panel.make(store.hello.parameters);
+    panel.report(null);
+  });
+  store.on('values', () => panel.take(store.values));
+  store.on('diagnostics', () => panel.report(store.diagnostics.controller));
+  store.on('numbers', () => panel.numbers(store.numbers));
+};

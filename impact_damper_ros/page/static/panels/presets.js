@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The menu of the presets: a small picture of each rig, its title and what it shows.
 
-import { byId, element, mark } from './dom.js';
+import { all, byId, element, mark, write } from '../dom.js';
 
 const SVG = 'http://www.w3.org/2000/svg';
 
@@ -39,7 +39,7 @@ function sketch(values) {
 }
 
 /** Make the menu; `load` takes the name of the preset that is chosen. */
-export function makePresets(presets, load) {
+function makePresets(presets, load) {
   byId('presets').querySelector('ul').replaceChildren(...presets.map((one) => element('li', {}, element(
     'button',
     { type: 'button', 'data-name': one.name, onclick: () => {
@@ -52,8 +52,19 @@ export function makePresets(presets, load) {
 }
 
 /** Mark the preset that the rig has. */
-export function markPreset(name) {
-  for (const button of document.querySelectorAll('#presets button')) {
+function markPreset(name) {
+  for (const button of all('#presets button')) {
     mark(button, 'aria-current', String(button.dataset.name === name));
   }
 }
+
+/** @type {import('../screen.js').Mount} */
+export const mount = (root, store, actions) => {
+  store.on('hello', () => makePresets(store.hello.presets, (name) => actions.loadPreset(name)));
+  store.on('hello preset', () => {
+    const { preset } = store.address;
+    const title = store.design ? 'My structure' : store.hello.presets.find((one) => one.name === preset)?.title ?? '';
+    write(byId('preset-name'), store.isLive ? title : 'as a ghost');
+    markPreset(preset);
+  });
+};

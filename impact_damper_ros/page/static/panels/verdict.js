@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the rig does in words and numbers: verdict, measured and predicted Xmax/A, first numbers.
 
-import { byId, element, mark, overflowing, reducedMotion, write } from './dom.js';
-import { digits, withUnit } from './format.js';
-import { term } from './glossary.js';
+import { byId, element, mark, overflowing, reducedMotion, toast, write } from '../dom.js';
+import { digits, withUnit } from '../format.js';
+import { term } from '../glossary.js';
+import { verdictInWords } from '../words.js';
 
+/** @type {[string, string, string, (value: number, message: any) => string][]} */
 const NUMBERS = [
   ['natural_frequency_hz', 'natural-frequency', 'natural freq.', (value) => withUnit(value, 'Hz')],
   ['damping_ratio', 'damping-ratio', 'damping ζ', (value) => digits(value, 3)],
@@ -29,13 +31,7 @@ const TOTALS = [
   ['rms X', 'x_rms', (value) => withUnit(value, 'm', 4)],
   ['impacts', 'impacts', String],
 ];
-const AGREEMENT = {
-  agrees: 'Agrees with theory',
-  disagrees: 'Differs from theory',
-  'not settled': 'Not settled yet',
-};
-
-export class Verdict {
+class Verdict {
   constructor() {
     this.values = {};
     const list = byId('numbers');
@@ -78,6 +74,7 @@ export class Verdict {
     const table = byId('totals');
     const known = on && done && totals?.what_if;
     table.hidden = !known;
+    byId('clear-ghost').hidden = !on;
     this.line('theory-text', known ? `What if: ${text}` : on ? 'What if: computing' : '');
     if (!known) return;
     const { recorded, what_if: other } = totals;
@@ -101,18 +98,13 @@ export class Verdict {
     bar.style.transform = `scaleX(${part.toFixed(4)})`;
   }
 
-  diagnostics({ level, message, verdict, agreement }, theory) {
-    const place = byId('verdict-text');
-    const idle = /has not hit a stop/.test(message ?? '') && !agreement;
-    const waiting = /wait|transient|cycles/i.test(message ?? '') && !agreement;
-    const settled = agreement === 'agrees' || agreement === 'disagrees';
-    const words = AGREEMENT[agreement] ?? (verdict && !message ? verdict : idle ? 'No impacts' : waiting ? 'Settling' : 'No verdict');
-    write(place, theory.irregular && !settled ? theory.kind[0].toUpperCase() + theory.kind.slice(1) : words);
-    const shade = agreement === 'agrees' ? 'ok' : agreement === 'disagrees' ? 'warn' : agreement === undefined ? level ?? 'none' : 'none';
-    place.dataset.level = level === 'error' ? 'error' : shade;
-    this.line('motion-text', message ? `Measured: ${message}` : '');
-    // Whether the measured motion agrees stands above already.
-    this.line('theory-text', verdict ? `Theory: ${verdict.replace(/; the measured motion (?:dis)?agrees/, '')}` : '');
+  /** What the node reports of the motion, and theory of it. */
+  diagnostics(report, theory) {
+    const { words, shade, measured, predicted } = verdictInWords(report, theory);
+    write(byId('verdict-text'), words);
+    byId('verdict-text').dataset.level = shade;
+    this.line('motion-text', measured);
+    this.line('theory-text', predicted);
   }
 
   line(id, text) {
@@ -133,3 +125,22 @@ export class Verdict {
     this.ratio('predicted', theory.orbit?.x_max_ratio);
   }
 }
+
+/** @type {import('../screen.js').Mount} */
+export const mount = (root, store) => {
+  const panel = new Verdict();
+  const { theory } = store;
+  const report = () => {
+    if (store.isLive && store.diagnostics) panel.diagnostics(store.diagnostics, theory);
+  };
+  store.on('hello', () => {
+    panel.clear();
+    if (!store.isLive) panel.recorded();
+  });
+  store.on('diagnostics theory', report);
+  store.on('numbers theory', () => panel.numbers(store.numbers, theory));
+  store.on('what_if', (message) => {
+    panel.whatIf(message);
+    if (!message.on && message.text) toast(message.text, 'bad');
+  });
+};

@@ -1,18 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // The recordings: play, download, compare with theory.
 
-import { byId, element, mark, toast, write } from './dom.js';
-import { bytes, clock } from './format.js';
+import { byId, element, mark, toast, write } from '../dom.js';
+import { bytes, clock } from '../format.js';
 
-/** Day and time of a recording, from seconds or as it is. */
+/** Day and time of a recording; a simulated run begins at zero and has none. */
 function dated(start) {
-  if (typeof start !== 'number') return start;
-  // A simulated run begins at zero: it has no date.
-  if (start < 1e9) return null;
-  return new Date(1000 * start).toLocaleString('sv-SE', { dateStyle: 'short', timeStyle: 'short' });
+  return start > 1e9 ? new Date(1000 * start).toLocaleString('sv-SE', { dateStyle: 'short', timeStyle: 'short' }) : null;
 }
 
-export class Recordings {
+class Recordings {
   constructor(connection, play) {
     this.connection = connection;
     this.play = play;
@@ -21,9 +18,6 @@ export class Recordings {
     setInterval(() => { if (this.busy.size) this.show(this.list); }, 1000);
     this.list = [];
     this.rows = new Map();
-    byId('recordings-open').addEventListener('click', () => {
-      byId('recordings').showModal();
-    });
   }
 
   show(list) {
@@ -40,9 +34,9 @@ export class Recordings {
   /** Return the row of a recording, which is made once, with what is known of it now. */
   row(one) {
     const row = this.rows.get(one.name) ?? this.made(one.name);
-    const about = [dated(one.start), clock(one.duration), bytes(one.size), one.files > 1 ? `${one.files} files: to copy them, copy the directory` : null, one.whole ? null : 'not ended'];
+    const about = [dated(one.start), clock(one.duration ?? NaN), bytes(one.size), one.files > 1 ? `${one.files} files: to copy them, copy the directory` : null, one.whole ? null : 'not ended'];
     write(row.querySelector('strong'), one.name);
-    write(row.querySelector('p'), about.filter((text) => text !== null && text !== undefined && text !== '–').join(' · '));
+    write(row.querySelector('p'), about.filter((text) => text !== null && text !== '–').join(' · '));
     row.querySelector('[download]').hidden = one.files !== 1;
     const compare = row.querySelector('[data-compare]');
     const busy = this.busy.get(one.name);
@@ -105,3 +99,11 @@ export class Recordings {
     byId('report').showModal();
   }
 }
+
+/** @type {import('../screen.js').Mount} */
+export const mount = (root, store, actions) => {
+  const panel = new Recordings(actions.connection, (name) => actions.join({ bag: name }));
+  store.on('recordings', () => panel.show(store.recordings));
+  store.on('compare_done', (message) => panel.done(message));
+  actions.connection.on('again', () => panel.goOn());
+};

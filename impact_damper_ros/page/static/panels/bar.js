@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+// The bar at the top: state and choice of the rig, its run, the link to it; and the keys.
+
+import { byId, element, mark, toast, write } from '../dom.js';
+import { clock, digits } from '../format.js';
+
+/** Where the word for a state is not its name. */
+const STATES = { gone: 'rig gone', offline: 'no server', doubled: 'several rigs', other_version: 'other version' };
+/** Speeds of the rig that are offered. */
+const SPEEDS = [[0.05, '1/20'], [0.2, '1/5'], [1, '1×'], [5, '5×']];
+/** Keys that jump in a recording; those that go forwards move a paused rig, too. */
+const JUMP_KEYS = {
+  ArrowRight: ['impact', 1], ArrowLeft: ['impact', -1], 'Shift+ArrowRight': ['sample', 1], 'Shift+ArrowLeft': ['sample', -1],
+};
+const STEP_KEYS = { ArrowRight: 'step_to_impact', 'Shift+ArrowRight': 'step' };
+/** What has keys of its own. */
+const TYPED = 'input, select, textarea, dialog, canvas, [role="dialog"], [tabindex="0"], :popover-open';
+
+function showStatus({ status, isLive }, text) {
+  const pill = byId('status');
+  const words = STATES[status] ?? status;
+  const curtain = byId('curtain');
+  const shown = {
+    gone: 'The node does not answer; waiting for it.',
+    offline: 'The page server does not answer; trying again.',
+    doubled: text,
+    other_version: text,
+    paused: isLive ? 'Paused' : '',
+  }[status] ?? '';
+  for (const place of [pill, curtain]) mark(place, 'data-state', status);
+  write(pill, words);
+  curtain.hidden = !shown;
+  write(curtain, shown);
+  // A rig that lags says why in a tooltip and to a screen reader; it runs on.
+  mark(pill, 'title', text || shown || words);
+  mark(pill, 'aria-label', status === 'lagging' && text ? `${words}: ${text}` : words);
+  const paused = status === 'paused';
+  mark(byId('pause'), 'aria-pressed', String(paused));
+  write(byId('pause'), paused ? 'Resume' : 'Pause');
+  // Not disabled, which would take the focus from them in the middle of a step.
+  for (const id of ['step', 'step-to-impact']) mark(byId(id), 'aria-disabled', String(!paused));
+}
+
+/** Show what can be done with a live rig, with a recording, or by who only watches. */
+function showMode({ hello, isLive, isInPage }) {
+  const watches = !hello.steers;
+  document.body.classList.toggle('watches', watches);
+  document.body.classList.toggle('in-page', isInPage);
+  byId('watching').hidden = !watches;
+  for (const id of ['pause', 'reset', 'rig-speed', 'step', 'step-to-impact', 'record', 'presets-open', 'tour-open']) byId(id).hidden = !isLive;
+  byId('rig-speed').disabled = watches;
+}
+
+/** Offer rigs to choose from; the one that is shown stays among them though it is gone. */
+function offerRigs({ hello, isLive }) {
+  const shown = isLive ? hello.rig : hello.bag;
+  const names = isLive ? hello.rigs : [hello.bag];
+  const all = names.includes(shown) || !shown ? names : [shown, ...names];
+  const choice = byId('rig-choice');
+  choice.replaceChildren(...(all.length ? all : ['no rig']).map((name) => element('option', { value: name, text: name })));
+  if (shown) choice.value = shown;
+  choice.disabled = all.length < 2;
+}
+
+/** Show the speed of the rig, which may be one of somebody else's choice. */
+function showSpeed(factor) {
+  const choice = byId('rig-speed');
+  choice.querySelector('[data-own]')?.remove();
+  if (SPEEDS.every(([value]) => value !== factor)) {
+    choice.append(element('option', { value: String(factor), 'data-own': '', text: factor ? `${digits(factor, 2)}×` : 'free' }));
+  }
+  choice.value = String(factor);
+}
+
+async function copyLink(store, values) {
+  if (store.isLive) store.keepWholeRig(values);
+  else store.keepAddress();
+  await new Promise((resolve) => { setTimeout(resolve, 200); });
+  const { address } = store.hello;
+  try {
+    await navigator.clipboard.writeText(address ? new URL(location.hash, address).href : location.href);
+    toast(address ? 'The address of this rig has been copied: who opens it elsewhere watches.' : 'The address of this rig has been copied.');
+  } catch {
+    toast('The address in the browser now holds the whole rig: copy it from there.');
+  }
+}
+
+/** @type {import('../screen.js').Mount} */
+export const mount = (root, store, actions, { player, knobs }) => {
+  const press = (id, take) => byId(id).addEventListener('click', take);
+  byId('rig-speed').append(...SPEEDS.map(([value, text]) => element('option', { value: String(value), text })));
+  byId('rig-speed').addEventListener('change', () => actions.turn({ real_time_factor: Number(byId('rig-speed').value) }));
+  byId('rig-choice').addEventListener('change', () => actions.join({ rig: byId('rig-choice').value }));
+  press('pause', () => actions.service('pause'));
+  press('reset', () => actions.service('reset'));
+  press('step', () => actions.step('step'));
+  press('step-to-impact', () => actions.step('step_to_impact'));
+  press('record', () => actions.setNode({ record: byId('record').getAttribute('aria-pressed') !== 'true' }));
+  press('link', () => copyLink(store, knobs.values()));
+  press('large', switchLarge);
+  store.on('status', ({ text }) => showStatus(store, text));
+  store.on('hello', () => {
+    showMode(store);
+    offerRigs(store);
+  });
+  store.on('rigs', () => offerRigs(store));
+  store.on('values', (values) => {
+    if ('real_time_factor' in values) showSpeed(values.real_time_factor);
+    if (!('record' in values)) return;
+    mark(byId('record'), 'aria-pressed', String(values.record));
+    byId('record').lastChild.textContent = values.record ? 'Recording' : 'Record';
+  });
+  store.on('frame', () => write(byId('clock'), Number.isFinite(store.history.end) ? clock(store.history.end, store.status === 'paused') : ''));
+
+  /** Large type, for a lecture hall. */
+  function showLarge(on) {
+    document.body.classList.toggle('large', on);
+    document.documentElement.classList.toggle('large', on);
+    mark(byId('large'), 'aria-pressed', String(on));
+    dispatchEvent(new Event('resize'));
+  }
+
+  function switchLarge() {
+    const on = !document.body.classList.contains('large');
+    showLarge(on);
+    store.keepView('large', on ? '1' : '');
+  }
+
+  if (store.address.view.large === '1') showLarge(true);
+  document.addEventListener('keydown', (event) => {
+    const target = /** @type {Element} */ (event.target);
+    if (event.ctrlKey || event.metaKey || event.altKey || target.closest(TYPED)) return;
+    if (event.key === ' ') {
+      if (target.closest('button, a, summary')) return;
+      event.preventDefault();
+      if (!store.isLive) player.play(!player.playing);
+      else if (store.steers) actions.service('pause');
+      return;
+    }
+    if (event.key.toLowerCase() === 'l') switchLarge();
+    const key = `${event.shiftKey ? 'Shift+' : ''}${event.key}`;
+    if (!store.isLive && key in JUMP_KEYS) player.jump(...JUMP_KEYS[key]);
+    else if (store.steers && key in STEP_KEYS) actions.step(STEP_KEYS[key]);
+  });
+};

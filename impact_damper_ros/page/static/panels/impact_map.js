@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+// Impact map: velocity of m after each impact over the phase of the force.
+
+import { Axes, circle, colours, SteadyRange, stopColour, within } from '../chart.js';
+import { byId, mark, write } from '../dom.js';
+import { niceAbove, velocityUnit } from '../format.js';
+
+const MOST_DOTS = 1500;
+
+class ImpactMap extends Axes {
+  constructor(canvas, store) {
+    super(canvas);
+    this.store = store;
+    this.end = -1;
+    /** Where impacts are drawn, the newest first, and of which stop. */
+    this.marks = /** @type {[number, number, string][]} */ ([]);
+    this.rescale();
+  }
+
+  /** Choose the scale anew. */
+  rescale() {
+    this.up = new SteadyRange();
+  }
+
+  /** The impact under the pointer, or both values there. */
+  pointed(x, y) {
+    const near = this.marks.find(([a, b]) => Math.hypot(a - x, b - y) < 6);
+    return near ? `${near[2]}: ${super.pointed(near[0], near[1])}` : super.pointed(x, y);
+  }
+
+  draw(now) {
+    const { history, theory, showTheory } = this.store;
+    const { impacts } = history;
+    if ((impacts.end === this.end && !this.stale) || !this.begin()) return;
+    this.end = impacts.end;
+    const [time, stop, damper, phase] = ['time', 'stop', 'damper_velocity_after', 'phase'].map((name) => impacts.field(name));
+    const predicted = (showTheory && theory.orbit?.impacts) || [];
+    const since = history.lastChange;
+    let fast = 0;
+    const first = Math.max(impacts.start, impacts.end - MOST_DOTS);
+    for (let n = Math.max(first, impacts.after(history.begun)); n < impacts.end; n += 1) fast = Math.max(fast, Math.abs(damper[n]));
+    for (const one of predicted) fast = Math.max(fast, Math.abs(one.damper_velocity_after));
+    const height = this.up.fit(fast > 0 ? niceAbove(1.2 * fast) : 0, now);
+    const speed = velocityUnit(height);
+    const axes = this.axes({
+      x: [0, 1],
+      y: [-height * speed.factor, height * speed.factor],
+      xName: 'phase of the force (cycles)',
+      yName: `Z′ after (${speed.unit})`,
+      xTicks: 5,
+    });
+    const toY = (value) => axes.toY(value * speed.factor);
+    this.marks = [];
+    within(this.context, axes.box, (context) => {
+      const dot = impacts.end - first > 400 ? 1.3 : 1.9;
+      for (let n = first; n < impacts.end; n += 1) {
+        if (!Number.isFinite(phase[n])) continue;
+        const age = (impacts.end - n) / MOST_DOTS;
+        const old = time[n] < since;
+        context.globalAlpha = old ? 0.14 : Math.max(0.25, 0.95 - age);
+        context.fillStyle = old ? colours.quiet : stopColour(stop[n]);
+        const [a, b] = [axes.toX(phase[n]), toY(damper[n])];
+        this.marks.unshift([a, b, `stop ${stop[n]}`]);
+        if (stop[n] === 1) context.fillRect(a - dot, b - dot, 2 * dot, 2 * dot);
+        else {
+          circle(context, a, b, 1.2 * dot);
+          context.fill();
+        }
+      }
+      context.globalAlpha = 1;
+      context.strokeStyle = colours.theory;
+      context.lineWidth = 1.5;
+      for (const one of predicted) {
+        const place = ((one.phase % 1) + 1) % 1;
+        circle(context, axes.toX(place), toY(one.damper_velocity_after), 6.5);
+        context.stroke();
+      }
+      // the last impact
+      if (impacts.length) {
+        const n = impacts.end - 1;
+        this.dot(axes.toX(phase[n]), toY(damper[n]), stopColour(stop[n]), 4);
+      }
+    });
+    if (!impacts.length) this.say('no impact yet', axes.box, 0.75);
+    else if (!Number.isFinite(phase[impacts.end - 1])) this.say('no force: no phase', axes.box, 0.75);
+  }
+}
+
+/** @type {import('../screen.js').Mount} */
+export const mount = (root, store) => {
+  const panel = new ImpactMap(byId('map-canvas'), store);
+  store.on('theory', () => {
+    const { title } = store.theory;
+    write(byId('map-line'), title);
+    // Where it is too long for its panel
+    mark(byId('map-line'), 'title', title);
+  });
+  return panel;
+};

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// All pictures, drawn once for each frame of the screen, and only where something has changed.
+
+import { readColours } from './chart.js';
+
+/**
+ * Puts a panel into its element, and shows there what the store has; `others` are panels that it works with.
+ * @typedef {(root: HTMLElement, store: import('./store.js').Store, actions?: import('./actions.js').Actions, others?: any) => any} Mount
+ */
+
+/**
+ * What a panel that draws has: draw(now, anew), rescale() if it has scales, and pictures, each with `stale`.
+ * @typedef {{ draw: (now: number, anew: boolean) => void, rescale?: () => void, recolour?: () => void, pictures: { stale: boolean }[] }} Drawn
+ */
+
+export class Screen {
+  /**
+   * @param {import('./store.js').Store} store
+   * @param {Drawn[]} panels
+   */
+  constructor(store, panels) {
+    this.store = store;
+    this.panels = panels;
+    this.version = -1;
+    matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.recolour());
+    let size = 0;
+    addEventListener('resize', () => {
+      const now = parseFloat(getComputedStyle(document.documentElement).fontSize);
+      if (now !== size) this.recolour();
+      size = now;
+    });
+    store.on('rescale', ({ time }) => this.rescale(time));
+    store.on('change', ({ another, time }) => { if (another) this.rescale(time); });
+    store.on('theory', () => this.redraw());
+  }
+
+  /** Colours and sizes of letters are other ones. */
+  recolour() {
+    readColours();
+    for (const panel of this.panels) panel.recolour?.();
+    this.redraw();
+  }
+
+  /** Choose all scales anew, from what moves since an instant. */
+  rescale(time = NaN) {
+    if (Number.isFinite(time)) this.store.history.begun = time;
+    for (const panel of this.panels) panel.rescale?.();
+    this.redraw();
+  }
+
+  /** Draw everything anew though nothing moves. */
+  redraw() {
+    this.version = -1;
+    for (const { pictures } of this.panels) for (const picture of pictures) picture.stale = true;
+  }
+
+  begin() {
+    const draw = (now) => {
+      requestAnimationFrame(draw);
+      const { version } = this.store.history;
+      const anew = version !== this.version;
+      this.version = version;
+      for (const panel of this.panels) panel.draw(now, anew);
+    };
+    requestAnimationFrame(draw);
+  }
+}
