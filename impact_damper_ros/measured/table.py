@@ -137,27 +137,16 @@ def odd_step(times: Array, row: int) -> str:
 
 
 def read_table(
-    path: Path,
-    needed: Mapping[str, Quantity],
-    optional: Mapping[str, Quantity] | None = None,
-    named: Mapping[str, str] | None = None,
+    path: Path, needed: Mapping[str, Quantity], optional: Mapping[str, Quantity] | None = None
 ) -> MeasuredTable:
-    """Read columns of a file, those that may be there as well, some by a header or a number."""
+    """Read the columns of a file that are needed, and those that may be there."""
     sheet = read_sheet(path)
     found: dict[str, Choice] = {}
+    every = {**needed, **(optional or {})}
     # The clock is that of the other columns
-    for key, quantity in sorted(
-        {**needed, **(optional or {})}.items(), key=lambda pair: pair[0] == 'time'
-    ):
+    for key in sorted(every, key=lambda key: key == 'time'):
         near = min((choice.place for choice in found.values()), default=None)
-        choice = choose(
-            sheet,
-            key,
-            quantity,
-            needed=key in needed,
-            column=(named or {}).get(key, ''),
-            near=near,
-        )
+        choice = choose(sheet, key, every[key], needed=key in needed, near=near)
         if choice is not None:
             found[key] = choice
     return table_of(sheet, found)

@@ -256,6 +256,8 @@ class Body:
         width = len(self._headings)
         rows = []
         for n, line in piece:
+            if line.count('"') % 2:
+                raise TableError(f'{self._source}, line {n}: a quote that is not closed: close it')
             cells = self._split(line)
             if any(cells[width:]):
                 raise TableError(

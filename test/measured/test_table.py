@@ -11,8 +11,16 @@ import numpy as np
 import pytest
 
 import impact_damper_ros
-from impact_damper_ros.measured.sheet import ACCELERATION, DISPLACEMENT, FORCE, TIME, TableError
-from impact_damper_ros.measured.table import check_whole, read_table
+from impact_damper_ros.measured.formats import read_sheet
+from impact_damper_ros.measured.sheet import (
+    ACCELERATION,
+    DISPLACEMENT,
+    FORCE,
+    TIME,
+    TableError,
+    choose,
+)
+from impact_damper_ros.measured.table import check_whole, read_table, table_of
 
 
 @pytest.fixture
@@ -166,11 +174,13 @@ def test_the_export_of_a_phone(tmp_path):
         archive.writestr('meta/device.csv', '"property","value"\n"version","1.1.16"\n')
     with pytest.raises(TableError, match=r"Acceleration x \(m/s\^2\)' and .* may each be the a"):
         read_table(path, {'time': TIME, 'a': ACCELERATION})
-    for name in ('linear acceleration x', 'Linear Acceleration x (m/s^2)'):
-        table = read_table(path, {'time': TIME, 'a': ACCELERATION}, named={'a': name})
-        assert table.columns['a'].values == pytest.approx([0.15, -0.15])
+    sheet = read_sheet(path)
+    for name in ('linear acceleration x', 'Linear Acceleration x (m/s^2)', '2'):
+        choice = choose(sheet, 'a', ACCELERATION, column=name)
+        values = table_of(sheet, {'a': choice}).columns['a'].values
+        assert values == pytest.approx([0.15, -0.15])
     with pytest.raises(TableError, match="no column 'force' for the a among 'Time"):
-        read_table(path, {'a': ACCELERATION}, named={'a': 'force'})
+        choose(sheet, 'a', ACCELERATION, column='force')
     (tmp_path / 'bad.zip').write_text(text)
     with pytest.raises(TableError, match=r'no \.zip file'):
         read_table(tmp_path / 'bad.zip', {'a': ACCELERATION})
