@@ -353,8 +353,9 @@ def check_outputs(arguments: argparse.Namespace, *inputs: Path | None) -> None:
     if len(set(files)) < len(files):
         raise ValueError('two outputs have the same name: give each its own')
     read = {path.resolve() for path in inputs if path is not None}
-    for path in files:
-        if path in read or path.parent in read:
+    folders = [given[name] for name in ('report', 'recording') if given.get(name) is not None]
+    for path in files + [Path(folder).resolve() for folder in folders]:
+        if read & {path, *path.parents}:
             raise ValueError(f'{path} is, or is in, what is read: give the output another name')
     for path in figures:
         if path.suffix.lower() not in ('.png', '.svg', '.pdf'):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -15,8 +16,9 @@ from impact_damper_ros.compare.comparison import compare_run
 from impact_damper_ros.compare.result import RunComparison
 from impact_damper_ros.outputs import check_directory
 from impact_damper_ros.parameters.quoting import printable
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 from impact_damper_ros.replay.run import runs_of
-from impact_damper_ros.report.text_report import comparison_markdown, comparison_text
+from impact_damper_ros.report.text_report import comparison_text
 
 from .command_line import (
     add_bag_argument,
@@ -29,6 +31,7 @@ from .command_line import (
     command_parser,
     draw,
     need_matplotlib,
+    number,
     outcome,
     progress_bar,
     share_done,
@@ -55,12 +58,15 @@ finds no motion, does not differ); 1 if one does (or a file cannot be written); 
 argument is invalid; 3 if nothing differs, but the bag is cut, damaged, or holds messages that
 contradict one another; 130 on Ctrl-C, 143 on SIGTERM.
 Example: compare_run runs/run_20250131_120000 --json result.json --report report
-Scores:  compare_run --score runs/timed runs/amplitude --markdown score.md --figure score.png
+Scores:  compare_run --score runs/timed runs/amplitude --score-gap '24 mm' --figure score.png
 """
 
 
 #: See `needs`.
-NEEDS = (('--figure', '--score'), ('--report', 'no --score'))
+NEEDS = (
+    *((option, '--score') for option in ('--figure', '--markdown', '--score-gap')),
+    ('--report', 'no --score'),
+)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -72,13 +78,20 @@ def _parser() -> argparse.ArgumentParser:
     add_json_option(parser)
     page = 'write an HTML report with plots, and the result as JSON beside it'
     add_path_option(parser, '--report', page, 'DIR')
+    spec = PARAMETER_SPECS['gap']
     parser.add_argument(
         '--score',
         action='store_true',
         help='score the control of one or several recordings, each beside the same run with the '
-        'best fixed gap and without damper',
+        'fixed gap with which it begins and without damper',
     )
-    add_path_option(parser, '--markdown', 'write all tables as Markdown (- : stdout)')
+    parser.add_argument(
+        '--score-gap',
+        type=number(spec.low or 0.0, spec.high or math.inf, 'm'),
+        metavar='GAP',
+        help='with --score: the fixed gap of the run beside each, instead of its own',
+    )
+    add_path_option(parser, '--markdown', 'with --score: write the table as Markdown (- : stdout)')
     add_path_option(parser, '--figure', 'with --score: draw the amplitudes of all recordings')
     add_quiet_option(parser, 'tables')
     return parser
@@ -112,10 +125,10 @@ def _write_report(arguments: argparse.Namespace, comparison: RunComparison, comm
 
 def _scored(arguments: argparse.Namespace) -> int:
     """Score recordings, and write what was asked for."""
-    from impact_damper_ros.compare.score import Tried, score_run
+    from impact_damper_ros.compare.score import score_run
     from impact_damper_ros.report.score_report import score_figure, score_table, score_text
 
-    runs = _each(arguments, 'score', partial(score_run, tried=Tried(dict)))
+    runs = _each(arguments, 'score', partial(score_run, gap=arguments.score_gap))
     write_json(arguments.json, {'runs': [run.as_dict() for run in runs]})
     write_output(arguments.markdown, lambda: score_table(runs).markdown() + '\n')
     draw(arguments.figure, score_figure, runs)
@@ -143,12 +156,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         found = _each(arguments, 'compare', compare_run)
         results = [comparison.as_dict() for comparison in found]
         write_json(arguments.json, results[0] if len(found) == 1 else {'runs': results})
-        write_output(
-            arguments.markdown,
-            lambda: printable('\n'.join(map(comparison_markdown, found))) + '\n',
-        )
-        taken = arguments.json if str(arguments.markdown) != '-' else arguments.markdown
-        stream = text_stream(taken)
+        stream = text_stream(arguments.json)
         if not arguments.quiet:
             print(printable('\n\n'.join(map(comparison_text, found))), file=stream)
         if arguments.report is not None:

@@ -7,7 +7,6 @@ import argparse
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 from impact_damper_ros.motion.event import Sample, events_of_table
@@ -195,22 +194,12 @@ def _runs(arguments: argparse.Namespace) -> list[RecordedRun]:
     return runs
 
 
-def _check_recording(recording: Path | None, bag: Path) -> None:
-    """Raise an error if a bag is to be written within the one that is read."""
-    if recording is not None and bag.resolve() in (
-        recording.resolve(),
-        *recording.resolve().parents,
-    ):
-        raise ValueError(f'{recording} is, or is in, what is read: give --bag another name')
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
 
     def work() -> int:
         check_outputs(arguments, arguments.bag)
-        _check_recording(arguments.recording, arguments.bag)
         done = [_replayed(arguments, recorded) for recorded in _runs(arguments)]
         codes, results, texts = zip(*done, strict=True)
         write_json(arguments.json, results[0] if len(done) == 1 else {'runs': results})

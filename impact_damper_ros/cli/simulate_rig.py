@@ -26,6 +26,7 @@ from impact_damper_ros.motion.event import Event, EventKind, Sample, table_of_ev
 from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.motion.swing import Swing
 from impact_damper_ros.orbits.flight_arrays import FlightStart
+from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.orbits.swept_response import SweptResponse, SweptRun
 from impact_damper_ros.outputs import is_stream
 from impact_damper_ros.parameters.parameter_spec import ParameterSpec
@@ -255,11 +256,8 @@ def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
 
 
 def _cycle(parameters: RigParameters) -> float:
-    """Return the period of the first harmonic, or the natural one if that is off or stepped."""
-    frequency = parameters.first_harmonic[1]
-    if not frequency or not parameters.first_harmonic[0] or parameters.sweep_mode != 'off':
-        frequency = parameters.omega
-    return math.tau / frequency
+    """Return the period of the force, s; the natural one if its frequency is stepped."""
+    return cycle_of(parameters) if parameters.sweep_mode == 'off' else math.tau / parameters.omega
 
 
 class _Summary(Observer):
@@ -493,15 +491,10 @@ def _simulate(
         raise CommandError(f'{error}; {_kept(arguments)}') from error
     report(whole=True)
     if sampled is not None:
-        other = _rig(given, law, [record.halved() for record in records])
-        compared = RecordSamples(other, duration)
-        with progress_bar('with half the samples', duration, 's', quiet=arguments.quiet) as bar:
-            observers = [compared, _Progress(other, bar)]
-            run(other, duration, observers, changes, arguments.most_events)
-        beside = sampled.beside(compared)
+        shaken = sampled.response()
         if not arguments.quiet:
-            print(record_text(beside, records), file=sys.stderr)
-        draw(arguments.figure, record_figure, beside, records, rig_line(rig.parameters))
+            print(record_text(shaken, records), file=sys.stderr)
+        draw(arguments.figure, record_figure, shaken, records, rig_line(rig.parameters))
     if swept is not None:
         _write_sweep(arguments, rig.parameters, swept.response())
     if response is not None:

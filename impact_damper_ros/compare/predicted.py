@@ -151,6 +151,9 @@ _LEAST_PERIODS = 8
 _PERIODS_PER_RANK = 4
 _MOST_RANK = 4
 _NEGLIGIBLE = 1e-3
+#: Relative difference up to which a factor is the predicted one, and those of two halves are the
+#: same.
+SAME_DECAY, _SAME_HALVES = 0.05, 0.1
 
 
 def decay_rate(states: Array, floor: float) -> tuple[float, int, int]:
@@ -158,7 +161,8 @@ def decay_rate(states: Array, floor: float) -> tuple[float, int, int]:
     Measure the decay of the differences of successive periods, one per row.
 
     Returned are the factor in a period, the largest modulus of the eigenvalues, which is NaN if it
-    could not be measured, the first of the periods on which it was, and their number.
+    could not be measured, the first of the periods on which it was, and their number. As long as
+    both halves of the periods give different factors, the later half is taken.
     """
     steps = np.diff(states, axis=0)
     sizes = np.abs(steps).max(axis=1)
@@ -170,14 +174,26 @@ def decay_rate(states: Array, floor: float) -> tuple[float, int, int]:
     count = stop - start
     if count < _LEAST_PERIODS:
         return math.nan, start, 0
-    steps, sizes = steps[start:stop], sizes[start:stop, None]
+    factor = _factor(steps[start:stop], sizes[start:stop, None])
+    while count >= 2 * _LEAST_PERIODS:
+        middle = start + count // 2
+        parts = slice(start, middle + 1), slice(middle, stop)
+        early, late = (_factor(steps[part], sizes[part, None]) for part in parts)
+        if abs(late - early) <= _SAME_HALVES * factor:
+            break
+        start, count, factor = middle, stop - middle, late
+    return factor, start, count
+
+
+def _factor(steps: Array, sizes: Array) -> float:
+    """Return the factor by which steps shrink, given the size of each."""
     before, after = (steps[:-1] / sizes[:-1]).T, (steps[1:] / sizes[:-1]).T
     modes, values, rows = np.linalg.svd(before, full_matrices=False)
-    rank = min(_MOST_RANK, max(1, count // _PERIODS_PER_RANK))
+    rank = min(_MOST_RANK, max(1, len(steps) // _PERIODS_PER_RANK))
     rank = int(min(rank, (values > _NEGLIGIBLE * values[0]).sum()))
     modes, values, rows = modes[:, :rank], values[:rank], rows[:rank]
     map_ = modes.T @ after @ rows.T / values
-    return float(np.abs(np.linalg.eigvals(map_)).max()), start, count
+    return float(np.abs(np.linalg.eigvals(map_)).max())
 
 
 #: Periods shown at most, and after the distance has reached the resolution of the stamps.

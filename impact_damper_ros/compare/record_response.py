@@ -1,13 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Response of a rig to measured records, beside that to every second sample of them.
-
-What a rig is given is held between samples. The error of that is of the second order in their
-interval; the record of every second sample has four times of it, so that the error is about a
-third of the difference, as long as the motion is regular. Where impacts follow irregularly, any
-difference grows until both motions are as different as two runs of a chaotic rig: peaks and means
-then still compare.
-"""
+"""Response of a rig to measured records."""
 
 from __future__ import annotations
 
@@ -25,35 +17,25 @@ Array = NDArray[np.float64]
 
 #: Samples in a natural cycle of M.
 _LOOKS = 64
-#: Part of the largest displacement by which two motions are no longer the same.
-APART = 0.01
 
 
 class RecordResponse(NamedTuple):
     """
-    Displacement of M from its base under records, and under every second sample of them.
+    Displacement of M from its base under measured records.
 
     Attributes
     ----------
     times : ndarray, shape (n,)
         Instants, s.
-    displacement, halved : ndarray, shape (n,)
-        X - b under the records, and under every second sample of them, m.
+    displacement : ndarray, shape (n,)
+        X - b, m.
     base : tuple of float
         Displacement and velocity of the base at the end, m and m/s.
     """
 
     times: Array
     displacement: Array
-    halved: Array
     base: tuple[float, float]
-
-    @property
-    def apart_from(self) -> float:
-        """Since when both differ by `APART` of the largest displacement, s; infinite if never."""
-        most = APART * float(np.abs(self.displacement).max())
-        wrong = np.flatnonzero(np.abs(self.halved - self.displacement) > most)
-        return float(self.times[wrong[0]]) if len(wrong) else math.inf
 
 
 class RecordSamples(Observer):
@@ -78,12 +60,8 @@ class RecordSamples(Observer):
             sample = self._rig.sample()
             self.displacement.append(sample.x - sample.base)
 
-    def beside(self, other: RecordSamples) -> RecordResponse:
-        """Return the response, with that of a run under every second sample."""
+    def response(self) -> RecordResponse:
+        """Return the response so far."""
         sample = self._rig.sample()
-        return RecordResponse(
-            self.times,
-            np.array(self.displacement),
-            np.array(other.displacement),
-            (sample.base, sample.base_velocity),
-        )
+        base = sample.base, sample.base_velocity
+        return RecordResponse(self.times, np.array(self.displacement), base)

@@ -2,18 +2,14 @@
 """
 The score of a controlled run: how much M moved, how soon it settled, and what the control spent.
 
-Beside it are two runs of the same history, computed by the engine: with the best fixed gap, and
-with M alone. In them no control acts, neither on the stops nor on M.
+Beside it are two runs of the same history, computed by the engine: with a fixed gap, that of the
+rig or a given one, and with M alone. In them no control acts, neither on the stops nor on M.
 """
 
 from __future__ import annotations
 
-import json
-import math
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -23,35 +19,28 @@ from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 from impact_damper_ros.replay import RecordedRun, Replay, WhatIf
-from impact_damper_ros.replay.command import Command, Setting
+from impact_damper_ros.replay.command import Command
 from impact_damper_ros.replay.replay import Part
 from impact_damper_ros.replay.rows import NO_EVENTS
-from impact_damper_ros.rig.runaway import RunawayError
 
 from .result import Array, Overall
 from .stretches import RecordedStretch, Stretches
 
-#: The gaps that are tried, as shares of the gap that would be optimal for M alone, how many of the
-#: best are refined by how many tries at most, and the tolerance of that, relative.
-_REFINED, _MOST_TRIES = 4, 20
-_NARROW, _WIDE, _TOLERANCE = np.geomspace(3e-3, 0.19, 20), np.linspace(0.2, 1.5, 131), 1e-3
-#: Restitution that counts at most in that gap: without losses at impacts it would be infinite.
-_MOST_RESTITUTION = 0.95
 #: M alone: what is left of m does not move it.
 _ALONE = 1e-9
 #: Cycles of a run from which on compiled code is worth its loading time.
 _COMPILED_FROM = 50
 #: Points of a cycle at which |X| is looked up, and fewest cycles that show a settling time.
 _POINTS, _FEWEST = 48, 8
-#: Share of the work of a score that its replay is.
-_REPLAYED = 0.1
+#: Share of the work of a score that its replay is, and of the rest that the first other run is.
+_REPLAYED, _FIRST = 0.5, 0.75
 #: Share of the final amplitude within which it has settled.
 SETTLED_WITHIN = 0.05
 
 
 @dataclass(frozen=True)
 class Score:
-    """A stretch of a run, or all of it, beside the same with the best fixed gap and M alone."""
+    """A stretch of a run, or all of it, beside the same with a fixed gap and M alone."""
 
     start: float  # rig time, s
     end: float
@@ -71,13 +60,13 @@ class RunScore:
 
     bag: str
     node: str
-    best_gap: float  # the fixed gap with which the rms of X over the whole run is least, m
+    gap: float  # the fixed gap of the run beside it, m
     stretches: tuple[Score, ...]
     overall: Score
     differences: int  # numbers of the log that are not those of its replay
     faults: tuple[str, ...]  # why the bag could be used in part only
     #: Middle of each cycle of the force, s, and largest |X| in it, m: of the run, and with the
-    #: best fixed gap.
+    #: fixed gap.
     amplitude: tuple[Array, Array]
     fixed_amplitude: tuple[Array, Array]
     #: Number of the run, and of all runs of the rig in the recording.
@@ -153,25 +142,6 @@ class _History:
                 self._parts.append(Part(last, NO_EVENTS, part.command, part.steps, part.before))
             yield part
 
-    def of_every_gap(self) -> str:
-        """Return all that a run with a fixed gap depends on beside the gap, as a text."""
-
-        def text(step: Any) -> str:
-            return repr(step.rig.replace(gap=1.0) if isinstance(step, Setting) else step)
-
-        here = WhatIf(self._start, {'gap_control': 'off'})
-        begun = self._start.initial if here.from_initial else json.dumps(self._start.state)
-        parts = [
-            (
-                part.samples['time'].tolist(),
-                part.command and part.command.time_ns,
-                [(time_ns, text(step)) for time_ns, step in part.steps],
-            )
-            for part in self._parts
-        ]
-        start = self._start.time_ns, text(Setting.of(self._start.state))
-        return repr((begun, start, self.begins, parts))
-
     def run(self, held: Mapping[str, Any]) -> list[RecordedStretch]:
         """Return the stretches of a run with some parameters held, or raise RunawayError."""
         other = WhatIf(self._start, {'gap_control': 'off', **held}, compiled=self.compiled)
@@ -184,70 +154,17 @@ def _joined(stretches: Sequence[RecordedStretch]) -> Overall:
     return Overall.joined([stretch.overall for stretch in stretches])
 
 
-def _best_gap(
-    history: _History,
-    alone: Overall,
-    rig: Any,
-    own: set[float],
-    known: dict[float, float],
-    progress: Callable[[float], object],
-) -> float:
-    """
-    Return the fixed gap with which the rms of X over a history is least, m.
-
-    `known` has the rms over the logarithm of gaps that were tried, and gets what is tried here.
-
-    Over the gap the rms is not smooth: the gaps of the run itself are tried, too, and there may be
-    better ones between those that are tried.
-    """
-    from scipy.optimize import minimize_scalar
-
-    bounce = min(max(rig.restitution_1, rig.restitution_2), _MOST_RESTITUTION)
-    share = math.pi * (1.0 + bounce) / ((1.0 - bounce) * (1.0 + rig.mass_ratio))
-
-    tries = count(1)
-    most = len(_NARROW) + len(_WIDE) + len(own) + _REFINED * _MOST_TRIES
-
-    def rms(log_gap: float) -> float:
-        progress(min(1.0, next(tries) / most))
-        if log_gap not in known:
-            try:
-                known[log_gap] = _joined(history.run({'gap': math.exp(log_gap)})).x_rms
-            except RunawayError:
-                known[log_gap] = math.inf
-        return known[log_gap]
-
-    ideal = math.log(share * alone.x_max)
-    tried = ideal + np.log([*_NARROW, *_WIDE])
-    found = [rms(log_gap) for log_gap in tried.tolist()]
-    gaps = {gap: rms(math.log(gap)) for gap in own}
-    for best in np.argsort(found)[:_REFINED].tolist():
-        around = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
-        refined = minimize_scalar(
-            rms,
-            bounds=around,
-            method='bounded',
-            options={'xatol': _TOLERANCE, 'maxiter': _MOST_TRIES},
-        )
-        gaps |= {math.exp(tried[best]): found[best], math.exp(refined.x): refined.fun}
-    return min(gaps, key=lambda gap: gaps[gap])
-
-
-#: For each history that was scored the rms of X, m, over the logarithm of the gaps tried.
-Tried = defaultdict[str, dict[float, float]]
-
-
 def score_run(
     recorded: RecordedRun,
     *,
-    tried: Tried | None = None,
+    gap: float | None = None,
     progress: Callable[[float], object] = float,
 ) -> RunScore:
     """
-    Score a recorded run, beside the same run with the best fixed gap and with M alone.
+    Score a recorded run, beside the same run with a fixed gap and with M alone.
 
-    `tried` keeps what was tried, for other recordings of the same history. `progress` is called
-    now and then with the share of the work that is done.
+    The fixed gap, m, is that with which the run begins if none is given. `progress` is called now
+    and then with the share of the work that is done.
     """
     reader = recorded.reader
     span = reader.span or 1.0
@@ -264,6 +181,11 @@ def score_run(
     parts = [stretch for stretch, _, _ in stretches]
     history.begins = tuple(stretch.start for stretch in parts)
     rig = parts[0].parameters
+    gap = rig.gap if gap is None else gap
+    if parts[-1].end - parts[0].start >= _COMPILED_FROM * cycle_of(rig):
+        history.compiled = True
+    fixed = history.run({'gap': gap})
+    progress(_FIRST)
     alone = history.run(
         {
             'damper_mass': _ALONE * rig.primary_mass,
@@ -273,17 +195,6 @@ def score_run(
             'gap': PARAMETER_SPECS['gap'].high,
         }
     )
-    if parts[-1].end - parts[0].start >= _COMPILED_FROM * cycle_of(rig):
-        history.compiled = True
-    own = {one.parameters.gap for one in parts if one.control['gap_control'] == 'off'}
-    gap = rig.gap
-    if _joined(alone).x_max:
-        gap = _best_gap(
-            *(history, _joined(alone), rig, own),
-            {} if tried is None else tried[history.of_every_gap()],
-            lambda share: progress(_REPLAYED + (1.0 - _REPLAYED) * share),
-        )
-    fixed = history.run({'gap': gap})
 
     def within(others: Sequence[RecordedStretch], stretch: RecordedStretch) -> Overall:
         """Return what adds up in another run from the begin to the end of a stretch."""

@@ -15,6 +15,7 @@ from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind, Period
 from impact_damper_ros.orbits.ring_down import is_free, recorded_ring_down
 from impact_damper_ros.orbits.search import find_orbits
+from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.orbits.solved_orbits import counted_from_zero
 from impact_damper_ros.orbits.swept_response import SweptResponse, swept_response
 from impact_damper_ros.orbits.transmissibility import dynamic_stiffness
@@ -23,7 +24,13 @@ from impact_damper_ros.replay.rows import Samples
 
 from .measures import energy_balance, measured_motion, motion_curve, spectrum
 from .motion_kind import SETTLED, StretchKind, kind_by_impacts, kind_of, run_on, settled_after
-from .predicted import PeriodicMotion, impulses_of, periodic_motion, predicted_curve
+from .predicted import (
+    SAME_DECAY,
+    PeriodicMotion,
+    impulses_of,
+    periodic_motion,
+    predicted_curve,
+)
 from .result import (
     EnergyBalance,
     LoggedStretch,
@@ -64,10 +71,13 @@ def _judged_period(kind: StretchKind, motion: PeriodicMotion) -> _Judgement:
     name = _motion_name(orbit)
     rate = ''
     if not math.isnan(decay.measured):
+        how = 'shrink' if decay.measured < 1.0 else 'grow'
         rate = (
-            f'; deviations shrink by {decay.measured:.5g} in a period, predicted '
+            f'; deviations {how} by {decay.measured:.5g} in a period, predicted '
             f'{decay.predicted:.5g}'
         )
+        if abs(decay.measured - decay.predicted) > SAME_DECAY * decay.predicted:
+            rate += ', which is another one'
     if distance > motion.allowed:
         text = f'differs by {distance:.3g} of its size from {name}; the remaining transient and '
         text += f'the stamps explain {motion.allowed:.1g}'
@@ -177,9 +187,11 @@ def _judged_vibration(stretch: RecordedStretch, x_max: float, cycle: float) -> _
     hits = later.impacts if later.period is None else []
     left = _free_vibration(stretch, joined=joined) / expected if expected else math.inf
     how = 'with m on it' if joined else 'without m'
+    several = sum(amplitude != 0.0 for amplitude in rig.harmonics[0]) > 1
     text = (
-        f'M vibrates {how}: largest |X| {x_max:.7g} m, predicted {expected:.7g} m; the free '
-        f'vibration left is {left:.2g} of it'
+        f'M vibrates {how}: largest |X| {x_max:.7g} m, predicted '
+        f'{"at most " if several else ""}{expected:.7g} m; the free vibration left is {left:.2g} '
+        'of it'
     )
     # Without friction m stays where it is in space, while X still swings in
     place = section[:, 2] if joined else section[:, 0] + section[:, 2]
@@ -197,6 +209,8 @@ def _judged_vibration(stretch: RecordedStretch, x_max: float, cycle: float) -> _
         text += f'; m does not keep its place, and drifts towards stop {stop}'
     else:
         moves = False
+    if rig.damping == 0.0 and left > SETTLED and not moves:
+        return _Judgement(Verdict.NO_PREDICTION, f'{text}, and stays: M is not damped')
     settled = left <= SETTLED and not moves
     return _Judgement(Verdict.AGREES if settled else Verdict.NOT_SETTLED, text)
 
@@ -237,13 +251,6 @@ def _why_no_theory(stretch: RecordedStretch) -> str:
     return f'the harmonics of the force have no common period of up to {LONGEST_PERIOD} cycles'
 
 
-def _cycle(stretch: RecordedStretch) -> float:
-    """Return the duration of a cycle of the force, or of the natural vibration, s."""
-    rig = stretch.parameters
-    forced = rig.first_harmonic[0] != 0.0 and rig.first_harmonic[1] != 0.0
-    return math.tau / (rig.first_harmonic[1] if forced else rig.omega)
-
-
 def _at_rest(samples: Samples) -> bool:
     """Return whether nothing moves in the last quarter of some samples."""
     speeds = np.abs([samples['primary_velocity'], samples['damper_velocity']]).max(axis=0)
@@ -256,7 +263,7 @@ class _Comparison:
 
     def __init__(self, stretch: RecordedStretch) -> None:
         self.stretch = stretch
-        self.cycle = _cycle(stretch)
+        self.cycle = cycle_of(stretch.parameters)
         self.ring_down = recorded_ring_down(stretch.flights)
         self.response: SweptResponse | None = None
         if stretch.parameters.sweep_mode != 'off' and len(stretch.flights):

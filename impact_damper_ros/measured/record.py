@@ -5,7 +5,7 @@ Measured records of a force on M, or of the acceleration of the base, held betwe
 Each sample is held from the middle of the interval before it to the middle of the one after it.
 What is held is a step function of time; a rig follows it exactly. That it stands for a signal
 which is smooth between its samples is an error of the second order in their interval: the record
-of every second sample has four times the error, and shows it.
+of every second sample has four times the error.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _COLUMNS = {
     FORCE_RECORD: FORCE,
     BASE_RECORD: Quantity((*ACCELERATION.names, *BASE.names), ('m/s^2',)),
 }
-#: Fewest samples, of which every second one is still a record, and most.
+#: Fewest and most samples.
 _LEAST_SAMPLES, _MOST_SAMPLES = 4, 10_000_000
 #: Longest copy, bytes, and largest value, N or m/s^2.
 _LONGEST_COPY, _LARGEST = 25 * _MOST_SAMPLES, 1e12
@@ -118,10 +118,6 @@ class MeasuredRecord(NamedTuple):
         middles = 0.5 * (self.times[1:] + self.times[:-1])
         starts = [0.0, *middles.tolist(), self.duration]
         return starts, [*self.values.tolist(), 0.0]
-
-    def halved(self) -> MeasuredRecord:
-        """Return the record of every second sample."""
-        return self._replace(times=self.times[::2], values=self.values[::2], copy=())
 
     def described(self) -> str:
         """Return the record in words."""

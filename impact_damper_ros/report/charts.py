@@ -20,10 +20,12 @@ from numpy.typing import ArrayLike
 from impact_damper_ros.compare.result import (
     Array,
     Convergence,
+    LogVerdict,
     MotionCurve,
     PredictedCurve,
     StretchComparison,
 )
+from impact_damper_ros.orbits.settled_motion import cycle_of
 
 from .drawing import COLORS, IMPACTS, MOTION_LINES, draw_impacts, draw_stop, unit_axis
 from .formatting import number, quantity
@@ -141,7 +143,13 @@ _NUMBER = 0.02
 
 def _cycles(stretch: StretchComparison) -> float:
     """Return the number of cycles of the force in a stretch."""
-    return (stretch.end - stretch.start) * stretch.parameters.first_harmonic[1] / math.tau
+    return (stretch.end - stretch.start) / cycle_of(stretch.parameters)
+
+
+def _as_in_the_log(*stretches: StretchComparison) -> str:
+    """Return whether the curves of stretches, which are those of the replay, are in the log."""
+    differs = any(stretch.log is LogVerdict.DIFFERS for stretch in stretches)
+    return 'as replayed' if differs else 'as recorded'
 
 
 def _coarser(stretch: StretchComparison, envelope: Array, most: float) -> Array:
@@ -189,10 +197,8 @@ def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Pi
             count = min(count, max(least, _cycles(stretch)))
         pieces.append(_coarser(stretch, envelope, count))
     time, low, high = np.hstack(pieces)
-    color = COLORS['primary']
-    axes.fill_between(
-        time, low, high, color=color, alpha=0.6, linewidth=0.6, label='X as recorded'
-    )
+    color, how = COLORS['primary'], _as_in_the_log(*stretches)
+    axes.fill_between(time, low, high, color=color, alpha=0.6, linewidth=0.6, label=f'X {how}')
     times, levels = _level_lines(stretches).T
     if len(levels):
         look = {**MOTION_LINES['stable'], 'linewidth': 1.2, 'zorder': 3}
@@ -300,7 +306,7 @@ def _motion_of(stretch: StretchComparison) -> MotionCurve | None:
 
 
 def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | None:
-    """Draw the end of a stretch as recorded, with the predicted motion and impacts over it."""
+    """Draw the end of a stretch, with the predicted motion and impacts over it."""
     motion, theory = _motion_of(stretch), stretch.curves.predicted
     if motion is None:
         return None
@@ -323,7 +329,7 @@ def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | 
     start, end = float(motion.time[0]), float(motion.time[-1])
     if stretch.curves.impacts is not None:
         draw_impacts(axes, stretch.curves.impacts, start, end)
-    caption = 'The end of the stretch as recorded.'
+    caption = f'The end of the stretch {_as_in_the_log(stretch)}.'
     if theory is not None:
         time, x, y = predicted_motion(theory, start, end)
         look = _prediction(stretch)
@@ -349,7 +355,8 @@ def _portrait(
     unit_axis(axes.yaxis, labels[1], 'm/s', rates[0])
     # Of a motion that repeats, one curve lies below that of the theory.
     width = 1.4 if stretch.settled_at is None else 2.6
-    axes.plot(places[0], rates[0], color=COLORS[color], linewidth=width, label='as recorded')
+    how = _as_in_the_log(stretch)
+    axes.plot(places[0], rates[0], color=COLORS[color], linewidth=width, label=how)
     if theory is not None and len(theory.x):
         places.append(getattr(theory, names[0]))
         rates.append(getattr(theory, names[1]))
@@ -520,7 +527,7 @@ def _draw_convergence(stretch: StretchComparison) -> Picture | None:
     time, distance = curve.time[shown], curve.distance[shown]
     marks: dict[str, Any] = {'marker': 'o', 'markersize': 2.4} if shown.sum() < 150 else {}
     look = {'color': COLORS['primary'], 'linewidth': 1.0, **marks}
-    axes.plot(time, distance, **look, label='as recorded')
+    axes.plot(time, distance, **look, label=_as_in_the_log(stretch))
     if floor > 0.0:
         look = {'color': COLORS['stop'], 'alpha': 0.3, 'linewidth': 0}
         axes.axhspan(1e-3 * low, floor, **look, label='below the resolution of the log')
@@ -559,7 +566,8 @@ def _draw_spectrum(stretch: StretchComparison) -> Picture | None:
     top = max(largest, float(np.nanmax(lines, initial=0.0)))
     _log_axis(axes, _DEPTH * largest, 5.0 * top, unit.factor)
     inside = finite & (curve.frequency <= highest) & (curve.amplitude > 0.0)
-    look = {'color': COLORS['primary'], 'linewidth': 1.1, 'label': 'as recorded'}
+    how = _as_in_the_log(stretch)
+    look = {'color': COLORS['primary'], 'linewidth': 1.1, 'label': how}
     axes.plot(curve.frequency[inside], curve.amplitude[inside], **look)
     caption = f'The end of the stretch, {curve.window} window, lines {number(curve.resolution, 3)}'
     caption += ' Hz wide.'

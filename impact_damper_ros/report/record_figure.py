@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from impact_damper_ros.compare.record_response import APART, Array, RecordResponse
+from impact_damper_ros.compare.record_response import Array, RecordResponse
 from impact_damper_ros.measured.record import BASE_RECORD, MeasuredRecord
 
 from .drawing import COLORS, blank_figure, finish_panel, print_style, unit_axis
@@ -28,17 +28,7 @@ def record_text(found: RecordResponse, records: Sequence[MeasuredRecord]) -> str
     """Return the result in words."""
     moved = any(record.quantity == BASE_RECORD for record in records)
     what = '|X - b|' if moved else '|X|'
-    since = found.apart_from
-    apart = f'by {100.0 * APART:g} % of the largest |X|'.replace('|X|', what)
-    lines = [
-        f'records     {what} {_sizes(found.displacement)}',
-        f'halving     {what} {_sizes(found.halved)} with every second sample; both motions '
-        + (
-            f'differ {apart} from {since:.5g} s on'
-            if since < math.inf
-            else f'never differ {apart}'
-        ),
-    ]
+    lines = [f'records     {what} {_sizes(found.displacement)}']
     if moved:
         place, speed = found.base
         lines.append(
@@ -62,15 +52,7 @@ def record_figure(
         label, unit = ("b''", 'm/s²') if record.quantity == BASE_RECORD else ('Force', 'N')
         unit_axis(panel.yaxis, label, unit, record.values)
     moved = any(record.quantity == BASE_RECORD for record in records)
-    last.plot(
-        found.times,
-        found.halved,
-        color=COLORS['quiet'],
-        lw=0.7,
-        label='every second sample',
-    )
-    last.plot(found.times, found.displacement, color=COLORS['primary'], lw=1.0, label='all')
-    last.legend(frameon=False, loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2)
+    last.plot(found.times, found.displacement, color=COLORS['primary'], lw=1.0)
     last.set_xlim(found.times[0], found.times[-1])
     finish_panel(last, 'abc'[len(records)], 'Time [s]', '')
     unit_axis(last.yaxis, 'X − b' if moved else 'X', 'm', found.displacement)

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.compare.result import Overall
 from impact_damper_ros.compare.whole_run import WholeRun
+from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.parameters.quoting import counted
-from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
+from impact_damper_ros.parameters.rig_parameters import unit_of
 from impact_damper_ros.replay.command import Command, Setting
 from impact_damper_ros.replay.replay import Part
 from impact_damper_ros.replay.what_if import WhatIf
@@ -38,12 +39,6 @@ _QUANTITIES = (
 )
 
 
-def _longest_cycle(rig: RigParameters) -> float:
-    """Return the longest period of the force, or the natural one of a rig without force, s."""
-    harmonics = zip(rig.force_amplitudes, rig.force_frequencies, strict=True)
-    return math.tau / min((w for amplitude, w in harmonics if amplitude and w), default=rig.omega)
-
-
 class RunPair:
     """
     A recorded run and its what-if, whose parts are taken one after the other.
@@ -64,7 +59,7 @@ class RunPair:
         self, start: Command, what_if: WhatIf, held: Mapping[str, Any], *, drawn: bool = False
     ) -> None:
         rigs = Setting.of(start.state).rig, what_if.rig.parameters
-        span = _CLOSEUP_CYCLES * max(map(_longest_cycle, rigs)) if drawn else 0.0
+        span = _CLOSEUP_CYCLES * max(map(cycle_of, rigs)) if drawn else 0.0
         self._held, self._initial = dict(held), start.initial.as_dict()
         self._from_initial = what_if.from_initial
         self._recorded = WholeRun(start.state, span)

@@ -30,7 +30,7 @@ from .table import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Kinds of line of runs, beside the dashed one of the best fixed gap.
+#: Kinds of line of runs, beside the dashed one of the fixed gap.
 _KINDS = ('-', '-.', ':')
 _LINES = (BLUE, ORANGE, GREEN, PURPLE, '#e69f00', '#56b4e9')
 
@@ -49,7 +49,7 @@ def score_table(runs: Sequence[RunScore]) -> Table:
     impulse = unit_for('N s', [part.run.largest_impulse for part in every])
     pushed = any(part.run.active_work for part in every)
     head = [
-        *('run', 'stretch', 'control', f'rms of X [{length.name}]', '/ best gap', '/ M alone'),
+        *('run', 'stretch', 'control', f'rms of X [{length.name}]', '/ fixed gap', '/ M alone'),
         *(f'largest |X| [{length.name}]', 'settles in [s]', 'impacts'),
         *(f'mean impulse [{impulse.name}]', f'largest [{impulse.name}]'),
         f'taken from M by impacts [{energy.name}]',
@@ -81,8 +81,8 @@ def score_table(runs: Sequence[RunScore]) -> Table:
         for count, part in enumerate(run.stretches, 1):
             rows.append(row([name, str(count), part.control], part))
         rows.append(row([name, 'all', run.overall.control], run.overall))
-        gap = f'gap {quantity(run.best_gap, "m", 3)}'
-        rows.append(row([name, 'all', f'best fixed: {gap}'], run.overall, 'fixed_gap'))
+        gap = f'fixed: gap {quantity(run.gap, "m", 3)}'
+        rows.append(row([name, 'all', gap], run.overall, 'fixed_gap'))
         rows.append(row([name, 'all', 'M alone'], run.overall, 'alone'))
     return Table.of_rows(head, rows, texts=3)
 
@@ -113,15 +113,15 @@ def score_figure(runs: Sequence[RunScore]) -> Figure:
     largest = [run.amplitude[1] for run in runs]
     handles: list[Any] = []
     seen: list[float] = []
-    alike = len({round(math.log(run.best_gap), 6) for run in runs}) == 1
+    alike = len({round(math.log(run.gap), 6) for run in runs}) == 1
     for count, (run, color) in enumerate(zip(runs, _cycled(len(runs)), strict=True)):
         look = {'color': color, 'linewidth': 1.4, 'label': _name(run)}
         # Runs that share a colour have lines of another kind.
         kind = _KINDS[count // len(_LINES) % len(_KINDS)]
         handles += left.plot(*run.amplitude, **look, linestyle=kind)
-        if not any(np.isclose(run.best_gap, gap, rtol=1e-6) for gap in seen):
-            seen.append(run.best_gap)
-            label = f'best fixed gap, {quantity(run.best_gap, "m", 3)}'
+        if not any(np.isclose(run.gap, gap, rtol=1e-6) for gap in seen):
+            seen.append(run.gap)
+            label = f'fixed gap, {quantity(run.gap, "m", 3)}'
             shade = COLORS['ink'] if alike else color
             look = {'color': shade, 'linewidth': 1.1, 'linestyle': (0, (4, 2)), 'alpha': 0.75}
             handles += left.plot(*run.fixed_amplitude, **look, label=label)
@@ -138,7 +138,7 @@ def score_figure(runs: Sequence[RunScore]) -> Figure:
     right.barh(place, ratio, 0.6, color=_cycled(len(runs)))
     fixed = [run.overall.fixed_gap.x_rms / rms for run, rms in zip(runs, alone, strict=True)]
     look = {'color': COLORS['ink'], 'linestyle': 'none', 'marker': '|', 'markersize': 16}
-    handles += right.plot(fixed, place, **look, markeredgewidth=2, label='with the best fixed gap')
+    handles += right.plot(fixed, place, **look, markeredgewidth=2, label='with the fixed gap')
     right.set_yticks(place, [_name(run) for run in runs])
     right.set_ylim(-0.6, len(runs) - 0.4)
     right.set_xlim(0.0, 1.08 * max(ratio + fixed) or 1.0)

@@ -73,12 +73,6 @@ class Table:
         lines = [f'{indent}{self.caption}', self.text(f'{indent}  ')]
         return '\n'.join([*lines, *(f'{indent}  {line}' for line in note)])
 
-    def section(self) -> str:
-        """Return it in Markdown with its caption as a heading and its note behind it."""
-        return '\n\n'.join(
-            filter(None, [f'### {self.caption}', self.markdown(), self.note.strip()])
-        )
-
     def markdown(self) -> str:
         """Return it in Markdown, without an end of line after the last row."""
         head, *more = (

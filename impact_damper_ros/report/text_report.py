@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from itertools import pairwise
 
 from impact_damper_ros.compare.result import LogVerdict, RunComparison, StretchComparison, Verdict
 from impact_damper_ros.parameters.quoting import as_line, counted
@@ -17,8 +16,6 @@ from .comparison_tables import (
     overall_table,
     response_table,
     ring_down_table,
-    run_tables,
-    stretch_tables,
 )
 
 _MOST_FINDINGS, _MOST_STOPS = 6, 12
@@ -89,15 +86,3 @@ def comparison_text(comparison: RunComparison) -> str:
     if table is not None:
         last = [table.described(), '', *last]
     return '\n\n'.join([*parts, '\n'.join(last)])
-
-
-def comparison_markdown(comparison: RunComparison) -> str:
-    """Return all tables of a comparison in Markdown."""
-    lines = [f'# {comparison.bag}, node {comparison.node}{_run_of(comparison)}']
-    lines += [table.section() for table in run_tables(comparison)]
-    for before, stretch in pairwise([None, *comparison.stretches]):
-        assert stretch is not None
-        lines.append(f'## Stretch {stretch.number}: {stretch.cause}')
-        lines.append(f'{stretch.verdict.value}: {stretch.sentence}')
-        lines += [table.section() for table in stretch_tables(stretch, before)]
-    return '\n\n'.join(lines) + '\n'

@@ -96,13 +96,6 @@ def test_what_it_says(bag, tmp_path, capsys):
         'in all       2 agrees',
     ):
         assert words in text
-    # The same tables in Markdown
-    markdown = tmp_path / 'tables.md'
-    assert main([str(bag), '--quiet', '--markdown', str(markdown)]) == 0
-    written = markdown.read_text()
-    assert written.count('### Energy balance') == 3
-    assert '| work of the force |' in written
-    assert '| *Impact 1, on stop 1* |' in written
     # A single file, too
     (file,) = bag.glob('*.mcap')
     code, alone = run(file, tmp_path)

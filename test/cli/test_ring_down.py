@@ -82,12 +82,11 @@ def test_of_a_recording_begins_where_the_force_ends(tmp_path, capsys):
     bag, compared = tmp_path / 'bag', tmp_path / 'c.json'
     words = ['bench_rig', '--duration', '20', '--change', '8:force_amplitudes=0']
     assert simulate_rig([*words, '--bag', str(bag), '--quiet']) == 0
-    assert compare_run([str(bag), '--json', str(compared), '--markdown', '-']) == 0
+    assert compare_run([str(bag), '--json', str(compared)]) == 0
     first, second = json.loads(compared.read_text())['stretches']
     assert first['ring_down'] is None
     assert second['ring_down']['amplitude'] == pytest.approx(2.6e-3, rel=0.3)
-    markdown = capsys.readouterr().out
-    assert '| loss factor |' in markdown
+    assert 'loss factor' in capsys.readouterr().out
 
 
 def test_a_cycle_of_a_free_vibration_is_one_of_the_spring(tmp_path):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from compare.recorded import DISPLACED, compared
-from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
+from rigs import BENCH, FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros import InitialConditions, RigParameters, find_orbits
 from impact_damper_ros.compare import Verdict
@@ -178,6 +178,32 @@ def test_a_transient_that_does_not_repeat_yet():
     assert found.measured.last_period is None
     assert found.predicted.stops == (1, 2)
     assert found.measures['settles_after_cycles'] == pytest.approx(120, abs=15)
+
+
+def test_the_decay_is_measured_where_it_is_one():
+    """Of a chatter, whose weak impacts come and go at first: later on it is the predicted one."""
+    rig = BENCH.replace(one_sided=True, angle=1.5)
+    found = compared(rig, 200, InitialConditions(), per_cycle=20)
+    assert (found.verdict, found.kind) == (Verdict.AGREES, MotionKind.PERIODIC), found.sentence
+    assert found.predicted.impacts > 8
+    assert found.decay.measured == pytest.approx(found.decay.predicted, rel=1e-3)
+    assert 'which is another one' not in found.sentence
+
+
+def test_undamped_and_several_harmonics():
+    """A free vibration that stays is named; of two harmonics the largest |X| is a bound."""
+    free = BENCH.replace(gap=1.0, friction=0.0)
+    found = compared(
+        free.replace(damping=0.0, force_frequencies=(20.0,)), 300, InitialConditions()
+    )
+    assert found.verdict is Verdict.NO_PREDICTION
+    assert found.sentence.endswith('of it, and stays: M is not damped')
+    two = {'force_amplitudes': (1.2, 0.4), 'force_phases': (0.0, 0.3)}
+    two['force_frequencies'] = (31.4, 62.8)
+    found = compared(free.replace(**two), 300, InitialConditions())
+    assert found.verdict is Verdict.AGREES
+    bound = float(found.sentence.partition('predicted at most ')[2].split()[0])
+    assert found.measured.x_max < bound < 1.01 * found.measured.x_max
 
 
 def test_without_impacts():

@@ -65,4 +65,3 @@ def test_groups_and_bars_as_text_and_markdown():
         '| force | 9.5 | agrees |',
         '| x | 1 | a\\|b |',
     ]
-    assert table.section().startswith('### Energy\n\n|  | J |')

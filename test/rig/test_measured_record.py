@@ -317,10 +317,3 @@ def test_the_bound_excludes_no_event_that_a_search_finds(seed, monkeypatch):
     assert one.outcome == other.outcome
     assert one.events.tobytes() == other.events.tobytes()
     assert one.samples.tobytes() == other.samples.tobytes()
-
-
-def test_every_second_sample_has_a_copy_of_its_own():
-    record = noise('force', 1.0).with_copy()
-    half = Rig(BENCH, records=[record.halved()])
-    (found,) = Rig.restore(half.snapshot()).measured_records
-    assert len(found.values) == 25
