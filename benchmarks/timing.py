@@ -16,6 +16,8 @@ from statistics import median
 from time import thread_time
 from typing import Any
 
+from impact_damper_ros.report.table import Table
+
 #: A contender is called again within one timing until it has taken this long, s.
 _SHORTEST_TIMING = 0.05
 
@@ -57,17 +59,8 @@ def ratio(times: Sequence[float], others: Sequence[float]) -> float:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of Markdown in aligned columns, the numbers to the right."""
-    lines = [[*head], *([*row] for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-
-    def line(cells: Sequence[str]) -> str:
-        first, *others = zip(cells, widths, strict=True)
-        texts = [first[0].ljust(first[1]), *(text.rjust(width) for text, width in others)]
-        return f'| {" | ".join(texts)} |'
-
-    ruler = ['-' * widths[0], *('-' * (width - 1) + ':' for width in widths[1:])]
-    return '\n'.join([line(lines[0]), line(ruler), *map(line, lines[1:])])
+    """Return a table in aligned columns, the numbers to the right."""
+    return Table.of_rows(head, list(rows)).text()
 
 
 def options(doc: str, rounds: int) -> argparse.ArgumentParser:

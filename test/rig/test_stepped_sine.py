@@ -185,6 +185,33 @@ TABLE = RigParameters(
 )
 
 
+def test_a_dashpot_releases_m_where_the_velocity_of_the_base_jumps():
+    """C b' steps with the frequency, and with it what m needs from its support."""
+    rig = RigParameters(
+        friction=0.4,
+        gravity=1.0,
+        gap=1000.0,
+        damping=1.0,
+        force_amplitudes=0.0,
+        base_amplitudes=1.0,
+        base_quantity='displacement',
+        sweep_mode='up',
+        sweep_low=0.5,
+        sweep_high=3.0,
+        sweep_step=1.0,
+        sweep_dwell=5.0,
+    )
+
+    def at_the_step(parameters):
+        events = Rig(parameters).advance(5.5)
+        return [event.kind for event in events if event.time == 5.0]
+
+    assert at_the_step(rig) == [EventKind.FREQUENCY_STEP, EventKind.RELEASE]
+    # Held by more, m stays where it is, and without a dashpot nothing jumps.
+    assert at_the_step(rig.replace(friction=4.0)) == [EventKind.FREQUENCY_STEP]
+    assert at_the_step(rig.replace(damping=0.0)) == [EventKind.FREQUENCY_STEP]
+
+
 def shaken(quantity, compiled=False, **more):
     rig = TABLE.replace(base_quantity=quantity, **more)
     if quantity != 'acceleration':
