@@ -17,9 +17,13 @@ from pathlib import Path
 from cosmic_ray.commands import init
 from cosmic_ray.modules import find_modules
 from cosmic_ray.mutating import mutate_and_test
+from cosmic_ray.testing import run_tests
 from cosmic_ray.work_db import WorkDB, use_db
+from cosmic_ray.work_item import TestOutcome
 
 ROOT = Path(__file__).parents[1]
+#: What the tests read
+FOLDERS = 'impact_damper_ros', 'test', 'config', 'examples', 'docs', 'benchmarks', 'resource'
 SWAPS = ('Add_Sub', 'Sub_Add', 'Mul_Div', 'Div_Mul')
 ORDERS = ('Eq_NotEq', 'NotEq_Eq', 'Lt_LtE', 'LtE_Lt', 'Gt_GtE', 'GtE_Gt', 'Lt_Gt', 'Gt_Lt')
 OPERATORS = {
@@ -56,7 +60,7 @@ def main() -> int:
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix='mutants_') as folder:
         place = Path(folder)
-        for name in ('impact_damper_ros', 'test', 'config', 'examples', 'docs', 'benchmarks'):
+        for name in FOLDERS:
             shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns('_build'))
         for path in filter(Path.is_file, ROOT.iterdir()):
             shutil.copy(path, place)
@@ -68,6 +72,10 @@ def main() -> int:
             f'env -u _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH={place} '
             f'{sys.executable} -m pytest -x -q -p no:cacheprovider {tests}'
         )
+        outcome, output = run_tests(command, given.timeout)
+        if outcome is not TestOutcome.SURVIVED:
+            print(output)
+            return 1
         with use_db(str(place / 'mutants.sqlite'), WorkDB.Mode.create) as work:
             modules = sorted(find_modules([place / 'impact_damper_ros' / given.room]))
             init(modules, work, {})

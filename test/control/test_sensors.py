@@ -10,6 +10,7 @@ from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameter
 from impact_damper_ros.control.controller import control_of, measured
 from impact_damper_ros.control.sensors import (
     forget_hits,
+    is_too_soon,
     mixed_seed,
     next_passage,
     note_crossing,
@@ -242,3 +243,31 @@ def test_a_frozen_sensor_repeats_its_last_sample():
     rig.advance(11.0)
     assert rig.measure(111)[0][1:5] == last[1:5]
     assert rig.sample().x != last.x
+
+
+def jump(share, speed, side, noise=0.0):
+    """Return with which speed an impact is detected in m that reverses; NaN if none is."""
+    estimates, rebound = Estimates(), 1.5
+    y_rate, z_rate = -0.001 * side, side * speed * (1.0 - share * rebound)
+    for seen in (
+        Measurement(0.0, 0.0, 0.0, 0.0, side * speed, 5.0, -5.0),
+        Measurement(0.1, 0.0, z_rate - y_rate, 0.0, y_rate, 5.0, -5.0),
+    ):
+        observe_sample(estimates, seen, rebound, noise)
+    return estimates.hit_speed_1 if side > 0 else estimates.hit_speed_2
+
+
+@pytest.mark.parametrize('side', [1, -1])
+@pytest.mark.parametrize('speed', [0.1, 1.0, 20.0])
+def test_an_impact_is_a_jump_by_a_share_of_its_approach(speed, side):
+    assert math.isnan(jump(0.29, speed, side))
+    assert jump(0.31, speed, side) == speed
+    # Clear of the noise of four rates
+    assert math.isnan(jump(1.0, speed, side, noise=1.51 * speed / 8.0))
+    assert jump(1.0, speed, side, noise=1.49 * speed / 8.0) == speed
+
+
+def test_a_passage_just_after_another_one_does_not_count():
+    estimates = Estimates(crossed=103.0, half_cycle=3.0)
+    assert is_too_soon(estimates, 103.05)
+    assert not is_too_soon(estimates, 103.07)

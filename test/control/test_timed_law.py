@@ -6,10 +6,10 @@ import pytest
 
 from control.controlled_rigs import TRIAL, control
 from impact_damper_ros import Action, EventKind, Rig, RigParameters
-from impact_damper_ros.control.controller import settings_of
+from impact_damper_ros.control.controller import control_of, settings_of
 from impact_damper_ros.control.sensors import Passage
-from impact_damper_ros.control.state import damper_of
-from impact_damper_ros.control.timed_law import stop_to_close
+from impact_damper_ros.control.state import Measurement, damper_of
+from impact_damper_ros.control.timed_law import park_stops, stop_to_close
 
 RIGS = {
     'level': TRIAL,
@@ -117,3 +117,16 @@ def test_the_energy_condition_is_that_of_the_impact():
         assert (abs(after) < 2.0) == falls
         p = settings_of(control('timed'), TRIAL)
         assert (stop_to_close(p, passage(y_rate=y_rate), 8.0, 10.0) == 1) == falls
+
+
+@pytest.mark.parametrize(
+    ('y', 'y_rate', 'parks'), [(4.0, 9.9, 3), (4.0, 10.1, 2), (-4.0, -10.1, 1)]
+)
+def test_no_stop_is_parked_where_m_is_or_will_be(y, y_rate, parks):
+    """Within a twentieth of a half-cycle, here 0.1 s, on either side."""
+    begun = control_of(control('timed'), TRIAL)
+    begun.timed_law.parked, begun.estimates.half_cycle = 5.0, 2.0
+    before = begun.actuators.commanded_1, begun.actuators.commanded_2
+    park_stops(begun, Measurement(0.0, 0.0, 0.0, y, y_rate, *before), True, True)
+    stops = begun.actuators.commanded_1, begun.actuators.commanded_2
+    assert stops == (5.0 if parks & 1 else before[0], -5.0 if parks & 2 else before[1])
