@@ -25,7 +25,7 @@ from impact_damper_ros.design.damper_design import (
 from impact_damper_ros.design.fitted import load_fitted
 from impact_damper_ros.design.mass_damper import bare_response, mass_damper_response
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
-from impact_damper_ros.parameters.parameters_file import load_parameters, presets, rig_yaml
+from impact_damper_ros.parameters.parameters_file import presets, rig_yaml
 from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RIG_SPECS, RigParameters
@@ -49,7 +49,7 @@ from .command_line import (
     write_json,
     write_output,
 )
-from .rig_options import hint, rig_line
+from .rig_options import given_rig, hint, rig_line
 
 EXIT_NONE = 3
 #: Mass ratios that are tried if none are given.
@@ -331,7 +331,7 @@ def _found(rig: RigParameters, ratios: Sequence[float]) -> list[Design]:
 
 def _check(arguments: argparse.Namespace) -> int:
     """List the runs of a rig to record on a bench."""
-    rig, _, _ = load_parameters(arguments.check)
+    rig = given_rig(arguments.check, with_control=False).parameters
     hint('design_damper', rig)
     with long_work('design_damper', 'still running the rig; Ctrl-C ends it'):
         plan, widest = planned_runs(rig), widest_hit(rig)

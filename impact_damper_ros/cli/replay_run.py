@@ -104,7 +104,7 @@ def _held_values(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Read ``--set`` options; return the parameters that are held, and the initial conditions."""
     given = GivenRig(logged.rig, InitialConditions(), logged.control)
-    rig, initial, control = overridden(settings, given)
+    rig, initial, control, _ = overridden(settings, given)
     changed, start = Setting(rig, control).as_dict(), initial.as_dict()
     names = [setting.partition('=')[0] for setting in settings]
     # The unit of base amplitudes, as in 0.5 mm, may mean another quantity

@@ -6,8 +6,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import groupby
+from json import dumps
 from operator import itemgetter
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from impact_damper_ros.control.own_law import LawError, OwnLaw
@@ -17,6 +19,7 @@ from impact_damper_ros.parameters.parameters_file import (
     YamlError,
     load_parameters,
     presets,
+    rig_yaml,
     yaml_value,
 )
 from impact_damper_ros.parameters.quoting import named, shown, similar_names
@@ -34,6 +37,9 @@ from impact_damper_ros.rig.observed_run import TimedChange
 
 from .command_line import path_of, say
 
+#: Parameters of a node that name the measured records of its rig.
+RECORDS = ('force_record', 'base_record')
+
 
 class GivenRig(NamedTuple):
     """A rig, where it starts, and its gap control."""
@@ -41,14 +47,32 @@ class GivenRig(NamedTuple):
     parameters: RigParameters
     initial: InitialConditions
     control: GapControlParameters
+    #: Its law and its records by name and text, as ``control_law``, if it has them
+    texts: Mapping[str, str] = MappingProxyType({})
 
     def changed(self, values: Mapping[str, Any]) -> GivenRig:
         """Return the rig with some of its parameters changed, all at once."""
-        return GivenRig(
-            self.parameters.replace(**_among(values, RIG_SPECS)),
-            self.initial.replace(**_among(values, INITIAL_SPECS)),
-            self.control.replace(**_among(values, GAP_CONTROL_SPECS)),
+        return self._replace(
+            parameters=self.parameters.replace(**_among(values, RIG_SPECS)),
+            initial=self.initial.replace(**_among(values, INITIAL_SPECS)),
+            control=self.control.replace(**_among(values, GAP_CONTROL_SPECS)),
         )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all parameters by name, but for the texts."""
+        parts = self.parameters, self.initial, self.control
+        return {name: value for part in parts for name, value in part.as_dict().items()}
+
+    def yaml(self) -> str:
+        """Return the rig as a parameters file."""
+        title = rig_line(self.parameters)
+        text = rig_yaml(self.parameters, title, self.initial, self.control)
+        # The paths are those of this directory, the file may be read in another one
+        texts = {
+            name: str(Path(text).expanduser().resolve()) if name in RECORDS else text
+            for name, text in self.texts.items()
+        }
+        return text + ''.join(f'    {name}: {dumps(text)}\n' for name, text in texts.items())
 
 
 def add_params_argument(parser: argparse.ArgumentParser) -> None:
@@ -107,34 +131,60 @@ def _law(text: str) -> OwnLaw:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
-def given_law(text: str | None, control: GapControlParameters) -> tuple[Any, GapControlParameters]:
-    """Return the law of ``--law``, None without one, and the control with it."""
-    if text is None:
-        return None, control
-    on = control if control.active else control.replace(gap_control='timed')
-    return OwnLaw.from_text(text), on
+def given_law(text: str | None, given: GivenRig) -> tuple[OwnLaw | None, GivenRig]:
+    """Return the law of ``--law`` or of the file, None without one, and the rig with it."""
+    if text is not None:
+        control = given.control
+        on = control if control.active else control.replace(gap_control='timed')
+        given = given._replace(control=on, texts={**given.texts, 'control_law': text})
+    name = given.texts.get('control_law')
+    return None if name is None else OwnLaw.from_text(name), given
 
 
 def given_rig(
-    params: Path, settings: Sequence[str] = (), node: str = '', *, with_control: bool = True
+    params: Path,
+    settings: Sequence[str] = (),
+    node: str = '',
+    *,
+    with_control: bool = True,
+    with_records: bool = False,
 ) -> GivenRig:
     """
     Read the rig of a command from a parameters file or preset, and from ``--set`` options.
 
     Of a file that describes several rigs, `node` names one.
 
-    A command without gap control ignores the control in the file and rejects its parameters
-    in ``--set``.
+    A rig under gap control is refused by a command without one, which takes its parameters
+    neither from the file nor by ``--set``; so are records by a command without these.
     """
     parameters, initial, other = load_parameters(params, node)
-    control = GapControlParameters(**_among(other, GAP_CONTROL_SPECS if with_control else ()))
-    given = GivenRig(parameters, initial, control)
-    return overridden(settings, given, with_control=with_control)
+    control = GapControlParameters(**_among(other, GAP_CONTROL_SPECS))
+    texts = {
+        name: text
+        for name in ('control_law', *RECORDS)
+        if name in other and (text := str(SETTING_SPECS[name].checked(other[name]))) != 'none'
+    }
+    given = overridden(
+        settings, GivenRig(parameters, initial, control, texts), with_control=with_control
+    )
+    if not with_control and given.control.active:
+        raise ValueError(
+            f'gap_control is {given.control.gap_control}: this command is for stops that do not '
+            'move: give gap_control=off'
+        )
+    for name in RECORDS:
+        if name in texts and not with_records:
+            raise ValueError(
+                f'{params}: {name} is {named(texts[name])}: this command is for rigs without '
+                'records: leave it out of the file'
+            )
+    return given
 
 
 def overridden(settings: Sequence[str], given: GivenRig, *, with_control: bool = True) -> GivenRig:
     """Apply ``--set`` options to a rig, all at once."""
-    names = [*RIG_SPECS, *INITIAL_SPECS, *(GAP_CONTROL_SPECS if with_control else ())]
+    control = GAP_CONTROL_SPECS if with_control else ('gap_control',)
+    names = [*RIG_SPECS, *INITIAL_SPECS, *control]
     changed = given.changed(values_of(settings, names))
     changed.initial.check_within(changed.parameters)
     return changed

@@ -79,8 +79,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         check_outputs(arguments, arguments.params)
+        # As the force, records do not act here
         rig = given_rig(
-            arguments.params, arguments.set, arguments.node, with_control=False
+            *(arguments.params, arguments.set, arguments.node),
+            with_control=False,
+            with_records=True,
         ).parameters
         hint('ring_down', rig)
         size, quantity = arguments.start

@@ -11,10 +11,9 @@ from typing import Any
 from impact_damper_ros.measured.random_motion import LINES, RandomLines, random_lines
 from impact_damper_ros.measured.record import MeasuredRecord, read_records
 from impact_damper_ros.measured.sweep_levels import sweep_levels
-from impact_damper_ros.parameters.parameters_file import load_parameters
 
 from .command_line import add_path_option, number, up_to
-from .rig_options import GivenRig
+from .rig_options import RECORDS, GivenRig
 
 _TABLE = 'CSV with a header, as f [Hz], level'
 
@@ -67,6 +66,8 @@ def with_sweep_levels(arguments: argparse.Namespace, given: GivenRig) -> GivenRi
         return given
     values = sweep_levels(arguments.sweep_levels)
     rig = given.parameters
+    if rig.sweep_mode == 'off':
+        raise ValueError('--sweep-levels are those of a sweep: give --set sweep_mode=up, too')
     group = 'base' if 'base_amplitudes' in values else 'force'
     for part in ('frequencies', 'phases'):
         values[f'{group}_{part}'] = getattr(rig, f'{group}_{part}')[:1]
@@ -108,20 +109,23 @@ def add_record_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def shaker_files(arguments: argparse.Namespace) -> list[Path | None]:
-    """Return the tables that the options read."""
-    names = 'base_psd', 'force_psd', 'base_record', 'force_record'
-    return [getattr(arguments, name) for name in names]
+def shaker_files(arguments: argparse.Namespace, given: GivenRig) -> list[Path | None]:
+    """Return the tables that the options and the rig name."""
+    tables = [arguments.base_psd, arguments.force_psd, arguments.sweep_levels]
+    return [*tables, *(Path(given.texts[name]) for name in RECORDS if name in given.texts)]
 
 
-def given_records(arguments: argparse.Namespace, given: GivenRig) -> list[MeasuredRecord]:
-    """Return the records of the options; the run lasts as long as the longest, if not given."""
-    # As of a node, unless the option is given
-    _, _, names = load_parameters(arguments.params, arguments.node)
-    for name in ('force_record', 'base_record'):
-        if (path := getattr(arguments, name)) is not None:
-            names[name] = str(path)
-    found = read_records(names, math.tau / given.parameters.omega)
+def with_records(
+    arguments: argparse.Namespace, given: GivenRig
+) -> tuple[GivenRig, list[MeasuredRecord]]:
+    """
+    Return a rig with the records of the options, and all that it has.
+
+    The run lasts as long as the longest, if its duration is not given.
+    """
+    options = {n: str(path) for n in RECORDS if (path := getattr(arguments, n)) is not None}
+    given = given._replace(texts={**given.texts, **options})
+    found = read_records(given.texts, math.tau / given.parameters.omega)
     if arguments.duration is None and found:
         arguments.duration = max(record.duration for record in found)
-    return found
+    return given, found

@@ -30,7 +30,6 @@ from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.orbits.swept_response import SweptResponse, SweptRun
 from impact_damper_ros.outputs import is_stream
 from impact_damper_ros.parameters.parameter_spec import ParameterSpec
-from impact_damper_ros.parameters.parameters_file import rig_yaml
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
@@ -93,9 +92,9 @@ from .shaker_options import (
     add_levels_option,
     add_random_options,
     add_record_options,
-    given_records,
     shaker_files,
     with_random_lines,
+    with_records,
     with_sweep_levels,
 )
 
@@ -441,7 +440,7 @@ def _outputs(
         recorder = RigRecorder(
             arguments.bag,
             rig,
-            {name: value for part in given for name, value in part.as_dict().items()},
+            given.as_dict(),
             arguments.rate,
             arguments.duration,
             max_size=arguments.max_bag_size,
@@ -566,18 +565,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
 
     def work() -> int:
-        given = given_rig(arguments.params, arguments.set, arguments.node)
+        given = given_rig(arguments.params, arguments.set, arguments.node, with_records=True)
         if arguments.urdf:
             print(robot_description(given.parameters, given.control.widest_gap))
             return 0
         given, random = with_random_lines(arguments, given)
-        records = given_records(arguments, given)
+        given, records = with_records(arguments, given)
         if arguments.duration is None:
             parser.error('the following arguments are required: --duration')
         given = with_sweep_levels(arguments, given)
-        law, control = given_law(arguments.law, given.control)
-        given = given._replace(control=control)
-        check_outputs(arguments, arguments.params, *shaker_files(arguments))
+        law, given = given_law(arguments.law, given)
+        check_outputs(arguments, arguments.params, *shaker_files(arguments, given))
         changes = timed_changes(arguments.change, given, arguments.duration)
         if not arguments.quiet:
             announce(
@@ -593,7 +591,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                     'simulate_rig',
                     'note: the force of the rig acts, too: --set force_amplitudes=0 leaves it out',
                 )
-        write_output(arguments.rig_out, rig_yaml, given[0], rig_line(given[0]), *given[1:])
+        write_output(arguments.rig_out, given.yaml)
         try:
             _simulate(arguments, given, law, changes, records)
         except RecordingError as error:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-import os
 import socket
 import sys
 import time
@@ -23,7 +22,6 @@ from impact_damper_ros.sweep import (
     MEASURES,
     Grid,
     GridError,
-    Optimum,
     Settling,
     WorkersError,
     branches_of,
@@ -181,20 +179,13 @@ def _parser() -> argparse.ArgumentParser:
         default='least',
         help='which value of the measure is best [least]',
     )
-    drawn.add_argument(
-        '--no-search',
-        action='store_true',
-        help='take the optimum from the grid, without a search between its values (which takes '
-        'long for rigs under gap control)',
-    )
     add_json_option(drawn, 'counts, attractors and optimum')
     where = options.add_argument_group('execution').add_mutually_exclusive_group()
     where.add_argument(
         '--jobs',
         type=up_to(MOST_JOBS),
-        default=_cores(),
         metavar='N',
-        help=f'number of processes [{_cores()}]',
+        help='number of processes [1; for the rest of a long sweep as many as cores]',
     )
     where.add_argument(
         '--scheduler',
@@ -205,13 +196,9 @@ def _parser() -> argparse.ArgumentParser:
     return options
 
 
-def _cores() -> int:
-    return max(1, len(os.sched_getaffinity(0)))
-
-
 def _grid(arguments: argparse.Namespace) -> Grid:
-    parameters, initial, given = given_rig(arguments.params, arguments.set, arguments.node)
-    law, control = given_law(arguments.law, given)
+    given = given_rig(arguments.params, arguments.set, arguments.node)
+    law, (parameters, initial, control, _) = given_law(arguments.law, given)
     ranges = [range_from_text(text) for text in arguments.vary]
     axes: dict[str, Any] = dict(ranges)
     if len(axes) < len(ranges):
@@ -220,7 +207,7 @@ def _grid(arguments: argparse.Namespace) -> Grid:
         raise GridError(f'{twice} is varied twice: give each name once')
     settling = Settling(**{name: getattr(arguments, name) for name in asdict(_DEFAULT)})
     return Grid(
-        *(parameters, initial, control, '' if law is None else law.name),
+        *(parameters, initial, control, law.name if law and control.active else ''),
         follow=arguments.follow,
         settling=settling,
         units=dict(zip(axes, map(unit_from_text, arguments.vary), strict=True)),
@@ -380,24 +367,13 @@ def _swept(grid: Grid, arguments: argparse.Namespace) -> pd.DataFrame:
         raise
 
 
-def _optimum(table: pd.DataFrame, arguments: argparse.Namespace) -> Optimum | None:
-    """Find the best rig, with a progress bar if the search takes long."""
-    with tqdm(
-        desc='optimum', unit='rig', delay=2.0, disable=True if arguments.quiet else None
-    ) as bar:
-        return find_optimum(
-            *(table, arguments.measure, arguments.optimum),
-            refine=not arguments.no_search,
-            progress=bar.update,
-        )
-
-
 def _report(table: pd.DataFrame, arguments: argparse.Namespace) -> int:
     """Draw and summarise the table; return the exit code."""
     if arguments.measure is None:
         known = table.x_max_ratio.notna().any() or not table.ok.any()
         arguments.measure = 'x_max_ratio' if known else 'x_max'
-    optimum = None if arguments.optimum == 'none' else _optimum(table, arguments)
+    measure, best = arguments.measure, arguments.optimum
+    optimum = None if best == 'none' else find_optimum(table, measure, best)
     summary = summary_of(table, optimum)
     branches = [] if arguments.no_theory or not arguments.figure else branches_of(table)
     for path in arguments.figure:

@@ -30,6 +30,8 @@ _SAMPLES = 8
 _OFF = 1e-6
 #: Most lines of which the multiples are looked at.
 _MOST_MULTIPLE = 1_000_000
+#: Part of a free vibration that may be left where the averages begin.
+_LEFT = 1e-3
 
 
 class RandomResponse(NamedTuple):
@@ -52,6 +54,10 @@ class RandomResponse(NamedTuple):
         After which the base repeats, s.
     periods : int
         Number of them in the averages.
+    left_out : int
+        Number of them before these, in which the rig settles.
+    left : float
+        Part of a free vibration, without impacts, that is left of the start then.
     """
 
     frequencies: Array
@@ -64,6 +70,8 @@ class RandomResponse(NamedTuple):
     total: tuple[float, float]
     period: float
     periods: int
+    left_out: int
+    left: float
 
     @property
     def base_rms(self) -> float:
@@ -107,8 +115,8 @@ class ResponseSamples(Observer):
     rig : Rig
         The rig, with a base of several lines.
     duration : float
-        When the run ends, s. The first period, in which the rig has not settled, is left out
-        where there is another one.
+        When the run ends, s. The first periods, in which a free vibration without impacts decays
+        to a thousandth, are left out, at least one; but the last one never.
 
     Raises
     ------
@@ -133,7 +141,12 @@ class ResponseSamples(Observer):
                 f'the base repeats after {self.period:.6g} s: give a --duration of at least '
                 f'{self.period:.6g} s, better {10.0 * self.period:.6g} s'
             )
-        self.periods = max(1, whole - 1)
+        # Of the lightest damping: m held in the gap
+        mass = rig.parameters.primary_mass + rig.parameters.damper_mass
+        self._decay = 0.5 * rig.parameters.damping / mass * self.period
+        wanted = math.log(1.0 / _LEFT) / self._decay if self._decay else math.inf
+        self.periods = max(1, whole - max(1, math.ceil(min(wanted, whole))))
+        self._left_out = whole - self.periods
         least = self.period * max(acting) / math.tau * _SAMPLES
         self._each = 2 ** math.ceil(math.log2(least))
         self._start = max(rig.time, duration - self.periods * self.period)
@@ -179,4 +192,6 @@ class ResponseSamples(Observer):
             (float(np.std(x) / moved), float(np.std(x - base) / moved)),
             self.period,
             self.periods,
+            self._left_out,
+            math.exp(-self._decay * self._left_out),
         )

@@ -17,11 +17,13 @@ from .drawing import COLORS, blank_figure, finish_panel, print_style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Columns of the table: Hz, (m/s^2)^2/Hz, and ratios.
+#: Part of a free vibration from which on the averages are spoilt.
+_SETTLED = 0.01
+#: Columns of the table.
 _COLUMNS = (
-    'frequency',
-    'base_level',
-    'primary_level',
+    'frequency [Hz]',
+    'base_level [(m/s^2)^2/Hz]',
+    'primary_level [(m/s^2)^2/Hz]',
     'transmissibility',
     'relative_transmissibility',
     'transmissibility_without_damper',
@@ -42,8 +44,12 @@ def response_text(found: RandomResponse) -> str:
     without = found.smooth(found.absolute_without)
     alone = int(np.argmax(without))
     plural = 's' if found.periods > 1 else ''
+    settled = f'a vibration of the start has decayed to {100.0 * found.left:.2g} % before them'
+    if found.left > _SETTLED:
+        settled += ': give a longer --duration'
     return (
-        f'transmissibility over {found.periods} period{plural} of {found.period:.6g} s: rms X/rms '
+        f'transmissibility over {found.periods} period{plural} of {found.period:.6g} s, after '
+        f'{found.left_out}; {settled}: rms X/rms '
         f'b {found.total[0]:.6g}; rms (X - b)/rms b {found.total[1]:.6g}\n'
         f"at the {len(found.frequencies)} lines: X'' "
         f"{found.primary_rms / STANDARD_GRAVITY:.4g} g rms, b'' "
@@ -68,7 +74,9 @@ def response_figure(found: RandomResponse, title: str = '') -> Figure:
         panel.plot(
             hertz, found.smooth(values), color=COLORS['primary'], lw=1.6, label='with damper'
         )
-        panel.plot(hertz, alone, color=COLORS['quiet'], lw=1.2, ls='--', label='without')
+        panel.plot(
+            hertz, found.smooth(alone), color=COLORS['quiet'], lw=1.2, ls='--', label='without'
+        )
         panel.set_yscale('log')
         panel.legend(frameon=False)
         finish_panel(panel, letter, '', label)

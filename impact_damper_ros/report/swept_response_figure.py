@@ -43,6 +43,8 @@ def _columns(rig: RigParameters, found: SweptResponse) -> dict[str, Array]:
     level, unit = level_of(rig, found.level)
     g = STANDARD_GRAVITY
     moved = rig.swept == 'base'
+    power = ('displacement', 'velocity', 'acceleration').index(rig.base_quantity)
+    base = found.level / found.frequency**power
     columns = {
         'frequency [Hz]': found.frequency / math.tau,
         f'level [{unit}]': level,
@@ -52,10 +54,13 @@ def _columns(rig: RigParameters, found: SweptResponse) -> dict[str, Array]:
         'x - b without damper [mm]': 1e3 * found.relative_without,
         'acceleration [g]': found.acceleration / g,
         'acceleration without damper [g]': found.acceleration_without / g,
+        'transmissibility': found.x / base,
+        'transmissibility without damper': found.x_without / base,
         'impacts per cycle': found.impacts,
         'time [s]': found.time,
     }
-    return {name: values for name, values in columns.items() if moved or 'x - b' not in name}
+    of_base = ('x - b', 'transmissibility')
+    return {n: values for n, values in columns.items() if moved or not n.startswith(of_base)}
 
 
 def swept_table(rig: RigParameters, found: SweptResponse) -> str:

@@ -3,11 +3,11 @@
 Parameter studies: a rig run for many values of its parameters, each until its motion has settled.
 
 A `Grid` says which rigs, `sweep` runs them on any executor and returns a pandas table,
-`find_optimum` refines its best row, `branches_of` follows its periodic motions by theory, and
+`find_optimum` finds its best row, `branches_of` follows its periodic motions by theory, and
 `draw_sweep` draws all that.
 """
 
-from .best import Edge, Optimum, find_optimum
+from .best import Optimum, find_optimum
 from .branches import branches_of
 from .execution import WorkersError, sweep
 from .figures import draw_sweep
@@ -18,7 +18,6 @@ from .table import MEASURES, MetadataError, read_table
 
 __all__ = [
     'MEASURES',
-    'Edge',
     'Grid',
     'GridError',
     'MetadataError',

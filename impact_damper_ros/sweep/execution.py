@@ -74,6 +74,19 @@ def _continued(setup: RigSetup, state: State, law: OwnLaw | None) -> Rig:
     return Rig.resume(here, compiled=None)
 
 
+def _law_of(setup: RigSetup) -> OwnLaw | None:
+    """Return the law of the user's own; raise WorkersError if it is not that of the sweep."""
+    if not setup.law:
+        return None
+    law = OwnLaw.from_text(setup.law)
+    if law.digest != setup.law_digest:
+        raise WorkersError(
+            f'the law {setup.law} is not the one that the sweep began with: begin it anew with '
+            '--overwrite, and give all workers the same file'
+        )
+    return law
+
+
 def rig_row(
     setup: RigSetup, settings: Mapping[Varied, float], state: State | None = None
 ) -> tuple[Row, State | None]:
@@ -84,8 +97,8 @@ def rig_row(
     row: other errors are those of the program.
     """
     try:
-        parameters, initial, control, law_name, settling = setup = setup.vary(settings)
-        law = OwnLaw.from_text(law_name) if law_name and control.active else None
+        parameters, initial, control, _, _, settling = setup = setup.vary(settings)
+        law = _law_of(setup)
         if state is not None:
             rig = _continued(setup, state, law)
         else:
@@ -191,9 +204,13 @@ def _tasks(grid: Grid, part: PartFile) -> Iterator[Task]:
 
 
 def _run(
-    grid: Grid, part: PartFile, executor: Executor | None, progress: Callable[[int], object]
+    grid: Grid,
+    part: PartFile,
+    executor: Executor | None,
+    progress: Callable[[int], object],
+    pays: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Run all rigs that are not done."""
+    """Run all rigs that are not done; without an executor here, until another way `pays`."""
     tasks = _tasks(grid, part)
     under_way: dict[Future[Any], Task] = {}
     finished: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
@@ -212,7 +229,7 @@ def _run(
         future.add_done_callback(finished.put)
 
     try:
-        while True:
+        while not pays():
             while len(under_way) < most and (next_one := next(tasks, None)) is not None:
                 hand_out(next_one)
             if not under_way:
@@ -239,14 +256,45 @@ def _run(
             future.cancel()
 
 
+#: Time after which the rest of a sweep is estimated, and from which on processes are started for
+#: it, s: each has the package to load, in 1 s or 2 of processor time.
+_TRIED, _WORTH = 3.0, 15.0
+
+
+def _compile(grid: Grid) -> None:
+    """Compile here, and report, what processes then need not, and what is no time of a rig."""
+    if find_spec('numba') is not None:
+        brief = grid.setup._replace(settling=Settling(cycles=1, watch=21, events=1000))
+        rig_row(brief, grid.settings(grid.values(0)))
+
+
+def _run_where_it_pays(grid: Grid, part: PartFile, progress: Callable[[int], object]) -> None:
+    """Run all rigs here, or the rest of them in processes if that takes long."""
+    _compile(grid)
+    began, before = time.monotonic(), len(part.rows)
+    cores = len(os.sched_getaffinity(0))
+
+    def jobs() -> int:
+        """Return how many processes have something to do."""
+        if grid.follow == 'none':
+            return cores
+        return min(cores, sum(bool(part.left_of(chain)[0]) for chain in grid.chains()))
+
+    def pays() -> bool:
+        spent, done = time.monotonic() - began, len(part.rows) - before
+        left = grid.size - len(part.rows)
+        return spent > _TRIED and done > 0 and spent / done * left > _WORTH and jobs() > 1
+
+    _run(grid, part, None, progress, pays)
+    if len(part.rows) < grid.size:
+        _run_in_processes(grid, part, jobs(), progress)
+
+
 def _run_in_processes(
     grid: Grid, part: PartFile, jobs: int, progress: Callable[[int], object]
 ) -> None:
     """Run all rigs in processes of this machine; if one dies, all are replaced."""
-    if find_spec('numba') is not None:
-        # What is compiled here, and what that reports, the processes need not compile and report
-        brief = grid.setup._replace(settling=Settling(cycles=1, watch=21, events=1000))
-        rig_row(brief, grid.settings(grid.values(0)))
+    _compile(grid)
     while True:
         before = len(part.rows)
         try:
@@ -281,7 +329,7 @@ def sweep(
     output: str | Path | None = None,
     *,
     executor: Executor | None = None,
-    jobs: int = 1,
+    jobs: int | None = 1,
     overwrite: bool = False,
     progress: Callable[[int], object] = lambda _: None,
 ) -> pd.DataFrame:
@@ -295,14 +343,16 @@ def sweep(
     output : path, optional
         File of the table: CSV if its name ends in .csv, else Parquet. Until it is complete, rigs
         that are done are in a file beside it, from which the same call resumes the sweep. A
-        complete Parquet file is read, and nothing is run.
+        complete file is read, and nothing is run.
     executor : concurrent.futures.Executor, optional
         What runs the rigs: any executor whose workers can import this package, such as that of a
         Dask client (``client.get_executor()``). It is not shut down.
     jobs : int, optional
-        Number of processes of this machine, without `executor`; 1 is this process.
+        Number of processes of this machine, without `executor`; 1 is this process, and None as
+        many as the machine has cores, for the rest of a sweep that takes long.
     overwrite : bool, optional
-        Whether to replace a file that is not the table of this sweep, and rigs of another one.
+        Whether to run all rigs anew and to replace the file, whatever it is, and what is left of
+        another sweep. An interrupted one is resumed.
     progress : callable, optional
         Called with the number of rigs that are done, at the beginning, whenever it rises, and
         every few seconds.
@@ -340,7 +390,8 @@ def sweep(
     ['1,2', '1,2', '1,2']
     """
     path = None if output is None else Path(output)
-    jobs = whole_number('jobs', jobs, 1, MOST_JOBS)
+    if jobs is not None:
+        jobs = whole_number('jobs', jobs, 1, MOST_JOBS)
     check_format(path)
     if path is not None and not path.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
@@ -348,21 +399,22 @@ def sweep(
     if path is not None and path.exists():
         if not path.is_file():
             raise MetadataError(f'{path} is not an ordinary file: give another output')
-        try:
-            table = _existing(grid, path)
-        except MetadataError as error:
-            if not overwrite:
+        if not overwrite:
+            try:
+                table = _existing(grid, path)
+            except MetadataError as error:
                 raise MetadataError(
                     f'{error}\ngive another output, or overwrite it (--overwrite)'
                 ) from None
-        else:
             part_path(path).unlink(missing_ok=True)
             return table
     with PartFile(place, grid.inputs(), anew=overwrite) as part:
-        if executor is None and jobs > 1:
-            _run_in_processes(grid, part, jobs, progress)
-        else:
+        if executor is not None or jobs == 1:
             _run(grid, part, executor, progress)
+        elif jobs is None:
+            _run_where_it_pays(grid, part, progress)
+        else:
+            _run_in_processes(grid, part, jobs, progress)
         table = table_of(grid, (part.rows[k] for k in range(grid.size)))
         if path is not None:
             write_table(table, path)

@@ -414,7 +414,7 @@ def _special_look(kind: SpecialKind) -> dict[str, Any]:
 
 
 def _draw_optimum(axes: Any, grid: Grid, optimum: Optimum) -> None:
-    """Draw the best rig and the edges of its motion."""
+    """Draw the best rig."""
     rig, (axis,) = grid.setup.parameters, grid.axes
     place = _place_text(axis, optimum.values[0], rig)
     axes.plot(
@@ -428,14 +428,6 @@ def _draw_optimum(axes: Any, grid: Grid, optimum: Optimum) -> None:
         label=f'{optimum.best}: {_best_text(optimum)} at {place}',
         zorder=6,
     )
-    for edge in optimum.edges:
-        axes.axvline(
-            edge.value,
-            color='0.5',
-            linewidth=0.8,
-            linestyle=':',
-            label=f'edge at {_place_text(axis, edge.value, rig)} ({edge.reason})',
-        )
 
 
 @print_style()
@@ -521,14 +513,6 @@ _STAR: dict[str, Any] = {
     'markeredgewidth': 0.8,
     'linestyle': 'none',
 }
-_EDGE: dict[str, Any] = {
-    'marker': 'X',
-    'markersize': 6,
-    'color': 'white',
-    'markeredgecolor': 'black',
-    'markeredgewidth': 0.7,
-    'linestyle': 'none',
-}
 #: Colours of the dots in cells of motions that do not repeat.
 _DOTS = {'chaotic': 'black', 'not periodic, not chaotic': '#AA3377'}
 
@@ -609,12 +593,6 @@ def _legend(table: pd.DataFrame, grid: Grid, optimum: Optimum | None) -> list[An
         among = 'all' if grid.setup.control.active else 'those that repeat'
         label = f'{optimum.best} of {among}: {_best_text(optimum)} at {at}'
         handles.append(entry(label, **{**_STAR, 'markersize': 10}))
-        handles += [
-            entry(
-                f'edge at {_place_text(axes[edge.axis], edge.value, rig)} ({edge.reason})', **_EDGE
-            )
-            for edge in optimum.edges
-        ]
     handles += [
         entry(name, color=_DOTS[name], marker='o', markersize=3.0)
         for name, rows in _classes(table).items()
@@ -646,10 +624,6 @@ def surface_figure(table: pd.DataFrame, measure: str, optimum: Optimum | None) -
     ):
         mesh = _draw_map(axes, table, grid, turn, cells, norm=scale, cmap=scheme)
         if optimum is not None and turn == best:
-            for edge in optimum.edges:
-                place = [[value] for value in optimum.values]
-                place[edge.axis] = [edge.value]
-                axes.plot(*place, zorder=5, **_EDGE)
             axes.plot(*([value] for value in optimum.values), clip_on=False, zorder=6, **_STAR)
         _set_axes(axes, grid)
         if turn:

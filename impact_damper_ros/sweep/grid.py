@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 import impact_damper_ros
+from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
 from impact_damper_ros.parameters.quoting import counted, named, shown, similar_names
@@ -199,6 +200,7 @@ class RigSetup(NamedTuple):
     initial: InitialConditions
     control: GapControlParameters
     law: str  # MODULE:FUNCTION of a law of the user's own; empty for none
+    law_digest: str  # of its source
     settling: Settling
 
     def vary(self, settings: Mapping[Varied, float]) -> Self:
@@ -239,6 +241,8 @@ class Grid:
         The gap control; off by default.
     law : str, optional
         MODULE:FUNCTION of a law of the user's own, in place of the one that `control` names.
+    law_digest : str, optional
+        Digest of its source (`OwnLaw.digest`); by default of that which is found now.
     follow : {'none', 'up', 'down', 'both'}, optional
         Whether each rig starts from the last state of the one before, along the first axis.
     settling : Settling, optional
@@ -274,6 +278,7 @@ class Grid:
         control: GapControlParameters | None = None,
         law: str = '',
         *,
+        law_digest: str = '',
         follow: Follow = 'none',
         settling: Settling | None = None,
         units: Mapping[str, str] | None = None,
@@ -294,9 +299,10 @@ class Grid:
                 sizes[axis.varied[0].entry or 0] = axis.values[0]
                 quantity = quantity_of(axis.unit)
                 parameters = parameters.replace(base_amplitudes=sizes, base_quantity=quantity)
-        setup = RigSetup(
-            parameters, initial or InitialConditions(), control, law, settling or Settling()
-        )
+        if law and not law_digest:
+            law_digest = OwnLaw.from_text(law).digest
+        start, settling = initial or InitialConditions(), settling or Settling()
+        setup = RigSetup(parameters, start, control, law, law_digest, settling)
         object.__setattr__(self, 'setup', setup)
         object.__setattr__(self, 'axes', built)
         object.__setattr__(self, 'follow', follow)
@@ -311,6 +317,11 @@ class Grid:
                 f'sweep_mode is {self.setup.parameters.sweep_mode}: a force that changes its '
                 'frequency has no steady state; give --set sweep_mode=off, and vary '
                 'force_frequencies'
+            )
+        if self.setup.law and not self.setup.control.active:
+            raise GridError(
+                f'the law {self.setup.law} moves no stops, since gap_control is off: give '
+                'gap_control=timed, which it then replaces, or leave it out'
             )
         if not self.axes:
             raise GridError('nothing is varied: give --vary NAME=RANGE, such as gap=10:60:200')
@@ -389,7 +400,7 @@ class Grid:
 
     def inputs(self) -> dict[str, Any]:
         """Return everything that the table depends on, for JSON."""
-        rig, initial, control, law, settling = self.setup
+        rig, initial, control, law, law_digest, settling = self.setup
         inputs: dict[str, Any] = {
             'format': _FORMAT,
             'version': impact_damper_ros.__version__,
@@ -407,7 +418,7 @@ class Grid:
         if control.active:
             inputs['gap_control'] = control.as_dict()
         if law:
-            inputs['law'] = law
+            inputs |= {'law': law, 'law_digest': law_digest}
         return inputs
 
     @classmethod
@@ -429,6 +440,7 @@ class Grid:
             InitialConditions(**inputs['initial']),
             GapControlParameters(**inputs.get('gap_control', {})),
             inputs.get('law', ''),
+            law_digest=inputs.get('law_digest', ''),
             follow=inputs['follow'],
             settling=Settling(**inputs['settling']),
             units=inputs.get('units'),

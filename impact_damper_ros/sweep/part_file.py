@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from .steady_state import Row
-from .table import MetadataError, present_names
+from .table import MetadataError
 
 #: What a run depends on from here on, as its `snapshot` gives it.
 State = dict[str, Any]
@@ -59,7 +59,7 @@ class PartFile:
     inputs : dict
         The inputs of the sweep.
     anew : bool
-        Whether to discard the rigs of a sweep with other inputs.
+        Whether to discard what is not the rigs of this sweep.
 
     Attributes
     ----------
@@ -116,13 +116,15 @@ class PartFile:
                 raise ValueError('no inputs')
             rigs = [json.loads(line) for line in lines[1:]]
             for rows, state in rigs:
-                self.rows |= {point: present_names(row) for point, row in rows}
+                self.rows |= dict(rows)
                 self._states[rows[-1][0]] = state
         except (ValueError, TypeError, LookupError) as error:
-            raise MetadataError(
-                f'{self._path} does not hold the rigs of a sweep, or is damaged ({error}): move '
-                'it away, or give another --output'
-            ) from error
+            if not anew:
+                raise MetadataError(
+                    f'{self._path} does not hold the rigs of a sweep, or is damaged ({error}): '
+                    'give another --output, or --overwrite it'
+                ) from error
+            stored = {}
         differing = differences(stored, json.loads(head))
         if differing and not anew:
             raise MetadataError(

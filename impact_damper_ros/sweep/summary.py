@@ -4,14 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from itertools import groupby
-from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.parameters.quoting import counted
 
-from .best import ANEW, FOLLOWED, Optimum
+from .best import Optimum
 from .grid import Grid
 
 if TYPE_CHECKING:
@@ -19,8 +17,6 @@ if TYPE_CHECKING:
 
 #: Reasons and attractors that are listed.
 _MOST_SHOWN = 8
-#: Measures that differ by more than this share belong to different motions.
-_OTHER = 0.05
 
 
 def attractors_of(table: pd.DataFrame) -> list[dict[str, Any]]:
@@ -52,24 +48,6 @@ def attractor_text(attractor: dict[str, Any]) -> str:
     return text
 
 
-def _cautions(optimum: Optimum, grid: Grid) -> list[str]:
-    """Return a sentence on each parameter that loses the motion, and one on the start."""
-    texts = []
-    for axis, edges in groupby(optimum.edges, key=attrgetter('axis')):
-        along, rig = grid.axes[axis], grid.setup.parameters
-        ends = ' and '.join(
-            f'{"up" if edge.value >= optimum.values[axis] else "down"} to '
-            f'{along.shown(edge.value, rig, 6)} ({edge.reason})'
-            for edge in edges
-        )
-        texts.append(f'the motion is kept with {along.name} {ends}')
-    if optimum.anew is not None and optimum.start == FOLLOWED:
-        much = f'{optimum.measure} is {optimum.anew:.5g}'
-        if abs(optimum.anew - optimum.value) > max(_OTHER * abs(optimum.value), optimum.scatter):
-            texts.append(f'{ANEW} the same rig has another motion: {much}')
-    return texts
-
-
 def summary_of(table: pd.DataFrame, optimum: Optimum | None) -> dict[str, Any]:
     """Return counts, attractors and optimum of a sweep, for JSON."""
     grid = Grid.from_inputs(table.attrs['inputs'])
@@ -81,7 +59,6 @@ def summary_of(table: pd.DataFrame, optimum: Optimum | None) -> dict[str, Any]:
             **asdict(optimum),
             'names': [axis.name for axis in grid.axes],
             'at': [f'{axis.name} = {axis.shown(value, rig, 7)}' for axis, value in pairs],
-            'cautions': _cautions(optimum, grid),
         }
     return {
         'rigs': len(table),
@@ -115,12 +92,9 @@ def summary_text(path: Path, summary: dict[str, Any]) -> str:
     optimum = summary['optimum']
     if optimum is not None and not attractors:
         at = ', '.join(optimum['at'])
-        start = f', {FOLLOWED}' if optimum['start'] == FOLLOWED else ''
         edge = ', at the end of a range' if optimum['at_edge'] else ''
-        scatter = f' +- {optimum["scatter"]:.1g}' if optimum['scatter'] else ''
+        turn = f', followed {optimum["direction"]}wards' if optimum['direction'] else ''
         lines.append(
-            f'  {optimum["best"]} {optimum["measure"]}: {optimum["value"]:.7g}{scatter} at '
-            f'{at}{edge}{start}'
+            f'  {optimum["best"]} {optimum["measure"]}: {optimum["value"]:.7g} at {at}{edge}{turn}'
         )
-        lines += [f'    {caution}' for caution in optimum['cautions']]
     return '\n'.join(lines)

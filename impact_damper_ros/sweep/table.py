@@ -3,8 +3,7 @@
 The table of a sweep: its columns, its rows, and its file in Parquet or CSV.
 
 Units, descriptions and the inputs of the sweep are in the attributes of the table, which pandas
-stores in a Parquet file. A CSV file has units and inputs in comments at its head, and is not read
-back.
+stores in a Parquet file. A CSV file has units and inputs in comments at its head.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
@@ -169,15 +168,6 @@ def columns_of(grid: Grid) -> list[Column]:
     return [*place, *varied, *found]
 
 
-#: Columns that had another name in tables of earlier versions.
-_RENAMED = {'motion': 'kind', 'period': 'cycles'}
-
-
-def present_names(row: Row) -> Row:
-    """Return the columns of a rig with the names of today."""
-    return {_RENAMED.get(name, name): value for name, value in row.items()}
-
-
 def failed_row(reason: str) -> Row:
     """Return the columns of a rig that could not be simulated."""
     return {'ok': False, 'reason': reason}
@@ -243,18 +233,37 @@ def _array(kind: Kind, values: list[float] | None) -> Array | None:
     return None if values is None else np.array(values, 'i1' if kind == 'integers' else 'f8')
 
 
+def _series(kind: Kind, values: Iterable[Any]) -> Any:
+    """Return the values of a column of the table."""
+    import pandas as pd
+
+    if kind in _DTYPES:
+        return pd.array(list(values), dtype=_DTYPES[kind])
+    return pd.Series([_array(kind, one) for one in values], dtype=object)
+
+
+def _reader(read: Callable[[str], Any]) -> Callable[[str | None], Any]:
+    return lambda text: None if text is None else read(text)
+
+
+#: How the values of a CSV file are read.
+_READ: dict[str, Callable[[str | None], Any]] = {
+    'double': _reader(float),
+    'integer': _reader(int),
+    'bool': _reader('True'.__eq__),
+    'text': _reader(str),
+    'doubles': _reader(json.loads),
+    'integers': _reader(json.loads),
+}
+
+
 def table_of(grid: Grid, rows: Iterable[Row]) -> pd.DataFrame:
     """Return the table of a sweep from the columns of its rigs, in order."""
     import pandas as pd
 
     columns, known = columns_of(grid), list(rows)
     found = {one.name: [row.get(one.name) for row in known] for one in columns} | grid.columns()
-    series = {
-        name: pd.array(found[name], dtype=_DTYPES[kind])
-        if kind in _DTYPES
-        else pd.Series([_array(kind, one) for one in found[name]], dtype=object)
-        for name, kind, *_ in columns
-    }
+    series = {name: _series(kind, found[name]) for name, kind, *_ in columns}
     table = _describe(pd.DataFrame(series), grid)
     if len(grid.directions) == 1 and not any(axis.initial for axis in grid.axes):
         # A rig has one row
@@ -304,7 +313,7 @@ def read_table(path: str | Path) -> pd.DataFrame:
     Parameters
     ----------
     path : path
-        The file, Parquet.
+        The file, Parquet or CSV.
 
     Returns
     -------
@@ -318,20 +327,41 @@ def read_table(path: str | Path) -> pd.DataFrame:
     OSError
         If it cannot be read.
     ImportError
-        Without pandas and pyarrow (extra ``sweep``).
+        Without pandas, or without pyarrow for Parquet (extra ``sweep``).
     """
     import pandas as pd
 
     path = Path(path)
-    if _is_csv(path):
-        raise MetadataError(f'{path} is a CSV file, which is not read back: give a Parquet file')
     check_format(path)
     try:
+        if _is_csv(path):
+            return _read_csv(path)
         table = pd.read_parquet(path)
         grid = Grid.from_inputs(table.attrs['inputs'])
-    except (KeyError, TypeError, ValueError) as error:
+    except (LookupError, TypeError, ValueError) as error:
         raise MetadataError(f'{path} is not the table of a sweep, or not complete') from error
-    return _describe(table.rename(columns=_RENAMED), grid)
+    return _describe(table, grid)
+
+
+def _read_csv(path: Path) -> pd.DataFrame:
+    """Read a table back from what `write_table` has made of it."""
+    import pandas as pd
+
+    with path.open(encoding='utf-8') as stream:
+        title, head, _ = (next(stream, '') for _ in range(3))
+        if title.rstrip() != _CSV_TITLE:
+            raise ValueError('another file')
+        grid = Grid.from_inputs(json.loads(head.removeprefix(_CSV_INPUTS)))
+        texts = pd.read_csv(stream, dtype=str, keep_default_na=False, na_values=[''])
+    kinds = {one.name: one.kind for one in columns_of(grid)}
+    if list(texts) != list(kinds) or len(texts) != grid.size:
+        raise ValueError('not complete')
+    known = texts.astype(object).where(texts.notna(), None)
+    series = {name: _series(kind, known[name].map(_READ[kind])) for name, kind in kinds.items()}
+    table = _describe(pd.DataFrame(series), grid)
+    # No stops are an empty text, which CSV does not distinguish from none
+    table.loc[table.impacts.eq(0).fillna(False), 'stops'] = ''
+    return table
 
 
 def check_format(path: Path | None) -> None:

@@ -64,12 +64,13 @@ def test_the_rig_that_is_given(tmp_path):
     params = tmp_path / 'rig.yaml'
     params.write_text('/**:\n  ros__parameters:\n    gap: 12.0\n    gap_control: timed\n')
     settings = ['gap_max=20', 'angle=1e-1', 'initial_damper_offset=2']
-    rig, initial, control = given_rig(params, settings)
+    rig, initial, control, _ = given_rig(params, settings)
     assert (rig.gap, rig.angle, initial.initial_damper_offset) == (12.0, 0.1, 2.0)
     assert (control.gap_control, control.gap_max) == ('timed', 20.0)
-    # Where the control is not used, that of the file is left aside, and none can be set
-    given = given_rig(params, ['angle=1e-1'], with_control=False)
-    assert not given.control.active
+    # Where it cannot act, it is refused
+    with pytest.raises(ValueError, match='gap_control is timed: this command is for stops that'):
+        given_rig(params, with_control=False)
+    assert not given_rig(params, ['gap_control=off'], with_control=False).control.active
     with pytest.raises(ValueError, match='there is no parameter gap_max to set'):
         given_rig(params, ['gap_max=20'], with_control=False)
 

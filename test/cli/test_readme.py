@@ -56,11 +56,10 @@ LESS = (
     ('--duration 60 --states', '--duration 6 --states'),
     ('--duration 60 --set force_amplitudes=[0]', '--duration 10 --set force_amplitudes=[0]'),
     ('multisine_lines=128', 'multisine_lines=16'),
-    ('=0.4:1.2:33', '=0.4:1.2:2 --no-search'),
+    ('=0.4:1.2:33', '=0.4:1.2:2'),
     ('--cycles 300 --watch 100', '--cycles 60 --watch 21'),
     ('--restitution 0.3:0.8', '--restitution 0.3:0.8 --mass-ratio 5%'),
-    ('--optimum greatest', '--optimum greatest --no-search --cycles 60 --watch 21'),
-    ('=27:37:120', '=27:37:120 --no-search'),
+    ('--optimum greatest', '--optimum greatest --cycles 60 --watch 21'),
     ('--impacts 1:4 --cycles 1:3', '--impacts 1:2 --cycles 1:2'),
 )
 LESS_OF_PYTHON = (
@@ -336,7 +335,7 @@ def test_python(text, place, monkeypatch):
     for name in re.findall(r"read_parquet\('(\w+\.parquet)'", text):
         line = next(line for page, line in LINES if name in line and page != README)
         # The table alone; `test_command` draws it
-        carry_out(re.sub(r'--figure \S+', '--no-search', line))
+        carry_out(re.sub(r' --figure \S+', '', line))
     script = place / 'script.py'
     for longer, shorter in LESS_OF_PYTHON:
         text = text.replace(longer, shorter)

@@ -62,6 +62,7 @@ REFUSALS = {
         *((f'--duration {t}', 'from 1e-09 to 1e+13 s') for t in ('nan', '1e-320', '1e14')),
         *((f'--rate {rate}', 'from 1e-12 to 1e+09 Hz') for rate in ('inf', '1e-320', '1e300')),
         ('--bag=', 'the name is empty: give that of a file or directory'),
+        ('--sweep-levels m.csv', '--sweep-levels are those of a sweep: give --set sweep_mode=up'),
         ('--max-bag-size 7', 'give 0 (no limit) or a number from 100000 to 1e+15 B'),
         ('--states a.csv --impacts a.csv', 'two outputs have the same name'),
         ('--law catch', 'the law catch'),
@@ -132,7 +133,7 @@ def run(command, words):
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     """Go to a directory of some files that are wrong."""
-    (tmp_path / 'm.csv').write_text('time,x\n')
+    (tmp_path / 'm.csv').write_text('f [Hz],level [g]\n4,1\n5,1\n')
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -44,9 +45,12 @@ def test_a_linear_rig_on_a_random_base(table, tmp_path, capsys):
     # The first and the last of the bins have half the width.
     assert 'random acceleration of 21 lines from 3 Hz to 8 Hz: 0.04394 g rms' in printed
     assert '0.04394 g by the integral of the table; repeats after 4 s' in printed
-    assert 'transmissibility over 2 periods of 4 s' in printed
+    assert (
+        'transmissibility over 2 periods of 4 s, after 1; a vibration of the start has' in printed
+    )
     rows = rows_of(spectra)
-    columns = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+    columns = {name.split()[0]: np.array([float(r[name]) for r in rows]) for name in rows[0]}
+    assert list(rows[0])[:2] == ['frequency [Hz]', 'base_level [(m/s^2)^2/Hz]']
     w = math.tau * columns['frequency']
     spring = 1974.0 + 12.6j * w
     for name, expected in {
@@ -147,6 +151,27 @@ def test_too_short_for_an_average(table, tmp_path, capsys):
     assert not list(tmp_path.glob('[ft].*'))
 
 
+def test_periods_in_which_the_start_decays_are_left_out(tmp_path, capsys):
+    """A period of 1 s is a third of the decay: all that is asked for, or what there is."""
+    table, spectra = tmp_path / 'psd.csv', tmp_path / 't.csv'
+    table.write_text('f [Hz],level [g^2/Hz]\n3,1e-4\n8,1e-4\n')
+    rig = ('force_amplitudes=0', 'friction=0', 'gap=10', 'damper_mass=1e-4')
+    words = [word for setting in rig for word in ('--set', setting)]
+    random = ('--base-psd', table, '--psd-lines', 5, '--transmissibility', spectra)
+    assert simulate(*words, *random, '--duration', 28) == 0
+    # exp(-1.26/(2 2.0001) n) < 1e-3
+    assert 'over 6 periods of 1 s, after 22; a vibration of the start has decayed to 0.098 %' in (
+        capsys.readouterr().err
+    )
+    for row in rows_of(spectra):
+        alone = float(row['transmissibility_without_damper'])
+        assert float(row['transmissibility']) == pytest.approx(alone, rel=2e-3)
+    assert simulate(*words, *random, '--duration', 5) == 0
+    assert 'after 4; a vibration of the start has decayed to 28 % before them: give a longer ' in (
+        capsys.readouterr().err
+    )
+
+
 def test_records_of_force_and_base(tmp_path, capsys):
     """The tables, the figure and the words of both."""
     states, impacts, figure = (tmp_path / name for name in ('s.csv', 'i.csv', 'f.png'))
@@ -187,6 +212,38 @@ def test_a_file_of_a_rig_with_a_record(tmp_path, capsys):
     words = ('--quiet', '--duration', 1, '--set', 'force_record=none')
     assert simulate(*words, '--states', states[0], rig=str(rig)) == 2
     capsys.readouterr()
+
+
+def test_a_file_is_obeyed_wholly_or_refused(tmp_path, monkeypatch, capsys):
+    """Records and a law of a parameters file, and of one that is written."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    Path('own.py').write_text('def still(seen, memory):\n    return 0.006, -0.006\n')
+    law = ('--law', 'own:still', '--duration', 1)
+    record = ('--force-record', CONFIG / 'force_record.csv')
+    for number, options in enumerate((record, law, (*record, *law))):
+        out, tables = f'{number}.yaml', (f'{number}a.csv', f'{number}b.csv')
+        assert simulate(*options, '--rig-out', out, '--states', tables[0]) == 0
+        again = [] if options == record else ['--duration', 1]
+        assert simulate(*again, '--states', tables[1], rig=out) == 0
+        assert Path(tables[0]).read_text() == Path(tables[1]).read_text()
+    capsys.readouterr()
+    for command, words, why in (
+        ('sweep_rig', '0.yaml --vary gap=1,2 -o a.csv', 'force_record is'),
+        ('solve_periodic', '0.yaml --impacts 2', 'force_record is'),
+        ('solve_periodic', '1.yaml --impacts 2', 'gap_control is timed: this command is for'),
+        ('ring_down', '1.yaml --from 9mm', 'gap_control is timed: this command is for stops'),
+        ('design_damper', '--check 1.yaml', 'gap_control is timed: this command is for stops'),
+        ('fit_rig', '0a.csv --rig 0.yaml', 'force_record is'),
+    ):
+        assert import_module(f'impact_damper_ros.cli.{command}').main(words.split()) == 2
+        assert why in capsys.readouterr().err
+    # Released, it has neither force nor record; swept, it has its law
+    words = '0.yaml --from 9mm --releases 1'
+    assert import_module('impact_damper_ros.cli.ring_down').main(words.split()) == 0
+    few = '1.yaml --vary gap=0.02,0.03 --cycles 2 --watch 21 -o a.csv'
+    assert import_module('impact_damper_ros.cli.sweep_rig').main(few.split()) == 0
+    assert '"law": "own:still"' in Path('a.csv').read_text()
 
 
 def test_a_fine_record_is_the_harmonic_force(tmp_path, capsys):
@@ -275,6 +332,9 @@ def test_the_response_to_a_sweep(tmp_path, capsys):
         base = 60.0 * 9.80665 / (math.tau * hertz) ** 2
         expected = base * abs(spring / (spring - 2.0 * (math.tau * hertz) ** 2))
         assert mm == pytest.approx(expected, rel=1e-6)
+        ratios = (float(row[f'transmissibility{of}']) for of in ('', ' without damper'))
+        sizes = (float(row[name]) for name in ('x [mm]', 'x without damper [mm]'))
+        assert list(ratios) == pytest.approx([size / base for size in sizes], rel=1e-6)
         assert float(row['acceleration without damper [g]']) == pytest.approx(
             mm * (math.tau * hertz) ** 2 / 9806.65, rel=1e-6
         )

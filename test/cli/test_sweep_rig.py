@@ -72,7 +72,7 @@ def test_sweep_with_figure_and_findings(tmp_path, capsys):
 
 
 def test_frequencies_that_look_like_hertz(tmp_path, capsys):
-    words = ('--jobs', 1, '--no-search', '--cycles', 50, '--watch', 21)
+    words = ('--jobs', 1, '--cycles', 50, '--watch', 21)
     bench = ROOT / 'config' / 'bench_rig.yaml'
     hertz = ('--vary', 'force_frequencies=4,6', *words, '-o', tmp_path / 'a.csv')
     assert run(*hertz, params=bench) == 0
@@ -100,7 +100,7 @@ def test_rigs_under_gap_control(tmp_path):
     assert list(rows.impacts_per_cycle) == pytest.approx([2.0, 2.0], abs=0.1)
     assert (rows.x_max < 10.0).all()
     assert rows.lyapunov_exponent.isna().all()
-    assert json.loads(found.read_text())['optimum']['grid_measure'] == rows.x_max.min()
+    assert json.loads(found.read_text())['optimum']['value'] == rows.x_max.min()
     assert 'gap control: timed' in figure.read_text()
     assert 'Lyapunov' not in figure.read_text()
     # Off by --set, the stops of the same file stay where they are
@@ -149,7 +149,7 @@ def test_interrupted_and_killed_sweeps_lose_nothing_and_go_on(tmp_path):
 
 def test_what_is_there_is_not_replaced_unasked(tmp_path, capsys):
     """The table of another sweep, a CSV file, which is not read back, and what is no table."""
-    few = ('--no-search', '--cycles', 50, '--watch', 21, '--jobs', 1, '--quiet')
+    few = ('--cycles', 50, '--watch', 21, '--jobs', 1, '--quiet')
     words = (*AT_102, '--vary', 'gap=24,37', *few, '-o')
     table, listed = tmp_path / 'a.parquet', tmp_path / 'a.csv'
 
@@ -172,7 +172,7 @@ def test_what_is_there_is_not_replaced_unasked(tmp_path, capsys):
     inputs = f'{table} is the table of a sweep with other inputs'
     refused(table, inputs, other, more=('--set', 'damping=0.02'))
     listed.write_text('mine')
-    refused(listed, 'a.csv is a CSV file, which is not read back')
+    refused(listed, 'a.csv is not the table of a sweep')
     for lost in (5, 300):
         table.write_bytes(whole[:-lost])
         refused(table, 'is not')
@@ -193,7 +193,7 @@ def test_a_motion_that_settles_while_it_is_watched_is_periodic(tmp_path):
 
 
 def test_a_force_too_slow_to_be_run_is_a_row(tmp_path, capsys):
-    words = ('--vary', 'force_frequencies=1e-12,1', '--no-search', '--cycles', 60, '--watch', 21)
+    words = ('--vary', 'force_frequencies=1e-12,1', '--cycles', 60, '--watch', 21)
     assert run(*words, '--jobs', 1, '-o', tmp_path / 'a.csv') == 0
     assert 'motion so slow is no vibration' in capsys.readouterr().err
 

@@ -5,9 +5,11 @@ import math
 import os
 import random
 import signal
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import active_children
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -17,6 +19,7 @@ from control.controlled_rigs import TRIAL, control
 from impact_damper_ros import InitialConditions, RigParameters
 from impact_damper_ros.sweep import (
     Grid,
+    GridError,
     MetadataError,
     Settling,
     WorkersError,
@@ -24,7 +27,7 @@ from impact_damper_ros.sweep import (
     read_table,
     sweep,
 )
-from impact_damper_ros.sweep.execution import process_pool
+from impact_damper_ros.sweep.execution import process_pool, rig_row
 from impact_damper_ros.sweep.part_file import PartFile, part_path
 
 pytest.importorskip('pyarrow')
@@ -178,16 +181,14 @@ def test_pandas_alone_reads_the_table(tmp_path, suffix):
     assert table.attrs['units']['x_max'] == 'm'
     assert table.attrs['descriptions']['lyapunov_exponent'].startswith('Largest Lyapunov exponent')
     assert Grid.from_inputs(table.attrs['inputs']) == grid
+    pd.testing.assert_frame_equal(read_table(path), table)
+    part_path(path).write_text('left by a process that was killed')
+    pd.testing.assert_frame_equal(sweep(grid, path), table)
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
     if suffix == 'csv':
-        with pytest.raises(MetadataError, match='a CSV file, which is not read back'):
-            read_table(path)
         plain = pd.read_csv(path, comment='#')
         assert json.loads(plain.section_x[0]) == pytest.approx(list(table.section_x[0]))
     else:
-        pd.testing.assert_frame_equal(read_table(path), table)
-        part_path(path).write_text('left by a process that was killed')
-        pd.testing.assert_frame_equal(sweep(grid, path), table)
-        assert [one.name for one in tmp_path.iterdir()] == ['a.parquet']
         plain = pd.read_parquet(path)
         assert plain.attrs == table.attrs
         assert list(plain.section_x[0]) == list(table.section_x[0])
@@ -196,21 +197,6 @@ def test_pandas_alone_reads_the_table(tmp_path, suffix):
     assert list(plain.x_max) == pytest.approx(list(table.x_max), nan_ok=True)
     assert plain.cycles[0] == 1
     assert plain.cycles.isna()[1]
-
-
-def test_a_table_with_columns_of_earlier_names_is_read(tmp_path):
-    """Rigs of a sweep that was begun with the earlier names are read, too."""
-    grid = grid_of(gap=[31.31, 36.0])
-    table = sweep(grid, tmp_path / 'new.parquet')
-    earlier = table.rename(columns={'kind': 'motion', 'cycles': 'period'})
-    earlier.attrs = table.attrs
-    earlier.to_parquet(tmp_path / 'old.parquet', index=False)
-    pd.testing.assert_frame_equal(read_table(tmp_path / 'old.parquet'), table)
-    row, _ = execution.rig_row(grid.setup, grid.settings((31.31,)))
-    row |= {'motion': row.pop('kind'), 'period': row.pop('cycles')}
-    with PartFile(part_path(tmp_path / 'resumed.csv'), grid.inputs()) as part:
-        part.add([(0, row)], None)
-    pd.testing.assert_frame_equal(sweep(grid, tmp_path / 'resumed.csv'), table)
 
 
 def kill_a_worker():
@@ -257,6 +243,72 @@ def test_one_start_beyond_a_stop_is_one_row():
         table = sweep(grid, jobs=jobs)
         assert list(table.ok) == [False, True, False]
         assert 'm must start between the stops' in table.reason[0]
+
+
+@pytest.mark.parametrize('worth', [1e9, 0.0])
+def test_the_rest_goes_to_processes_where_that_pays(worth, monkeypatch):
+    """And the table is the same."""
+    started = []
+
+    def pool(jobs):
+        started.append(jobs)
+        return process_pool(jobs)
+
+    monkeypatch.setattr(execution, 'process_pool', pool)
+    monkeypatch.setattr(execution, '_TRIED', 0.0)
+    monkeypatch.setattr(execution, '_WORTH', worth)
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1})
+    for grid, jobs in ((TOGETHER, 2), (FOLLOWED, 2), (grid_of(follow='up', gap=[20, 30]), None)):
+        started.clear()
+        pd.testing.assert_frame_equal(sweep(grid, jobs=None), sweep(grid))
+        assert started == ([jobs] if jobs and not worth else [])
+
+
+def test_a_file_is_replaced_by_rigs_that_are_run_anew(tmp_path):
+    path, grid = tmp_path / 'a.csv', grid_of(settling=Settling(watch=40), damping=[0.01, 2.5])
+    sweep(grid, path)
+    whole = path.read_bytes()
+    for text in (whole.replace(b'12', b'21'), whole[:-300], b'mine'):
+        for name in (path, part_path(path)):
+            name.write_bytes(text)
+        sweep(grid, path, overwrite=True)
+        assert path.read_bytes() == whole
+        assert not part_path(path).exists()
+    # What was begun with it is resumed
+    with PartFile(part_path(path), grid.inputs()) as part:
+        part.add([(0, rig_row(grid.setup, grid.settings(grid.values(0)))[0])], None)
+    counts = []
+    sweep(grid, path, overwrite=True, progress=counts.append)
+    assert (counts[0], path.read_bytes()) == (1, whole)
+
+
+def test_a_law_whose_source_has_changed_is_another_sweep(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / 'a.parquet'
+    law, few = control('timed', gap_control_rate=1.0), Settling(cycles=2, watch=21)
+
+    def grid():
+        sys.modules.pop('changing_law', None)
+        return Grid(TRIAL, START, law, 'changing_law:law', settling=few, gap=[20.0, 21.0])
+
+    def write(half):
+        text = f'def law(seen, memory):\n    return {half}, -{half}\n'
+        Path('changing_law.py').write_text(text)
+
+    write(9.0)
+    begun = grid()
+    table = sweep(begun, path)
+    write(2.25)
+    with pytest.raises(MetadataError, match=r'law_digest: "\w+" there, "\w+" here'):
+        sweep(grid(), path)
+    # The table of a law that is no longer there is read
+    pd.testing.assert_frame_equal(read_table(path), table)
+    other = sweep(grid(), path, overwrite=True)
+    assert (other.x_max != table.x_max).all()
+    with pytest.raises(WorkersError, match='changing_law:law is not the one that the sweep began'):
+        sweep(begun)
+    with pytest.raises(GridError, match='moves no stops, since gap_control is off'):
+        Grid(TRIAL, START, law='changing_law:law', gap=[20.0, 21.0])
 
 
 def test_what_cannot_be_swept_is_refused_at_once(tmp_path):

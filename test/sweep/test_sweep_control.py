@@ -15,8 +15,6 @@ from impact_damper_ros.sweep import (
     GridError,
     Settling,
     find_optimum,
-    summary_of,
-    summary_text,
     sweep,
 )
 from impact_damper_ros.sweep.execution import rig_row
@@ -117,22 +115,14 @@ def test_followed_rigs_take_over_rig_and_control():
     assert following['impact_phase'] == pytest.approx(fresh['impact_phase'], abs=1e-6)
 
 
-def test_what_scatters_must_be_better_by_more_than_that(tmp_path):
-    """Out of step, none of these repeats to the last digits."""
+def test_the_best_of_what_does_not_repeat():
+    """Out of step, none of these repeats to the last digits; narrower stops are in the way."""
     law = control('timed', gap_control_rate=5.0, gap_control_noise_position=0.3)
-    grid = grid_of(
-        control=law, settling=Settling(cycles=60, watch=21), gap_control_park=[0.6, 0.8, 1.0]
-    )
-    table = sweep(grid)
+    few = Settling(cycles=60, watch=21)
+    table = sweep(grid_of(control=law, settling=few, gap_control_park=[0.6, 0.8, 1.0]))
     assert not table.settled.any()
     optimum = find_optimum(table, 'x_rms')
-    assert optimum.grid_measure == table.x_rms.min()
-    # Narrower stops are in the way.
-    assert optimum.grid_values[0] == 1.0
-    assert 1e-4 < optimum.scatter < 0.01 * optimum.value
-    assert optimum.value == optimum.grid_measure
-    text = summary_text(tmp_path, summary_of(table, optimum))
-    assert f' +- {optimum.scatter:.1g} at gap_control_park = ' in text
+    assert (optimum.value, optimum.values) == (table.x_rms.min(), (1.0,))
 
 
 def test_grids_with_control():

@@ -114,7 +114,7 @@ def test_command(tmp_path, capsys):
     path = tmp_path / 'table.csv'
     words = ['bench_rig', '--set', 'force_amplitudes=0', '--set', 'base_amplitudes=0.05g']
     words += ['--vary', 'base_frequencies=4Hz:6Hz:5', '--set', 'gap=1', '-o', str(path)]
-    assert main([*words, '--no-search', '--measure', 'x_max']) == 0
+    assert main([*words, '--measure', 'x_max']) == 0
     assert 'at base_frequencies = 6 Hz' in capsys.readouterr().err
     lines = [line for line in path.read_text().splitlines() if not line.startswith('#')]
     rows = list(csv.DictReader(lines))
