@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -132,9 +131,8 @@ def _prediction(stretch: StretchComparison) -> dict[str, Any]:
 
 #: Stretches that are numbered in the picture of the whole run; more would run into each other.
 _MOST_NUMBERS = 30
-#: Pieces of a narrow picture of the whole run, all stretches together; a wide one has four times
-#: as many.
-_MOST_PIECES = 300
+#: Pieces of the picture of the whole run, all stretches together, and of one of them at least.
+_MOST_PIECES, _LEAST_PIECES = 1200.0, 8.0
 #: Cycles of the force, in all, that can be distinguished in it.
 _MOST_CYCLES = 160
 #: Share of the width of that picture that a number of a stretch takes.
@@ -177,7 +175,7 @@ def _level_lines(stretches: Sequence[StretchComparison]) -> Array:
     return np.array(rows).reshape(-1, 2)
 
 
-def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Picture | None:
+def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
     """Draw X over the whole run, with the largest |X| that theory predicts for each stretch."""
     shown = [
         (stretch, stretch.curves.envelope)
@@ -186,15 +184,14 @@ def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Pi
     ]
     if not shown:
         return None
-    axes = _panel('rig time [s]', '', wide=wide, height=2.8)
+    axes = _panel('rig time [s]', '', wide=True, height=2.8)
     # Cycles drawn one by one would only make a pattern of their own
     crowded = sum(map(_cycles, stretches)) > _MOST_CYCLES
-    least, most = (8.0, 4.0 * _MOST_PIECES) if wide else (2.0, 1.0 * _MOST_PIECES)
     pieces = []
     for stretch, envelope in shown:
-        count = max(least, most / len(shown))
+        count = max(_LEAST_PIECES, _MOST_PIECES / len(shown))
         if crowded:
-            count = min(count, max(least, _cycles(stretch)))
+            count = min(count, max(_LEAST_PIECES, _cycles(stretch)))
         pieces.append(_coarser(stretch, envelope, count))
     time, low, high = np.hstack(pieces)
     color, how = COLORS['primary'], _as_in_the_log(*stretches)
@@ -213,7 +210,7 @@ def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Pi
     edges = np.tile([*axes.get_ylim(), math.nan], len(stretches) - 1)
     axes.plot(starts, edges, color=COLORS['quiet'], linewidth=0.7 if few else 0.3)
     begin, end = stretches[0].start, stretches[-1].end
-    room = _NUMBER * (end - begin) * (1.0 if wide else 2.5)
+    room = _NUMBER * (end - begin)
     numbered = -math.inf
     for stretch in stretches:
         # A number that would cover the one before is left out
@@ -230,7 +227,7 @@ def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Pi
     axes.set_xlim(begin, end if end > begin else begin + 1.0)
     caption = 'Displacement of the primary mass over the whole run. A stretch begins at each '
     caption += 'upright line.'
-    return _picture(axes, 'The whole run', caption, columns=0 if wide else 1)
+    return _picture(axes, 'The whole run', caption)
 
 
 # The predicted motion over any time
@@ -287,33 +284,18 @@ def predicted_lines(curve: PredictedCurve, highest: float) -> tuple[Array, Array
     return orders / period, np.abs(lines)
 
 
-#: Share of the time history that a narrow picture of it shows.
-_LAST = 3.0 / 8.0
-
-
-def _end_of(motion: MotionCurve) -> MotionCurve:
-    """Return the last part of a motion, as much as fits into a narrow picture."""
-    start, end = motion.time[0], motion.time[-1]
-    late = motion.time >= end - _LAST * (end - start)
-    if not np.ptp(motion.time[late]) > 0.0:
-        return motion
-    return MotionCurve(*(getattr(motion, f.name)[late] for f in fields(motion)))
-
-
 def _motion_of(stretch: StretchComparison) -> MotionCurve | None:
     motion = stretch.curves.motion
     return motion if motion is not None and np.ptp(motion.time) > 0.0 else None
 
 
-def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | None:
+def draw_history(stretch: StretchComparison) -> Picture | None:
     """Draw the end of a stretch, with the predicted motion and impacts over it."""
     motion, theory = _motion_of(stretch), stretch.curves.predicted
     if motion is None:
         return None
-    if not wide:
-        motion = _end_of(motion)
     z = motion.x + motion.y
-    axes = _panel('rig time [s]', '', wide=wide)
+    axes = _panel('rig time [s]', '', wide=True)
     unit_axis(axes.yaxis, 'position along the axis', 'm', motion.x, z)
     axes.plot(
         motion.time, motion.x, color=COLORS['primary'], linewidth=3.6, label='X, primary mass'
@@ -341,7 +323,7 @@ def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | 
         axes.plot(hit, place, **_RINGS, label='its impacts')
         caption += ' Over it is the predicted motion, with its impacts as rings.'
     axes.set_xlim(start, end)
-    return _picture(axes, 'Time history', caption, columns=0 if wide else 3)
+    return _picture(axes, 'Time history', caption)
 
 
 def _portrait(

@@ -22,21 +22,19 @@ from .drawing import inline_svg
 
 
 class Shown(NamedTuple):
-    """A picture as the template shows it, in its variants for a wide and a narrow page."""
+    """A picture as the template shows it."""
 
     svg: str
-    narrow: str | None
     title: str
     caption: str
     wide: bool
 
 
-def on_page(picture: Picture, key: str, where: str, narrow: Picture | None = None) -> Shown:
+def on_page(picture: Picture, key: str, where: str) -> Shown:
     """Return a picture for a page; `key` distinguishes its ids from those of others."""
     label = f'{picture.title}, {where}'
-    small = None if narrow is None else inline_svg(narrow.figure, f'{key}-narrow', label)
     drawn = inline_svg(picture.figure, key, label)
-    return Shown(drawn, small, picture.title, picture.caption, picture.wide)
+    return Shown(drawn, picture.title, picture.caption, picture.wide)
 
 
 def _may_stand(character: str) -> bool:

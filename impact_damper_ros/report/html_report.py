@@ -21,7 +21,7 @@ from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.theory.gap_curve import GapCurve
 
-from .charts import PICTURES, draw_history, draw_run
+from .charts import PICTURES, draw_run
 from .comparison_tables import (
     cause_of,
     comparison_table,
@@ -134,8 +134,7 @@ def _pictures(stretch: StretchComparison) -> tuple[list[Shown], list[str]]:
         picture = draw(stretch)
         if picture is not None:
             key, where = f's{stretch.number}-{name}', f'stretch {stretch.number}'
-            narrow = draw_history(stretch, wide=False) if name == 'history' else None
-            shown.append(on_page(picture, key, where, narrow))
+            shown.append(on_page(picture, key, where))
         elif name in _NEEDED:
             missing.append(_NEEDED[name])
     return shown, missing
@@ -185,8 +184,8 @@ def _overview(comparison: RunComparison, detailed: Sequence[StretchComparison]) 
         note += 'then the longest. '
     if len(rows) < len(stretches):
         left_out = f'{len(stretches) - len(rows)} are not listed here; report.json has all.'
-    picture, narrow = draw_run(stretches), draw_run(stretches, wide=False)
-    drawn = [] if picture is None else [on_page(picture, 'run', 'all stretches', narrow)]
+    picture = draw_run(stretches)
+    drawn = [] if picture is None else [on_page(picture, 'run', 'all stretches')]
     numbers = {stretch.number for stretch in detailed}
     tables = [
         overview_table(rows, numbers, (note + left_out).rstrip()),

@@ -119,10 +119,7 @@ def test_all_plots_are_there(page):
     assert 'compare_run runs/run_20260101_120000 --report report' in text_of(root)
     for n, missing in ((1, set()), (2, set()), (3, {'convergence', 'spectrum', 'gap'})):
         part = section(root, n)
-        small = {svg for div in part.iter('div') if div.get('class') == 'slim' for svg in div}
-        shown = [svg.get('aria-label') for svg in part.iter('svg') if svg not in small]
-        # For a phone there is another picture of what is as wide as the page.
-        assert [svg.get('aria-label') for svg in small] == [f'Time history, stretch {n}']
+        shown = [svg.get('aria-label') for svg in part.iter('svg')]
         # A rig under a steady force has no ring-down and no sweep
         assert len(shown) == len(PICTURES) - len({'decay', 'loss', 'response', *missing})
         assert all(f'stretch {n}' in label for label in shown)
@@ -413,11 +410,10 @@ def test_no_curve_is_cut(runs):
     seen = 0
     pictures = []
     with page_style():
-        pictures += [draw_run(runs[0].stretches, wide=wide) for wide in (True, False)]
+        pictures.append(draw_run(runs[0].stretches))
         for each in runs:
             for stretch in each.stretches:
                 pictures += [draw(stretch) for draw in PICTURES.values()]
-                pictures.append(draw_history(stretch, wide=False))
     for picture in filter(None, pictures):
         for axes, _, (x, y) in lines_of(picture):
             (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
@@ -561,16 +557,6 @@ def test_the_axis_of_points_at_one_place(run):
     assert len(labels) > 2
     assert max(map(len, labels)) <= 6
     assert len(set(labels)) == len(labels)
-
-
-def test_pictures_for_a_phone(run):
-    stretch = run.stretches[0]
-    with page_style():
-        wide, slim = draw_history(stretch), draw_history(stretch, wide=False)
-    assert slim.figure.get_size_inches()[0] < 0.5 * wide.figure.get_size_inches()[0]
-    (start, end), (late, last) = (p.figure.axes[0].get_xlim() for p in (wide, slim))
-    assert last == end
-    assert late - start == pytest.approx(5.0 / 8.0 * (end - start), rel=0.02)
 
 
 def test_a_very_long_cause_is_shortened(run):

@@ -46,7 +46,7 @@ const unsaid = boxes.filter(e => !(e.previousElementSibling || {matches: () => f
   .matches('.hint') || !shown(e.previousElementSibling))
   .map(e => `${e.textContent.slice(0, 24)}: ${e.scrollWidth} of ${e.clientWidth}`);
 const hints = [...document.querySelectorAll('.hint')].filter(shown).length;
-const cut = [...document.querySelectorAll('figure svg, nav a')].filter(shown).filter(e => {
+const cut = [...document.querySelectorAll('figure.narrow svg, nav a')].filter(shown).filter(e => {
   const box = e.getBoundingClientRect();
   return box.left < -1 || box.right > innerWidth + 1;
 }).length;
@@ -104,8 +104,8 @@ def test_every_plot_is_seen(browser, report, tmp_path, width):
     assert seen['clipped'] == seen['cut'] == 0
     # No part of the page is beyond an edge without a word.
     assert seen['unsaid'] == []
-    # Two tables of the run, and the impacts of each stretch
-    assert seen['hints'] == (2 + 3 if width < 700 else 0)
+    # Two tables and the picture of the run, impacts and time history of each stretch
+    assert seen['hints'] == (3 + 2 * 3 if width < 700 else 0)
     names = [plot[0] for plot in seen['plots']]
     assert len(names) == 1 + 7 + 7 + 4
     assert 'Poincaré section, stretch 1' in names
