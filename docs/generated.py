@@ -1,5 +1,5 @@
 """
-What the documentation has of the code: help of the commands, glossary, Python library, gallery.
+What the documentation has of the code: help, parameters, glossary, Python library, gallery.
 
     python docs/generated.py [--figures]
 
@@ -14,6 +14,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,24 @@ LIBRARY = {
 }
 LISTS = 'Parameters', 'Attributes', 'Returns', 'Yields', 'Raises', 'Other Parameters'
 PROSE = 'Notes', 'References'
+
+
+def tables(name: str, page: str) -> str:
+    """Return a page with the present tables of parameters."""
+    rig_parameters = import_module('impact_damper_ros.parameters.rig_parameters')
+    structure = import_module('impact_damper_ros.parameters.structure')
+    table = import_module('impact_damper_ros.cli.simulate_rig').parameter_table
+    groups = {
+        'parameters.md': [
+            (rig_parameters.PARAMETER_SPECS, rig_parameters.INITIAL_SPECS),
+            (structure.STRUCTURE_SPECS,),
+        ],
+        'control.md': [(rig_parameters.GAP_CONTROL_SPECS,)],
+    }
+    present = iter([table(*specs) for specs in groups[name]])
+    return re.sub(
+        r'^\| parameter \| unit .*\n(\|.*\n)+', lambda _: next(present), page, flags=re.M
+    )
 
 
 def commands(page: str) -> str:
@@ -185,9 +204,15 @@ def pages() -> dict[Path, str]:
     """Return the pages with generated parts."""
     made = {GALLERY / 'index.md': gallery()}
     made |= {REFERENCE / 'python' / f'{stem}.md': library(stem) for stem in LIBRARY}
-    for name, fill in (('commands.md', commands), ('glossary.md', glossary)):
+    fill = {
+        'commands.md': commands,
+        'control.md': partial(tables, 'control.md'),
+        'glossary.md': glossary,
+        'parameters.md': partial(tables, 'parameters.md'),
+    }
+    for name, filled in fill.items():
         path = REFERENCE / name
-        made[path] = fill(path.read_text(encoding='utf-8'))
+        made[path] = filled(path.read_text(encoding='utf-8'))
     return made
 
 
