@@ -7,11 +7,14 @@ import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from impact_damper_ros.measured.formats import content_of
 from impact_damper_ros.parameters.quoting import named
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 
 #: Parameters on which the best gap depends, and which a fit leaves uncertain.
 UNCERTAIN = ('restitution_1', 'restitution_2', 'friction', 'stiffness', 'damping')
+#: Largest file that is read, bytes.
+_MOST_BYTES = 10_000_000
 
 
 class FittedRig(NamedTuple):
@@ -53,16 +56,16 @@ def load_fitted(path: Path) -> FittedRig:
     ValueError
         If it cannot be read, or has no interval.
     """
+    content = content_of(path, _MOST_BYTES)
     try:
-        found = json.loads(path.read_text(encoding='utf-8'))
+        found = json.loads(content)
         known = {n: one for n, one in found['parameters'].items() if n in PARAMETER_SPECS}
         values = {n: float(one['value']) for n, one in known.items()}
         ends = {n: (*map(float, known[n]['interval']),) for n in UNCERTAIN if n in known}
         ranges = {n: _within(n, *sorted((low, high))) for n, (low, high) in ends.items()}
         values = dict(found.get('rig') or values)
-    except OSError as error:
-        raise ValueError(f'{path}: cannot be read ({error.strerror or error})') from error
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+    # Whatever a file holds that is none
+    except Exception as error:
         raise ValueError(
             f'{path}: is not the result of a fit ({named(error)}): give JSON as fit_rig --json '
             'writes it, with "parameters", of which each has a "value" and an "interval"'

@@ -285,7 +285,18 @@ def test_from_measured_data_to_a_damper(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     'text',
-    ['{}', '{"parameters": {"friction": 3}}', '[', 'null', 'a: 1  # 95 %: 0 to 2', '{"rig": 1}'],
+    [
+        *(
+            '{}',
+            '{"parameters": {"friction": 3}}',
+            '[',
+            'null',
+            'a: 1  # 95 %: 0 to 2',
+            '{"rig": 1}',
+        ),
+        *(100_000 * '[', 900_000 * '\n'),
+    ],
+    ids=lambda text: text[:9],
 )
 def test_a_file_that_is_no_fit(text, tmp_path, capsys):
     path = tmp_path / 'fit.json'

@@ -95,18 +95,18 @@ PSD, FORCE, BASE = 'f [Hz],level [g^2/Hz]\n', 't [s],force [N]\n', 't [s],a [g]\
 BAD = {
     '--base-psd': {
         PSD + '3,1e-4\n': '1 rows: give at least 2',
-        PSD + '3,1\n3,1\n': "line 3, column 'f [Hz]': 3 after 3",
+        PSD + '3,1\n3,1\n': 'no band with a level above 0: give two such points',
         'f [Hz],level [N^2/Hz]\n3,1\n4,1\n': "has the unit 'N^2/Hz'",
-        'f [Hz],x [g^2/Hz]\n3,1\n4,1\n': 'no column for the level',
-        None: 'cannot be read (No such file or directory): give the path of a table',
+        'f [Hz],x [°C]\n3,1\n4,1\n': 'no column for the level',
+        None: 'cannot be read (No such file or directory): give the path of a file',
     },
     '--force-psd': {TABLE: "has the unit 'g^2/Hz': write it behind the name, as level [N^2/"},
     '--force-record': {
         FORCE + '0,1\n0.1,\n0.2,1\n': "line 3, column 'force [N]': no",
         FORCE + '0,1\n0.1,nan\n0.2,1\n': 'line 3',
-        FORCE + '0,1\n0.2,2\n0.1,3\n': 'the column must rise',
+        FORCE + '0,1\n0.2,2\n0.1,3\n': 'the times go back: export the samples',
         FORCE + '0,1\n1,1\n2,1\n9,1\n': 'where the others are 1 s: fill the gap',
-        FORCE + '0,1\n1,1\n2.02,1\n3,1\n4,1\n': 'resample it at equal intervals',
+        FORCE + '0,1\n1,1\n2.4,1\n3,1\n4,1\n': 'give samples at equal intervals',
         't [s],a [g]\n0,1\n1,1\n': 'no column for the force',
     },
     '--base-record': {
