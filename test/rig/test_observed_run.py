@@ -60,6 +60,16 @@ def test_a_run_goes_on_from_where_the_rig_is():
     assert first.looks == [0.0, 45.0, 45.0, 60.0]
 
 
+def test_a_change_at_the_start_of_a_run_is_made_there():
+    rig = Rig(HORIZONTAL)
+    diary = Diary(rig)
+    run(rig, 45.0, [diary])
+    wide = HORIZONTAL.replace(gap=40.0)
+    run(rig, 60.0, [diary], [TimedChange(45_000_000_000, {'gap': 40.0}, wide, CONTROL)])
+    assert diary.changes == [(45_000_000_000, {'gap': 40.0}, 45.0)]
+    assert rig.parameters == wide
+
+
 def test_the_observers_have_seen_the_events_of_a_rig_that_has_too_many():
     hammering = HORIZONTAL.replace(gap=1e-6, restitution_1=1.0, restitution_2=1.0)
     rig = Rig(hammering)
