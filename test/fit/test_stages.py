@@ -1,0 +1,275 @@
+"""The stages of a fit, each alone, against a motion that is known."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from impact_damper_ros import RigParameters
+from impact_damper_ros.fit.acceptance import judged
+from impact_damper_ros.fit.alternatives import Alternative, alternatives
+from impact_damper_ros.fit.contradictions import gains_of, to_release, without_contradictions
+from impact_damper_ros.fit.course import Course
+from impact_damper_ros.fit.estimate import Estimate
+from impact_damper_ros.fit.first_course import first_course, matched
+from impact_damper_ros.fit.first_guess import regressed
+from impact_damper_ros.fit.gauss_newton import solve
+from impact_damper_ros.fit.partition import (
+    Jumps,
+    Record,
+    fit_vibration,
+    jumps_between,
+    noise_between,
+    noise_of,
+    partition,
+)
+from impact_damper_ros.fit.relaxation import relaxed
+from impact_damper_ros.fit.revision import Revised
+from impact_damper_ros.fit.shooting import Shooting
+from impact_damper_ros.fit.unknowns import Unknowns
+from impact_damper_ros.fit.vibration import ORDERS, Vibration
+
+from .random_rigs import DEVIATION, measure, random_rig, true_course
+
+
+def known(seed, changes=None, separate=False, **options):
+    """Return what is known of a rig, its record, course, equations and measurement."""
+    rng = np.random.default_rng(seed)
+    rig = random_rig(rng).replace(**(changes or {}))
+    measurement = measure(rig, rng, **{'impacts': 40, 'timed': False, **options})
+    unknowns = Unknowns(rig, separate, ())
+    record, course = true_course(unknowns, measurement)
+    times = measurement.record.impact_times
+    times = np.zeros(0) if times is None else times
+
+    def problem(of):
+        return Shooting(record, measurement.deviation, unknowns, of, times, DEVIATION)
+
+    return unknowns, record, course, problem, measurement
+
+
+def test_the_noise_of_a_vibration_with_impacts():
+    """To the 3 % that 4,000 samples leave; a smooth motion has none."""
+    rng = np.random.default_rng(1)
+    time = np.arange(4000) / 1000.0
+    smooth = np.sin(31.0 * time) * np.exp(-0.3 * time)
+    smooth[2000:] += 0.4 * np.sin(31.0 * (time[2000:] - 2.0))
+    noise = rng.normal(0.0, 0.01, len(time))
+    assert noise_of(smooth + noise) == pytest.approx(0.01, rel=0.05)
+    assert noise_of(smooth) < 1e-6
+    assert noise_of(np.zeros(3)) == 0.0
+    steps = np.where(time > 1.0, 5.0, 0.0) + noise
+    assert noise_between(steps, time, np.array([1.0])) == pytest.approx(0.01, rel=0.05)
+    assert np.isnan(noise_between(noise[:20], time[:20], np.zeros(0)))
+
+
+@pytest.mark.parametrize('quantity', list(ORDERS))
+def test_stretches_of_free_vibration_are_cut_at_the_impacts(quantity):
+    """Exact pieces with noise of a hundredth: all cuts, none else, and the jumps between them."""
+    rng = np.random.default_rng(4)
+    rig = RigParameters(
+        primary_mass=2.0,
+        stiffness=2000.0,
+        damping=1.0,
+        force_amplitudes=0.5,
+        force_frequencies=30.0,
+    )
+    vibration, order = Vibration.of(rig, 2000.0, 1.0), ORDERS[quantity]
+    time, impacts = np.arange(800) / 400.0, np.array([0.501, 0.703, 1.2013, 1.6489])
+    edges = np.searchsorted(time, [-1.0, *impacts, 9.0])
+    root = vibration.root
+    # X is continuous at each impact, X' jumps
+    state, begin, jumps = 0.01 + 0.0j, 0.0, (0.1, -0.12, 0.15, -0.09)
+    motion = np.zeros(len(time))
+    for k, (low, high) in enumerate(pairwise(edges)):
+        motion[low:high] = (state * root**order * np.exp(root * (time[low:high] - begin))).real
+        if k < len(impacts):
+            state *= np.exp(root * (impacts[k] - begin))
+            begin, state = impacts[k], state - 1j * jumps[k] / vibration.damped
+    motion += vibration.steady(time, order)
+    deviation = 0.01 * float(np.std(motion))
+    record = Record(
+        time, motion + rng.normal(0.0, deviation, len(time)), np.ones(len(time)), order
+    )
+    found = partition(record, vibration, deviation, 24.0)
+    assert found.tolist() == pytest.approx(edges.tolist(), abs=3)
+    # A penalty above all that a cut takes leaves one stretch
+    assert partition(record, vibration, deviation, 1e9).tolist() == [0, len(time)]
+    for measured in (np.zeros(0), impacts):
+        shown = jumps_between(record, vibration, found, measured)
+        assert shown.time == pytest.approx(impacts, abs=0.0 if len(measured) else 4e-3)
+        assert shown.jump == pytest.approx(jumps, abs=0.012)
+    k, c = fit_vibration(record, rig, found, (1.03 * 2000.0, 1.4), deviation)
+    assert (k, c) == (pytest.approx(2000.0, rel=2e-3), pytest.approx(1.0, rel=0.1))
+
+
+@pytest.mark.parametrize(
+    ('changes', 'separate'),
+    [
+        # Flights with reversals, which friction bends, are outliers to it
+        ({'friction': 0.0}, False),
+        ({'friction': 0.0, 'restitution_2': 0.4}, True),
+        ({'air_force': 0.02, 'angle': 0.02}, False),
+    ],
+)
+def test_a_regression_over_exact_jumps_gives_the_rig(changes, separate):
+    unknowns, _, course, _, measurement = known(105, changes, separate)
+    rig = unknowns.rig
+    hits = measurement.events[measurement.events['stop'] > 0][: len(course)]
+    before = hits['primary_velocity_before']
+    jumps = Jumps(course.time, course.x, before, hits['primary_velocity_after'] - before)
+    alphas, grip, gap = regressed(unknowns, jumps, course.stop, rig.omega)
+    assert [unknowns.restitution(a) for a in alphas] == pytest.approx(
+        [rig.restitution_1, rig.restitution_2], rel=1e-6
+    )
+    assert grip == pytest.approx(rig.friction * unknowns.normal, rel=1e-4, abs=1e-6)
+    assert gap == pytest.approx(rig.gap, rel=1e-6)
+    # One false impact among forty is an outlier
+    wrong = jumps._replace(jump=np.where(np.arange(len(course)) == 20, -1.0, 1.0) * jumps.jump)
+    assert regressed(unknowns, wrong, course.stop, rig.omega)[2] == pytest.approx(gap, rel=0.01)
+
+
+def test_times_are_matched_one_to_one():
+    measured = np.array([1.0, 1.9, 2.0, 5.0])
+    assert matched(np.array([1.01, 2.02, 3.0]), measured, 0.05).tolist() == [0, 2, -1]
+    assert matched(np.array([1.99, 2.01]), measured, 0.05).tolist() in ([2, -1], [-1, 2])
+    assert matched(np.zeros(0), measured, 0.05).tolist() == []
+
+
+@pytest.mark.parametrize('timed', [True, False])
+def test_a_first_course_is_relaxed_to_the_motion(timed):
+    """Weak and late impacts apart, it is that of the events, and K, C, R and gap are near."""
+    unknowns, record, course, problem, measurement = known(108, timed=timed)
+    times = measurement.record.impact_times if timed else np.zeros(0)
+    start = unknowns._replace(
+        rig=unknowns.rig.replace(
+            stiffness=1.03 * unknowns.rig.stiffness, damping=1.4 * unknowns.rig.damping
+        )
+    )
+    first = first_course(record, start, measurement.deviation, times, DEVIATION)
+    found = relaxed(first, problem, timed=timed)
+    # K, C, alpha, grip, gap
+    near = np.abs(found.shared / course.shared - 1.0)
+    assert near[0] < 3e-3
+    assert near[[2, 4]].max() < 0.2
+    pairs = matched(found.time, course.time, 0.004)
+    assert (pairs >= 0).mean() > 0.85
+    same = pairs >= 0
+    assert (found.stop[same] == course.stop[pairs[same]]).mean() > 0.95
+    assert found.flies.mean() > 0.8
+    assert not found.lawless.any()
+
+
+def test_flights_that_contradict_the_others_are_cut():
+    _, _, course, problem, _ = known(105)
+    solution = solve(problem(course), problem(course).start())
+    assert gains_of(problem(course), solution).max() < 20.0
+    wrong = course.copy()
+    wrong.stop[12] *= -1
+    why: dict[int, str] = {}
+    shooting, solution, gains = without_contradictions(problem, problem(wrong), why, softly=True)
+    cut = set(np.flatnonzero(~shooting.course.flies).tolist())
+    assert cut & {11, 12}
+    assert len(cut) <= 4
+    assert {k - 1 for k in why} == cut
+    assert all(text.startswith('its laws cost ') for text in why.values())
+    assert gains.max() < 100.0
+    assert solution.broken < 0.01
+
+
+def test_the_worst_of_neighbours_are_released():
+    gains = np.array([0.0, 30.0, 80.0, 70.0, 5.0, 60.0])
+    assert to_release(gains, 20.0) == {2: 80.0, 5: 60.0}
+    assert to_release(gains, 100.0) == {}
+    assert to_release(np.zeros(0), 20.0) == {}
+
+
+@pytest.mark.parametrize(
+    ('name', 'changes', 'value', 'within'),
+    [
+        ('force amplitude', {'force_amplitudes': (1.2 / 1.02,)}, 0.02, 0.25),
+        # One restitution for both fits far from there: a step does not lead all the way
+        ('restitution_2 less restitution_1', {}, -0.02, 0.75),
+        ('force delay', {}, 0.002, 0.25),
+    ],
+)
+def test_one_step_finds_what_a_model_lacks(name, changes, value, within):
+    """Of a motion without noise to some per cent; the other checks are further from it."""
+    rig_changes = {'restitution_2': 0.5, 'restitution_1': 0.52} if 'restitution' in name else {}
+    unknowns, record, course, _, measurement = known(105, rig_changes, noise=1e-3)
+    described = unknowns.rig.replace(**changes)
+    if name == 'force delay':
+        w = described.force_frequencies[0]
+        described = described.replace(force_phases=(described.force_phases[0] + w * value,))
+    lacking = unknowns._replace(rig=described)
+    shooting = Shooting(record, measurement.deviation, lacking, course, np.zeros(0), DEVIATION)
+    solution = solve(shooting, shooting.start())
+    found = {check.name: check for check in alternatives(shooting, solution, 1.0)}
+    assert found[name].value == pytest.approx(value, rel=within)
+    assert abs(found[name].z) > 4.0
+    assert found[name].z == found[name].value / found[name].standard_deviation
+
+
+def judgement(course, checks=(), deviations=(0.1,), **changes):
+    """Return what the rule says of a course with ten parameters of some deviations."""
+
+    class _Solution:
+        broken = changes.pop('broken', 0.0)
+
+    revised = Revised(
+        course, None, _Solution, np.zeros(len(course) - 1), True, 3, {}, changes.pop('doubtful', 0)
+    )
+    parameters = {f'p{k}': Estimate.normal(1.0, one) for k, one in enumerate(deviations)}
+    correlations = {a: {b: float(a == b) for b in parameters} for a in parameters}
+    correlations.update(changes.pop('correlations', {}))
+    chi = changes.pop('chi', 1.0)
+    return judged(revised._replace(**changes), chi, list(checks), parameters, correlations)
+
+
+def course_of(used, flights):
+    """Return a course of some flights, of which the first ones count."""
+    begins = np.array([True, *(k >= used for k in range(flights))])
+    zeros = np.zeros(flights + 1)
+    stops = np.resize([1, -1], flights + 1)
+    return Course(np.ones(5), np.arange(flights + 1.0), zeros, zeros, zeros, stops, begins, -stops)
+
+
+CHECK = Alternative('force amplitude', 0.1, 0.02, '', 'the force is not as large as described')
+
+
+@pytest.mark.parametrize(
+    ('used', 'flights', 'changes', 'words'),
+    [
+        (93, 100, {}, []),
+        (92, 100, {}, ['only 92 of 100 flights obey']),
+        (84, 100, {'doubtful': 10}, []),
+        (74, 100, {'doubtful': 25}, ['only 74 of 100 flights obey']),
+        (9, 9, {}, ['9 of 9 flights between impacts obey']),
+        (93, 100, {'chi': 1.09}, []),
+        (93, 100, {'chi': 1.12}, ['the residuals are 1.12 times as large']),
+        (93, 100, {'unchanged': False}, ['the exact simulation', 'after 3 revisions']),
+        (93, 100, {'gains': np.resize([0.0, 19.0], 100)}, []),
+        (93, 100, {'gains': np.eye(100)[7] * 21.0}, ['the flight from 7 s contradicts']),
+        (93, 100, {'broken': 0.06}, ['no motion of the fitted rig obeys']),
+        (93, 100, {'checks': [CHECK]}, ['the force is not as large', '5 standard deviations']),
+        (93, 100, {'checks': [CHECK._replace(value=0.07)]}, []),
+        (93, 100, {'deviations': (0.1, np.inf)}, ['does not determine every parameter']),
+        (93, 100, {'deviations': (0.1, 0.0)}, ['does not determine every parameter']),
+    ],
+)
+def test_the_rule_of_acceptance(used, flights, changes, words):
+    found = judgement(course_of(used, flights), **changes)
+    assert found.accepted is not bool(words)
+    assert len(found.reasons) == bool(words)
+    assert all(word in ' '.join(found.reasons) for word in words)
+    assert found.remarks == []
+
+
+def test_parameters_that_are_hardly_distinguished_are_remarked():
+    correlations = {'p0': {'p0': 1.0, 'p1': -0.95}, 'p1': {'p0': -0.95, 'p1': 1.0}}
+    course = course_of(95, 100)
+    found = judgement(course, deviations=(0.05, 0.2), correlations=correlations)
+    assert found.accepted
+    (remark,) = found.remarks
+    assert remark.startswith('p0 and p1 are hardly distinguished (correlation -0.950), and p1 is')
+    assert judgement(course, deviations=(0.05, 0.2)).remarks == []
