@@ -1,5 +1,7 @@
 """Bags whose bytes, records or writer are others than those of a recording of this package."""
 
+import json
+import math
 import struct
 
 from bag import samples
@@ -208,3 +210,113 @@ def edited(opcode, at, layout, value, number=0):
         found[which] = (opcode, bytes(held))
 
     return change
+
+
+# Messages, as topic, content and stamp
+
+_ARRAYS = ('position', 'velocity', 'effort')
+
+
+def other_number(value, factor):
+    """Return a number altered by a part of its size, or to a size."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int):
+        return 2**62 if factor > 1.0 else value + (math.ceil(abs(value) * factor) or 1)
+    if factor > 1.0:
+        return math.copysign(factor, value)
+    return value * (1.0 + factor) if value else factor
+
+
+def _leaves(held, path=()):
+    """Yield the places of all numbers in what JSON holds."""
+    if isinstance(held, dict | list):
+        for name, entry in held.items() if isinstance(held, dict) else enumerate(held):
+            yield from _leaves(entry, (*path, name))
+    elif isinstance(held, bool | int | float):
+        yield path
+
+
+def numbers_of(message):
+    """Return the places of all numbers, and of the frame, in joint states or a snapshot."""
+    topic, content, _ = message
+    held = samples.STORE.deserialize_cdr(content, kind_of(topic))
+    if kind_of(topic) == samples.STRING:
+        return list(_leaves(json.loads(held.data)))
+    found = [('stamp', 'sec'), ('stamp', 'nanosec')] + [('frame',)] * bool(held.header.frame_id)
+    return found + [(a, i) for a in _ARRAYS for i in range(len(getattr(held, a)))]
+
+
+def altered_message(message, place, factor):
+    """Return a message with the number at a place altered."""
+    topic, content, stamp = message
+    held = samples.STORE.deserialize_cdr(content, kind_of(topic))
+    first = place[0]
+    if kind_of(topic) == samples.STRING:
+        text = part = json.loads(held.data)
+        for step in place[:-1]:
+            part = part[step]
+        part[place[-1]] = other_number(part[place[-1]], factor)
+        held.data = json.dumps(text)
+    elif first == 'stamp':
+        most = 2**31 - 1 if place[1] == 'sec' else 10**9 - 1
+        value = int(getattr(held.header.stamp, place[1]))
+        new = most if factor > 1.0 else min(most, other_number(value, factor))
+        setattr(held.header.stamp, place[1], new if new != value else value - 1)
+    elif first == 'frame':
+        other = {'stop_1': 'stop_2', 'stop_2': 'stop_1', 'command': 'crossing'}
+        held.header.frame_id = other.get(held.header.frame_id, 'command')
+    else:
+        values = getattr(held, first).copy()
+        values[place[1]] = other_number(float(values[place[1]]), factor)
+        setattr(held, first, values)
+    return topic, samples.serialise(kind_of(topic), held), stamp
+
+
+def _at(topic, messages, share=0.5):
+    """Return the index of the message of a topic at a part of the bag."""
+    held = [i for i, message in enumerate(messages) if message[0] == topic]
+    return held[min(int(share * len(held)), len(held) - 1)]
+
+
+def rearranged(topic, messages):
+    """Yield what is wrong with messages of a topic, and the messages of the bag."""
+    i, j = _at(topic, messages), _at(topic, messages, 0.6)
+    one, other = messages[i], messages[j]
+    before, after = messages[:i], messages[i + 1 :]
+    yield 'missing', before + after
+    yield 'half of them missing', [m for k, m in enumerate(messages) if m[0] != topic or k % 2]
+    yield 'twice', [*before, one, one, *after]
+    yield 'twice, at the end', [*messages, one]
+    yield 'all missing', [m for m in messages if m[0] != topic]
+    yield 'without content', [*before, (topic, b'', one[2]), *after]
+    for name in ('/joint_states', '/impacts'):
+        if name != topic:
+            yield f'on {name}', [*before, (name, *one[1:]), *after]
+    if one[1] != other[1]:
+        yield 'with the content of another', [*before, (topic, other[1], one[2]), *after]
+
+
+def wrong_bags(messages):
+    """Yield what is wrong with a bag as a whole, and its messages."""
+    third, span = len(messages) // 3, messages[-1][2] - messages[0][2] + 10**7
+    yield 'twice', messages + messages
+    yield 'twice, one after the other', messages + [(t, c, s + span) for t, c, s in messages]
+    for part in range(6):
+        begin, end = (len(messages) * k // 7 for k in (part, part + 1))
+        yield f'without part {part} of 7', messages[:begin] + messages[end:]
+    yield 'without its middle', messages[:third] + messages[2 * third :]
+
+
+def recorded_otherwise(messages):
+    """Yield how else the same messages may be recorded, and the messages of the bag."""
+    yield 'a second later', [(t, c, s + 10**9) for t, c, s in messages]
+    yield 'at one instant', [(t, c, messages[0][2]) for t, c, _ in messages]
+    for topic in sorted({m[0] for m in messages}):
+        later = [(t, c, s + 3 * 10**8 * (t == topic)) for t, c, s in messages]
+        yield f'{topic} later', sorted(later, key=lambda message: message[2])
+        i, j = _at(topic, messages), _at(topic, messages, 0.6)
+        exchanged = list(messages)
+        for a, b in ((i, j), (j, i)):
+            exchanged[a] = (topic, messages[b][1], messages[a][2])
+        yield f'{topic} exchanged', exchanged

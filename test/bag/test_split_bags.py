@@ -328,6 +328,20 @@ def test_a_name_that_is_taken_ends_the_recording(tmp_path):
 # Limits
 
 
+def test_a_file_is_due_at_its_duration(tmp_path):
+    """To the nanosecond, from the first stamp; the next one from where it was asked for."""
+    with RunWriter(tmp_path / 'bag', [NOTE], max_duration=2.0) as writer:
+        content = samples.serialise(samples.STRING, samples.make(samples.STRING, 'x'))
+        begin = 5 * 10**9
+        assert not writer.split_due(begin)
+        writer.write('/note', content, begin)
+        due = [writer.split_due(begin + 2 * 10**9 + k) for k in (-1, 0, 1)]
+        assert due == [False, True, True]
+        assert writer.split(begin + 2 * 10**9)
+        due = [writer.split_due(begin + 4 * 10**9 + k) for k in (-1, 0)]
+        assert due == [False, True]
+
+
 def test_what_a_file_begins_with_may_be_larger_than_the_limit(tmp_path):
     """A snapshot of very many lines, say: a file still lasts a second."""
     head = samples.serialise(

@@ -7,11 +7,12 @@ import re
 import numpy as np
 import pytest
 from bag.recorded_rig import LIVELY, RecordedRig
+from compare.recorded import replayed
 from rigs import BENCH, OFF_RESONANCE
 
 from impact_damper_ros import GapControlParameters, InitialConditions, Order, Rig
 from impact_damper_ros.cli.compare_run import main
-from impact_damper_ros.compare.score import score_run
+from impact_damper_ros.compare.score import amplitudes, score_run
 from impact_damper_ros.replay import RecordedRun
 from impact_damper_ros.report.score_report import score_table
 
@@ -81,6 +82,19 @@ def test_the_fixed_gap(score, timed, tmp_path):
         rig.change(rig.parameters.replace(**LOUDER))
     rms = math.sqrt(sum(squares) / 24.0)
     assert score.overall.fixed_gap.x_rms == pytest.approx(rms, rel=1e-4)
+
+
+def test_amplitudes_are_those_of_whole_cycles_up_to_the_end():
+    """Of the middle of each cycle; a cycle at the start that is not whole is left out."""
+    rig = BENCH.replace(gap=5.0, friction=0.0)
+    cycle = math.tau / rig.force_frequencies[0]
+    stretch = replayed(rig, 20.4, InitialConditions(initial_primary_position=0.01))
+    time, largest = amplitudes(stretch)
+    assert len(time) == 20
+    assert time == pytest.approx(stretch.end - (np.arange(20)[::-1] + 0.5) * cycle)
+    for middle, value in zip(time, largest, strict=True):
+        inside = np.abs(stretch.samples['time'] - middle) <= 0.5 * cycle
+        assert value == pytest.approx(np.abs(stretch.samples['x'][inside]).max(), rel=0.05)
 
 
 def test_what_the_control_did(score):

@@ -4,15 +4,13 @@ import json
 import math
 import random
 import struct
-import sys
 from collections import Counter
-from importlib import import_module
 from itertools import islice, pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 from bag import ros2_bags, samples
+from bag.alterations import altered_message, numbers_of
 from bag.recorded_rig import (
     CONTROL,
     LIVELY,
@@ -46,9 +44,6 @@ from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
 from impact_damper_ros.replay.what_if import WhatIf
 from impact_damper_ros.rig.snapshot import ARITHMETIC, FORMAT as STATE_FORMAT
-
-sys.path.append(str(Path(__file__).parents[2] / 'benchmarks'))
-verdicts = import_module('verdicts')
 
 
 def replayed(bag, node=None):
@@ -152,6 +147,18 @@ def test_a_reset_that_begins_with_an_impact(tmp_path):
     assert sum(kind is EventKind.IMPACT for _, kind, _ in events) == findings.impacts
 
 
+def test_pauses_and_slips_are_counted(tmp_path):
+    """A pause may last no time; a slip of the pace moves the stamps as a pause does."""
+    rig = RecordedRig().start().run(30, ('change', {'friction': 0.1}))
+    rig.run(30, ('resume', 10**9)).run(30, ('resume', 0))
+    rig.offset += 5 * 10**6
+    rig.done.append(['stamp_offset_ns', rig.offset])
+    rig.announce('slip')
+    findings = replayed(rig.run(30).save(tmp_path / 'bag'))
+    assert findings.verdict is ReplayVerdict.IDENTICAL
+    assert (findings.pauses, findings.slips, findings.changes) == (2, 1, 1)
+
+
 @pytest.fixture
 def messages():
     """Return a run of 2 s with a change after one."""
@@ -205,12 +212,10 @@ def controlled():
 )
 def test_an_altered_number_is_named(tmp_path, controlled, topic, number, place, quantity):
     at = places(controlled, topic)[number]
-    kinds = {t.name: t.type for t in samples.CONTROLLED}
-    _, content, stamp = controlled[at]
-    held = verdicts.Message(kinds[topic], topic, stamp, stamp, 0, content)
-    (where,) = (p for p in verdicts.places(held) if p[-len(place) :] == place)
+    stamp = controlled[at][2]
+    (where,) = (p for p in numbers_of(controlled[at]) if p[-len(place) :] == place)
     messages = list(controlled)
-    messages[at] = topic, verdicts.alter(held, where, 1e-3).content, stamp
+    messages[at] = altered_message(controlled[at], where, 1e-3)
     bag = samples.record(tmp_path / 'bag', messages, samples.CONTROLLED, custom=NOTES)
     findings = replayed(bag)
     assert findings.verdict is ReplayVerdict.DIFFERENT
