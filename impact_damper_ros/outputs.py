@@ -19,7 +19,6 @@ _ROOM = 'free some space there, or choose another directory'
 #: Cause and remedy of failed system calls that a user can mend.
 _CAUSES = {
     errno.EACCES: ('permission is denied', f'give yourself permission there, or {_PLACE}'),
-    errno.EBADF: ('it is closed', 'redirect it to a file, or to /dev/null'),
     errno.EDQUOT: ('the disk quota is used up', _ROOM),
     errno.EEXIST: ('it exists already', 'choose another name; nothing is ever overwritten'),
     errno.EFBIG: (
@@ -112,6 +111,13 @@ def check_file(path: Path) -> None:
     if file.exists() and not os.access(file, os.W_OK):
         raise _refusal(errno.EACCES, path)
     _try(file.parent, path)
+
+
+def check_new(path: Path) -> None:
+    """Raise OSError if a directory exists already, or cannot be made; it is not made."""
+    if path.exists():
+        raise _refusal(errno.EEXIST, path)
+    check_directory(path)
 
 
 def check_directory(path: Path) -> None:

@@ -4,9 +4,7 @@ Console commands of the package; every one also runs as ``ros2 run impact_damper
 
 A command imports for up to a second before it can handle a signal. An exception would then come
 up anywhere in the import system, so until the command runs Ctrl-C ends the process as it ends one
-that handles no signals. A standard stream that is closed (``>&-``) would be None, and its number
-that of the next file: the command gets one to which nothing can be written, and of which nothing
-is read. A program that only imports a command keeps its own handler and streams.
+that handles no signals. A program that only imports a command keeps its own handler and streams.
 """
 
 import os
@@ -20,18 +18,16 @@ def _is_command() -> bool:
     return name == '-m' or os.path.isfile(f'{__path__[0]}/{name}.py')  # noqa: PTH113
 
 
-def _open_standard_streams() -> None:
-    """Open those that are closed; errors are discarded without a place to print them."""
-    for number, access in enumerate((os.O_RDONLY, os.O_RDONLY, os.O_WRONLY)):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, access)
-    sys.stdout = sys.stdout or open(1, 'w', closefd=False)  # noqa: SIM115
-    sys.stderr = sys.stderr or open(2, 'w', closefd=False)  # noqa: SIM115
+def _accept_surroundings() -> None:
+    """Print characters that the terminal does not have, and draw into files, whatever is set."""
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.reconfigure(errors='backslashreplace')  # type: ignore[union-attr]
+    # A notebook has a backend of its own, which a command started from it cannot use
+    os.environ['MPLBACKEND'] = 'agg'
 
 
 if _is_command():
-    _open_standard_streams()
+    _accept_surroundings()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.outputs import check_file, in_words, is_stream, write_text
+from impact_damper_ros.outputs import check_file, check_new, in_words, is_stream, write_text
 from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
 from impact_damper_ros.parameters.quoting import as_message, shown
 from impact_damper_ros.parameters.units import UNITS, in_si, quantity, split_number
@@ -129,7 +129,7 @@ def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupt
     try:
         with _notices(command), _interruptible():
             code = work()
-            sys.stdout.flush()
+            print(end='', flush=True)
             return code
     except CommandError as error:
         message, code = error, error.code
@@ -349,12 +349,12 @@ def check_outputs(arguments: argparse.Namespace, *inputs: Path | None) -> None:
     if [str(path) for path in paths].count('-') > 1:
         raise ValueError('two outputs go to the standard output: give one of them a file')
     streams = [path for path in paths if str(path) == '-' or is_stream(path)]
-    files = [path.resolve() for path in paths + figures if path not in streams]
+    folders = [path for name in ('report', 'recording') if (path := given.get(name)) is not None]
+    files = [path.resolve() for path in paths + figures + folders if path not in streams]
     if len(set(files)) < len(files):
         raise ValueError('two outputs have the same name: give each its own')
     read = {path.resolve() for path in inputs if path is not None}
-    folders = [given[name] for name in ('report', 'recording') if given.get(name) is not None]
-    for path in files + [Path(folder).resolve() for folder in folders]:
+    for path in files:
         if read & {path, *path.parents}:
             raise ValueError(f'{path} is, or is in, what is read: give the output another name')
     for path in figures:
@@ -363,6 +363,8 @@ def check_outputs(arguments: argparse.Namespace, *inputs: Path | None) -> None:
         need_matplotlib()
     for path in paths + figures:
         check_file(path)
+    if given.get('recording') is not None:
+        check_new(given['recording'])
 
 
 def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> tqdm[None]:

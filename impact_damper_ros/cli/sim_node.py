@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`sim_node`: the rig as a ROS 2 node, and the completion of its arguments, which ROS reads."""
+"""`sim_node`: the rig as a ROS 2 node, whose arguments ROS reads."""
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -14,18 +13,6 @@ from impact_damper_ros.parameters.parameters_file import presets
 from impact_damper_ros.parameters.quoting import shown
 
 from .command_line import EXIT_INPUT, MISSING_ROS, outcome, say
-from .completion import complete
-
-
-def _parser() -> argparse.ArgumentParser:
-    """Return a parser of the arguments, for their completion only."""
-    parser = argparse.ArgumentParser('sim_node')
-    parser.add_argument('--version', action='store_true')
-    parser.add_argument('--ros-args', action='store_true')
-    parser.add_argument('-p', '--param', action='append', metavar='NAME:=VALUE')
-    parser.add_argument('-r', '--remap', action='append', metavar='FROM:=TO')
-    parser.add_argument('--params-file', metavar='FILE')
-    return parser
 
 
 def _missing(words: Sequence[str]) -> str:
@@ -45,7 +32,6 @@ def _missing(words: Sequence[str]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node."""
-    complete(_parser())
     if missing := _missing(sys.argv[1:] if argv is None else argv):
         say('sim_node', missing)
         return EXIT_INPUT

@@ -72,6 +72,7 @@ from .command_line import (
     draw,
     number,
     outcome,
+    path_of,
     progress_bar,
     say,
     write_output,
@@ -107,6 +108,8 @@ _WATCHED_CYCLES = 20
 _LOOKS_PER_CYCLE = 256
 # Cycles this little fewer than a whole number are whole.
 _WHOLE = 1e-6
+# A day at 1 kHz, some 20 GB
+_MOST_SAMPLES = 1e8
 # Stamps are whole nanoseconds.
 _SHORTEST, _SLOWEST, _FASTEST = 1e-9, 1e-12, 1e9
 
@@ -160,8 +163,12 @@ def _parser() -> argparse.ArgumentParser:
         '[rad/s] (- : stdout)',
     )
     add_path_option(parser, '--states', 'write sampled states as CSV (- : stdout)')
-    add_path_option(
-        parser, '--bag', 'write the MCAP bag that sim_node would record; DIR must not exist', 'DIR'
+    parser.add_argument(
+        '--bag',
+        dest='recording',
+        type=path_of,
+        metavar='DIR',
+        help='write the MCAP bag that sim_node would record; DIR must not exist',
     )
     parser.add_argument(
         '--max-bag-size',
@@ -203,8 +210,8 @@ def _parser() -> argparse.ArgumentParser:
     add_path_option(
         parser,
         '--figure',
-        'draw transmissibility or response over frequency, or records and the motion over time; '
-        '.png, .svg or .pdf',
+        'draw the response over frequency, to a random base or a sweep; else the motion over '
+        'time, and the records; .png, .svg or .pdf',
     )
     add_path_option(
         parser, '--rig-out', 'write the rig, with its lines, as a parameters file (- : stdout)'
@@ -436,9 +443,9 @@ def _outputs(
         yield _EventTable(rig, table)
     if (table := open_table(arguments.states, STATE_COLUMNS, stack)) is not None:
         yield _StateTable(rig, table, arguments.rate)
-    if arguments.bag is not None:
+    if arguments.recording is not None:
         recorder = RigRecorder(
-            arguments.bag,
+            arguments.recording,
             rig,
             given.as_dict(),
             arguments.rate,
@@ -468,7 +475,8 @@ def _simulate(
         )
     response = None if records or swept is not None else _response(arguments, rig)
     summary = _Summary(rig, duration, response)
-    sampled = RecordSamples(rig, duration) if records else None
+    drawn = arguments.figure is not None and response is None and swept is None
+    sampled = RecordSamples(rig, duration) if records or drawn else None
 
     def report(*, whole: bool) -> None:
         if not arguments.quiet:
@@ -491,7 +499,7 @@ def _simulate(
     report(whole=True)
     if sampled is not None:
         shaken = sampled.response()
-        if not arguments.quiet:
+        if records and not arguments.quiet:
             print(record_text(shaken, records), file=sys.stderr)
         draw(arguments.figure, record_figure, shaken, records, rig_line(rig.parameters))
     if swept is not None:
@@ -514,12 +522,13 @@ def _swept_run(
         raise CommandError('--response is that of a sweep: give --set sweep_mode=up, too')
     if rig.parameters.sweep_mode == 'off' or not (arguments.response or arguments.figure):
         return None
-    if records or arguments.change:
-        raise CommandError(
-            'the response over frequency is that of one rig in one sweep: leave --change and the '
-            'records out, or --response and --figure'
-        )
-    return SweptRun(rig)
+    if not records and not arguments.change:
+        return SweptRun(rig)
+    if arguments.response is None:
+        return None
+    raise CommandError(
+        '--response is that of one rig in one sweep: leave it out, or --change and the records'
+    )
 
 
 def _write_sweep(arguments: argparse.Namespace, rig: RigParameters, found: SweptResponse) -> None:
@@ -532,13 +541,12 @@ def _write_sweep(arguments: argparse.Namespace, rig: RigParameters, found: Swept
 
 def _response(arguments: argparse.Namespace, rig: Rig) -> ResponseSamples | None:
     """Return what samples the response to a base of many lines; None for any other rig."""
-    wanted = arguments.transmissibility is not None or arguments.figure is not None
+    wanted = arguments.transmissibility is not None
     if sum(map(bool, rig.parameters.base_motion.amplitudes)) < 2:
         if wanted:
             raise CommandError(
-                '--transmissibility is that of a base of many lines, and --figure draws it, a '
-                'record or a sweep: give --base-psd, --base-record, --force-record or --set '
-                'sweep_mode=up, or leave both out'
+                '--transmissibility is that of a base of many lines: give --base-psd, or leave it '
+                'out'
             )
         return None
     try:
@@ -549,13 +557,23 @@ def _response(arguments: argparse.Namespace, rig: Rig) -> ResponseSamples | None
         return None
 
 
+def _check_size(arguments: argparse.Namespace) -> None:
+    """Raise ValueError if more samples are asked for than any file should have."""
+    samples = arguments.rate * arguments.duration
+    if (arguments.states or arguments.recording) and samples > _MOST_SAMPLES:
+        raise ValueError(
+            f'--rate {arguments.rate:g} Hz over {arguments.duration:g} s: {samples:.3g} samples: '
+            f'give a rate of at most {_MOST_SAMPLES / arguments.duration:.3g} Hz'
+        )
+
+
 def _kept(arguments: argparse.Namespace) -> str:
     """Return where the output of a run that ends early is."""
     tables = [arguments.impacts, arguments.events, arguments.states]
     files = [path for path in tables if path is not None and str(path) != '-']
     places = [str(path) if is_stream(path) else f'{path}.part' for path in files]
-    if arguments.bag is not None:
-        places.append(str(arguments.bag))
+    if arguments.recording is not None:
+        places.append(str(arguments.recording))
     return f'what was simulated is in {" and ".join(places)}' if places else 'nothing is written'
 
 
@@ -576,6 +594,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         given = with_sweep_levels(arguments, given)
         law, given = given_law(arguments.law, given)
         check_outputs(arguments, arguments.params, *shaker_files(arguments, given))
+        _check_size(arguments)
         changes = timed_changes(arguments.change, given, arguments.duration)
         if not arguments.quiet:
             announce(

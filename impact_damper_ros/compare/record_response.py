@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Response of a rig to measured records."""
+"""Motion of a rig over time, as under measured records."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LOOKS = 64
 
 class RecordResponse(NamedTuple):
     """
-    Displacement of M from its base under measured records.
+    Motion of both masses, as under measured records.
 
     Attributes
     ----------
@@ -29,17 +29,23 @@ class RecordResponse(NamedTuple):
         Instants, s.
     displacement : ndarray, shape (n,)
         X - b, m.
+    offset : ndarray, shape (n,)
+        Y, m.
+    stops : ndarray, shape (n, 2)
+        Y of both stops, m.
     base : tuple of float
         Displacement and velocity of the base at the end, m and m/s.
     """
 
     times: Array
     displacement: Array
+    offset: Array
+    stops: Array
     base: tuple[float, float]
 
 
 class RecordSamples(Observer):
-    """Samples of X - b of a run from its start."""
+    """Samples of a run from its start."""
 
     def __init__(self, rig: Rig, duration: float) -> None:
         """Choose the instants."""
@@ -47,7 +53,7 @@ class RecordSamples(Observer):
         count = max(2, math.ceil(duration * rig.parameters.omega / math.tau * _LOOKS))
         self.times = np.linspace(rig.time, rig.time + duration, count + 1)
         self._instants: list[float] = self.times.tolist()
-        self.displacement: list[float] = []
+        self._taken: list[tuple[float, ...]] = []
 
     def ticks(self) -> Iterator[float]:
         """Yield the instants of the samples, s."""
@@ -55,13 +61,15 @@ class RecordSamples(Observer):
 
     def reached(self, instant: float) -> None:
         """Take a sample."""
-        taken = len(self.displacement)
+        taken = len(self._taken)
         if taken < len(self._instants) and instant == self._instants[taken]:
             sample = self._rig.sample()
-            self.displacement.append(sample.x - sample.base)
+            row = sample.x - sample.base, sample.z - sample.x, *self._rig.stops
+            self._taken.append(row)
 
     def response(self) -> RecordResponse:
         """Return the response so far."""
         sample = self._rig.sample()
         base = sample.base, sample.base_velocity
-        return RecordResponse(self.times, np.array(self.displacement), base)
+        displacement, offset, *stops = np.array(self._taken).T
+        return RecordResponse(self.times, displacement, offset, np.column_stack(stops), base)

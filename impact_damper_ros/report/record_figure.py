@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figure and the text of the response to measured records."""
+"""The figure of a motion over time, and the text of the response to measured records."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def record_text(found: RecordResponse, records: Sequence[MeasuredRecord]) -> str
 def record_figure(
     found: RecordResponse, records: Sequence[MeasuredRecord], title: str = ''
 ) -> Figure:
-    """Draw the records and the displacement over time."""
-    figure = blank_figure(6.3, 2.2 + 1.7 * len(records))
-    *panels, last = np.atleast_1d(figure.subplots(len(records) + 1, 1, sharex=True))
+    """Draw the records and the motion of both masses over time."""
+    figure = blank_figure(6.3, 3.9 + 1.7 * len(records))
+    *panels, primary, damper = figure.subplots(len(records) + 2, 1, sharex=True)
     for number, (panel, record) in enumerate(zip(panels, records, strict=True)):
         starts, values = record.steps()
         panel.step(starts, values, where='post', color=COLORS['special'], lw=0.7)
@@ -52,9 +52,13 @@ def record_figure(
         label, unit = ("b''", 'm/s²') if record.quantity == BASE_RECORD else ('Force', 'N')
         unit_axis(panel.yaxis, label, unit, record.values)
     moved = any(record.quantity == BASE_RECORD for record in records)
-    last.plot(found.times, found.displacement, color=COLORS['primary'], lw=1.0)
-    last.set_xlim(found.times[0], found.times[-1])
-    finish_panel(last, 'abc'[len(records)], 'Time [s]', '')
-    unit_axis(last.yaxis, 'X − b' if moved else 'X', 'm', found.displacement)
+    primary.plot(found.times, found.displacement, color=COLORS['primary'], lw=1.0)
+    finish_panel(primary, 'abc'[len(records)], '', '')
+    unit_axis(primary.yaxis, 'X − b' if moved else 'X', 'm', found.displacement)
+    damper.plot(found.times, found.stops, color=COLORS['stop'], lw=1.2)
+    damper.plot(found.times, found.offset, color=COLORS['damper'], lw=1.0)
+    damper.set_xlim(found.times[0], found.times[-1])
+    finish_panel(damper, 'abcd'[len(records) + 1], 'Time [s]', '')
+    unit_axis(damper.yaxis, 'Y, and the stops', 'm', found.stops)
     figure.suptitle(textwrap.fill(title, 100), fontsize=7.5, color='0.3')
     return figure

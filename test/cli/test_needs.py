@@ -20,7 +20,7 @@ GIVEN = {
 VALUES = {
     **dict.fromkeys(('FILE', 'DIR', 'BAG', 'NAME', 'RIG', 'PARAMS', 'FITTED'), 'name'),
     **dict.fromkeys(('N', 'T', 'HZ', 'K', 'TIME', 'KG', 'MU', 'R'), '1'),
-    **dict.fromkeys(('GAMMA', 'ANGLE', 'ZETA', 'RATIO'), '0.1'),
+    **dict.fromkeys(('GAMMA', 'ANGLE', 'ZETA', 'RATIO', 'GAP'), '0.1'),
     'BYTES': '1e6',
     'UNIT': 'mm',
     'FIGURE': 'a.png',

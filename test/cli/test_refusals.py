@@ -12,7 +12,7 @@ GIVEN = {
     'compare_run': 'no_bag',
     'replay_run': 'no_bag',
     'rig_page': '',
-    'simulate_rig': 'paper --duration 80 --set gravity=0',
+    'simulate_rig': 'paper --duration 80',
     'solve_periodic': 'paper --set gravity=0',
     'sweep_rig': 'paper -o a.parquet --set gravity=0',
 }
@@ -62,6 +62,8 @@ REFUSALS = {
         *((f'--duration {t}', 'from 1e-09 to 1e+13 s') for t in ('nan', '1e-320', '1e14')),
         *((f'--rate {rate}', 'from 1e-12 to 1e+09 Hz') for rate in ('inf', '1e-320', '1e300')),
         ('--bag=', 'the name is empty: give that of a file or directory'),
+        ('--states a.csv --rate 1e9', '8e+10 samples: give a rate of at most 1.25e+06 Hz'),
+        ('--bag m --states m', 'two outputs have the same name'),
         ('--sweep-levels m.csv', '--sweep-levels are those of a sweep: give --set sweep_mode=up'),
         ('--max-bag-size 7', 'give 0 (no limit) or a number from 100000 to 1e+15 B'),
         ('--states a.csv --impacts a.csv', 'two outputs have the same name'),
@@ -157,6 +159,8 @@ def test_what_is_wrong_is_said_before_any_work(command, words, message, place, c
         ('compare_run', '--report'),
         ('compare_run', '--json'),
         ('replay_run', '--json'),
+        ('replay_run', '--set gap=0.02 --bag'),
+        ('simulate_rig', '--bag'),
         ('replay_run', '--set gap=0.02 --figure'),
         ('solve_periodic', '--impacts 2 --stops 1 --json'),
         ('sweep_rig', '--vary gap=1,2 --figure'),
@@ -170,6 +174,14 @@ def test_a_place_that_cannot_be_written(command, words, capsys):
     said = capsys.readouterr()
     assert 'cannot write m.csv/place.png: a part of the path is a file' in said.err
     assert (said.out, said.err.count('\n')) == ('', 1)
+
+
+@pytest.mark.parametrize('command', ['simulate_rig', 'replay_run'])
+def test_a_bag_that_exists_is_left_alone(command, place, capsys):
+    (place / 'run').mkdir()
+    assert run(command, [*GIVEN[command].split(), '--set', 'gap=0.02', '--bag', 'run']) == 1
+    assert 'cannot write run: it exists already: choose another name' in capsys.readouterr().err
+    assert list((place / 'run').iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from impact_damper_ros.cli import simulate_rig
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
@@ -142,13 +143,38 @@ def test_too_short_for_an_average(table, tmp_path, capsys):
     assert simulate('--duration', 1, *options) == 2
     assert 'repeats after 40 s: give a --duration of at least 40 s' in capsys.readouterr().err
     assert not (tmp_path / 't.csv').exists()
-    for option, name in (('--transmissibility', 't.csv'), ('--figure', 'f.png')):
-        assert simulate('--duration', 1, option, tmp_path / name) == 2
-        assert 'give --base-psd, --base-record, --force-record' in capsys.readouterr().err
+    assert simulate('--duration', 1, '--transmissibility', tmp_path / 't.csv') == 2
+    assert 'give --base-psd, or leave it out' in capsys.readouterr().err
     record = ('--force-record', CONFIG / 'force_record.csv')
     assert simulate(*record, '--transmissibility', tmp_path / 't.csv') == 2
     assert 'leave it out, or the records' in capsys.readouterr().err
     assert not list(tmp_path.glob('[ft].*'))
+
+
+@pytest.mark.parametrize(
+    'words', ['', '--base-psd psd.csv', '--set sweep_mode=up --change 1:gap=9']
+)
+def test_a_motion_is_drawn(words, table, monkeypatch):
+    """Where there is no response over frequency; X, Y and the stops at 64 instants a cycle."""
+    drawn = []
+    monkeypatch.chdir(table.parent)
+    monkeypatch.setattr(simulate_rig, 'draw', lambda *given: drawn.append(given))
+    assert simulate('--duration', 2, '--figure', 'a.png', '--states', 's.csv', *words.split()) == 0
+    ((path, draw, motion, records, title),) = drawn
+    assert (path, records, draw) == (Path('a.png'), [], simulate_rig.record_figure)
+    rows = rows_of(Path('s.csv'))
+    assert len(motion.times) == 642
+    times = np.array([float(row['time']) for row in rows])
+    x, z, b, stop = (
+        np.array([float(r[name]) for r in rows]) for name in ('x', 'z', 'base', 'stop_1')
+    )
+    assert np.interp(motion.times, times, x - b) == pytest.approx(motion.displacement, abs=1e-3)
+    assert np.interp(motion.times, times, z - x) == pytest.approx(motion.offset, abs=2e-3)
+    assert np.interp(0.9, times, stop - x) == pytest.approx(motion.stops[0, 0])
+    figure = draw(motion, records, title)
+    primary, damper = figure.axes
+    assert np.ptp(primary.lines[0].get_ydata()) > 0.0
+    assert len(damper.lines) == 3
 
 
 def test_periods_in_which_the_start_decays_are_left_out(tmp_path, capsys):
@@ -373,5 +399,5 @@ def test_a_response_needs_a_sweep_of_one_rig(tmp_path, capsys):
         '--response is that of a sweep: give --set sweep_mode=up, too' in capsys.readouterr().err
     )
     assert swept('--response', response, '--change', '3:gap=20mm') == 2
-    assert 'leave --change and the records out' in capsys.readouterr().err
+    assert 'leave it out, or --change and the records' in capsys.readouterr().err
     assert not response.exists()
