@@ -145,17 +145,10 @@ def test_which_damper_is_better_here(restitution, words, capsys):
     assert 'would pass' not in text
 
 
-def test_the_answers_of_the_readme(designed):
-    """Its table has the numbers that the command prints for the mass that it chooses."""
+def test_the_margins_of_the_readme(designed):
+    """A gap 5 % wider or a level 5 % lower loses the impacts."""
     _, text = designed
-    readme = (SOURCE / 'README.md').read_text()
-    for number in ('250 g', '14.2 %', '1.76 mm', '2.33 mm'):
-        assert number in text
-        assert number in readme
     assert 'a gap of 21.48 mm in all' in text
-    assert '21.5 mm' in readme
-    worst = float(re.search(r'a gap of ([0-9.]+) mm has the best worst case', text)[1])
-    assert f'{worst:.1f} mm leaves half at worst' in readme
     assert re.search(r'best worst case from rest, (49|50)\.\d %', text)
     ends = re.search(r'to ([0-9.]+) mm \(Neimark-Sacker\), levels from ([0-9.]+)', text)
     assert float(ends[1]) / 21.48 == pytest.approx(1.05, abs=0.005)

@@ -37,6 +37,14 @@ def test_page(page, tmp_path):
         assert page.with_name(name).is_file()
 
 
+def test_readme(tmp_path):
+    """From the first command that needs no ROS on: the set-up before it is a newcomer's."""
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    copy = tmp_path / 'README.md'
+    copy.write_text(text[text.index('## Record and analyse') :], encoding='utf-8')
+    Reader(copy, tmp_path).read()
+
+
 @pytest.mark.parametrize('line', ['mass_ratio = 0.02', 'mass_ratio = 0.1', 'restitution = 0.3'])
 def test_best_gap_of_another_structure(line, tmp_path):
     """Numbers at the top of the page are the reader's own; those below then are others, too."""
