@@ -10,6 +10,7 @@ Start the rig, with the frames of its parts and, when asked, RViz, a page, or a 
 """
 
 import shutil
+import sys
 from typing import Any
 
 import yaml
@@ -72,7 +73,7 @@ ARGUMENTS: dict[str, tuple[Any, ...]] = {
     **OF_THE_NODE,
     'use_sim_time': (
         PythonExpression([
-            "'", Given('real_time_factor'), "' not in ('', '1', '1.0') or '",
+            "float('", Given('real_time_factor'), "' or 1) != 1.0 or '",
             Given('publish_clock'), "' == 'true' or '", Given('lock_step'), "' != ''",
         ]),
         'whether the other nodes use the time of the rig',
@@ -150,7 +151,7 @@ def generate_launch_description() -> LaunchDescription:
             ),
             ExecuteProcess(
                 name='controller',
-                cmd=['python3', script, '--ros-args', '-r', space, '-p', rate],
+                cmd=[sys.executable, script, '--ros-args', '-r', space, '-p', rate],
                 output='screen',
                 on_exit=Shutdown(),
                 condition=IfCondition(NotEqualsSubstitution(CONTROLLER, 'none')),

@@ -17,7 +17,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 import webbrowser
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
@@ -31,9 +30,8 @@ from .command_line import EXIT_FAILED, CommandError, command_parser, outcome, pa
 COMMAND = 'rig_page'
 #: Time that a node has to end and to finish its recording, s.
 NODE_END_S = 60.0
-#: How often is looked whether the node lives, the pause before it is started again, doubled each
-#: time, and how long it must live for the first pause to hold again, which is the longest one, s.
-_LOOK_S, _FIRST_PAUSE_S, _LIVED_S = 0.2, 0.5, 30.0
+#: How often is looked whether the node lives, s.
+_LOOK_S = 0.2
 _PR_SET_PDEATHSIG = 1
 
 
@@ -127,14 +125,10 @@ def _without_ros_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 class _Node:
-    """The node of a rig, which is started again if it ends by itself."""
+    """The node of a rig, which ends with the page."""
 
     def __init__(self, file: Path, report: Callable[[str], object]) -> None:
-        self._file = file
         self._report = report
-        self._begin()
-
-    def _begin(self) -> None:
         libc = ctypes.CDLL(None)
 
         def leave_to_the_page() -> None:
@@ -143,27 +137,20 @@ class _Node:
             # Until the node has its own handler, Ctrl-C in the terminal would stop its imports.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 
-        self._began = time.monotonic()
         self._process = subprocess.Popen(
             [
                 *(sys.executable, '-m', 'impact_damper_ros.node.sim_node', '--ros-args'),
-                *('--params-file', str(self._file)),
+                *('--params-file', str(file)),
             ],
             preexec_fn=leave_to_the_page,
         )
 
     async def watch(self) -> None:
-        """Start it again whenever it has ended; ever later if it does not live long."""
-        pause = _FIRST_PAUSE_S
-        while True:
-            while (code := self._process.poll()) is None:
-                await asyncio.sleep(_LOOK_S)
-            lived = time.monotonic() - self._began
-            pause = _FIRST_PAUSE_S if lived > _LIVED_S else min(2.0 * pause, _LIVED_S)
-            how = f'by signal {-code}' if code < 0 else f'with code {code}'
-            self._report(f'the node has ended {how}: it is started again')
-            await asyncio.sleep(pause)
-            self._begin()
+        """Report how it has ended, if it does so by itself."""
+        while (code := self._process.poll()) is None:
+            await asyncio.sleep(_LOOK_S)
+        how = f'by signal {-code}' if code < 0 else f'with code {code}'
+        self._report(f'the node has ended {how}: start it again with sim_node, or this command')
 
     def end(self) -> None:
         """End it; kill it if that takes long."""

@@ -48,12 +48,8 @@ Examples: set_rig gap=0.012 record=true
 """
 
 
-#: See `needs`.
-NEEDS = (('--values', '--watch'),)
-
-
 def _parser() -> argparse.ArgumentParser:
-    parser = command_parser('set_rig', _DESCRIPTION, _EPILOG, NEEDS)
+    parser = command_parser('set_rig', _DESCRIPTION, _EPILOG)
     parser.add_argument(
         'settings',
         nargs='*',
@@ -68,9 +64,6 @@ def _parser() -> argparse.ArgumentParser:
         '--watch',
         action='store_true',
         help='print the diagnostics of the rig, once a second, until Ctrl-C',
-    )
-    parser.add_argument(
-        '--values', action='store_true', help='with --watch: print all values, too'
     )
     return parser
 
@@ -218,21 +211,14 @@ def listed(names: Iterable[str], values: Mapping[str, Any]) -> str:
 _LEVELS = 'OK', 'WARN', 'ERROR', 'STALE'
 
 
-def reported(statuses: Sequence[Any], *, values: bool) -> str:
-    """Return some statuses of the diagnostics in a line each, with their values below."""
+def reported(statuses: Sequence[Any]) -> str:
+    """Return some statuses of the diagnostics in a line each."""
     rows = [(s.name, _LEVELS[ord(s.level)], s.message) for s in statuses]
     columns = [Column(title, 'text') for title in ('status', 'level', 'message')]
-    lines = Table(columns, [('', rows)]).text().splitlines()[1:]
-    if values:
-        lines = [
-            text
-            for line, status in zip(lines, statuses, strict=True)
-            for text in (line, *(f'    {pair.key}: {pair.value}' for pair in status.values))
-        ]
-    return '\n'.join(lines)
+    return '\n'.join(Table(columns, [('', rows)]).text().splitlines()[1:])
 
 
-def watch(node: Any, name: str, *, values: bool) -> None:
+def watch(node: Any, name: str) -> None:
     """Print the diagnostics of a rig as they come, without end."""
     import rclpy
     from diagnostic_msgs.msg import DiagnosticArray
@@ -242,7 +228,7 @@ def watch(node: Any, name: str, *, values: bool) -> None:
     def show(array: Any) -> None:
         statuses = [status for status in array.status if status.name.startswith(own)]
         if statuses:
-            print(printable(reported(statuses, values=values)), end='\n\n', flush=True)
+            print(printable(reported(statuses)), end='\n\n', flush=True)
 
     node.create_subscription(DiagnosticArray, '/diagnostics', show, 10)
     while True:
@@ -259,7 +245,7 @@ def _set(arguments: argparse.Namespace) -> int:
     with ros_node('set_rig') as node:
         rig = RigParameterClient(node, arguments.node)
         if arguments.watch and not arguments.settings:
-            watch(node, rig.name, values=arguments.values)
+            watch(node, rig.name)
         present = rig.values()
         known = _unit_note(present)
         given = values_of(arguments.settings, [*present, *STRUCTURE_SPECS], '', 'set_rig')
@@ -273,7 +259,7 @@ def _set(arguments: argparse.Namespace) -> int:
         if (note := _unit_note(present)) and note != known:
             say('set_rig', f'note: {note}')
         if arguments.watch:
-            watch(node, rig.name, values=arguments.values)
+            watch(node, rig.name)
     return 0
 
 

@@ -39,7 +39,7 @@ class CommandTopic(NamedTuple):
 
     key: str
     topic: str
-    take: Callable[[], bytes | None]  # the next message, if one has come
+    take: Callable[[], Sequence[bytes]]  # the messages that have come, at most `DEPTH`
     publishers: Callable[[], int]  # how many there are
     #: Returns stamp and order of a message; raises a ValueError that says why it is none
     read: Callable[[bytes], tuple[int, Order]]
@@ -102,10 +102,7 @@ class CommandInbox:
         """Return the commands that have come and can be read."""
         found = []
         for topic in self._topics:
-            for _ in range(DEPTH):
-                content = topic.take()
-                if content is None:
-                    break
+            for content in topic.take():
                 try:
                     found.append(self._read(topic, content))
                 except ValueError as error:

@@ -10,7 +10,7 @@ fully qualified node name, so that the reports of two rigs are distinguished.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 
 from impact_damper_ros.bag.messages import DiagnosticArray, DiagnosticStatus
 from impact_damper_ros.parameters.quoting import counted
@@ -18,11 +18,16 @@ from impact_damper_ros.report.formatting import mode_words
 
 from .engine import EngineStatus
 from .motion_report import MotionReport
+from .network import NetworkReport
 from .pacing import CATCH_UP_NS
 from .recording import RecordingStatus
 
 #: What may help a rig that takes too long.
 SLOWER = 'give a lower real_time_factor, or a rig with a slower force or softer spring'
+#: A rig that makes no tick for so long and so many ticks is in error, s.
+SILENT_S, SILENT_TICKS = 5.0, 5
+#: Share of the rate that is asked for within which the achieved one is acceptable.
+TOLERANCE = 0.9, 1.1
 # Levels of diagnostic_msgs/DiagnosticStatus
 OK, WARN, ERROR = 0, 1, 2
 
@@ -43,6 +48,8 @@ class Diagnostics:
         self._clock = clock
         self._last_report = clock()
         self._last: EngineStatus | None = None
+        # Time without a tick of a rig that should run, s
+        self._silent_s = 0.0
 
     def report(
         self,
@@ -50,7 +57,7 @@ class Diagnostics:
         engine: EngineStatus,
         recording: RecordingStatus,
         motion: Iterable[MotionReport] = (),
-        troubles: Sequence[str] = (),
+        network: NetworkReport | None = None,
     ) -> DiagnosticArray:
         """Return the report since the last one."""
         now = self._clock()
@@ -61,7 +68,7 @@ class Diagnostics:
             self._recording(recording),
             self._control(engine),
             self._controller(engine),
-            self._network(troubles),
+            self._network(network or NetworkReport()),
         ]
         self._last_report, self._last = now, engine
         return self._array(stamp_ns, [*statuses, *self._motion(motion)])
@@ -89,15 +96,22 @@ class Diagnostics:
         rig_time = (engine.time_ns - (last.time_ns if last else 0)) * 1e-9
         asked = self._state_rate * self.factor
         worst_ms = counts.worst_lateness_ns * 1e-6
+        if ticks or engine.held or engine.paused or engine.controller.awaited:
+            self._silent_s = 0.0
+        else:
+            self._silent_s += elapsed
+        silent = self._silent_s
         if engine.held:
             level, message = ERROR, 'held: the rig cannot go on'
         elif engine.paused:
             level, message = OK, 'paused'
         elif ticks == 0 and engine.controller.awaited:
             level, message = WARN, 'stands still: lock-step waits for a command'
-        elif ticks == 0 and asked * elapsed > 2.0:
+        elif silent > SILENT_S and (not asked or asked * silent > SILENT_TICKS):
             level = ERROR
-            message = f'no tick for {elapsed:.1f} s: the rig takes too long to compute; {SLOWER}'
+            message = f'no tick for {silent:.1f} s: the rig takes too long to compute; {SLOWER}'
+        elif ticks == 0:
+            level, message = OK, f'no tick for {silent:.1f} s'
         elif slips:
             level = ERROR
             skipped = f'skipped {slipped_ns * 1e-9:.3f} s of wall time'
@@ -110,11 +124,17 @@ class Diagnostics:
         else:
             level, message = OK, f'holds {asked:g} Hz'
         values = {
+            # As diagnostic_updater's FrequencyStatus has them
+            'Events in window': ticks,
+            'Events since startup': counts.ticks,
+            'Duration of window (s)': f'{elapsed:.3f}',
+            'Actual frequency (Hz)': f'{ticks / elapsed:.2f}',
+            'Target frequency (Hz)': f'{asked:g}' if asked else '',
+            'Minimum acceptable frequency (Hz)': f'{TOLERANCE[0] * asked:g}' if asked else '',
+            'Maximum acceptable frequency (Hz)': f'{TOLERANCE[1] * asked:g}' if asked else '',
             'State rate [Hz]': f'{self._state_rate:g}',
-            'Achieved rate [Hz]': f'{ticks / elapsed:.2f}',
             'Real-time factor': f'{self.factor:g}',
             'Achieved real-time factor': f'{rig_time / elapsed:.4f}',
-            'Ticks': counts.ticks,
             'Overruns': counts.overruns,
             'Overruns since the last report': overruns,
             'Worst lateness since the last report [ms]': f'{worst_ms:.3f}',
@@ -124,9 +144,9 @@ class Diagnostics:
         }
         return self._status('pacing', level, message, values)
 
-    def _network(self, troubles: Sequence[str]) -> DiagnosticStatus:
-        message = '; '.join(troubles) or 'no other node interferes'
-        return self._status('network', WARN if troubles else OK, message, {})
+    def _network(self, network: NetworkReport) -> DiagnosticStatus:
+        message = network.text or 'no other node interferes'
+        return self._status('network', WARN if network.text else OK, message, network.values)
 
     def _rig(self, engine: EngineStatus, elapsed: float) -> DiagnosticStatus:
         impacts = engine.impacts - (self._last.impacts if self._last else 0)

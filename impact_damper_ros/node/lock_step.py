@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-#: Longest wall time for a run, s.
+#: Longest wall time in which a run may stand still, s.
 PATIENCE_S = 300.0
 
 
@@ -35,6 +35,21 @@ def _command_line(
     texts = [f'{n}:={str(v).lower() if isinstance(v, bool) else v}' for n, v in parameters.items()]
     words = [word for text in texts for word in ('-p', text)]
     return [sys.executable, *program, '--ros-args', '-r', f'__ns:={space}', *words]
+
+
+class Progress:
+    """Whether a run still moves; a slow one may take as long as it likes."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._reached, self._since = 0.0, clock()
+
+    def look(self, reached: float) -> None:
+        """Raise a RuntimeError if rig time, s, has stood still for `PATIENCE_S`."""
+        if reached > self._reached:
+            self._reached, self._since = reached, self._clock()
+        elif self._clock() > self._since + PATIENCE_S:
+            raise RuntimeError(f'the run has stood still at {reached:g} s for {PATIENCE_S:g} s')
 
 
 def run_in_lock_step(
@@ -54,15 +69,19 @@ def run_in_lock_step(
     seconds : float
         Duration, in rig time.
     directory : path
-        Where the bag is made.
+        Where the bag is made; empty, or not there yet.
     rig, settings : dict
         Parameters of the rig's node, and of the controller.
 
     Raises
     ------
+    FileExistsError
+        If the directory has something in it, such as another run.
     RuntimeError
         If the rig or the controller ends before that, or nothing moves for minutes.
     """
+    if Path(directory).exists() and any(Path(directory).iterdir()):
+        raise FileExistsError(f'{directory} is not empty: give each run a directory of its own')
     rig = {
         'gap_control': 'external',
         'lock_step': 'stop_commands',
@@ -101,11 +120,10 @@ def run_in_lock_step(
             processes.append(subprocess.Popen(line, env=environment))
             stack.callback(processes[-1].wait)
             stack.callback(processes[-1].kill)
-        end = time.monotonic() + PATIENCE_S
+        progress = Progress()
         while now[0] < seconds:
             executor.spin_once(timeout_sec=0.1)
-            if time.monotonic() > end:
-                raise RuntimeError(f'after {PATIENCE_S:g} s the run is at {now[0]:g} s only')
+            progress.look(now[0])
             for process, (program, _) in zip(processes, programs, strict=True):
                 if process.poll() is not None:
                     raise RuntimeError(f'{program[-1]} has ended at {now[0]:g} s')

@@ -8,7 +8,6 @@ writes them; True or False; words; and an empty text for unknown values.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterable
 from functools import lru_cache
@@ -289,7 +288,6 @@ def predicted_report(theory: TheoryProcess, agreement: Agreement) -> MotionRepor
     """Report the predicted motion, and whether the measured one agrees."""
     known, motion = theory.prediction or Prediction(), agreement.motion
     state, warning, words = _state(theory, agreement)
-    others = [m for m in known.orbits if m.stable and m.viable and not _same(m, motion)]
     return MotionReport(
         'predicted motion',
         warning,
@@ -299,21 +297,12 @@ def predicted_report(theory: TheoryProcess, agreement: Agreement) -> MotionRepor
             'Reason': known.error or known.reason,
             'Chosen as': agreement.basis,
             'Complete': known.complete,
-            **_rhythm_values(motion),
-            'Largest X [m]': _number(motion.x_max if motion else None),
-            'Largest X / A': _number(motion.x_max_ratio if motion else None),
             **_transmissibility_values(_predicted(motion) if motion else Transmissibility()),
-            'Largest multiplier modulus': _number(abs(motion.multipliers[0]) if motion else None),
-            'Stable': motion.stable if motion else '',
-            'Viable': motion.viable if motion else '',
-            'Other stable motions': json.dumps([_summary(m) for m in others]),
             'Agreement': agreement.verdict,
             'Phase difference [cycles of the force]': _number(agreement.phase, 3),
             'X difference / largest X': _number(agreement.x, 3),
             'Largest X difference / largest X': _number(agreement.x_max, 3),
             'Tolerance': _number(agreement.tolerance, 3),
-            'Computing time [s]': _number(theory.seconds if theory.prediction else None, 3),
-            'Process': theory.process or '',
         },
     )
 
@@ -366,19 +355,6 @@ def _transmissibility_values(taken: Transmissibility) -> dict[str, object]:
         'Transmissibility, rms X / rms b': _number(taken.absolute, 5),
         'Relative transmissibility, rms (X - b) / rms b': _number(taken.relative, 5),
     }
-
-
-def _summary(motion: PeriodicOrbit) -> dict[str, object]:
-    return {
-        'stops': list(motion.stops),
-        'cycles': motion.cycles,
-        'x_max_ratio': float(f'{motion.x_max_ratio:.9g}'),
-        'largest_multiplier': float(f'{abs(motion.multipliers[0]):.9g}'),
-    }
-
-
-def _same(one: Rhythm, other: Rhythm | None) -> bool:
-    return other is not None and one.distance(other) < 1e-9
 
 
 def _number(value: float | None, digits: int = 9) -> str:

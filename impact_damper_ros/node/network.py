@@ -3,22 +3,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, ReliabilityPolicy, qos_check_compatible
 
 
+class NetworkReport(NamedTuple):
+    """What is in the way, in words, and by keys."""
+
+    text: str = ''
+    values: Mapping[str, int] = MappingProxyType({})
+
+
 class Network:
     """
     Looks for nodes of the same name, for a second clock, and for partners that do not match.
 
-    `commands` has the types of the topics that the node subscribes to by their full names.
+    `commands` has full name and type of the topics that the node subscribes to.
     """
 
-    def __init__(self, node: Node, clock: str, commands: Mapping[str, str]) -> None:
+    def __init__(self, node: Node, clock: str, commands: Mapping[str, tuple[str, str]]) -> None:
         self._node = node
         self._clock = clock
         self._commands = commands
@@ -32,33 +40,49 @@ class Network:
             incompatible_qos=lambda _: self._mismatched.add(topic), matched=matched
         )
 
-    def troubles(self) -> list[str]:
+    def report(self) -> NetworkReport:
         """Return what is in the way now; each is logged once."""
-        found = [*self._namesakes(), *self._clocks(), *self._subscriptions(), *self._publishers()]
-        for text in found:
-            if text not in self._warned:
-                self._warned.add(text)
-                self._node.get_logger().warning(text)
-        return found
-
-    def _namesakes(self) -> Iterator[str]:
-        own = self._node.get_name(), self._node.get_namespace()
-        if (count := self._node.get_node_names_and_namespaces().count(own)) > 1:
-            yield (
-                f'{count} nodes are named {self._node.get_fully_qualified_name()}: a request '
+        node = self._node
+        own = node.get_name(), node.get_namespace()
+        namesakes = node.get_node_names_and_namespaces().count(own)
+        clocks = node.count_publishers(self._clock) if self._clock else 0
+        deaf = list(self._deaf())
+        values = {'Nodes of this name': namesakes, 'Publishers of /clock': clocks}
+        texts = []
+        if namesakes > 1:
+            texts.append(
+                f'{namesakes} nodes are named {node.get_fully_qualified_name()}: a request '
                 'reaches any one of them, and their messages are mixed; start each in a namespace '
                 'of its own (-r __ns:=/rig2)'
             )
-
-    def _clocks(self) -> Iterator[str]:
-        if self._clock and self._node.count_publishers(self._clock) > 1:
-            yield (
+        if clocks > 1:
+            texts.append(
                 f'another node publishes {self._clock}, too: the time of nodes with use_sim_time '
                 'jumps between the two; give the rigs ROS domains of their own, or '
                 'real_time_factor:=1.0 publish_clock:=false'
             )
+        texts += deaf
+        unheard: list[str] = []
+        for key, (topic, kind) in self._commands.items():
+            publishers = node.get_publishers_info_by_topic(topic)
+            values[f'Publishers of {key}'] = len(publishers)
+            if len(publishers) > 1:
+                texts.append(
+                    f'{" and ".join(sorted(map(_name, publishers)))} publish {topic}: commands of '
+                    f'{"both" if len(publishers) == 2 else "all"} are refused; stop all but one'
+                )
+            unheard += _unheard(topic, kind, publishers)
+        values['Subscriptions that do not match'] = len(deaf)
+        values['Publishers that do not match'] = len(unheard)
+        texts += unheard
+        for text in texts:
+            if text not in self._warned:
+                self._warned.add(text)
+                node.get_logger().warning(text)
+        return NetworkReport('; '.join(texts), values)
 
-    def _subscriptions(self) -> Iterator[str]:
+    def _deaf(self) -> Iterator[str]:
+        """Yield which subscriptions do not receive what the node publishes."""
         for publisher in self._node.publishers:
             topic = publisher.topic_name
             if topic not in self._mismatched:
@@ -68,22 +92,20 @@ class Network:
                 if fits == QoSCompatibility.ERROR:
                     yield f'{_name(info)} does not receive {topic}: {_reason(why)}'
 
-    def _publishers(self) -> Iterator[str]:
-        for topic, kind in self._commands.items():
-            publishers = self._node.get_publishers_info_by_topic(topic)
-            if len(publishers) > 1:
-                yield (
-                    f'{" and ".join(sorted(map(_name, publishers)))} publish {topic}: commands of '
-                    f'{"both" if len(publishers) == 2 else "all"} are refused; stop all but one'
-                )
-            for info in publishers:
-                if info.topic_type != kind:
-                    yield (
-                        f'{_name(info)} publishes {topic} as {info.topic_type}, which is not '
-                        f'received: publish {kind}'
-                    )
-                elif info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
-                    yield f'{_name(info)} publishes {topic} best effort: commands may get lost'
+
+def _unheard(topic: str, kind: str, publishers: Sequence[Any]) -> Iterator[str]:
+    """Yield which publishers of commands the node does not receive."""
+    for info in publishers:
+        if info.topic_type != kind:
+            yield (
+                f'{_name(info)} publishes {topic} as {info.topic_type}, which is not '
+                f'received: publish {kind}'
+            )
+        elif info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+            yield (
+                f'{_name(info)} publishes {topic} best effort, which is not received: publish it '
+                'reliable'
+            )
 
 
 def _name(info: Any) -> str:

@@ -25,9 +25,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
@@ -36,7 +34,6 @@ from rclpy.parameter_service import ParameterService
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
-from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
@@ -79,6 +76,7 @@ from .parameters import (
     values_in,
 )
 from .publishing import RigPublishers, TopicPublisher
+from .raw_subscription import RawSubscription
 from .recording import Recorder
 from .services import RigServices
 
@@ -176,13 +174,6 @@ THEORY_PERIOD_S = 0.1
 WARNING_PERIOD_S = 5.0
 
 
-class _TakenByEngine(ReentrantCallbackGroup):
-    """Of subscriptions for which the executor does not wake up, but for their events."""
-
-    def can_execute(self, entity: Any) -> bool:
-        return not isinstance(entity, Subscription)
-
-
 class _ParameterServices(ParameterService):
     """Those of every node; of a list in which the order does not matter."""
 
@@ -220,7 +211,9 @@ class SimNode(Node):
         self._post = executor.create_task
         self._warned_s: dict[str, float] = {}
         node = self.get_fully_qualified_name()
-        commands = {self.resolve_topic_name(key): kind for key, (_, kind, _) in _COMMANDS.items()}
+        commands = {
+            key: (self.resolve_topic_name(key), kind) for key, (_, kind, _) in _COMMANDS.items()
+        }
         self._network = Network(self, '/clock' if parameters.simulated_time else '', commands)
         self._topic_publishers = self._advertise(parameters)
         priority = parameters.priority
@@ -356,58 +349,25 @@ class SimNode(Node):
         return TopicPublisher(publisher.topic_name, publisher.publish)
 
     def _command_inbox(self) -> CommandInbox:
-        """Return the commands of a controller, which the engine's thread takes by itself."""
-        subscriptions: dict[str, Subscription] = {}
-        replaced: dict[str, Subscription] = {}
-
-        def subscribe(key: str, reliability: ReliabilityPolicy) -> None:
-            subscriptions[key] = self.create_subscription(
-                _COMMANDS[key][0],
-                key,
-                lambda _: None,
-                QoSProfile(depth=DEPTH, reliability=reliability),
-                callback_group=_TakenByEngine(),
-                event_callbacks=SubscriptionEventCallbacks(incompatible_qos=partial(loosen, key)),
-                raw=True,
-            )
-
-        def loosen(key: str, _event: Any) -> None:
-            """Go on with a subscription that a best-effort publisher matches, too."""
-            if key not in replaced:
-                former = subscriptions[key]
-                subscribe(key, ReliabilityPolicy.BEST_EFFORT)
-                replaced[key] = former
-
-        for key in _COMMANDS:
-            subscribe(key, ReliabilityPolicy.RELIABLE)
+        """Subscribe to the commands of a controller, for the engine's thread."""
+        subscriptions = {
+            key: RawSubscription(self, kind, key, QoSProfile(depth=DEPTH))
+            for key, (kind, _, _) in _COMMANDS.items()
+        }
         # As `rclpy.wait_for_message` waits
         waiting = _rclpy.WaitSet(len(subscriptions), 0, 0, 0, 0, 0, self.context.handle)
 
         def wait(seconds: float) -> None:
             waiting.clear_entities()
-            for subscription in subscriptions.values():
-                waiting.add_subscription(subscription.handle)
+            for one in subscriptions.values():
+                waiting.add_subscription(one.handle)
             waiting.wait(round(seconds * 1e9))
 
-        def take(key: str) -> bytes | None:
-            kind = _COMMANDS[key][0]
-            # What is left in a subscription keeps the executor from sleeping.
-            while key in replaced and replaced[key].handle.take_message(kind, True) is not None:
-                pass
-            taken = subscriptions[key].handle.take_message(kind, True)
-            return taken[0] if taken is not None else None
-
-        def publishers(key: str) -> int:
-            return int(subscriptions[key].get_publisher_count())
+        def taken(key: str) -> list[bytes]:
+            return [message.content for message in subscriptions[key].take(DEPTH)]
 
         topics = [
-            CommandTopic(
-                key,
-                one.topic_name,
-                partial(take, key),
-                partial(publishers, key),
-                _COMMANDS[key][2],
-            )
+            CommandTopic(key, one.topic, partial(taken, key), one.publishers, _COMMANDS[key][2])
             for key, one in subscriptions.items()
         ]
         return CommandInbox(topics, wait)
@@ -521,7 +481,7 @@ class SimNode(Node):
         recording = self._recorder.status(engine.recorded)
         motion = self._monitor.look()
         report = self._diagnostics.report(
-            self.engine.stamp_ns(), engine, recording, motion, self._network.troubles()
+            self.engine.stamp_ns(), engine, recording, motion, self._network.report()
         )
         self._publish('diagnostics', encode(report))
 

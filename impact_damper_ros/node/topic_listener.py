@@ -6,7 +6,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from typing import Any
 
 import rclpy
 from rclpy.context import Context
@@ -15,6 +14,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from impact_damper_ros.bag import RecordedMessage
+
+from .raw_subscription import RawSubscription
 
 #: Time within which a topic has to be found, s.
 PATIENCE_S = 10.0
@@ -75,7 +76,7 @@ class _Listener:
 
     def __init__(self, node: Node, types: Sequence[str]) -> None:
         self._node, self._types = node, types
-        self._subscriptions: dict[str, tuple[str, Any]] = {}
+        self._subscriptions: dict[str, tuple[str, RawSubscription]] = {}
         self._messages: list[RecordedMessage] = []
 
     def taken(
@@ -112,21 +113,15 @@ class _Listener:
                 continue
             package, _, kind = usable[0].replace('/', '.').rpartition('.')
             interface = getattr(import_module(package), kind)
-            subscription = self._node.create_subscription(
-                interface, name, lambda _: None, _AS_OFFERED, raw=True
-            )
+            subscription = RawSubscription(self._node, interface, name, _AS_OFFERED)
             self._subscriptions[name] = usable[0], subscription
 
     def _take(self) -> None:
         for topic, (kind, subscription) in self._subscriptions.items():
-            while True:
-                with subscription.handle:
-                    taken = subscription.handle.take_message(subscription.msg_type, True)
-                if taken is None:
-                    break
-                content, information = taken
-                stamp_ns = information['source_timestamp'] or time.time_ns()
-                self._messages.append(RecordedMessage(topic, kind, stamp_ns, bytes(content)))
+            self._messages += [
+                RecordedMessage(topic, kind, sent_ns or time.time_ns(), content)
+                for content, _, sent_ns in subscription.take(_AS_OFFERED.depth)
+            ]
 
     def _words(self, topic: str) -> str:
         there = self._node.get_topic_names_and_types()

@@ -538,12 +538,6 @@ class Rig:
         return view.stop_1, view.stop_2
 
     @property
-    def stop_velocities(self) -> tuple[float, float]:
-        """Present velocities of stop 1 and stop 2 relative to M, m/s."""
-        view = self._view()
-        return view.stop_rate_1, view.stop_rate_2
-
-    @property
     def amplitude(self) -> float:
         """The controller's estimate of the amplitude of X, m."""
         return self._control.estimates.amplitude

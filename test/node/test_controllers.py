@@ -4,11 +4,10 @@ import importlib
 import itertools
 import json
 import math
-import os
 import sys
 import time
 from copy import copy
-from pathlib import Path
+from functools import partial
 
 import pytest
 from geometry_msgs.msg import Wrench, WrenchStamped
@@ -167,10 +166,10 @@ def force(x, y=0.0):
 )
 def test_what_cannot_be_carried_out_is_refused_with_its_reason(message, words, settings):
     law = {'gap_control': settings.pop('gap_control', 'external'), **ACTUATORS}
-    waiting, count = [serialize_message(message)], settings.pop('publishers', 1)
+    count = settings.pop('publishers', 1)
     read = read_force_command if isinstance(message, WrenchStamped) else read_stop_command
-    take = iter([*waiting, None]).__next__
-    inbox = CommandInbox([CommandTopic('key', 'topic', take, lambda: count, read)])
+    topic = CommandTopic('key', 'topic', lambda: [serialize_message(message)], lambda: count, read)
+    inbox = CommandInbox([topic])
     rig = Rig(RIG, control=GapControlParameters(**law))
     controller = ExternalControl(rig, inbox, NodeSettings(**settings))
     assert list(controller.obey(10**9, 100 * 10**9)) == []
@@ -181,14 +180,12 @@ def test_in_lock_step_each_measurement_has_one_command():
     """A measurement sent twice is answered twice; the second answer has no effect."""
     rig = Rig(RIG, control=GapControlParameters(gap_control='external', **ACTUATORS))
     waiting = []
+
+    def taken(key):
+        return [waiting.pop(0)[1] for one in list(waiting) if waiting[0][0] == key]
+
     topics = [
-        CommandTopic(
-            key,
-            key,
-            lambda key=key: waiting.pop(0)[1] if waiting and waiting[0][0] == key else None,
-            lambda: 1,
-            read,
-        )
+        CommandTopic(key, key, partial(taken, key), lambda: 1, read)
         for key, read in (
             ('stop_commands', read_stop_command),
             ('force_command', read_force_command),
@@ -252,37 +249,24 @@ def test_refusals_are_reported_and_a_second_controller_is_one(plant):
         '/test_client and /test_client publish /plant/stop_commands: commands of both are '
         'refused; stop all but one'
     )
-    plant.await_report('network', holds=lambda report: report.message == words)
+    report = plant.await_report('network', holds=lambda report: report.message == words)
+    assert report.values['Publishers of stop_commands'] == '2'
     plant.client.node.destroy_publisher(other)
     plant.moves_to(0.01, -0.01)
 
 
-def test_a_best_effort_controller_is_obeyed_and_reported(plant):
+def test_a_best_effort_controller_is_reported(plant):
     loose = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
     plant.client.node.destroy_publisher(plant.stops)
     plant.stops = plant.stop_publisher(loose)
-    plant.moves_to(0.011, -0.012)
-    words = '/test_client publishes /plant/stop_commands best effort: commands may get lost'
-    plant.await_report('network', holds=lambda report: report.message == words)
+    words = '/test_client publishes /plant/stop_commands best effort, which is not received'
+    report = plant.await_report('network', holds=lambda report: words in report.message)
+    assert report.values['Publishers that do not match'] == '1'
     assert words in plant.process.output
     plant.client.node.destroy_publisher(plant.stops)
     # A reliable one again
     plant.stops = plant.stop_publisher(10)
     plant.moves_to(0.013, -0.012)
-    # The node once kept a processor busy from then on.
-    assert any(time_of_states(plant, 200) < 0.3 for _ in range(5))
-
-
-def time_of_states(rig, count):
-    """Return the processor time that a node takes meanwhile, s."""
-
-    def taken():
-        fields = Path(f'/proc/{rig.process.pid}/stat').read_text().rpartition(')')[2].split()
-        return sum(map(int, fields[11:13])) / os.sysconf('SC_CLK_TCK')
-
-    before = taken()
-    rig.await_states(count)
-    return taken() - before
 
 
 def test_partners_that_do_not_match_are_reported(plant):

@@ -57,7 +57,7 @@ def report(engine, recording=None, factor=1.0):
         (second(), 1.0, OK, 'holds 200 Hz'),
         (second(overruns=2), 1.0, WARN, '2 of 200 ticks late'),
         (second(overruns=9, slips=1, slipped_ns=400_000_000), 1.0, ERROR, '0.400 s of wall time'),
-        (second(ticks=0, time_ns=0), 1.0, ERROR, 'no tick for 1.0 s'),
+        (second(ticks=0, time_ns=0), 1.0, OK, 'no tick for 1.0 s'),
         (second(ticks=0, time_ns=0, paused=True), 1.0, OK, 'paused'),
         (second(ticks=4000, time_ns=20 * 10**9), 0.0, OK, '20 times as fast'),
         (second(ticks=400), 2.0, OK, 'holds 400 Hz'),
@@ -66,7 +66,10 @@ def report(engine, recording=None, factor=1.0):
 def test_pacing(engine, factor, level, words):
     found, message, values = report(engine, factor=factor)['pacing']
     assert (found, words in message) == (level, True)
-    assert float(values['Achieved rate [Hz]']) == engine.pacing.ticks
+    assert float(values['Actual frequency (Hz)']) == engine.pacing.ticks
+    assert values['Events in window'] == str(engine.pacing.ticks)
+    asked = f'{200 * factor:g}' if factor else ''
+    assert values['Target frequency (Hz)'] == asked
     assert values['Overruns'] == str(engine.pacing.overruns)
     assert values['Worst lateness since the last report [ms]'] == '1.500'
 
@@ -81,6 +84,33 @@ def test_counts_are_totals_and_differences_are_since_the_last_report():
         values = dict(status.values)
         seen.append((values['Overruns'], values['Overruns since the last report']))
     assert seen == [('3', '3'), ('3', '0'), ('5', '2')]
+
+
+@pytest.mark.parametrize(
+    ('rate', 'factor', 'changes', 'silent'),
+    [
+        # Five seconds and five ticks
+        (200.0, 1.0, {}, [6.0, 60.0]),
+        (0.1, 1.0, {}, [60.0]),
+        (0.1, 2.0, {}, [30.0, 60.0]),
+        (200.0, 0.0, {}, [6.0, 60.0]),
+        (200.0, 1.0, {'paused': True}, []),
+        (200.0, 0.0, {'controller': ControllerStatus(awaited='stop_commands')}, []),
+    ],
+)
+def test_a_rig_without_a_tick_is_an_error_at_any_pace(rate, factor, changes, silent):
+    now = [0.0]
+    diagnostics = Diagnostics('/rig', rate, factor, lambda: now[0])
+    errors = []
+    for time in (1.0, 4.0, 6.0, 30.0, 60.0):
+        now[0] = time
+        engine = second(ticks=0, time_ns=0, **changes)
+        status = diagnostics.report(0, engine, RecordingStatus()).status[0]
+        errors += [time] * (status.level == 2)
+        assert (f'no tick for {time:.1f} s' in status.message) != bool(changes)
+    assert errors == [time for time in (6.0, 30.0, 60.0) if silent and time >= silent[0]]
+    now[0] = 61.0
+    assert diagnostics.report(0, second(), RecordingStatus()).status[0].level == 0
 
 
 def test_rig():

@@ -513,7 +513,7 @@ def test_an_order_between_the_start_of_a_recording_and_a_slip_is_replayed(tmp_pa
     waiting, name = [], 'stop_commands'
 
     def take():
-        return waiting.pop() if waiting else None
+        return [waiting.pop()] if waiting else []
 
     inbox = CommandInbox([CommandTopic(name, name, take, lambda: 1, read_stop_command)])
     external = GapControlParameters(gap_control='external')

@@ -306,16 +306,11 @@ def test_the_keys_are_the_same_whatever_is_known():
 
 
 def test_values_are_written_for_machines():
-    other = like(Rhythm((1, 1, 2), 1, (0.1, 0.2, 0.3), (1.0, 1.0, 1.0), 2.0), 0.5, 0.9)
-    values = reported(answer=Prediction((ORBIT, other), ORBIT, 'run ahead')).values
+    rhythm = Rhythm((1, 2), 1, ORBIT.phases, ORBIT.x, ORBIT.x_max)
+    values = measured_report(RecentMotion(MotionKind.PERIODIC, rhythm=rhythm)).values
     assert values['Stop sequence'] == '[1, 2]'
     assert values['Phases [cycles of the force]'] == '[0.757995034, 0.269792326]'
-    assert values['Largest X / A'] == '0.21134393'
-    assert values['Largest multiplier modulus'] == '0.941065209'
-    assert (values['Stable'], values['Viable']) == (True, True)
-    assert values['Other stable motions'] == (
-        '[{"stops": [1, 1, 2], "cycles": 1, "x_max_ratio": 0.5, "largest_multiplier": 0.9}]'
-    )
+    assert (values['Impacts per period'], values['State']) == (2, 'periodic')
 
 
 def test_a_measured_motion_that_theory_did_not_name_is_asked_for_once():

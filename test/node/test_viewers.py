@@ -88,7 +88,8 @@ def heard(start):
     rig.change(gap_control='off')
 
     def known(task):
-        return rig.report(f'{task} motion').values.get('Largest X / A')
+        values = rig.report(f'{task} motion').values
+        return values.get('Largest X / A') or values.get('Agreement')
 
     # A report on the motion alone may come before the first whole one.
     rig.until(lambda: known('measured') and known('predicted') and rig.reports('pacing'))

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Subscriptions that are polled for encoded messages, which no executor wakes up for."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+
+
+class _Polled(ReentrantCallbackGroup):
+    """Of subscriptions for which an executor does not wake up, but for their events."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return not isinstance(entity, Subscription)
+
+
+class Taken(NamedTuple):
+    """A message in CDR; its number among those of its publisher, and when it was sent, ns."""
+
+    content: bytes
+    number: int
+    sent_ns: int
+
+
+class RawSubscription:
+    """One subscription, with any profile."""
+
+    def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile) -> None:
+        self._subscription = node.create_subscription(
+            kind, topic, lambda _: None, qos, callback_group=_Polled(), raw=True
+        )
+        self.handle, self.topic = self._subscription.handle, self._subscription.topic_name
+        self._kind = kind
+
+    def publishers(self) -> int:
+        """Return how many publishers match."""
+        return int(self._subscription.get_publisher_count())
+
+    def take(self, most: int) -> list[Taken]:
+        """Return the messages that have come, at most so many."""
+        taken: list[Taken] = []
+        with self.handle:
+            while len(taken) < most and (one := self.handle.take_message(self._kind, True)):
+                content, about = one
+                number, sent_ns = about['publication_sequence_number'], about['source_timestamp']
+                taken.append(Taken(bytes(content), number, sent_ns))
+        return taken
+
+    def destroy(self) -> None:
+        """Leave the topic."""
+        self._subscription.destroy()
