@@ -23,6 +23,11 @@ from numpydoc.docscrape import NumpyDocString
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
+
+from impact_damper_ros import EventKind, Rig, load_parameters  # noqa: E402
+from impact_damper_ros.bag import rig_topics  # noqa: E402
+from impact_damper_ros.bag.messages import JOINT_STATE, JointState, decode  # noqa: E402
+
 REFERENCE = ROOT / 'docs' / 'reference'
 SCRIPTS = sorted((ROOT / 'examples' / 'gallery').glob('plot_*.py'))
 GALLERY = ROOT / 'docs' / 'gallery'
@@ -168,6 +173,65 @@ def _inline(text: str) -> str:
     return text.replace('``', '`')
 
 
+#: When each topic of the node has a message, and its `frame_id`.
+RATES = {
+    'joint_states': ('`state_rate`, 200 a second; 10 a second while paused', 'empty; `paused`'),
+    'impacts': ('at each impact', '`stop_1` or `stop_2`, the stop'),
+    'gap_control': ('at each act of the control', 'the act'),
+    'measurements': ('`measurement_rate`, 0', 'empty'),
+    'snapshot': ('at the start, after each change, reset and pause', ''),
+    'parameter_events': ('at each change of a parameter', ''),
+    'diagnostics': ('once a second', 'empty'),
+    'robot_description': ('at the start, and when a change is visible', ''),
+    'theory': ('when more is known', ''),
+    'clock': ('as `joint_states`, of a rig with simulated time', ''),
+    'stop_commands': ('taken at each sample and measurement', 'not read'),
+    'force_command': ('taken at each sample and measurement', 'not read'),
+}
+
+
+def messages(page: str) -> str:
+    """Return the page of the node with the topics as they are offered, and sample messages."""
+    tables = (rig_topics.RIG_TOPICS, rig_topics.LIVE_TOPICS, rig_topics.COMMAND_TOPICS)
+    lines = [
+        '| topic | reliability, durability, depth | messages | `frame_id` |',
+        '| --- ' * 4 + '|',
+    ]
+    for key, topic in (pair for table in tables for pair in table.items()):
+        qos = f'{topic.qos.reliability}, {topic.qos.durability}, {topic.qos.depth}'
+        rate, frame = RATES[key]
+        lines.append(f'| `{topic.name}` | {qos} | {rate} | {frame} |')
+    parameters = load_parameters('bench_rig')[0]
+    rig, made = Rig(parameters), rig_topics.RigMessages()
+    event = next(one for one in rig.advance(2.0) if one.kind is EventKind.IMPACT)
+    rig.advance(2.0)
+    samples = {
+        'impacts': made.impact(round(event.time * 1e9), event, 0.0),
+        'joint_states': made.states(2 * 10**9, rig.sample(), 0.0, parameters.angle),
+    }
+    for key, content in samples.items():
+        lines += ['', f'A message of `{key}`:', '', '```yaml', *_echoed(content), '```']
+    text = '\n'.join(lines)
+    head = '### Quality of service, rates, sample messages\n\n'
+    return re.sub(
+        rf'(?<={re.escape(head)}).*?(?=\n\n###? )', lambda _: text, page, flags=re.DOTALL
+    )
+
+
+def _echoed(content: bytes) -> list[str]:
+    """Return a JointState as `ros2 topic echo` prints it, with fewer digits."""
+    message = decode(JOINT_STATE, content)
+    assert isinstance(message, JointState)
+    seconds, nanoseconds = divmod(message.stamp_ns, 10**9)
+    lines = ['header:', '  stamp:', f'    sec: {seconds}', f'    nanosec: {nanoseconds}']
+    lines.append(f'  frame_id: {message.frame_id or repr("")}')
+    for key in ('name', 'position', 'velocity', 'effort'):
+        values = getattr(message, key)
+        lines += [f'{key}:' if values else f'{key}: []']
+        lines += [f'- {v if isinstance(v, str) else float(f"{v:.6g}")}' for v in values]
+    return [*lines, '---']
+
+
 def gallery() -> str:
     """Return the page of the figures to print."""
     lines = [
@@ -208,6 +272,7 @@ def pages() -> dict[Path, str]:
         'commands.md': commands,
         'control.md': partial(tables, 'control.md'),
         'glossary.md': glossary,
+        'node.md': messages,
         'parameters.md': partial(tables, 'parameters.md'),
     }
     for name, filled in fill.items():

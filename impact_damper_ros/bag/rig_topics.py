@@ -35,6 +35,20 @@ RIG_TOPICS: dict[str, Topic] = {
     'robot_description': Topic('robot_description', STRING, LATCHED),
 }
 
+#: What the node publishes beside them, and does not record.
+LIVE_TOPICS: dict[str, Topic] = {
+    'theory': Topic('theory', STRING, LATCHED),
+    # Reliable and best-effort subscribers match.
+    'clock': Topic('/clock', 'rosgraph_msgs/msg/Clock', QosProfile(depth=10)),
+}
+#: What it takes from a controller: those that have come are few, or old.
+COMMAND_TOPICS: dict[str, Topic] = {
+    'stop_commands': Topic('stop_commands', JOINT_STATE, QosProfile(depth=4)),
+    'force_command': Topic(
+        'force_command', 'geometry_msgs/msg/WrenchStamped', QosProfile(depth=4)
+    ),
+}
+
 
 def recorded_topics(names: Mapping[str, str]) -> list[Topic]:
     """Return the topics of a recording, given the full names of those that it has."""

@@ -14,11 +14,12 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from impact_damper_ros.bag.messages import JOINT_STATE, CdrReader, JointState, decode
+from impact_damper_ros.bag.rig_topics import COMMAND_TOPICS
 from impact_damper_ros.parameters.quoting import counted, shown
 from impact_damper_ros.rig.order import Order
 
 #: Messages of a topic that are taken where the rig stops; as many wait there.
-DEPTH = 4
+DEPTH = COMMAND_TOPICS['stop_commands'].qos.depth
 
 
 class CommandError(ValueError):

@@ -31,7 +31,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -49,9 +49,9 @@ from impact_damper_ros.bag.messages import (
     String,
     encode,
 )
-from impact_damper_ros.bag.rig_topics import RIG_TOPICS
+from impact_damper_ros.bag.rig_topics import COMMAND_TOPICS, LIVE_TOPICS, RIG_TOPICS
 from impact_damper_ros.bag.robot_description import robot_description
-from impact_damper_ros.bag.topics import LATCHED, QosProfile
+from impact_damper_ros.bag.topics import QosProfile
 from impact_damper_ros.parameters.description import described, frequency_hint
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.parameters_file import fault_of_file, values_given
@@ -212,7 +212,8 @@ class SimNode(Node):
         self._warned_s: dict[str, float] = {}
         node = self.get_fully_qualified_name()
         commands = {
-            key: (self.resolve_topic_name(key), kind) for key, (_, kind, _) in _COMMANDS.items()
+            key: (self.resolve_topic_name(key), topic.type)
+            for key, topic in COMMAND_TOPICS.items()
         }
         self._network = Network(self, '/clock' if parameters.simulated_time else '', commands)
         self._topic_publishers = self._advertise(parameters)
@@ -248,7 +249,7 @@ class SimNode(Node):
         # What the topic `theory` said last
         self._document = ''
         self._theory_publisher = self._publisher(
-            StringMessage, 'theory', _qos(LATCHED), self._on_listener
+            StringMessage, 'theory', _qos(LIVE_TOPICS['theory'].qos), self._on_listener
         )
         RigServices(self, self.engine, partial(self._post, lambda: None))
         #: Those that ROS shows; the engine has them as soon as it goes on
@@ -332,8 +333,8 @@ class SimNode(Node):
         events = self.resolve_topic_name(RIG_TOPICS['parameter_events'].name)
         publishers['parameter_events'] = TopicPublisher(events, lambda _: None)
         if parameters.simulated_time:
-            clock = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-            publishers['clock'] = self._publisher(ClockMessage, '/clock', clock)
+            clock = LIVE_TOPICS['clock']
+            publishers['clock'] = self._publisher(ClockMessage, clock.name, _qos(clock.qos))
         return publishers
 
     def _publisher(
@@ -351,8 +352,8 @@ class SimNode(Node):
     def _command_inbox(self) -> CommandInbox:
         """Subscribe to the commands of a controller, for the engine's thread."""
         subscriptions = {
-            key: RawSubscription(self, kind, key, QoSProfile(depth=DEPTH))
-            for key, (kind, _, _) in _COMMANDS.items()
+            key: RawSubscription(self, kind, key, _qos(COMMAND_TOPICS[key].qos))
+            for key, (kind, _) in _COMMANDS.items()
         }
         # As `rclpy.wait_for_message` waits
         waiting = _rclpy.WaitSet(len(subscriptions), 0, 0, 0, 0, 0, self.context.handle)
@@ -367,7 +368,7 @@ class SimNode(Node):
             return [message.content for message in subscriptions[key].take(DEPTH)]
 
         topics = [
-            CommandTopic(key, one.topic, partial(taken, key), one.publishers, _COMMANDS[key][2])
+            CommandTopic(key, one.topic, partial(taken, key), one.publishers, _COMMANDS[key][1])
             for key, one in subscriptions.items()
         ]
         return CommandInbox(topics, wait)
@@ -527,10 +528,10 @@ _MESSAGE_TYPES = {
 }
 
 
-#: Topics that a controller publishes: type, its name, and how a message is read.
+#: Types of `COMMAND_TOPICS`, and how a message is read.
 _COMMANDS = {
-    'stop_commands': (JointState, JOINT_STATE, read_stop_command),
-    'force_command': (WrenchStamped, 'geometry_msgs/msg/WrenchStamped', read_force_command),
+    'stop_commands': (JointState, read_stop_command),
+    'force_command': (WrenchStamped, read_force_command),
 }
 
 

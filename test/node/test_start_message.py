@@ -1,7 +1,9 @@
 """What the node says as it starts."""
 
+from running import SOURCE
+
 from impact_damper_ros.node.parameters import parameters_from_overrides
-from impact_damper_ros.node.sim_node import given_text, start_message
+from impact_damper_ros.node.sim_node import USAGE, given_text, start_message
 from node.rig_client import LIVELY
 
 
@@ -40,3 +42,8 @@ def test_start_message_of_a_recording_and_of_a_frequency_in_hertz():
     assert 'runs at 0.5 times real time' in text
     assert 'force 10 N at 0.796 Hz (5 rad/s), 0.158 times the natural one' in text
     assert 'if Hz were meant, give 31.4159' in text
+
+
+def test_the_reference_of_the_commands_has_the_node():
+    page = SOURCE / 'docs' / 'reference' / 'commands.md'
+    assert f'```text\n{USAGE}\n```' in page.read_text(encoding='utf-8')
