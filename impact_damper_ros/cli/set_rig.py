@@ -5,14 +5,20 @@ from __future__ import annotations
 
 import argparse
 import math
-import re
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
+from itertools import chain
 from typing import Any
 
+from impact_damper_ros.bag.messages import (
+    DIAGNOSTIC_ARRAY,
+    DiagnosticArray,
+    DiagnosticStatus,
+    decode,
+)
 from impact_damper_ros.bag.rig_topics import rig_nodes
 from impact_damper_ros.parameters.description import frequency_hint
 from impact_damper_ros.parameters.quoting import named, printable
@@ -34,6 +40,8 @@ from .rig_options import values_of
 #: Time in which the rigs of the network become known, and in which one must answer, s;
 #: and longest time for which the diagnostics of one are awaited.
 DISCOVERY_S, PATIENCE_S, REPORT_S = 1.0, 15.0, 5.0
+#: How often is looked for an answer, s.
+_LOOK_S = 0.01
 
 _DESCRIPTION = """\
 Set parameters of a running rig, all at once, or list all with values, units and ranges; or print
@@ -73,48 +81,47 @@ class RigParameterClient:
 
     def __init__(self, node: Any, name: str | None = None) -> None:
         from rclpy.exceptions import NameValidationException
-        from rclpy.parameter_client import AsyncParameterClient
+
+        from impact_damper_ros.node.rig_client import PARAMETERS, RigClient
 
         self._node = node
         # When the rig was found; others of its name may be found after it.
         self._found_at = math.inf
         self.name = name or self._only_rig()
         try:
-            self._client = AsyncParameterClient(node, self.name)
+            # The graph shows services that have clients only: none that a rig alone has
+            self._rig = RigClient(node, self.name, PARAMETERS)
         except NameValidationException as error:
             raise CommandError(
                 f'--node {named(self.name)}: no node has such a name; give one such as /sim_node'
             ) from error
-        if not self._client.wait_for_services(PATIENCE_S):
-            raise CommandError(f'{self.name} does not answer: does it run?', EXIT_FAILED)
+        end = time.monotonic() + PATIENCE_S
+        while not self._rig.ready:
+            if time.monotonic() > end:
+                raise CommandError(f'{self.name} does not answer: does it run?', EXIT_FAILED)
+            time.sleep(_LOOK_S)
         self._found_at = min(self._found_at, time.monotonic())
         self._check_alone()
 
     def _check_alone(self) -> None:
         """Raise CommandError if another node has the name of the rig."""
-        import rclpy
-        from diagnostic_msgs.msg import DiagnosticArray
-
         space, _, name = self.name.rpartition('/')
-        namesakes = re.compile(rf'(\d+) nodes are named {re.escape(self.name)}:')
         counts: list[int] = []
-
-        def note(array: Any) -> None:
-            for status in array.status:
-                if status.name == f'{self.name.lstrip("/")}: network':
-                    found = namesakes.search(status.message)
-                    counts.append(int(found[1]) if found else 1)
-
         # What the rig has found of its network may not have been found here yet.
-        reports = self._node.create_subscription(DiagnosticArray, '/diagnostics', note, 10)
+        reports = Reports(self._node, self.name)
         end, last = self._found_at + DISCOVERY_S, self._found_at + REPORT_S
         while True:
-            rclpy.spin_once(self._node, timeout_sec=0.05)
+            counts += [
+                int(dict(status.values)['Nodes of this name'])
+                for status in chain(*reports.take())
+                if status.name.endswith(': network')
+            ]
             graph = self._node.get_node_names_and_namespaces().count((name, space or '/'))
             count = max(graph, *counts, 0)
             if count > 1 or time.monotonic() >= (end if counts else last):
                 break
-        self._node.destroy_subscription(reports)
+            time.sleep(_LOOK_S)
+        reports.close()
         if count > 1:
             raise CommandError(
                 f'{count} nodes are named {self.name}, and a request reaches any one of them: '
@@ -141,24 +148,23 @@ class RigParameterClient:
             raise CommandError(f'several rigs run, {", ".join(rigs)}: name one with --node')
         return rigs[0]
 
-    def _answer(self, future: Any, change: str = '') -> Any:
-        import rclpy
-
-        rclpy.spin_until_future_complete(self._node, future, timeout_sec=PATIENCE_S)
-        if not future.done():
-            raise CommandError(f'{self.name} does not answer{change}', EXIT_FAILED)
-        return future.result()
+    def _answer(self, key: str, change: str = '', **fields: Any) -> Any:
+        """Return the answer of a service."""
+        answer, end = self._rig.ask(key, **fields), time.monotonic() + PATIENCE_S
+        while not answer.done():
+            if time.monotonic() > end:
+                raise CommandError(f'{self.name} does not answer{change}', EXIT_FAILED)
+            self._rig.poll()
+            time.sleep(_LOOK_S)
+        return answer.result()
 
     def values(self) -> dict[str, Any]:
         """Return the values of all parameters of the rig by name, in the order of the table."""
-        from rclpy.parameter import parameter_value_to_python
+        from impact_damper_ros.node.rig_client import plain_values
 
-        there = self._answer(self._client.list_parameters()).result.names
+        there = self._answer('list_parameters').result.names
         names = [name for name in ALL_SPECS if name in there]
-        got = self._answer(self._client.get_parameters(names)).values
-        values = map(parameter_value_to_python, got)
-        plain = (v if isinstance(v, bool | int | float | str) else list(v) for v in values)
-        return dict(zip(names, plain, strict=True))
+        return plain_values(names, self._answer('get_parameters', names=names).values)
 
     def set(self, values: Mapping[str, Any]) -> str:
         """
@@ -166,19 +172,41 @@ class RigParameterClient:
 
         Raises CommandError if the rig rejects them.
         """
-        from rclpy.parameter import Parameter
+        from impact_damper_ros.node.rig_client import parameter_messages
 
         # Of 0.5 mm the node gets the number alone
         if quantity := base_quantity_of(values.get('base_amplitudes')):
             values = {**values, 'base_quantity': quantity}
-        request = [
-            Parameter(name, value=ALL_SPECS[name].checked(value)) for name, value in values.items()
-        ]
+        request = parameter_messages(values)
         change = ': the change may or may not have been made; set_rig alone prints the values'
-        result = self._answer(self._client.set_parameters_atomically(request), change).result
+        result = self._answer('set_parameters_atomically', change, parameters=request).result
         if not result.successful:
             raise CommandError(result.reason)
         return str(result.reason)
+
+
+class Reports:
+    """The diagnostics of a rig, as they come."""
+
+    def __init__(self, node: Any, name: str) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray as Message
+        from rclpy.qos import QoSProfile
+
+        from impact_damper_ros.node.raw_subscription import RawSubscription
+
+        self._own = f'{name.lstrip("/")}: '
+        self._subscription = RawSubscription(node, Message, '/diagnostics', QoSProfile(depth=10))
+        self.close = self._subscription.destroy
+
+    def take(self) -> list[list[DiagnosticStatus]]:
+        """Return the statuses of each report that has come."""
+        arrays = [decode(DIAGNOSTIC_ARRAY, one.content) for one in self._subscription.take(10)]
+        found = (
+            [status for status in array.status if status.name.startswith(self._own)]
+            for array in arrays
+            if isinstance(array, DiagnosticArray)
+        )
+        return [statuses for statuses in found if statuses]
 
 
 @contextmanager
@@ -211,29 +239,21 @@ def listed(names: Iterable[str], values: Mapping[str, Any]) -> str:
 _LEVELS = 'OK', 'WARN', 'ERROR', 'STALE'
 
 
-def reported(statuses: Sequence[Any]) -> str:
+def reported(statuses: Sequence[DiagnosticStatus]) -> str:
     """Return some statuses of the diagnostics in a line each."""
-    rows = [(s.name, _LEVELS[ord(s.level)], s.message) for s in statuses]
+    rows = [(s.name, _LEVELS[s.level], s.message) for s in statuses]
     columns = [Column(title, 'text') for title in ('status', 'level', 'message')]
     return '\n'.join(Table(columns, [('', rows)]).text().splitlines()[1:])
 
 
 def watch(node: Any, name: str) -> None:
     """Print the diagnostics of a rig as they come, without end."""
-    import rclpy
-    from diagnostic_msgs.msg import DiagnosticArray
-
-    own = f'{name.lstrip("/")}: '
-
-    def show(array: Any) -> None:
-        statuses = [status for status in array.status if status.name.startswith(own)]
-        if statuses:
-            print(printable(reported(statuses)), end='\n\n', flush=True)
-
-    node.create_subscription(DiagnosticArray, '/diagnostics', show, 10)
+    reports = Reports(node, name)
     while True:
+        for statuses in reports.take():
+            print(printable(reported(statuses)), end='\n\n', flush=True)
         # Python looks for a signal in between.
-        rclpy.spin_once(node, timeout_sec=0.2)
+        time.sleep(0.1)
 
 
 def _unit_note(values: Mapping[str, Any]) -> str:

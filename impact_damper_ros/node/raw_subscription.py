@@ -34,7 +34,7 @@ class RawSubscription:
             kind, topic, lambda _: None, qos, callback_group=_Polled(), raw=True
         )
         self.handle, self.topic = self._subscription.handle, self._subscription.topic_name
-        self._kind = kind
+        self.kind, self.qos = kind, qos
 
     def publishers(self) -> int:
         """Return how many publishers match."""
@@ -44,7 +44,7 @@ class RawSubscription:
         """Return the messages that have come, at most so many."""
         taken: list[Taken] = []
         with self.handle:
-            while len(taken) < most and (one := self.handle.take_message(self._kind, True)):
+            while len(taken) < most and (one := self.handle.take_message(self.kind, True)):
                 content, about = one
                 number, sent_ns = about['publication_sequence_number'], about['source_timestamp']
                 taken.append(Taken(bytes(content), number, sent_ns))

@@ -33,8 +33,9 @@ LEVEL = {
     'report': 8,
     'sweep': 9,
     'node': 10,
-    'page': 10,
-    'cli': 11,
+    # The page is a client of the node
+    'page': 11,
+    'cli': 12,
 }
 WITHOUT_ROS = [name for name in LEVEL if LEVEL[name] < LEVEL['node'] and (PACKAGE / name).is_dir()]
 ROS = (

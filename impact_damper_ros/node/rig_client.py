@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A client of a rig's services and parameters, which is polled.
+
+It needs no executor: who uses it polls it now and then, between other things, and takes the
+answers.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from std_srvs.srv import SetBool, Trigger
+
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+
+#: Time after which a request is repeated, since its answer may have been lost during discovery, s;
+#: it doubles each time.
+ASK_AGAIN_S = 1.0
+#: A node finds the clients in their order: once it has answered the last one, it can answer all.
+LAST = 'get_parameters'
+SERVICES = {
+    'pause': SetBool,
+    'reset': Trigger,
+    'step': Trigger,
+    'step_to_impact': Trigger,
+    'set_parameters_atomically': SetParametersAtomically,
+    'list_parameters': ListParameters,
+    LAST: GetParameters,
+}
+#: Those that change nothing, and those of the parameters.
+READING = 'list_parameters', LAST
+PARAMETERS = 'set_parameters_atomically', *READING
+
+
+@dataclass
+class _Request:
+    """A request whose answer is awaited."""
+
+    content: Any
+    answer: Future[Any]
+    due: float = 0.0  # when it is sent, or sent again
+    pause: float = 0.0
+    sent: int = 0
+
+
+class _Service:
+    """One service; its requests are sent, and their answers taken, by `poll`."""
+
+    def __init__(self, node: Node, kind: Any, name: str) -> None:
+        self.name, self.kind = name, kind
+        # A step or a reset that is asked for again would be made twice.
+        self.repeatable = kind is not Trigger
+        self._client = node.create_client(kind, name)
+        self._requests: list[_Request] = []
+        self._numbers: dict[int, _Request] = {}
+
+    @property
+    def ready(self) -> bool:
+        return bool(self._client.service_is_ready())
+
+    def ask(self, content: Any) -> Future[Any]:
+        request = _Request(content, Future(), pause=ASK_AGAIN_S)
+        self._requests.append(request)
+        return request.answer
+
+    def poll(self, *, repeated: bool) -> bool:
+        """Take answers, then send what is due; return whether an answer has come."""
+        answered = False
+        handle = self._client.handle
+        with handle:
+            while self._numbers:
+                header, content = handle.take_response(self.kind.Response)
+                if header is None:
+                    break
+                answered = True
+                request = self._numbers.pop(header.request_id.sequence_number, None)
+                if request is not None and not request.answer.done():
+                    request.answer.set_result(content)
+        self._requests = [one for one in self._requests if not one.answer.done()]
+        for request in self._requests:
+            if request.sent and not repeated:
+                request.due = inf
+            if time.monotonic() >= request.due and self.ready:
+                with handle:
+                    self._numbers[handle.send_request(request.content)] = request
+                request.sent += 1
+                request.due = time.monotonic() + request.pause
+                request.pause *= 2.0
+        self._numbers = {n: one for n, one in self._numbers.items() if not one.answer.done()}
+        return answered
+
+    def is_sent(self, answer: Future[Any]) -> bool:
+        return any(one.answer is answer and one.sent for one in self._requests)
+
+    def begin_again(self) -> None:
+        """Ask a new node again; what would be made twice has failed, if it was sent."""
+        for request in self._requests:
+            if self.repeatable:
+                request.due, request.sent = 0.0, 0
+            elif request.sent and not request.answer.done():
+                reason = 'the node was started again before its answer'
+                request.answer.set_exception(TimeoutError(reason))
+
+    def close(self) -> None:
+        for request in self._requests:
+            request.answer.cancel()
+        self._client.destroy()
+
+
+class RigClient:
+    """
+    The services and parameters of one rig.
+
+    A request that may be made twice is sent again until the rig has answered this client once, as
+    the answers are lost before: a later repetition would undo what another client has set since.
+    """
+
+    def __init__(self, node: Node, name: str, services: Iterable[str] = SERVICES) -> None:
+        self.name = name
+        self._services = {key: _Service(node, SERVICES[key], f'{name}/{key}') for key in services}
+        #: Whether the answers of the rig reach this client
+        self.answers = False
+
+    @property
+    def ready(self) -> bool:
+        """Whether all services are there."""
+        return all(service.ready for service in self._services.values())
+
+    def ask(self, key: str, **fields: Any) -> Future[Any]:
+        """Ask a service; the answer comes by `poll`, if it does."""
+        service = self._services[key]
+        return service.ask(service.kind.Request(**fields))
+
+    def poll(self) -> None:
+        """Send what is due, and take the answers that have come."""
+        for key, service in self._services.items():
+            repeated = service.repeatable and not self.answers
+            self.answers |= service.poll(repeated=repeated) and key == LAST
+
+    def may_be_made(self, key: str, answer: Future[Any]) -> bool:
+        """Return whether an unanswered request may have changed something."""
+        return key not in READING and self._services[key].is_sent(answer)
+
+    def begin_again(self) -> None:
+        """Expect no answer of the node before: a new one has its name."""
+        self.answers = False
+        for service in self._services.values():
+            service.begin_again()
+
+    def close(self) -> None:
+        """Give up all requests."""
+        for service in self._services.values():
+            service.close()
+
+
+def parameter_messages(values: Mapping[str, Any]) -> list[Any]:
+    """Return values as they are set; ParameterError for one that no rig can have."""
+    messages = []
+    for name, value in values.items():
+        checked = ALL_SPECS[name].checked(value)
+        given = list(checked) if isinstance(checked, tuple) else checked
+        messages.append(Parameter(name, value=given).to_parameter_msg())
+    return messages
+
+
+def plain_values(names: Iterable[str], values: Iterable[Any]) -> dict[str, Any]:
+    """Return values that were got as those of Python, by name."""
+    python = map(parameter_value_to_python, values)
+    plain = (v if isinstance(v, bool | int | float | str) else list(v or ()) for v in python)
+    return dict(zip(names, plain, strict=False))
