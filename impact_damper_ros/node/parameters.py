@@ -320,13 +320,27 @@ def admitted(
 
     What cannot be read is left out, then what contradicts the rest.
     """
+
+    def check(some: Sequence[Parameter]) -> None:
+        now.changed(values_in(readable(some, now.rig, has)))
+
     reasons: dict[str, str] = {}
     while rest := [one for one in request if one.name not in reasons]:
         try:
-            now.changed(values_in(readable(rest, now.rig, has)))
-            break
+            check(rest)
         except ParameterError as error:
             if error.name not in {one.name for one in rest}:
                 break
             reasons[error.name] = str(error)
-    return rest, reasons
+        else:
+            return rest, reasons
+    # Something contradicts what stays: one after the other
+    together: list[Parameter] = []
+    for one in rest:
+        try:
+            check([*together, one])
+        except ParameterError as error:
+            reasons[one.name] = str(error)
+        else:
+            together.append(one)
+    return together, reasons

@@ -139,6 +139,11 @@ def test_of_a_list_all_is_set_that_can_be():
         assert set(reasons) == set(bad)
         assert all(name in reason for name, reason in reasons.items())
     assert admitted([Parameter('gap_min', value=2.0)], now, HAS)[0] == []
+    # Where it is the damping that stays which contradicts a value
+    soft = [Parameter('stiffness', value=1e-6), Parameter('gap', value=2.0)]
+    together, reasons = admitted(soft, now, HAS)
+    assert (together, list(reasons)) == (soft[1:], ['stiffness'])
+    assert 'underdamped' in reasons['stiffness']
 
 
 def test_overrides_are_read_tolerantly():
