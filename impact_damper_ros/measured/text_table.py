@@ -306,7 +306,7 @@ class Body:
 
     def _numbers(self, cells: Sequence[str]) -> Iterable[float | str]:
         """Return the numbers of cells, NaN for missing ones, and of others what is wrong."""
-        if any(CLOCK.match(cell) for cell in cells[:1]):
+        if CLOCK.match(next((cell for cell in cells if cell.lower() not in _MISSING), '')):
             return [self._seconds(cell) for cell in cells]
         marks = {mark: [cell for cell in cells if mark in cell] for mark in ',.'}
         used = marks[','] or marks['.']

@@ -303,3 +303,11 @@ def test_a_library_that_is_not_installed(tmp_path):
         check=False,
     )
     assert f'pip install {library}, or the package with its extra [uff]' in done.stderr
+
+
+def test_a_time_of_day_may_be_missing(written):
+    rows = ''.join(f'10:00:{k // 10:02d}.{k % 10},{k}\n' for k in range(100))
+    text = 'time,x [mm]\n' + rows.replace('10:00:03.0,', ',')
+    values = read_table(written(text), {'time': TIME, 'x': DISPLACEMENT}).columns['time'].values
+    assert np.flatnonzero(np.isnan(values)).tolist() == [30]
+    assert values[-1] - values[0] == pytest.approx(9.9)
