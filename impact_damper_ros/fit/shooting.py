@@ -2,7 +2,7 @@
 """
 Multiple shooting in closed form: data and laws over all flights, with their derivatives.
 
-As in `orbits.segments` the nodes are events, here impacts and reversals, and the unknowns are
+As in `orbits.closed_flights` nodes are events, here impacts and reversals, and the unknowns are
 their instants and the states (X, X', Y, Z') just after them; there is no closure but data, and the
 parameters are unknown, too. From node to node the motion is one closed formula, so that nothing is
 simulated and no error is carried over more than one flight: chaos does no harm.

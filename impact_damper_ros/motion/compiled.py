@@ -311,17 +311,15 @@ def _dispatcher(name: str) -> Any:
     return numba.njit(twin, nogil=True, error_model='numpy', cache=keep is not None, _nrt=False)
 
 
-def _notice(log: logging.Logger) -> Any:
-    """Report that numba compiles, at its first kernel; it does not where it loads what is kept."""
+def _notice(log: logging.Logger, what: str) -> Any:
+    """Report once that numba compiles something; it does not where it loads what is kept."""
     from numba.core.event import Listener, install_listener
 
     class Notice(Listener):  # type: ignore[misc]
-        text = 'compiling the simulator, once for each version (some 7 s)'
-
         def on_start(self, _event: Any) -> None:
-            if self.text:
-                log.warning(self.text)
-            self.text = ''
+            if what not in _REPORTED:
+                log.warning('compiling the %s, once for each version (some 7 s)', what)
+            _REPORTED.add(what)
 
         def on_end(self, _event: Any) -> None:
             pass
@@ -329,18 +327,19 @@ def _notice(log: logging.Logger) -> Any:
     return install_listener('numba:compile', Notice())
 
 
-#: What has been compiled or loaded in this process.
+#: What has been compiled or loaded in this process, and of what that is reported.
 _ENTRIES: dict[str, Any] = {}
+_REPORTED: set[str] = set()
 
 
-def compiled(name: str, arguments: Sequence[Any]) -> Any:
+def compiled(name: str, arguments: Sequence[Any], what: str = 'simulator') -> Any:
     """
     Return a kernel compiled for arguments, which have the same types in all calls.
 
     numba would look at the types of the arguments at each call, which takes longer than a short
     run. Compiled code that cannot be kept, as on a full disk, serves this process; code that was
     kept and is damaged, as by a power cut, is compiled again. That the kernel has to be compiled,
-    since no process has kept it, is reported.
+    since no process has kept it, is reported, with what it belongs to.
     """
     if name in _ENTRIES:
         return _ENTRIES[name]
@@ -348,7 +347,7 @@ def compiled(name: str, arguments: Sequence[Any]) -> Any:
 
     log = logging.getLogger(__package__)
     loop, kinds = _dispatcher(name), tuple(map(numba.typeof, arguments))
-    with _notice(log):
+    with _notice(log, what):
         try:
             loop.compile(kinds)
         except OSError as error:

@@ -316,15 +316,10 @@ def begin_joint(moving: Moving) -> None:
 
 
 @kernel(inline=True)
-def begin_moving(moving: Moving) -> None:
-    """Begin a flight in which m moves relative to M."""
+def accelerate(moving: Moving, direction: int) -> float:
+    """Set the acceleration of M where m moves by itself in a direction, and return that of Y."""
     constants, lines, run, waves, _ = moving
     air = air_acceleration(constants, run)
-    direction = 0
-    if run.mode == SLIDE_DOWN:
-        direction = 1
-    elif run.mode == SLIDE_UP:
-        direction = -1
     run.joint = False
     run.first = 0
     run.constant = pushed(
@@ -340,6 +335,19 @@ def begin_moving(moving: Moving) -> None:
     relative = (constants.slope - direction * constants.grip + air) - acceleration
     if run.carried:
         relative -= run.base_acceleration
+    return relative
+
+
+@kernel(inline=True)
+def begin_moving(moving: Moving) -> None:
+    """Begin a flight in which m moves relative to M."""
+    run = moving.run
+    direction = 0
+    if run.mode == SLIDE_DOWN:
+        direction = 1
+    elif run.mode == SLIDE_UP:
+        direction = -1
+    relative = accelerate(moving, direction)
     if run.released:
         relative = 0.0
     elif run.relative_velocity == 0.0 and (
@@ -683,7 +691,7 @@ def motion_after(moving: Moving, tau: float) -> Motion:
     Bapat (1995), equations (3)-(5), in the form that the module describes.
     """
     constants, _, run, _, _ = moving
-    if tau <= oscillator_of(constants, run).taylor_limit:
+    if abs(tau) <= oscillator_of(constants, run).taylor_limit:
         return motion_near(moving, tau)
     return motion_far(moving, tau)
 

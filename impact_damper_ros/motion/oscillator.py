@@ -170,7 +170,9 @@ _STEP_DIGITS = 20
 #: Largest phase, of the fastest of spring and harmonics, at which the Taylor series is summed.
 _TAYLOR_REACH = 0.25
 #: 1/n! for each n: the last term of the series of a step is below 1e-24.
-_INVERSES = [1 / np.longdouble(factorial(n)) for n in range(26)]
+_TERMS = 26
+_INVERSES = [1 / np.longdouble(factorial(n)) for n in range(_TERMS)]
+_LAST_INVERSE = float(_INVERSES[-1])
 # Splits a number in two halves, whose products are exact (Dekker 1971)
 _SPLIT = 134217729.0
 
@@ -328,6 +330,132 @@ def oscillators(
         rows_of(Oscillator, len(mass), **constants),
         rows_of(Line, frequencies.shape, **lines),
     )
+
+
+@kernel
+def most_driven(omega: float, decay: float, circular: float, span: float) -> tuple[float, float]:
+    """Bound the response from rest to a harmonic of unit acceleration in a span, and its rate."""
+    most = span * min(1.0 / omega, 0.5 * span)
+    rate = span
+    stiff = omega * omega - circular * circular
+    dashpot = 2.0 * decay * circular
+    gain = sqrt(stiff * stiff + dashpot * dashpot)
+    if gain > 0.0:
+        ratio = circular / omega
+        most = min(most, (1.0 + sqrt(1.0 + ratio * ratio)) / gain)
+        rate = min(rate, (circular + sqrt(omega * omega + circular * circular)) / gain)
+    return most, rate
+
+
+@kernel
+def set_line(oscillator: Any, line: Any) -> None:
+    """Set the constants of the response to a harmonic by its force, frequency and phase."""
+    decay = oscillator.decay
+    circular = line.frequency
+    step = oscillator.step
+    wide_b = oscillator.frequency
+    line.detuning = circular - wide_b
+    real = decay
+    imaginary = line.detuning
+    if circular > 2.0 * wide_b:
+        real = decay * decay + wide_b * wide_b - circular * circular
+        imaginary = 2.0 * decay * circular
+    near = real * real + imaginary * imaginary
+    line.near_re = real / near if near > 0.0 else 0.0
+    line.near_im = imaginary / near if near > 0.0 else 0.0
+    far = decay * decay + (circular + wide_b) * (circular + wide_b)
+    line.far_re = decay / far
+    line.far_im = (circular + wide_b) / far
+    line.push = step * step * line.force
+    line.turn = step * circular
+    # Without a force the step may be a long one for a harmonic.
+    angle = line.turn if line.force != 0.0 else 0.0
+    line.turn_cosine = cos(angle)
+    line.turn_sine = sin(angle)
+    square = -angle * angle
+    # As in `oscillators`
+    inverse = _LAST_INVERSE
+    ahead = beyond = even = odd = 0.0
+    for k in range(_TERMS):
+        n = _TERMS - 1 - k
+        here = inverse - oscillator.dashpot * ahead - oscillator.spring * beyond
+        if n >= 2 and n % 2 == 0:
+            even = even * square + here
+        elif n >= 2:
+            odd = odd * square + here
+        beyond = ahead
+        ahead = here
+        inverse *= n
+    line.x_cosine = line.push * line.turn * odd
+    line.x_sine = line.push * even
+    line.v_cosine = line.push * line.turn * even / step
+    # The last but one is that from a unit X'.
+    line.v_sine = line.push * (beyond + square * odd) / step
+
+
+@kernel
+def set_oscillator(
+    oscillator: Any, lines: Any, mass: float, stiffness: float, damping: float
+) -> None:
+    """
+    Set the constants of an oscillator and of its harmonics, whose force, frequency and phase are.
+
+    For solvers, which vary a rig: they are those of `oscillators` without the digits beyond a
+    float's, which a run of many steps needs.
+    """
+    omega_squared = stiffness / mass
+    omega = sqrt(omega_squared)
+    decay = damping / (2.0 * mass)
+    frequency = sqrt(omega_squared - decay * decay)
+    fastest = omega
+    for j in range(len(lines)):
+        if lines[j].force != 0.0:
+            fastest = max(fastest, lines[j].frequency)
+    step = _STEP / fastest
+    large = frequency * _SPLIT
+    oscillator.decay = decay
+    oscillator.frequency = frequency
+    oscillator.inverse = 1.0 / frequency
+    oscillator.omega_squared = omega_squared
+    oscillator.inverse_square = 1.0 / omega_squared
+    oscillator.frequency_upper = large - (large - frequency)
+    oscillator.frequency_low = 0.0
+    oscillator.fastest = fastest
+    oscillator.taylor_limit = _TAYLOR_REACH / fastest
+    oscillator.horizon = 2.0 / omega
+    oscillator.step = step
+    oscillator.steps = 1.0 / step
+    oscillator.spring = omega_squared * step * step
+    oscillator.dashpot = 2.0 * decay * step
+    free: Free = free_response(oscillator, step)
+    oscillator.x_x = free.step
+    oscillator.v_x = -omega_squared * free.impulse
+    oscillator.x_v = free.impulse
+    oscillator.v_v = free.rate
+    jerk = 0.0
+    bound_3 = bound_4 = bound_5 = rate_3 = rate_4 = rate_5 = 0.0
+    for j in range(len(lines)):
+        line = lines[j]
+        set_line(oscillator, line)
+        if line.force != 0.0:
+            circular = line.frequency
+            most, _ = most_driven(omega, decay, circular, oscillator.horizon)
+            cube = abs(line.force) * circular * circular * circular
+            jerk += cube * most
+            most, rate = most_driven(omega, decay, circular, POINTS * step)
+            bound_3 += cube * most
+            rate_3 += cube * rate
+            bound_4 += cube * circular * most
+            rate_4 += cube * circular * rate
+            bound_5 += cube * circular * circular * most
+            rate_5 += cube * circular * circular * rate
+    oscillator.jerk_bound = jerk
+    oscillator.bound_3 = bound_3
+    oscillator.bound_4 = bound_4
+    oscillator.bound_5 = bound_5
+    oscillator.rate_3 = rate_3
+    oscillator.rate_4 = rate_4
+    oscillator.rate_5 = rate_5
 
 
 @kernel(inline=True)

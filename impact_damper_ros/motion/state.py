@@ -135,6 +135,7 @@ def rig_fields(p: Any, sine: Any, cosine: Any, forces: Any, base: slice) -> dict
     }
 
 
+@kernel(inline=True)
 def incline(angle: float) -> tuple[float, float]:
     """Return sine and cosine of an angle; at 90 degrees as rounded there is no normal force."""
     cosine = cos(angle)

@@ -14,6 +14,7 @@ on by itself once m is faster, or is out of the way.
 from __future__ import annotations
 
 from math import copysign, inf, sqrt
+from typing import Any
 
 from .compiled import kernel
 from .event import (
@@ -187,6 +188,27 @@ def end_bounces(moving: Moving, stop: int, restitution: float) -> None:
     run.chatter_left = left
 
 
+@kernel(inline=True)
+def rebound(
+    share: float, restitution: float, velocity: float, relative_velocity: float
+) -> tuple[float, float]:
+    """Return X' and Y' after an impact from those before it: momentum and restitution."""
+    return (
+        velocity + share * (1.0 + restitution) * relative_velocity,
+        -restitution * relative_velocity,
+    )
+
+
+@kernel(inline=True)
+def rebound_slopes(share: float, restitution: Any) -> tuple[Any, Any]:
+    """
+    Return the derivatives of what `rebound` returns by the relative velocity before it.
+
+    Of one impact, or in plain Python of many as arrays.
+    """
+    return share * (1.0 + restitution), -restitution
+
+
 @kernel
 def starts_again(run: Run, stop: int) -> bool:
     """Let a stop that m touches go on to its target, unless m holds it up; return if it does."""
@@ -225,8 +247,7 @@ def strike(moving: Moving, stop: int) -> None:
     if run.clearance_1 == 0.0 and run.clearance_2 == 0.0:
         # With no room between the stops, impacts on both follow without end until m is at rest.
         restitution = 0.0
-    after = before + constants.share * (1.0 + restitution) * relative_before
-    relative_after = -restitution * relative_before
+    after, relative_after = rebound(constants.share, restitution, before, relative_before)
     run.velocity = after
     run.last_stop = stop
     run.released = False

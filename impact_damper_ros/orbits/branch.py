@@ -10,13 +10,13 @@ from enum import Enum
 from functools import cached_property
 from itertools import groupby
 from operator import attrgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from impact_damper_ros.parameters.quoting import counted, shown, similar_names
 
 from .orbit import PeriodicOrbit
 from .search import SAME
-from .solution_curve import Piece, number_of
+from .solution_curve import CurvePoint, Piece, number_of
 
 
 class SpecialKind(Enum):
@@ -51,9 +51,9 @@ class Span(NamedTuple):
         return Span(self.low / scale, self.high / scale, self.low_reason, self.high_reason)
 
 
-class BranchPoint(NamedTuple):
+class BranchPoint:
     """
-    A point of a branch.
+    A point of a branch; it can be unpacked to the parameter and the motion.
 
     Attributes
     ----------
@@ -63,8 +63,22 @@ class BranchPoint(NamedTuple):
         The motion there.
     """
 
-    value: float
-    orbit: PeriodicOrbit
+    def __init__(self, point: CurvePoint) -> None:
+        self._point = point
+        self.value = point.value
+
+    @property
+    def orbit(self) -> PeriodicOrbit:
+        """The motion there."""
+        return self._point.orbit
+
+    def __repr__(self) -> str:
+        """Return the point in a line."""
+        return f'BranchPoint(value={self.value!r}, orbit={self.orbit!r})'
+
+    def __iter__(self) -> Iterator[Any]:
+        """Yield the parameter and the motion."""
+        return iter((self.value, self.orbit))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,7 +271,7 @@ class Branch:
             if point is None or not _performed(point.orbit):
                 return math.inf
             if size(point.orbit) < size(best.orbit):
-                best = BranchPoint(piece.curve.value(point.place), point.orbit)
+                best = BranchPoint(point)
             return size(point.orbit)
 
         if sides:

@@ -26,13 +26,26 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
 import numpy as np
 
+from .arclength import (
+    BRANCHING,
+    DOUBLING,
+    FOLD,
+    HIGH_END,
+    LEAST_STEP,
+    LOST,
+    LOW_END,
+    NOT_VIABLE,
+    SHARPEST_TURN,
+    TORUS,
+    VIABLE,
+)
 from .arguments import OrbitError
 from .branch import (
     CLOSES,
@@ -54,25 +67,6 @@ _GUESSED = 0.2
 #: A multiplier that is larger is at a pole.
 _POLE = 1e10
 
-_Test = Callable[[CurvePoint], float]
-
-
-def _fold(point: CurvePoint) -> float:
-    return float(point.tangent[-1])
-
-
-def _doubling(point: CurvePoint) -> float:
-    return math.prod(1.0 + m for m in point.orbit.multipliers).real
-
-
-def _branching(point: CurvePoint) -> float:
-    return math.prod(1.0 - m for m in point.orbit.multipliers).real
-
-
-def _torus(point: CurvePoint) -> float:
-    pairs = itertools.combinations(point.orbit.multipliers, 2)
-    return math.prod(1.0 - a * b for a, b in pairs).real
-
 
 def _events(orbit: PeriodicOrbit) -> Counter[str]:
     """Describe the events of a period."""
@@ -82,16 +76,6 @@ def _events(orbit: PeriodicOrbit) -> Counter[str]:
         for node in sorted(orbit.events)
     )
     return words
-
-
-def _likeness(start: CurvePoint) -> _Test:
-    """Return a test that is positive where a motion is of the same kind as the first one."""
-    kind = (start.orbit.viable, _events(start.orbit))
-
-    def alike(point: CurvePoint) -> float:
-        return 1.0 if (point.orbit.viable, _events(point.orbit)) == kind else -1.0
-
-    return alike
 
 
 def _difference(here: PeriodicOrbit, there: PeriodicOrbit) -> str:
@@ -127,23 +111,39 @@ class _Located(NamedTuple):
     special: SpecialPoint
 
 
-def _locate(piece: Piece, kind: SpecialKind, test: _Test) -> _Located | None:
+#: The test functions, by where they are among the marks of a point.
+_TESTS = {
+    SpecialKind.FOLD: FOLD,
+    SpecialKind.PERIOD_DOUBLING: DOUBLING,
+    SpecialKind.NEIMARK_SACKER: TORUS,
+    SpecialKind.BRANCH_POINT: BRANCHING,
+    SpecialKind.GRAZING: VIABLE,
+}
+
+
+def _turns(start: CurvePoint, end: CurvePoint) -> bool:
+    """Return whether the parameter turns between two points."""
+    return bool(start.tangent[-1] * end.tangent[-1] < 0.0)
+
+
+def _locate(piece: Piece, kind: SpecialKind) -> _Located | None:
     """Find where a test function changes sign between two points of a branch."""
     from scipy.optimize import brentq
 
+    test = _TESTS[kind]
     near, far = (0.0, piece.start), (1.0, piece.end)
-    side = test(piece.start)
+    side = piece.start.marks[test] > 0.0
 
     def value_at(share: float) -> float:
         nonlocal near, far
         middle = piece.at(share)
         if middle is None:
             raise ArithmeticError('the corrector fails')
-        value = test(middle)
-        if (value > 0.0) == (side > 0.0):
-            near = max(near, (share, middle), key=lambda pair: pair[0])
+        value = float(middle.marks[test])
+        if (value > 0.0) == side:
+            near = max(near, (share, middle), key=itemgetter(0))
         else:
-            far = min(far, (share, middle), key=lambda pair: pair[0])
+            far = min(far, (share, middle), key=itemgetter(0))
         return value
 
     try:
@@ -152,13 +152,13 @@ def _locate(piece: Piece, kind: SpecialKind, test: _Test) -> _Located | None:
     except ArithmeticError:
         complete = False
     best, other = near, far
-    if abs(test(best[1])) > abs(test(other[1])):
+    if abs(best[1].marks[test]) > abs(other[1].marks[test]):
         best, other = other, best
     reason = ''
     if kind is SpecialKind.GRAZING:
-        best, other = (near, far) if near[1].orbit.viable else (far, near)
+        best, other = (near, far) if near[1].viable else (far, near)
         there = other[1].orbit
-        replaced = piece.curve.performed(piece.curve.value(other[1].place))
+        replaced = piece.curve.performed(other[1].value)
         beyond = performed(there, there.parameters) if replaced else None
         reason = _difference(best[1].orbit, beyond or there) or piece.change
     orbit = best[1].orbit
@@ -166,9 +166,9 @@ def _locate(piece: Piece, kind: SpecialKind, test: _Test) -> _Located | None:
         return None
     special = SpecialPoint(
         kind=kind,
-        value=piece.curve.value(best[1].place),
+        value=best[1].value,
         orbit=orbit,
-        bracket=(piece.curve.value(near[1].place), piece.curve.value(far[1].place)),
+        bracket=(near[1].value, far[1].value),
         converged=complete,
         reason=reason,
     )
@@ -178,32 +178,22 @@ def _locate(piece: Piece, kind: SpecialKind, test: _Test) -> _Located | None:
 def _special_points(piece: Piece) -> list[_Located]:
     """Locate the special points between two neighbouring points of a branch, in order."""
     start, end = piece.start, piece.end
-    turns = _fold(start) * _fold(end) < 0.0
-    tests: tuple[tuple[SpecialKind, _Test], ...] = (
-        (SpecialKind.FOLD, _fold),
-        (SpecialKind.PERIOD_DOUBLING, _doubling),
-        (SpecialKind.NEIMARK_SACKER, _torus),
-        (SpecialKind.BRANCH_POINT, _branching),
-        (SpecialKind.GRAZING, _likeness(start)),
-    )
-    located_points = []
-    for kind, test in tests:
-        if test(start) * test(end) >= 0.0 or (kind is SpecialKind.BRANCH_POINT and turns):
+    located_points: list[_Located] = []
+    for kind, test in _TESTS.items():
+        changes = start.marks[test] * end.marks[test] < 0.0
+        if not changes or (kind is SpecialKind.BRANCH_POINT and _turns(start, end)):
             continue
-        located = _locate(piece, kind, test)
+        located = _locate(piece, kind)
         if located is None or (piece.change and not located.special.orbit.viable):
             continue
         if kind is SpecialKind.GRAZING and piece.turns:
             located = located._replace(special=replace(located.special, kind=SpecialKind.FOLD))
         located_points.append(located)
-    return sorted(located_points, key=lambda located: located.share)
+    return sorted(located_points, key=attrgetter('share'))
 
 
-_SHARPEST_TURN = 0.95
-_GROWTH = 1.4
 #: The first step, as a share of the largest one.
 _FIRST_STEP = 0.1
-_LEAST_STEP = 1e-7
 #: Distance of a place that is met again.
 _SAME_PLACE = 1e-6
 #: Least scale of a parameter that begins near zero, as a share of its range.
@@ -224,10 +214,10 @@ def _performed_beyond(
     orbit = performed(point.orbit, point.orbit.parameters)
     if orbit is None or orbit.distance(point.orbit) > 4.0 * along.largest_step:
         return None
-    value = curve.value(point.place)
+    value = point.value
     fresh = SolutionCurve(orbit, along, value, curve.scale)
     again = fresh.at_value(fresh.start, value, point.tangent[-1])
-    return (fresh, again) if again is not None and again.orbit.viable else None
+    return (fresh, again) if again is not None and again.viable else None
 
 
 def _beyond_meeting(
@@ -239,7 +229,7 @@ def _beyond_meeting(
     The curve of the motions with both turns there. That of the motions without them does not: the
     rig performs those on one side, where the branch goes on or, at a nonsmooth fold, back.
     """
-    met = _locate(Piece(curve, here, there), SpecialKind.FOLD, _fold)
+    met = _locate(Piece(curve, here, there), SpecialKind.FOLD)
     guess = None if met is None else curve.without_meeting(met.point)
     if met is None or guess is None:
         return None
@@ -248,94 +238,75 @@ def _beyond_meeting(
     step = _BEYOND * float(np.linalg.norm(there.place - here.place))
     for way in (here.tangent[-1], there.tangent[-1]):
         again = fresh.at_value(fresh.start, value + math.copysign(step * curve.scale, way), way)
-        if again is not None and again.orbit.viable:
+        if again is not None and again.viable:
             return fresh, again
     return None
-
-
-def _edge(curve: SolutionCurve, here: CurvePoint, step: float) -> tuple[float, CurvePoint] | None:
-    """Return the bound that the next step would cross, if any, and the point there."""
-    along = curve.along
-    ahead = curve.value(here.place + step * here.tangent)
-    if along.holds(ahead):
-        return None
-    bound = along.low if ahead < along.low else along.high
-    share = (bound / curve.scale - here.place[-1]) / here.tangent[-1]
-    last = curve.at_value(here.place + share * here.tangent, bound, here.tangent[-1])
-    if last is None or float(last.tangent @ here.tangent) < _SHARPEST_TURN:
-        return None
-    return bound, last
 
 
 def _comes_to(curve: SolutionCurve, here: CurvePoint, there: CurvePoint, step: float) -> bool:
     """Return whether a curve passes another point within a step, rather than next to it."""
     chord = there.place - here.place
-    if np.linalg.norm(chord) >= step or float(there.tangent @ here.tangent) < _SHARPEST_TURN:
+    if np.linalg.norm(chord) >= step or float(there.tangent @ here.tangent) < SHARPEST_TURN:
         return False
     ahead = float(chord @ here.tangent)
     met = curve.correct(here.place + ahead * here.tangent, here.tangent)
     return met is not None and bool(np.linalg.norm(met.place - there.place) < _SAME_PLACE)
 
 
+def _fresh_curve(
+    curve: SolutionCurve, here: CurvePoint, there: CurvePoint
+) -> tuple[SolutionCurve, CurvePoint] | None:
+    """Return the motion with other nodes that the rig performs beyond a point, and its curve."""
+    if _turns(here, there):
+        return _beyond_meeting(curve, here, there)
+    return _performed_beyond(curve, there)
+
+
 def _grow(curve: SolutionCurve, point: CurvePoint) -> Branch:
     """Step along a branch until it leaves the bounds, ends or closes."""
     along = curve.along
-    points = [BranchPoint(curve.value(point.place), point.orbit)]
-    pieces: list[Piece] = []
+    first, begun = point, curve
+    points, pieces = [BranchPoint(first)], list[Piece]()
     here, step = point, _FIRST_STEP * along.largest_step
-    least = _LEAST_STEP * along.largest_step
-    ended = f'{along.most_points}{POINTS}'
-    while len(points) < along.most_points:
-        edge = _edge(curve, here, step)
-        ahead = here.place + step * here.tangent
-        there = edge[1] if edge else curve.correct(ahead, here.tangent)
-        fresh, lost = None, False
-        if (
-            there is not None
-            and not there.orbit.viable
-            and curve.performed(curve.value(there.place))
-        ):
-            if _fold(here) * _fold(there) < 0.0:
-                fresh = _beyond_meeting(curve, here, there)
-            else:
-                fresh = _performed_beyond(curve, there)
-            lost = fresh is None
-        if (
-            there is None
-            or lost
-            or float(there.tangent @ here.tangent) < _SHARPEST_TURN
-            or (edge is None and not along.holds(curve.value(there.place)))
-        ):
-            step *= 0.5
-            if step >= least:
-                continue
-            ended = NONE_NEARBY
-            break
-        if edge is not None:
-            ended = f'{along.name} = {edge[0]:g}, {END}'
-            step = float((there.place - here.place) @ here.tangent)
-            if step < least:
-                # It begins there
-                break
-        if fresh is None:
+    ended = ''
+    while not ended and len(points) < along.most_points:
+        ahead, why, step = curve.steps_from(here, step, along.most_points - len(points))
+        beyond = ahead.pop() if why == NOT_VIABLE else None
+        for there in ahead:
             pieces.append(Piece(curve, here, there))
-        else:
+            points.append(BranchPoint(there))
+            half = 0.5 * float(np.linalg.norm(there.place - here.place))
+            here = there
+            if curve is begun and len(points) > 4 and _comes_to(curve, here, first, half):
+                ended = CLOSES
+                points[-1], pieces[-1] = points[0], pieces[-1]._replace(end=first)
+                break
+        if ended:
+            break
+        if why in (LOW_END, HIGH_END):
+            ended = f'{along.name} = {along.low if why == LOW_END else along.high:g}, {END}'
+        elif why == LOST:
+            ended = NONE_NEARBY
+        elif beyond is not None:
+            fresh = _fresh_curve(curve, here, beyond)
+            if fresh is None:
+                step *= 0.5
+                ended = NONE_NEARBY if step < LEAST_STEP * along.largest_step else ''
+                continue
             change = _difference(here.orbit, fresh[1].orbit)
-            turns = _fold(here) * _fold(fresh[1]) < 0.0
-            pieces.append(Piece(curve, here, there, change, turns))
-            curve, there = fresh
+            pieces.append(Piece(curve, here, beyond, change, _turns(here, fresh[1])))
+            curve, here = fresh
+            points.append(BranchPoint(here))
             step = _FIRST_STEP * along.largest_step
-        here = there
-        points.append(BranchPoint(curve.value(here.place), here.orbit))
-        if edge is not None:
-            break
-        round_again = len(points) > 4 and all(piece.curve is curve for piece in pieces)
-        if round_again and _comes_to(curve, here, point, 0.5 * step):
-            ended = CLOSES
-            points[-1], pieces[-1] = points[0], pieces[-1]._replace(end=point)
-            break
-        step = min(along.largest_step, _GROWTH * step)
-    branch = Branch(name=along.name, points=tuple(points), special=(), ended=ended)
+            if not along.low < here.value < along.high:
+                end = along.low if here.value <= along.low else along.high
+                ended = f'{along.name} = {end:g}, {END}'
+    branch = Branch(
+        name=along.name,
+        points=tuple(points),
+        special=(),
+        ended=ended or f'{along.most_points}{POINTS}',
+    )
     return _with_special_points(branch, pieces)
 
 
@@ -343,8 +314,11 @@ def _with_special_points(branch: Branch, between: Sequence[Piece]) -> Branch:
     """Return a branch with its special points, also among its points."""
     special: list[SpecialPoint] = []
     points, pieces = [*branch.points[:1]], []
-    for piece, after in zip(between, branch.points[1:], strict=True):
-        located_points = _special_points(piece)
+    columns = list(_TESTS.values())
+    ends = [[end.marks[columns] for end in (piece.start, piece.end)] for piece in between]
+    changes = (np.prod(ends, axis=1) < 0.0).any(axis=-1) if between else ()
+    for piece, after, change in zip(between, branch.points[1:], changes, strict=True):
+        located_points = _special_points(piece) if change else []
         special += [located.special for located in located_points]
         inside = [(located.share, located.point) for located in located_points]
         for one, other in itertools.pairwise(located_points):
@@ -354,11 +328,13 @@ def _with_special_points(branch: Branch, between: Sequence[Piece]) -> Branch:
         start = piece.start
         for _, point in sorted(inside, key=itemgetter(0)):
             if point.orbit not in (start.orbit, piece.end.orbit):
-                points.append(BranchPoint(piece.curve.value(point.place), point.orbit))
+                points.append(BranchPoint(point))
                 pieces.append(Piece(piece.curve, start, point))
                 start = point
         points.append(after)
-        pieces.append(Piece(piece.curve, start, piece.end))
+        # Beyond a change the rig has left the curve
+        if not (piece.change and located_points):
+            pieces.append(Piece(piece.curve, start, piece.end))
     return replace(branch, points=tuple(points), special=tuple(special), _pieces=tuple(pieces))
 
 
@@ -481,8 +457,7 @@ def switch_branch(
     times = 2 if special.kind is SpecialKind.PERIOD_DOUBLING else 1
     scale = abs(special.value) or 1.0
     curve = SolutionCurve(special.orbit, along, special.value, scale, times)
-    by_unknowns = curve.residual(curve.start[:-1], special.value)[1]
-    direction = np.append(np.linalg.svd(by_unknowns)[2][-1], 0.0)
+    direction = curve.null_direction()
     direction = -direction if mirrored else direction
     point = curve.correct(curve.start + _FIRST_STEP * largest_step * direction, direction)
     if point is None:

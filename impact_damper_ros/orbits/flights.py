@@ -1,35 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Single flights of a rig in plain Python, for solvers that go from flight to flight.
-
-The exact extremes of X are its turning points, found by the certified search.
-"""
+"""Single flights of a rig in plain Python, for solvers that go from flight to flight."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
 from operator import attrgetter
 from typing import NamedTuple
 
-from impact_damper_ros.motion.first_event import first_root
 from impact_damper_ros.motion.flight import (
-    NO_EVENT,
-    REVERSAL,
     Motion,
     begin_flight,
     motion_at,
-    move_to,
     moving_mode,
-    oscillator_of,
     rest,
     starting_motion,
     turn_waves,
 )
-from impact_damper_ros.motion.next_event import ALL_STEPS, find_event
-from impact_damper_ros.motion.oscillator import POINTS, Line
+from impact_damper_ros.motion.oscillator import Line
 from impact_damper_ros.motion.state import (
     REST_1,
     REST_2,
@@ -47,9 +37,6 @@ from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.rig.stepped_sine import SteppedSine
 
 _run_fields = attrgetter(*Run.__dataclass_fields__)
-#: Where the search goes on after a turning point, in steps of the grid: displacements between two
-#: that are closer do not differ.
-_BEYOND = 1e-5
 
 
 class Machine(NamedTuple):
@@ -85,24 +72,10 @@ class Flight:
             return starting_motion(self.moving)
         return motion_at(self.moving, tau)
 
-    def first_event(self, limit: float) -> tuple[int, float]:
-        """Return the first event up to a time since the origin, s, and when; or `NO_EVENT`."""
-        self.run.steps = ALL_STEPS
-        find_event(self.moving, self.run.time + limit)
-        if self.run.kind == NO_EVENT or self.run.tau > limit:
-            return NO_EVENT, limit
-        return self.run.kind, self.run.tau
-
     def copy(self) -> Flight:
         """Return another flight in the same state."""
         waves = [Wave(w.angle, w.sine_0, w.cosine_0, w.sine, w.cosine) for w in self.waves]
         return Flight(self.machine, Run(*_run_fields(self.run)), waves)
-
-    def after(self, tau: float) -> Flight:
-        """Return the flight that goes on from a time since the origin, s."""
-        there = self.copy()
-        move_to(there.moving, self.run.time + tau)
-        return there.begun()
 
     def begun(self) -> Flight:
         """Begin the flight at its origin, and return it."""
@@ -166,10 +139,11 @@ def flight_at(
     return Flight(machine, run, waves).begun()
 
 
-def rig_on(flight: Flight, parameters: RigParameters) -> Rig:
+def rig_on(flight: Flight, parameters: RigParameters, *, compiled: bool = False) -> Rig:
     """Return the rig that goes on from the origin of a flight, at time 0."""
     angles = tuple(wave.angle for wave in flight.waves)
-    return Rig.resume(Snapshot(parameters, flight.run, angles, (), SteppedSine(0.0)))
+    snapshot = Snapshot(parameters, flight.run, angles, (), SteppedSine(0.0))
+    return Rig.resume(snapshot, compiled=compiled)
 
 
 def flight_at_impact(
@@ -190,45 +164,3 @@ def flight_at_impact(
     beyond = 0.0 if stop == 1 else -2.0 * machine.constants.half_gap
     resting = STICK if relative == 0.0 else 0
     return flight_at(machine, instant, x, velocity, beyond, relative, resting, stop)
-
-
-def _turning_times(flight: Flight, duration: float, relative: bool) -> Iterator[float]:
-    """Yield the times at which X or, if `relative`, Y turns, in order, by the certified search."""
-    there = flight.copy()
-    run = there.run
-    if not relative:
-        # As seen from M, an m that hangs still moves by -X.
-        run.relative_velocity, run.relative_acceleration = -run.velocity, -run.acceleration
-    step = oscillator_of(there.machine.constants, run).step
-    tau, run.direction = 0.0, 0
-    while tau < duration:
-        motion = there.motion(tau)
-        if run.direction == 0:
-            rates = motion.relative_velocity, motion.relative_2, -motion.x_3
-            leading = next((rate for rate in rates if rate != 0.0), 0.0)
-            if leading == 0.0:
-                return
-            run.direction = 1 if leading > 0.0 else -1
-        end = min(tau + POINTS * step, duration)
-        root = first_root(there.moving, REVERSAL, tau, motion, end, step)
-        tau = end
-        if root < inf:
-            yield root
-            run.direction, tau = 0, root + _BEYOND * step
-
-
-def extremes(flight: Flight, duration: float, *, relative: bool) -> tuple[float, float]:
-    """Return the least and largest X of a flight or, if `relative`, of Y - Y(origin), m."""
-    times = [0.0, duration, *_turning_times(flight, duration, relative)]
-    motions = map(flight.motion, times)
-    values = [motion.travel if relative else motion.x for motion in motions]
-    return min(values), max(values)
-
-
-def largest_displacement(flights: Iterable[Flight], durations: Iterable[float]) -> float:
-    """Return the largest |X| over flights, from their turning points, m."""
-    largest = 0.0
-    for flight, duration in zip(flights, durations, strict=True):
-        low, high = extremes(flight, max(0.0, duration), relative=False)
-        largest = max(largest, -low, high)
-    return largest

@@ -17,14 +17,13 @@ References
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.motion.state import RigConstants, incline, rig_fields
-from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.motion.state import RigConstants
+from impact_damper_ros.motion.transition import rebound_slopes
 from impact_damper_ros.rig.rig import Events
 
 from .response import Array
@@ -49,48 +48,6 @@ def velocities_of(events: Events, side: str, joint: Mask, share: float) -> tuple
     )
 
 
-class Vibration(NamedTuple):
-    """Free vibration of M alone, or of M and m as one mass."""
-
-    decay: float
-    frequency: float
-    omega_squared: float
-
-    @classmethod
-    def of(cls, mass: float, stiffness: float, damping: float) -> Self:
-        """Return that of a mass on spring and dashpot."""
-        decay, omega_squared = damping / (2.0 * mass), stiffness / mass
-        return cls(decay, math.sqrt(omega_squared - decay * decay), omega_squared)
-
-
-class FlightConstants(NamedTuple):
-    """
-    What of `RigConstants` the equations of motion depend on.
-
-    The others, for the search of events, take 20 times as long to compute.
-    """
-
-    free: Vibration
-    joint: Vibration
-    mass_ratio: float
-    share: float
-    restitution_1: float
-    restitution_2: float
-    slope: float
-    grip: float
-    air: float
-    half_gap: float
-    one_sided: bool
-
-    @classmethod
-    def of(cls, rig: RigParameters) -> Self:
-        """Return those of a rig."""
-        fields = rig_fields(rig, *incline(rig.angle), 0.0, slice(0, 0))
-        masses = rig.primary_mass, rig.primary_mass + rig.damper_mass
-        free, joint = (Vibration.of(mass, rig.stiffness, rig.damping) for mass in masses)
-        return cls(free, joint, **{name: fields[name] for name in cls._fields[2:]})
-
-
 class FlightLaws(NamedTuple):
     """
     The equations of motion in flights.
@@ -109,7 +66,7 @@ class FlightLaws(NamedTuple):
     @classmethod
     def of(
         cls,
-        constants: RigConstants | FlightConstants,
+        constants: RigConstants,
         joint: Mask,
         direction: Array,
         away: Array,
@@ -166,8 +123,9 @@ def jumps(share: float, impact: Mask, restitution: Array) -> Array:
     """Return the derivative (n, 4, 4) of the state after events by that before them."""
     jump = np.zeros((len(impact), 4, 4))
     jump[:, range(4), range(4)] = 1.0
-    jump[:, V, U] = impact * share * (1.0 + restitution)
-    jump[:, U, U] = np.where(impact, -restitution, 1.0)
+    slide, stay = rebound_slopes(share, restitution)
+    jump[:, V, U] = np.where(impact, slide, 0.0)
+    jump[:, U, U] = np.where(impact, stay, 1.0)
     return jump
 
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from impact_damper_ros.motion.compiled import has_numba
 from impact_damper_ros.parameters.parameter_spec import ParameterError, whole_number
 from impact_damper_ros.parameters.rig_parameters import (
     INITIAL_SPECS,
@@ -32,12 +33,15 @@ from .arguments import (
 )
 from .flights import Machine, machine_of
 from .orbit import AT_IMPACTS, PeriodicOrbit
-from .segments import Solution
+from .periodic_problem import Solution
 from .solved_orbits import after_impact, guess_along, orbit_at, orbit_of, solved
 from .starts import ImpactEquations, many_impact_roots, one_impact_roots, two_impact_roots
 
 #: Motions closer than this, relative to their size, are the same.
 SAME = 1e-7
+
+#: The same motions have largest |X| closer than this, which is compared first.
+_ALIKE = 1e-4
 
 #: Restitution below which a chatter may have only one or two impacts before m rests.
 SOFT = 0.2
@@ -49,8 +53,9 @@ MOST_CYCLES = 1000
 
 _SETTLING_CYCLES = 120
 _STARTS_PER_RUN = 3
-_MOST_EVENTS, _MOST_AT_ONCE = 200, 2000
-_BUSY_PERIODS = 8
+#: Most events of a period, on average, of a rig that is run; first of some periods.
+_MOST_EVENTS = 200
+_FIRST_PERIODS = 10
 #: Changes of the velocity of M that make a rig leave an unstable motion, as shares of Xmax Omega:
 #: wide ones from a motion that is slowly left, narrow ones from one with another next to it.
 _PUSHES = 1e-2, -1e-2, 1e-4, -1e-4
@@ -105,12 +110,9 @@ class OrbitSearch:
 
 def _hits(solution: Solution) -> bool:
     """Return whether all impacts have a speed; motion without impacts solves the equations too."""
-    problem = solution.segments
-    before = solution.flights.end
-    scale = max(
-        problem.length * problem.parameters.first_harmonic[1], float(np.abs(before[:, 1]).max())
-    )
-    return bool(np.abs(before[:, 3]).min() > SAME * scale)
+    speed = np.abs(solution.before[:, 1]).max()
+    scale = max(solution.problem.length * math.tau / solution.cycle, float(speed))
+    return bool(np.abs(solution.before[:, 3]).min() > SAME * scale)
 
 
 def counted_as(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | None:
@@ -131,7 +133,8 @@ def _distinct(
     for orbit in sorted(filter(None, turned), key=lambda orbit: orbit.residual):
         if orbit.repeats(SAME):
             continue
-        if not any(orbit.distance(other) < SAME for other in kept):
+        alike = (o for o in kept if abs(o.x_max - orbit.x_max) <= _ALIKE * orbit.x_max)
+        if not any(orbit.distance(other) < SAME for other in alike):
             kept.append(orbit)
     kept.sort(key=lambda orbit: (not orbit.viable, not orbit.stable, orbit.x_max))
     return kept
@@ -204,53 +207,51 @@ def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
         )
 
 
-def _settled_near(
-    rig: Rig, instant: float, cycles: int, most_events: int
-) -> Iterator[PeriodicOrbit | None]:
+def _settled_near(rig: Rig, instant: float, cycles: int) -> Iterator[PeriodicOrbit | None]:
     """
     Yield the motions near that of a rig which has had time to settle; None where there is none.
 
-    It starts at an instant of its force, s. `most_events` is for a period; a rig that has more for
-    long is given up early.
+    It starts at an instant of its force, s. A rig that has too many events is given up.
     """
     parameters = rig.parameters
     period = cycles * math.tau / parameters.first_harmonic[1]
-    periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
-    busy = 0
-    for i in range(periods):
-        if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
-            guess = guess_along(Rig.resume(rig.state()), instant, period)
-            yield None if guess is None else solved(parameters, guess, cycles)
-        run = rig.run((i + 1) * period, most_events=_MOST_AT_ONCE)
-        busy = busy + 1 if run.event_count > most_events else 0
-        if busy > _BUSY_PERIODS or run.outcome is not Outcome.COMPLETE:
+    last = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles) - 1
+    looks = range(last - 2 * (_STARTS_PER_RUN - 1), last + 1, 2)
+    done = 0
+    for periods in sorted({min(_FIRST_PERIODS, looks[0]), *looks}):
+        most = (periods - done) * _MOST_EVENTS
+        run = rig.run(periods * period, record=False, most_events=most)
+        if run.outcome is not Outcome.COMPLETE:
             break
+        done = periods
+        if periods in looks:
+            there = Rig.resume(rig.state(), compiled=rig.compiled)
+            guess = guess_along(there, instant, period)
+            yield None if guess is None else solved(parameters, guess, cycles)
 
 
-# For all stop sequences of as many impacts
-@lru_cache(maxsize=2)
-def settled_orbits(
-    parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
-) -> tuple[PeriodicOrbit | None, ...]:
+# For all stop sequences
+@lru_cache(maxsize=4)
+def settled_orbits(parameters: RigParameters, cycles: int) -> tuple[PeriodicOrbit | None, ...]:
     """Return the motions near simulated motion, from `starting_points`, as `_settled_near`."""
     orbits: list[PeriodicOrbit | None] = []
     for initial in starting_points(parameters):
         try:
-            rig = Rig(parameters, initial)
+            rig = Rig(parameters, initial, compiled=None)
         except ParameterError:
             continue
-        orbits += _settled_near(rig, 0.0, cycles, most_events)
+        orbits += _settled_near(rig, 0.0, cycles)
     return tuple(orbits)
 
 
-def _left_for(
-    orbit: PeriodicOrbit, cycles: int, most_events: int
-) -> Iterator[PeriodicOrbit | None]:
+def _left_for(orbit: PeriodicOrbit, cycles: int) -> Iterator[PeriodicOrbit | None]:
     """Yield the motions of some cycles for which a rig leaves an unstable one, on either side."""
     rate = orbit.parameters.first_harmonic[1]
     for push in _PUSHES:
-        rig = after_impact(orbit, orbit.parameters, push * orbit.x_max * rate)
-        yield from _settled_near(rig, orbit.instants[0], cycles, most_events)
+        rig = after_impact(
+            orbit, orbit.parameters, push * orbit.x_max * rate, compiled=has_numba()
+        )
+        yield from _settled_near(rig, orbit.instants[0], cycles)
 
 
 def _repeated(
@@ -308,13 +309,11 @@ def _followed_orbits(
     """
     orbits = [carried_over(orbit, parameters) for orbit in simpler]
     if simulate:
-        # Impacts, as many reversals, and room for sticking
-        most_events = 4 * len(stops) + 8
-        orbits += settled_orbits(parameters, cycles, most_events)
+        orbits += settled_orbits(parameters, cycles)
         left = _distinct([*present, *orbits], stops)
         for orbit in (*left, *_repeated(parameters, stops, cycles, starts)):
             if orbit.viable and orbit.unstable:
-                orbits += _left_for(orbit, cycles, most_events)
+                orbits += _left_for(orbit, cycles)
     return orbits
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -24,11 +25,29 @@ from impact_damper_ros.parameters.parameter_spec import (
 from impact_damper_ros.parameters.quoting import shown, similar_names
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
 
+from .arclength import (
+    CORRECT,
+    ENOUGH,
+    GO_ON,
+    LEAST_STEP,
+    LOST,
+    NOT_VIABLE,
+    ROOM,
+    SHARPEST_TURN,
+    VIABLE,
+    Trace,
+)
 from .arguments import OrbitError, check_forcing, single_harmonic
+from .closed_flights import BEST_DERIVATIVE, FIRST_LINE, FRICTION, GRAVITY, GUESS, NORMAL, TANGENT
 from .orbit import PeriodicOrbit
+from .periodic_problem import (
+    NUMBERS,
+    PeriodicProblem,
+    Solution,
+    numbers_of,
+)
 from .response import Array
 from .search import within_theory
-from .segments import Segments, Solution, newton
 from .solved_orbits import Guess, guess_on, orbit_of
 
 #: A name for both coefficients of restitution at once.
@@ -187,34 +206,58 @@ class Steps:
         return self.low <= value <= self.high
 
 
-#: Largest residual of a point on a branch, and one that is small enough.
-RESIDUAL_TOLERANCE, _ENOUGH = 1e-11, 1e-15
-
+#: Rows of a trace: not too many steps for Ctrl-C.
+_ROWS = 64
 _AT_BOUND = 1e-12
 #: Error of a place between two points of a branch, as a share of their distance.
 LOCATED = 1e-9
-#: Most equations of which the tangent is a singular vector, as it is for dependent ones.
-_FEW = 16
+#: Change of a parameter over its scale by which numbers of a rig are differentiated, where they
+#: are no parameters themselves, and the error of the parameter at which they are taken.
+_CHANGE, _TAKEN = 1e-6, 1e-12
+_MOST_LOOKS = 12
 
 
-def _tangent(matrix: Array) -> Array:
-    """Return the unit tangent of a curve, along its normal in the last row of a derivative."""
-    if len(matrix) <= _FEW:
-        tangent: Array = np.linalg.svd(matrix[:-1])[2][-1]
-        return tangent if tangent @ matrix[-1] >= 0.0 else -tangent
-    along = np.zeros(len(matrix))
-    along[-1] = 1.0
-    tangent = np.asarray(np.linalg.solve(matrix, along), np.float64)
-    return tangent / float(np.linalg.norm(tangent))
+def _own_numbers(name: str, parameters: RigParameters) -> list[int]:
+    """Return where a parameter is among the numbers of a rig; none if they depend on it."""
+    if name == BOTH_RESTITUTIONS:
+        return [NUMBERS.index('restitution_1'), NUMBERS.index('restitution_2')]
+    if name in NUMBERS:
+        # Forces that stand for a base depend on its spring and dashpot.
+        on_base = name in ('stiffness', 'damping') and parameters.base_motion.moves
+        return [] if on_base else [NUMBERS.index(name)]
+    line = 'force_amplitudes', 'force_frequencies', 'force_phases'
+    own = name in line and parameters.swept == 'force'
+    return [FIRST_LINE + line.index(name)] if own else []
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CurvePoint:
     """A point of a branch: unknowns and scaled parameter, unit tangent, and the motion."""
 
+    curve: SolutionCurve
     place: Array
     tangent: Array
-    orbit: PeriodicOrbit
+    marks: Array
+
+    @property
+    def value(self) -> float:
+        """The parameter."""
+        return self.curve.value(self.place)
+
+    @property
+    def viable(self) -> bool:
+        """Whether the rig can perform the motion."""
+        return bool(self.marks[VIABLE] > 0.0)
+
+    @cached_property
+    def solution(self) -> Solution:
+        """The solution of the boundary-value problem, computed again."""
+        return self.curve.solution_at(self)
+
+    @cached_property
+    def orbit(self) -> PeriodicOrbit:
+        """The motion."""
+        return orbit_of(self.solution)
 
 
 class SolutionCurve:
@@ -240,33 +283,34 @@ class SolutionCurve:
         self.parameters = orbit.parameters
         self.along = along
         self.scale = scale
-        self._nodes = guess.nodes * times
-        self._cycles = orbit.cycles * times
         self._of_impacts = len(guess.nodes) == orbit.impacts
-        segments = Segments(self.parameters, self._nodes, self._cycles)
-        self._units = segments.length, segments.length * segments.rate
-        # Cache of the last value, which is needed up to three times in a row
-        self._last = value, segments
-        self._set_units(segments)
+        self.problem = PeriodicProblem(self.parameters, guess.nodes * times, orbit.cycles * times)
+        name = along.path if isinstance(along.path, str) else ''
+        self._own = _own_numbers(name, self.parameters)
+        if self._own:
+            start, slope = numbers_of(self.parameters), np.zeros(len(self.problem.arrays.rig))
+            start[self._own], slope[self._own] = 0.0, scale
+            self.problem.set_path(start, slope)
         later = orbit.period * np.arange(times)[:, None]
-        unknowns = segments.unknowns(
+        unknowns = self.problem.unknowns(
             np.tile(guess.states, (times, 1)), (guess.instants + later).ravel()
         )
         self.start: Array = np.append(unknowns, value / scale)
+        self._traces: dict[int, Trace] = {}
 
-    def _set_units(self, segments: Segments) -> None:
-        # With angles of the force as unknowns, they do not depend on its frequency.
-        segments.set_units(*self._units, segments.parameters.first_harmonic[1])
+    def _rig(self, value: float) -> RigParameters:
+        rig = self.along.rig(self.parameters, value)
+        if not self._own:
+            check_forcing(rig, self.problem.cycles)
+        return rig
 
-    def _segments(self, value: float) -> Segments:
-        """Return the boundary-value problem at a value of the parameter."""
-        if self._last[0] != value:
-            rig = self.along.rig(self.parameters, value)
-            check_forcing(rig, self._cycles)
-            segments = Segments(rig, self._nodes, self._cycles)
-            self._set_units(segments)
-            self._last = value, segments
-        return self._last[1]
+    def _numbers(self, value: float) -> Array:
+        """Return the numbers of the rig at a value of the parameter."""
+        if not self._own:
+            return numbers_of(self._rig(value))
+        start, slope = self.problem.arrays.path
+        numbers: Array = start + value / self.scale * slope
+        return numbers
 
     def performed(self, value: float) -> bool:
         """
@@ -274,10 +318,10 @@ class SolutionCurve:
 
         The theory of impacts follows its solutions through, where it holds.
         """
-        problem = self._segments(value)
-        rig = problem.parameters
-        theory = single_harmonic(rig) and within_theory(problem.constants.grip, problem.stops)
-        return not (self._of_impacts and theory)
+        numbers = self._numbers(value)
+        grip = abs(numbers[FRICTION] * numbers[GRAVITY])
+        single = not numbers[FIRST_LINE + 3 :: 3].any()
+        return not (self._of_impacts and single and within_theory(grip, self.problem.stops))
 
     def value(self, place: Array) -> float:
         """Return the parameter, that of a bound where only round-off is between."""
@@ -287,70 +331,108 @@ class SolutionCurve:
 
     def without_meeting(self, point: CurvePoint) -> Guess | None:
         """Return a guess without the two closest events of a point; None if it needs them."""
-        segments, nodes = self._segments(self.value(point.place)), self._nodes
-        states, instants = segments.motion(point.place[:-1])
-        first = int(segments.durations(instants).argmin())
+        solution, nodes = point.solution, self.problem.nodes
+        first = int(np.argmin(solution.spans))
         pair = [first, (first + 1) % len(nodes)]
         kinds = {nodes[j].kind for j in pair}
         if EventKind.IMPACT in kinds or nodes[first - 1].mode != nodes[pair[1]].mode:
             return None
         left = tuple(node for j, node in enumerate(nodes) if j not in pair)
-        return Guess(left, np.delete(states, pair, 0), np.delete(instants, pair))
+        return Guess(left, np.delete(solution.states, pair, 0), np.delete(solution.instants, pair))
 
-    def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
-        """Return the equations' residual, and its derivative by the unknowns."""
-        segments = self._segments(value)
-        lasts = segments.durations(segments.motion(unknowns)[1])
-        if float(lasts.min()) <= 0.0 and not self.performed(value):
-            raise ArithmeticError('impacts out of order')
-        return segments.residual(unknowns)
+    def null_direction(self) -> Array:
+        """Return the unknowns' direction in which the equations change least at the start."""
+        self._solve(self.start, np.append(np.zeros(len(self.start) - 1), 1.0), math.inf)
+        by_unknowns = self.problem.arrays.matrices[BEST_DERIVATIVE, :-1, :-1]
+        return np.append(np.linalg.svd(by_unknowns)[2][-1], 0.0)
 
-    def _system(self, place: Array) -> tuple[Array, Array]:
-        """Return the residual and its derivative by unknowns and parameter."""
-        value = self.value(place)
-        residual, by_unknowns = self.residual(place[:-1], value)
-        if self.along.path == 'gap':
-            by_gap = self._segments(value).by_gap()
-            return residual, np.column_stack([by_unknowns, by_gap * self.scale])
-        step = 1e-6 * max(abs(float(place[-1])), 1e-3)
-        sides = []
-        for move in (step, -step):
+    def solution_at(self, point: CurvePoint) -> Solution:
+        """Return the solution at a point of the curve, with its residuals on the way there."""
+        self._solve(point.place, point.tangent, ENOUGH)
+        return self.problem.solution(self._rig(point.value))
+
+    def _lay_path(self, value: float) -> None:
+        """Let the path be the tangent to that of the rigs at a value."""
+        here, sides = numbers_of(self._rig(value)), []
+        for move in (_CHANGE * self.scale, -_CHANGE * self.scale):
             try:
-                there = self.residual(place[:-1], (place[-1] + move) * self.scale)[0]
-                sides.append((move, there))
+                sides.append((move, numbers_of(self._rig(value + move))))
             except ParameterError:
                 # At the edge of the admissible range, from within
-                sides.append((0.0, residual))
-        (ahead, value_ahead), (behind, value_behind) = sides
-        by_value = (value_ahead - value_behind) / (ahead - behind)
-        return residual, np.column_stack([by_unknowns, by_value])
+                sides.append((0.0, here))
+        (ahead, one), (behind, other) = sides
+        if len(here) != len(self.problem.arrays.rig):
+            raise OrbitError(
+                f'the number of harmonics changes along {self.along.name}: give a range in which '
+                'it does not'
+            )
+        slope = (one - other) / (ahead - behind) * self.scale
+        self.problem.set_path(here - value / self.scale * slope, slope)
+
+    def _solve(self, guess: Array, normal: Array, enough: float) -> bool:
+        """Solve in the plane through a guess; return whether there is a solution."""
+        problem, arrays = self.problem, self.problem.arrays
+        in_order = not self.performed(float(guess[-1]) * self.scale)
+        arrays.vectors[NORMAL], arrays.vectors[GUESS] = normal, guess
+        for _ in range(_MOST_LOOKS):
+            taken = float(arrays.vectors[GUESS, -1])
+            if not self._own:
+                self._lay_path(taken * self.scale)
+            if not problem.compute(CORRECT, in_order, enough, 0.0)[0]:
+                return False
+            if self._own or abs(float(arrays.place[-1]) - taken) <= _TAKEN:
+                return True
+            # In the same plane, nearer
+            arrays.vectors[GUESS] = arrays.place
+        return False
 
     def correct(self, guess: Array, normal: Array) -> CurvePoint | None:
         """Return the point of the curve in the plane through a guess, or None."""
-
-        def in_plane(place: Array) -> tuple[Array, Array]:
-            residual, matrix = self._system(place)
-            return np.append(residual, normal @ (place - guess)), np.vstack([matrix, normal])
-
-        def longest_part(place: Array, step: Array) -> float:
-            """Keep impacts in order; other events may pass."""
-            value = self.value(place)
-            if self.performed(value):
-                return 1.0
-            segments = self._segments(value)
-            return float(segments.longest_part(place[:-1], step[:-1]))
-
         try:
-            root = newton(in_plane, guess, longest_part, _ENOUGH)
-            if not root.residual < RESIDUAL_TOLERANCE:
+            if not self._solve(guess, normal, ENOUGH):
                 return None
-            tangent = _tangent(root.jacobian)
-            segments = self._segments(self.value(root.unknowns))
-            motion = segments.motion(root.unknowns[:-1])
-            orbit = orbit_of(Solution(segments, *motion, root.residual, root.history))
-        except (ArithmeticError, np.linalg.LinAlgError, ParameterError):
+        except ParameterError:
             return None
-        return CurvePoint(root.unknowns, tangent, orbit)
+        least, most = self.along.bounds[-2:]
+        if self._own and not least <= self.value(self.problem.arrays.place) <= most:
+            return None
+        arrays = self.problem.arrays
+        tangent, marks = arrays.vectors[TANGENT].copy(), arrays.marks.copy()
+        return CurvePoint(self, arrays.place.copy(), tangent, marks)
+
+    def _point(self, trace: Trace, row: int) -> CurvePoint:
+        rows = trace.places[row], trace.tangents[row], trace.marks[row]
+        return CurvePoint(self, *(part.copy() for part in rows))
+
+    def steps_from(
+        self, here: CurvePoint, step: float, most: int
+    ) -> tuple[list[CurvePoint], int, float]:
+        """
+        Step along the curve from a point on.
+
+        Returns the points, why the steps end, as `arclength.step_along`, and the next step.
+        """
+        along, problem = self.along, self.problem
+        rows = min(_ROWS, most + 1) if self._own else 2
+        trace = self._traces.setdefault(rows, problem.trace_of(rows))
+        trace.places[0], trace.tangents[0] = here.place, here.tangent
+        trace.step[:] = step, along.largest_step
+        ahead = float(here.place[-1] + step * here.tangent[-1]) * self.scale
+        in_order = not self.performed(min(max(ahead, along.low), along.high))
+        if not self._own:
+            self._lay_path(here.value)
+        low, high = along.low / self.scale, along.high / self.scale
+        ended, last = problem.compute(GO_ON, in_order, low, high, trace)
+        points = [self._point(trace, row) for row in range(1, last + 1)]
+        if self._own or not points:
+            return points, ended, float(trace.step[0])
+        # From the tangent to the path of rigs to that itself
+        point = self.correct(points[0].place, problem.arrays.vectors[NORMAL].copy())
+        if point is None or float(point.tangent @ here.tangent) < SHARPEST_TURN:
+            return [], LOST if step < LEAST_STEP * along.largest_step else ROOM, 0.5 * step
+        if ended in (ROOM, NOT_VIABLE):
+            ended = ROOM if point.viable or in_order else NOT_VIABLE
+        return [point], ended, float(trace.step[0])
 
     def at_value(self, guess: Array, value: float, upwards: float) -> CurvePoint | None:
         """Return the point at a value of the parameter near a guess, or None."""

@@ -16,18 +16,18 @@ import numpy as np
 
 from impact_damper_ros.motion.event import Event, EventKind
 from impact_damper_ros.motion.state import CHATTER_1, REST_1, REST_2, STICK
+from impact_damper_ros.motion.transition import rebound
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Events, Outcome, Rig
 
 from .arguments import check_forcing, single_harmonic
 from .flight_arrays import Flights, run_flights
-from .flights import flight_at_impact, largest_displacement, machine_of, rig_on
+from .flights import flight_at_impact, machine_of, rig_on
 from .multipliers import velocities_of
 from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
+from .periodic_problem import Node, PeriodicProblem, Solution, impact_nodes, last_stops
 from .response import Array
-from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
 from .transmissibility import Transmissibility
-from .viability import why_not_viable
 
 #: Most events of a period.
 MOST_EVENTS = 2000
@@ -36,7 +36,7 @@ _MOST_LOOKS = 3
 
 
 class Guess(NamedTuple):
-    """Nodes of a motion, and the states and instants there as `Segments` has them."""
+    """Nodes of a motion, and the states and instants there as `PeriodicProblem` has them."""
 
     nodes: tuple[Node, ...]
     states: Array
@@ -117,7 +117,9 @@ def guess_along(rig: Rig, instant: float, period: float) -> Guess | None:
     return Guess(nodes, states, instants)
 
 
-def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, push: float = 0.0) -> Rig:
+def after_impact(
+    orbit: PeriodicOrbit, parameters: RigParameters, push: float = 0.0, *, compiled: bool = False
+) -> Rig:
     """Return a rig just after the first impact of a motion, M faster before it by some m/s."""
     velocity = orbit.primary_velocity_before[0] + push
     damper_velocity = orbit.damper_velocity_before[0]
@@ -129,7 +131,8 @@ def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, push: float = 
         velocity,
         damper_velocity,
     )
-    return rig_on(there.struck(velocity, damper_velocity - velocity), parameters)
+    struck = there.struck(velocity, damper_velocity - velocity)
+    return rig_on(struck, parameters, compiled=compiled)
 
 
 def flights_of(orbit: PeriodicOrbit) -> Flights:
@@ -195,54 +198,46 @@ def _guess_of_impacts(orbit: PeriodicOrbit) -> Guess:
 
 def orbit_of(solution: Solution) -> PeriodicOrbit:
     """Return the periodic motion that belongs to a solution of the boundary-value problem."""
-    segments, states = solution.segments, solution.states
-    constants, cycle, cycles = segments.constants, segments.cycle, segments.cycles
-    impacts = [j for j, node in enumerate(segments.nodes) if node.kind is EventKind.IMPACT]
+    problem = solution.problem
+    rig, cycle, cycles = solution.parameters, solution.cycle, problem.cycles
+    nodes, instants = problem.nodes, solution.instants.tolist()
+    states, before = solution.states.tolist(), solution.before.tolist()
+    share = rig.mass_ratio / (1.0 + rig.mass_ratio)
+    impacts = [j for j, node in enumerate(nodes) if node.kind is EventKind.IMPACT]
     # The whole periods before the first impact do not matter, and would cost digits; nor do its
     # whole cycles in the phases, under one harmonic.
-    late = float(solution.instants[impacts[0]])
-    instants = solution.instants - segments.period * math.floor(late / segments.period)
-    whole = 0
-    if single_harmonic(segments.parameters):
-        whole = math.floor(float(instants[impacts[0]]) / cycle)
-    before = np.roll(solution.flights.end, 1, axis=0)
-    flights = [
-        segments.flight(j, state, float(instant))
-        for j, (state, instant) in enumerate(zip(states, instants, strict=True))
-    ]
-    durations = [float(last) for last in segments.durations(instants)]
-    reason = why_not_viable(segments, flights, durations, before)
+    period = cycles * cycle
+    early = period * math.floor(instants[impacts[0]] / period)
+    whole = math.floor((instants[impacts[0]] - early) / cycle) if single_harmonic(rig) else 0
     columns: dict[str, list[float]] = {name: [] for name in ('phases', *AT_IMPACTS)}
     events: list[OrbitEvent] = []
-    for j, node in enumerate(segments.nodes):
-        phase = (float(instants[j]) / cycle - whole) % cycles
+    for j, node in enumerate(nodes):
+        instant = instants[j] - early
+        phase = (instant / cycle - whole) % cycles
         if node.kind is not EventKind.IMPACT:
             events.append(OrbitEvent(node.kind, node.stop, phase))
             continue
-        _, velocity, _, relative = (float(value) for value in before[j])
-        restitution = constants.restitution_1 if node.stop == 1 else constants.restitution_2
-        after = velocity + constants.share * (1.0 + restitution) * relative
+        _, velocity, _, relative = before[j]
+        restitution = rig.restitution_1 if node.stop == 1 else rig.restitution_2
+        after, relative_after = rebound(share, restitution, velocity, relative)
         row = (
-            *(phase, float(states[j, 0]), velocity, after),
-            *(velocity + relative, after - restitution * relative),
+            *(phase, states[j][0], velocity, after),
+            *(velocity + relative, after + relative_after),
         )
         for column, value in zip(columns.values(), row, strict=True):
             column.append(value)
         if node.resting:
-            left = 0.0
-            if node.mode >= CHATTER_1:
-                left = flights[j].struck(velocity, relative).run.chatter_left
-            rest = ((float(instants[j]) + left) / cycle - whole) % cycles
+            rest = ((instant + solution.chatter_left[j]) / cycle - whole) % cycles
             events.append(OrbitEvent(EventKind.REST, node.stop, rest))
     return PeriodicOrbit(
-        parameters=segments.parameters,
-        stops=segments.stops,
+        parameters=rig,
+        stops=problem.stops,
         cycles=cycles,
         **{name: tuple(values) for name, values in columns.items()},
-        x_max=largest_displacement(flights, durations),
-        multipliers=segments.multipliers(solution.flights),
-        viable=not reason,
-        reason=reason,
+        x_max=solution.x_max,
+        multipliers=solution.multipliers,
+        viable=solution.viable,
+        reason=solution.reason,
         residual=solution.residual,
         residual_history=solution.history,
         events=tuple(events),
@@ -252,13 +247,10 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
 def solved(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbit | None:
     """Return the motion that Newton's method leads to from a guess, if the rig can perform it."""
     for _ in range(_MOST_LOOKS):
-        solution = solve(Segments(parameters, guess.nodes, cycles), *guess[1:])
+        solution = PeriodicProblem(parameters, guess.nodes, cycles).solve(*guess[1:])
         if solution is None:
             return None
-        try:
-            orbit = orbit_of(solution)
-        except ArithmeticError:
-            return None
+        orbit = orbit_of(solution)
         if orbit.viable:
             return orbit
         again = _guess_performed(orbit, parameters)

@@ -21,15 +21,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from math import inf
+from typing import Any
 
 import numpy as np
 
+from impact_damper_ros.motion.compiled import kernel
+from impact_damper_ros.motion.transition import rebound_slopes
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .arguments import OrbitError, check_forcing, check_stops
+from .closed_flights import (
+    AHEAD,
+    BEST,
+    BEST_DERIVATIVE,
+    DERIVATIVE,
+    SPACE,
+    SPAN,
+    STEP,
+    VALUE,
+    Problem,
+    longest_part,
+    set_rig,
+    solve_linear,
+    spread,
+    unit_of,
+    write_equations,
+)
 from .flights import machine_of
+from .periodic_problem import PeriodicProblem, Solution, call_kernel, impact_nodes
 from .response import Array, forced_response, free_response
-from .segments import Segments, Solution, impact_nodes, solve
 
 
 class ImpactEquations:
@@ -88,11 +109,11 @@ class ImpactEquations:
         mass_ratio = constants.mass_ratio
         first = np.array(stops) == 1
         restitution = np.where(first, constants.restitution_1, constants.restitution_2)
-        # M's velocities at an impact from those of m just after and just before it
-        self._before_from_after = (1.0 + mass_ratio) / (1.0 + restitution)
-        self._before_from_before = (restitution - mass_ratio) / (1.0 + restitution)
-        self._after_from_after = (1.0 - mass_ratio * restitution) / (1.0 + restitution)
-        self._after_from_before = (1.0 + mass_ratio) * restitution / (1.0 + restitution)
+        # M's velocity before an impact from those of m just after and just before it, and what of
+        # the relative velocity before it is added to that
+        self._slide, stay = rebound_slopes(constants.share, restitution)
+        self._from_after: Array = np.array(1.0 / (1.0 - self._slide - stay))
+        self._from_before: Array = 1.0 - self._from_after
         direction = np.array(self.directions)
         self.air: Array = np.where(first, -constants.air, constants.air)
         self.accelerations: Array = constants.slope - direction * constants.grip + self.air
@@ -127,9 +148,8 @@ class ImpactEquations:
         mean = (x[..., self._next] - x + constant * self._travel) / lasts
         half = constant * 0.5 * self.accelerations * lasts
         damper, arriving = mean - half, (mean + half)[..., self._last]
-        before = self._before_from_after * damper + self._before_from_before * arriving
-        after = self._after_from_after * damper + self._after_from_before * arriving
-        return before, after, damper
+        before = self._from_after * damper + self._from_before * arriving
+        return before, before + self._slide * (arriving - before), damper
 
     def linear_system(self, instants: Array) -> Array:
         """
@@ -162,68 +182,146 @@ class ImpactEquations:
         return rows
 
     def states(self, x: Array, instants: Array) -> Array:
-        """Return the states just after the impacts as `Segments` has them, (..., N, 4)."""
+        """Return the states just after the impacts as `PeriodicProblem` has them, (..., N, 4)."""
         _, velocity, damper = self._velocities(x, self.durations(instants), 1.0)
         return np.stack([x, velocity, np.zeros_like(x), damper - velocity], axis=-1)
+
+    def columns(self) -> Array:
+        """Return what `write_velocities` needs of each impact, shape (N, 5)."""
+        parts = self._travel, 0.5 * self.accelerations, self._from_after, self._from_before
+        return np.stack([*parts, self._slide], axis=-1)
 
 
 #: Residual of a start that has converged; Newton's method does the rest.
 _REACHED = 1e-10
+_MOST_STEPS = 40
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-11, 1e5
+_DIVERGED = 1e12
 
 
-def impact_problem(equations: ImpactEquations) -> Segments:
+@kernel
+def write_velocities(problem: Problem, impacts: Any) -> None:
+    """Let the velocities at the place be those that displacements and instants ask for."""
+    place, table = problem.place, problem.table
+    count = len(problem.nodes)
+    spread(problem)
+    speed = unit_of(problem, 1)
+    for j in range(count):
+        last, after = (j - 1 if j > 0 else count - 1), (j + 1) % count
+        travel, half, from_after, from_before, slide = impacts[j]
+        span = table[j, SPAN]
+        damper = (table[after, 0] - table[j, 0] + travel) / span - half * span
+        span = table[last, SPAN]
+        arriving = (table[j, 0] - table[last, 0] + impacts[last, 0]) / span
+        arriving += impacts[last, 1] * span
+        before = from_after * damper + from_before * arriving
+        velocity = before + slide * (arriving - before)
+        place[4 * j + 1] = velocity / speed
+        place[4 * j + 2] = (damper - velocity) / speed
+
+
+@kernel
+def keep(problem: Problem, count: int) -> float:
+    """Keep the place, its residual and its derivative; return the sum of the squares."""
+    cost = 0.0
+    for i in range(count):
+        problem.vectors[BEST, i] = problem.place[i]
+        problem.vectors[AHEAD, i] = problem.vectors[VALUE, i]
+        cost += problem.vectors[VALUE, i] * problem.vectors[VALUE, i]
+        for k in range(count):
+            problem.matrices[BEST_DERIVATIVE, i, k] = problem.matrices[DERIVATIVE, i, k]
+    return cost
+
+
+@kernel
+def write_damped_step(problem: Problem, damping: float, count: int) -> None:
+    """Write the step of damped least squares from what is kept."""
+    vectors, space = problem.vectors, problem.matrices[SPACE]
+    jacobian = problem.matrices[BEST_DERIVATIVE]
+    size = 0.0
+    for i in range(count):
+        vectors[VALUE, i] = 0.0
+        for k in range(count):
+            vectors[VALUE, i] -= jacobian[k, i] * vectors[AHEAD, k]
+            space[i, k] = 0.0
+    # Row by row, as most entries of a long motion are zero
+    for row in range(count):
+        for i in range(count):
+            if jacobian[row, i] != 0.0:
+                size += jacobian[row, i] * jacobian[row, i]
+                for k in range(count):
+                    space[i, k] += jacobian[row, i] * jacobian[row, k]
+    for i in range(count):
+        space[i, i] += damping * size / count
+    solve_linear(space, problem.lead, vectors[VALUE], vectors[STEP], count)
+
+
+@kernel
+def approach(problem: Problem, impacts: Any) -> float:
+    """
+    Bring a start close to a root by damped least squares (Levenberg and Marquardt).
+
+    After each step the velocities are those that the impact equations have at its displacements
+    and instants, which saves a third of the steps. Returned is the largest residual.
+    """
+    place, vectors = problem.place, problem.vectors
+    count = len(place) - 1
+    write_equations(problem, True)
+    cost = keep(problem, count)
+    damping = _DAMPING
+    steps = 0
+    # A start that has diverged, to two impacts at once, or is stuck is dropped.
+    while (
+        steps < _MOST_STEPS and _REACHED * _REACHED < cost < _DIVERGED and damping < _MOST_DAMPING
+    ):
+        steps += 1
+        write_damped_step(problem, damping, count)
+        for i in range(count):
+            place[i] = vectors[BEST, i]
+        spread(problem)
+        part = longest_part(problem)
+        for i in range(count):
+            place[i] += part * vectors[STEP, i]
+        write_velocities(problem, impacts)
+        write_equations(problem, True)
+        there = 0.0
+        for i in range(count):
+            there += vectors[VALUE, i] * vectors[VALUE, i]
+        if there < cost:
+            cost = keep(problem, count)
+            damping = max(0.1 * damping, _LEAST_DAMPING)
+        else:
+            damping *= 10.0
+    residual = 0.0
+    for i in range(count):
+        place[i] = vectors[BEST, i]
+        residual = max(residual, abs(vectors[AHEAD, i]))
+    return residual if cost < _DIVERGED else inf
+
+
+@kernel
+def approach_roots(problem: Problem, impacts: Any, starts: Any, residuals: Any) -> int:
+    """Bring starts close to roots, each by `approach`."""
+    set_rig(problem.moving.constants, problem.moving.lines, problem.rig)
+    count = len(problem.place) - 1
+    for s in range(len(starts)):
+        for i in range(count):
+            problem.place[i] = starts[s, i]
+        residuals[s] = approach(problem, impacts)
+        for i in range(count):
+            starts[s, i] = problem.place[i]
+    return len(starts)
+
+
+def impact_problem(equations: ImpactEquations) -> PeriodicProblem:
     """Return the boundary-value problem for which these equations provide the starts."""
-    nodes = impact_nodes(equations.stops)
-    return Segments(equations.parameters, nodes, equations.cycles)
-
-
-def approach_roots(
-    equations: ImpactEquations, problem: Segments, unknowns: Array, steps: int = 40
-) -> tuple[Array, Array]:
-    """
-    Bring many starts close to roots by damped least squares (Levenberg and Marquardt).
-
-    All starts advance at once: 600 of them take 0.2 s for four impacts, 10 s one by one with
-    `scipy.optimize.root`. After each step the velocities are those that the impact equations
-    have at its displacements and instants, which saves a third of the steps. Returns the
-    unknowns and their largest residual.
-    """
-    unknowns = unknowns.copy()
-    value, jacobian = problem.residual(unknowns)
-    cost = np.einsum('si,si->s', value, value)
-    damping = np.full(len(unknowns), 1e-3)
-    identity = np.eye(unknowns.shape[1])
-    for _ in range(steps):
-        # A start that has diverged, to two impacts at once, or is stuck is dropped.
-        active = (cost > _REACHED**2) & (cost < 1e12) & (damping < 1e5)
-        if not active.any():
-            break
-        k = np.flatnonzero(active)
-        j = jacobian[k]
-        turned = j.swapaxes(1, 2)
-        normal = turned @ j
-        slope = turned @ value[k, :, None]
-        size = np.einsum('sjj->s', normal) / len(identity)
-        normal += (damping[k] * size)[:, None, None] * identity
-        step = np.asarray(-np.linalg.solve(normal, slope)[..., 0], np.float64)
-        there = unknowns[k] + problem.longest_part(unknowns[k], step)[:, None] * step
-        states, instants = problem.motion(there)
-        there = problem.unknowns(equations.states(states[..., 0], instants), instants)
-        value_new, jacobian_new = problem.residual(there)
-        cost_new = np.einsum('si,si->s', value_new, value_new)
-        better = cost_new < cost[k]
-        kept = k[better]
-        unknowns[kept] = there[better]
-        value[kept], jacobian[kept] = value_new[better], jacobian_new[better]
-        cost[kept] = cost_new[better]
-        damping[k] = np.where(better, np.maximum(damping[k] * 0.1, 1e-11), damping[k] * 10.0)
-    return unknowns, np.abs(value).max(axis=-1)
+    return PeriodicProblem(equations.parameters, impact_nodes(equations.stops), equations.cycles)
 
 
 def _solved(equations: ImpactEquations, starts: Iterable[tuple[Array, Array]]) -> list[Solution]:
     """Return the solutions that Newton's method leads to from X and instants."""
     problem = impact_problem(equations)
-    solutions = (solve(problem, equations.states(x, t), t) for x, t in starts)
+    solutions = (problem.solve(equations.states(x, t), t) for x, t in starts)
     return [solution for solution in solutions if solution is not None]
 
 
@@ -388,8 +486,8 @@ def two_impact_roots(equations: ImpactEquations) -> list[Solution]:
 
 
 _CLOSE = 1e-6
-#: Starts that are computed at once, times the impacts squared, as the size of a derivative.
-_MOST_NUMBERS = 2**18
+#: Starts that are computed at once, times the cube of the unknowns: not too long for Ctrl-C.
+_MOST_AT_ONCE = 2_000_000
 
 
 def _systematic_starts(equations: ImpactEquations, numbers: range) -> tuple[Array, Array]:
@@ -430,25 +528,28 @@ def many_impact_roots(equations: ImpactEquations, starts: int) -> tuple[list[Sol
     """Find motions of one stop sequence from systematic starts; and how many have converged."""
     if not starts:
         return [], 0
-    problem = impact_problem(equations)
-    at_once = max(1, _MOST_NUMBERS // equations.impacts**2)
-    reached = []
+    problem, impacts = impact_problem(equations), equations.columns()
+    size = problem.layout.unknowns
+    at_once = max(1, _MOST_AT_ONCE // size**3)
+    unknowns, residuals = np.empty((starts, size)), np.empty(starts)
     for first in range(0, starts, at_once):
-        numbers = range(first, min(first + at_once, starts))
-        x, instants = _systematic_starts(equations, numbers)
-        unknowns = problem.unknowns(equations.states(x, instants), instants)
-        reached.append(approach_roots(equations, problem, unknowns))
-    unknowns, residuals = (np.concatenate(part) for part in zip(*reached, strict=True))
-    close = residuals < _CLOSE
+        part = slice(first, min(first + at_once, starts))
+        x, instants = _systematic_starts(equations, range(part.start, part.stop))
+        unknowns[part] = problem.unknowns(equations.states(x, instants), instants)
+        call_kernel(approach_roots, problem.arrays, impacts, unknowns[part], residuals[part])
     # One of each group of starts that came to the same place is polished
     keys: dict[tuple[int, ...], int] = {}
-    states, instants = problem.motion(unknowns)
-    phases = instants / equations.cycle
+    places = unknowns.reshape(starts, -1, 4)
+    phases = places[..., 3] / math.tau
     phases -= np.floor(phases[:, :1])
-    finite = np.isfinite(unknowns).all(axis=-1)
-    for s in np.flatnonzero(close & finite):
-        place = np.concatenate([phases[s], states[s, :, 0] / equations.length])
+    close = (residuals < _CLOSE) & np.isfinite(unknowns).all(axis=-1)
+    for s in np.flatnonzero(close):
+        place = np.concatenate([phases[s], places[s, :, 0]])
         keys.setdefault(tuple(np.round(place * 1e5).astype(int)), int(s))
-    solved = (solve(problem, states[s], instants[s]) for s in keys.values())
-    solutions = [solution for solution in solved if solution is not None]
+    roots = []
+    for place in places[list(keys.values())]:
+        instants = place[:, 3] / equations.frequency
+        x = place[:, 0] * problem.length
+        roots.append(problem.solve(equations.states(x, instants), instants))
+    solutions = [solution for solution in roots if solution is not None]
     return solutions, int((residuals <= _REACHED).sum())

@@ -130,6 +130,7 @@ def test_compiling_and_damage_are_reported_and_loading_is_not(caplog, monkeypatc
         for kept in stamp.parents[1].parent.rglob(f'*{suffix}') if suffix else ():
             kept.write_bytes(damage(kept.read_bytes()))
         monkeypatch.setattr(compiled, '_ENTRIES', {})
+        monkeypatch.setattr(compiled, '_REPORTED', set())
         assert compiled.compiled('chatter_duration', arguments)(*arguments) == 2.0
         said = [record.message for record in caplog.records]
         assert len(said) == len(notices)

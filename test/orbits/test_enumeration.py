@@ -142,7 +142,7 @@ def test_starts_are_the_same_in_parts(monkeypatch):
     """So that many impacts do not need memory for all of them at once."""
     rig = INCLINED.replace(gap=8.0, angle=0.4)
     whole = find_orbits(rig, (1, 1, 2, 2), simulate=False)
-    monkeypatch.setattr(starts, '_MOST_NUMBERS', 1000)
+    monkeypatch.setattr(starts, '_MOST_AT_ONCE', 300_000)
     assert find_orbits(rig, (1, 1, 2, 2), simulate=False) == whole
 
 

@@ -5,8 +5,8 @@ import pytest
 from rigs import INCLINED
 
 from impact_damper_ros import EventKind, find_orbits
-from impact_damper_ros.orbits.flights import extremes
-from impact_damper_ros.orbits.segments import Segments, impact_nodes
+from impact_damper_ros.orbits.flights import flight_at, machine_of
+from impact_damper_ros.orbits.viability import extremes
 from orbits.begun_rigs import begun_on
 
 
@@ -68,16 +68,16 @@ def test_turning_points_against_a_dense_look():
     rng = np.random.default_rng(3)
     for _ in range(12):
         rig = INCLINED.replace(force_frequencies=(float(rng.uniform(0.2, 6.0)),))
-        state = np.append(rng.normal(size=2) * 5.0, [0.0, rng.normal() * 5.0])
-        segments = Segments(rig, impact_nodes((1, 2)), 1)
-        flight = segments.flight(0, state, float(rng.uniform(0.0, segments.period)))
+        x, velocity, relative = 5.0 * rng.normal(size=3)
+        instant = float(rng.uniform(0.0, 10.0))
+        flight = flight_at(machine_of(rig), instant, x, velocity, 0.0, relative, 0, 1)
         duration = float(rng.uniform(1.0, 20.0))
         motions = [flight.motion(tau) for tau in np.linspace(0.0, duration, 5001)]
         for relative, seen in (
             (False, [m.x for m in motions]),
             (True, [m.travel for m in motions]),
         ):
-            low, high = extremes(flight, duration, relative=relative)
+            low, high = extremes(flight.copy().begun().moving, duration, relative)
             span = max(seen) - min(seen)
             assert -1e-12 * span <= high - max(seen) < 1e-4 * span
             assert -1e-12 * span <= min(seen) - low < 1e-4 * span

@@ -132,7 +132,7 @@ def test_presets_have_every_event(bare):
     ('right', 'wrong'),
     [
         # The impulse on M, and the direction of friction
-        ('after = (before + (', 'after = (before - ('),
+        ('(velocity + ((share', '(velocity - ((share'),
         ('(constants.slope - (direction', '(constants.slope + (direction'),
     ],
 )

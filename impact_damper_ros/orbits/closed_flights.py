@@ -1,0 +1,674 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Periodic motions as one boundary-value problem, in kernels.
+
+The events of a period are its nodes: impacts, plastic ones and those that begin the last bounces
+of a chatter among them, reversals of friction, and the beginnings and ends of sticking and rest.
+Between two nodes the motion is one flight of the simulator, in closed form. The unknowns are the
+state just after each node, as far as it is free, and the instants; the equations are that each
+flight leads to the next node, and the condition of that node [1]_:
+
+- impact: m is at the stop. The velocities after it are those of `transition.rebound`; the relative
+  one is zero where the impact is plastic or belongs to the last bounces before rest, which act as
+  one plastic impact;
+- reversal, and the beginning of sticking: the relative velocity is zero;
+- release: m needs as much from its support as friction gives.
+
+A flight carries deviations by its free vibration, Phi; a later start from the same state changes
+its end by -Phi f+, a later end by f-, where f is the rate of the state just after and just before
+a node. The multipliers are those of the product of the Phi and of the saltation matrices
+
+    S = D + (f+ - D f-) grad h / (grad h . f-),
+
+where h is the condition and D the derivative of the jump [2]_. A rig is an array of numbers, so
+that any of them may be an unknown, too.
+
+References
+----------
+.. [1] H. Dankowicz, F. Schilder, Recipes for Continuation, SIAM (2013), chapter 9.
+.. [2] A. B. Nordmark, J. Sound Vib. 145, 279-297 (1991).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, sqrt
+from typing import Any, NamedTuple
+
+from impact_damper_ros.motion.compiled import kernel
+from impact_damper_ros.motion.event import IMPACT, RELEASE_EVENT
+from impact_damper_ros.motion.flight import (
+    Motion,
+    accelerate,
+    begin_joint,
+    motion_at,
+    oscillator_of,
+    turn_waves,
+)
+from impact_damper_ros.motion.oscillator import Free, free_response, set_oscillator
+from impact_damper_ros.motion.state import FREE, STICK, Moving, incline
+from impact_damper_ros.motion.transition import rebound, rebound_slopes
+
+#: Places of the numbers of a rig; the harmonics follow, each as amplitude, frequency and phase.
+MASS, STIFFNESS, DAMPING, DAMPER_MASS, GAP, RESTITUTION_1, RESTITUTION_2 = range(7)
+ANGLE, FRICTION, GRAVITY, AIR_FORCE, FIRST_LINE = range(7, 12)
+
+
+@kernel
+def set_contacts(constants: Any, rig: Sequence[float]) -> None:
+    """Set the constants of m and of its contacts from the numbers of a rig."""
+    ratio = rig[DAMPER_MASS] / rig[MASS]
+    sine, cosine = incline(rig[ANGLE])
+    most = 0.0
+    for j in range(constants.harmonics):
+        most += abs(rig[FIRST_LINE + 3 * j])
+    constants.mass_ratio = ratio
+    constants.share = ratio / (1.0 + ratio)
+    constants.damper_mass = rig[DAMPER_MASS]
+    constants.restitution_1 = rig[RESTITUTION_1]
+    constants.restitution_2 = rig[RESTITUTION_2]
+    constants.slope = rig[GRAVITY] * sine
+    constants.grip = rig[FRICTION] * rig[GRAVITY] * cosine
+    constants.air = rig[AIR_FORCE] / rig[DAMPER_MASS]
+    most /= rig[MASS] + rig[DAMPER_MASS]
+    most += 2.0 * abs(constants.slope) + constants.air + constants.grip
+    constants.push = (1.0 + ratio) * most
+    constants.half_gap = 0.5 * rig[GAP]
+
+
+@kernel
+def set_rig(constants: Any, lines: Any, rig: Sequence[float]) -> None:
+    """Set the constants of a rig from its numbers."""
+    set_contacts(constants, rig)
+    count = constants.harmonics
+    for k in range(2):
+        mass = rig[MASS] + k * rig[DAMPER_MASS]
+        for j in range(count):
+            line = lines[k * count + j]
+            line.force = rig[FIRST_LINE + 3 * j] / mass
+            line.frequency = rig[FIRST_LINE + 3 * j + 1]
+            line.phase = rig[FIRST_LINE + 3 * j + 2]
+    stiffness, damping = rig[STIFFNESS], rig[DAMPING]
+    set_oscillator(constants.free, lines[:count], rig[MASS], stiffness, damping)
+    mass = rig[MASS] + rig[DAMPER_MASS]
+    set_oscillator(constants.joint, lines[count:], mass, stiffness, damping)
+
+
+@dataclass(slots=True)
+class NodeRow:
+    """
+    A node, as the kernels have it.
+
+    Attributes
+    ----------
+    kind, stop, mode : int
+        As of a `Node`.
+    resting : int
+        The mode `STICK`, `REST_1` or `REST_2` after it, or 0 if m moves relative to M.
+    direction : int
+        In which m moves relative to M after it where friction acts, +1, -1, or 0.
+    last : int
+        The stop hit last after it.
+    gives : int
+        Sign of the need at which the support gives way.
+    returns : bool
+        Whether it ends a bounce that returns to the stop it came from.
+    """
+
+    kind: int = 0
+    stop: int = 0
+    mode: int = 0
+    resting: int = 0
+    direction: int = 0
+    last: int = 0
+    gives: int = 0
+    returns: bool = False
+
+
+#: Columns of the table of the flights after the nodes: X (m), X', the way of m from the stop hit
+#: last, positive towards stop 1, so that it keeps its digits in short bounces, Y', and the instant
+#: on the force's clock, s, just after the node; ...
+STATE, INSTANT = 0, 4
+#: ... the state at the end of the flight, the rates of the state at the start and at the end, ...
+END, RATE_START, RATE_END = 5, 9, 13
+#: ... X''' at the end, the duration, s, the constants of the oscillator, and what of the end does
+#: not change if the flight starts later from the same state, and
+JERK, SPAN, STIFF, DECAY = 17, 18, 19, 20
+#: the derivative of the end by the state at the start, row by row.
+MATRIX = 21
+COLUMNS = 37
+
+
+class Problem(NamedTuple):
+    """
+    The boundary-value problem of one sequence of nodes.
+
+    Attributes
+    ----------
+    moving : Moving
+        The rig that flies, with constants that kernels may set.
+    nodes : sequence of NodeRow
+        The events of a period, in order.
+    rig : array
+        Its numbers.
+    path : array, shape (2, numbers)
+        What they are where the parameter is zero, and how they change with it.
+    table : array, shape (n, COLUMNS)
+        The flights after the nodes.
+    places : array of int, shape (4, 5 n)
+        Which equations and which unknowns count; and the number of each among those that do, or
+        -1. Those of a node are X, X', Y, Y' and what m needs from its support, or the instant.
+    units : array, shape (4,)
+        Of displacements, m, and velocities, m/s; the period in cycles; and whether only contacts
+        depend on the parameter.
+    place : array, shape (m + 1,)
+        The unknowns, without dimension, and the parameter along the path.
+    vectors : array, shape (8, m + 1)
+        Residuals, steps, and places.
+    matrices : array, shape (3, m + 1, m + 1)
+        The derivative of the equations, space to solve them, and the derivative at the best place.
+    lead : array of int, shape (m + 1,)
+        Space of the solver.
+    history : array, shape (NEWTON_STEPS + 1,)
+        The residual before each Newton step and at the end; then -1.
+    frames : array, shape (5, 6, 6)
+        Space for products of matrices.
+    faults : array, shape (n, 5)
+        Why the rig cannot perform the motion, by node; see `viability`.
+    marks : array, shape (8,)
+        What is known of the solution; see `arclength`.
+    """
+
+    moving: Moving
+    nodes: Sequence[NodeRow]
+    rig: Any
+    path: Any
+    table: Any
+    places: Any
+    units: Any
+    place: Any
+    vectors: Any
+    matrices: Any
+    lead: Any
+    history: Any
+    frames: Any
+    faults: Any
+    marks: Any
+
+
+LENGTH, SPEED, CYCLES, CONTACTS = range(4)
+ROWS, UNKNOWNS, ROW_OF, UNKNOWN_OF = range(4)
+VALUE, STEP, AHEAD, BEHIND, BEST, NORMAL, GUESS, TANGENT = range(8)
+DERIVATIVE, SPACE, BEST_DERIVATIVE = range(3)
+#: Most steps of Newton's method.
+NEWTON_STEPS = 40
+#: Largest residual of a solution; just beyond a fold the least residual is not zero.
+RESIDUAL_TOLERANCE = 1e-12
+#: A residual that only round-off can keep from falling.
+_SETTLED = 1e-13
+#: What a step leaves of a flight, at least.
+_SHORTEST_SHARE = 0.2
+#: Pivots that are smaller, relative to the first one, are those of dependent equations.
+_DEPENDENT = 1e-14
+#: Change of a parameter by which equations are differentiated.
+_CHANGE, _LEAST_CHANGE = 1e-6, 1e-9
+_NEED = 4
+_TURN = 6.283185307179586
+
+
+@kernel(inline=True)
+def begin_at(moving: Moving, node: NodeRow, row: Sequence[float]) -> None:
+    """Move a rig to the state just after a node."""
+    run = moving.run
+    half = moving.constants.half_gap
+    way = row[2]
+    run.time = 0.0
+    run.time_low = 0.0
+    run.now = 0.0
+    run.mode = node.mode
+    if node.resting != 0:
+        run.mode = node.resting
+    elif moving.constants.grip == 0.0:
+        run.mode = FREE
+    run.x = row[0]
+    run.velocity = row[1]
+    run.relative_velocity = row[3]
+    run.stop_1 = half
+    run.stop_2 = -half
+    run.target_1 = half
+    run.target_2 = -half
+    run.last_stop = node.last
+    run.released = node.kind == RELEASE_EVENT
+    run.chatter_left = 0.0
+    run.side = 0
+    # Exact near the stop hit last
+    if node.resting > STICK:
+        way = 0.0
+    if node.last == 1:
+        run.clearance_1 = max(0.0, -way)
+        run.clearance_2 = max(0.0, 2.0 * half + way)
+    else:
+        run.clearance_1 = max(0.0, 2.0 * half - way)
+        run.clearance_2 = max(0.0, way)
+    if moving.constants.one_sided:
+        run.clearance_2 = inf
+    waves = moving.waves
+    for j in range(len(waves)):
+        waves[j].angle = 0.0
+    turn_waves(moving.lines, waves, row[INSTANT])
+
+
+@kernel
+def fly(moving: Moving, node: NodeRow, row: Any) -> None:
+    """Compute the flight after a node, from the state in its row."""
+    run = moving.run
+    span = row[SPAN]
+    begin_at(moving, node, row)
+    if node.resting != 0:
+        begin_joint(moving)
+    else:
+        run.relative_acceleration = accelerate(moving, node.direction)
+    motion: Motion = motion_at(moving, span)
+    oscillator = oscillator_of(moving.constants, run)
+    moves = 0.0 if run.joint else 1.0
+    row[STIFF] = oscillator.omega_squared
+    row[DECAY] = oscillator.decay
+    row[END] = motion.x
+    row[END + 1] = motion.velocity
+    row[END + 2] = row[2] + moves * motion.travel
+    row[END + 3] = moves * motion.relative_velocity
+    row[RATE_START] = row[1]
+    row[RATE_START + 1] = run.acceleration
+    row[RATE_START + 2] = moves * row[3]
+    row[RATE_START + 3] = moves * run.relative_acceleration
+    row[RATE_END] = motion.velocity
+    row[RATE_END + 1] = motion.x_2
+    row[RATE_END + 2] = moves * motion.relative_velocity
+    row[RATE_END + 3] = moves * motion.relative_2
+    row[JERK] = motion.x_3
+    free: Free = free_response(oscillator, span)
+    bend = -oscillator.omega_squared * free.impulse
+    for k in range(16):
+        row[MATRIX + k] = 0.0
+    row[MATRIX] = free.step
+    row[MATRIX + 1] = free.impulse
+    row[MATRIX + 4] = bend
+    row[MATRIX + 5] = free.rate
+    row[MATRIX + 8] = moves * (1.0 - free.step)
+    row[MATRIX + 9] = moves * (span - free.impulse)
+    row[MATRIX + 10] = 1.0
+    row[MATRIX + 11] = moves * span
+    row[MATRIX + 12] = -moves * bend
+    row[MATRIX + 13] = moves * (1.0 - free.rate)
+    row[MATRIX + 15] = moves
+
+
+@kernel
+def vary(problem: Problem, value: float) -> None:
+    """Set the rig along the path."""
+    for k in range(len(problem.rig)):
+        problem.rig[k] = problem.path[0, k] + value * problem.path[1, k]
+    if problem.units[CONTACTS] != 0.0:
+        set_contacts(problem.moving.constants, problem.rig)
+    else:
+        set_rig(problem.moving.constants, problem.moving.lines, problem.rig)
+
+
+@kernel
+def unit_of(problem: Problem, coordinate: int) -> float:
+    """Return the unit of an unknown by its coordinate; instants are angles of the force."""
+    if coordinate == INSTANT:
+        rate: float = problem.rig[FIRST_LINE + 1]
+        return 1.0 / rate
+    unit: float = problem.units[SPEED] if coordinate % 2 == 1 else problem.units[LENGTH]
+    return unit
+
+
+@kernel
+def spread(problem: Problem) -> None:
+    """Write the states and instants at the place, and the durations of the flights."""
+    table, unknowns = problem.table, problem.places[UNKNOWNS]
+    count = len(problem.nodes)
+    for i in range(len(problem.place) - 1):
+        k = unknowns[i]
+        table[k // 5, k % 5] = problem.place[i] * unit_of(problem, k % 5)
+    period = problem.units[CYCLES] * _TURN / problem.rig[FIRST_LINE + 1]
+    for j in range(count):
+        span = table[(j + 1) % count, INSTANT] - table[j, INSTANT]
+        if j == count - 1:
+            span += period
+        table[j, SPAN] = span
+
+
+@kernel
+def fly_all(problem: Problem) -> None:
+    """Compute the flights after all nodes at the place."""
+    spread(problem)
+    for j in range(len(problem.nodes)):
+        fly(problem.moving, problem.nodes[j], problem.table[j])
+
+
+@kernel(inline=True)
+def restitution_at(problem: Problem, j: int) -> float:
+    """Return the restitution at a node that is an impact."""
+    node = problem.nodes[j]
+    if node.resting != 0:
+        return 0.0
+    restitution: float = problem.rig[RESTITUTION_1 if node.stop == 1 else RESTITUTION_2]
+    return restitution
+
+
+@kernel
+def write_equation(problem: Problem, j: int, r: int, with_derivative: bool) -> None:
+    """Write one equation of a node, by number, if it counts."""
+    nodes, table, places = problem.nodes, problem.table, problem.places
+    row = places[ROW_OF, 5 * j + r]
+    if row < 0:
+        return
+    last = j - 1 if j > 0 else len(nodes) - 1
+    node, before = nodes[j], nodes[last]
+    flight = table[last]
+    constants = problem.moving.constants
+    share, slide, stay = constants.share, 0.0, 1.0
+    value = 0.0
+    if r < _NEED:
+        value = flight[END + r]
+    if node.kind == IMPACT and r % 2 == 1:
+        restitution = restitution_at(problem, j)
+        after, relative = rebound(share, restitution, flight[END + 1], flight[END + 3])
+        slide, stay = rebound_slopes(share, restitution)
+        value = after if r == 1 else relative
+    if r < _NEED:
+        value -= table[j, r]
+    scale = 1.0 / unit_of(problem, r) if r < _NEED else 1.0
+    if r == 2:
+        if not constants.one_sided:
+            value += 2.0 * constants.half_gap * (node.last - before.last)
+        if node.returns:
+            # The mean velocity of a bounce is zero, rather than the way: or else two impacts at
+            # once would be a solution.
+            scale /= sqrt(problem.rig[STIFFNESS] / problem.rig[MASS]) * flight[SPAN]
+    elif r == _NEED:
+        away = 1.0 if before.last == 2 else -1.0
+        value = flight[RATE_END + 1] - constants.slope - away * constants.air
+        value -= node.gives * constants.grip
+        scale = 1.0 / (problem.units[SPEED] * sqrt(problem.rig[STIFFNESS] / problem.rig[MASS]))
+    problem.vectors[VALUE, row] = value * scale
+    if not with_derivative:
+        return
+    jacobian = problem.matrices[DERIVATIVE]
+    # By the state at the node before, and by the instants of that and of the node
+    early = 0.0
+    late = flight[RATE_END + r] if r < _NEED else flight[JERK]
+    for k in range(4):
+        slope = 0.0
+        if r == _NEED:
+            slope = -flight[STIFF] * flight[MATRIX + k]
+            slope -= 2.0 * flight[DECAY] * flight[MATRIX + 4 + k]
+        elif node.kind == IMPACT and r == 1:
+            slope = flight[MATRIX + 4 + k] + slide * flight[MATRIX + 12 + k]
+        elif node.kind == IMPACT and r == 3:
+            slope = stay * flight[MATRIX + 12 + k]
+        else:
+            slope = flight[MATRIX + 4 * r + k]
+        early -= slope * flight[RATE_START + k]
+        column = places[UNKNOWN_OF, 5 * last + k]
+        if column >= 0:
+            jacobian[row, column] += slope * scale * unit_of(problem, k)
+    if node.kind == IMPACT and r == 1:
+        late += slide * flight[RATE_END + 3]
+    elif node.kind == IMPACT and r == 3:
+        late *= stay
+    if r == 2 and node.returns:
+        early += value / flight[SPAN]
+        late -= value / flight[SPAN]
+    unit = unit_of(problem, INSTANT) * scale
+    jacobian[row, places[UNKNOWN_OF, 5 * last + INSTANT]] += early * unit
+    jacobian[row, places[UNKNOWN_OF, 5 * j + INSTANT]] += late * unit
+    if r < _NEED and places[UNKNOWN_OF, 5 * j + r] >= 0:
+        jacobian[row, places[UNKNOWN_OF, 5 * j + r]] -= scale * unit_of(problem, r)
+
+
+@kernel
+def write_equations(problem: Problem, with_derivative: bool) -> None:
+    """Write the residual of the equations at the place, and its derivative by the unknowns."""
+    fly_all(problem)
+    if with_derivative:
+        jacobian = problem.matrices[DERIVATIVE]
+        for i in range(len(jacobian)):
+            for k in range(len(jacobian)):
+                jacobian[i, k] = 0.0
+    for j in range(len(problem.nodes)):
+        for r in range(5):
+            write_equation(problem, j, r, with_derivative)
+
+
+@kernel
+def solve_linear(space: Any, lead: Any, right: Any, solution: Any, count: int) -> None:
+    """
+    Solve linear equations, of which `space` has a copy; unknowns that they leave open are zero.
+
+    Most entries of a long motion are zero, and rows without one in a column are left alone.
+    """
+    scale = 0.0
+    row = 0
+    for k in range(count):
+        pivot = row
+        for i in range(row + 1, count):
+            if abs(space[i, k]) > abs(space[pivot, k]):
+                pivot = i
+        lead[k] = -1
+        if row == count or not abs(space[pivot, k]) > _DEPENDENT * scale:
+            continue
+        scale = max(scale, abs(space[pivot, k]))
+        if pivot != row:
+            for i in range(k, count):
+                space[row, i], space[pivot, i] = space[pivot, i], space[row, i]
+            right[row], right[pivot] = right[pivot], right[row]
+        for i in range(row + 1, count):
+            if space[i, k] != 0.0:
+                factor = space[i, k] / space[row, k]
+                for c in range(k + 1, count):
+                    space[i, c] -= factor * space[row, c]
+                right[i] -= factor * right[row]
+        lead[k] = row
+        row += 1
+    for b in range(count):
+        k = count - 1 - b
+        solution[k] = 0.0
+        row = lead[k]
+        if row >= 0:
+            total = right[row]
+            for c in range(k + 1, count):
+                total -= space[row, c] * solution[c]
+            solution[k] = total / space[row, k]
+
+
+@kernel
+def longest_part(problem: Problem) -> float:
+    """Return the largest part of a step, at most 1, that keeps every duration positive."""
+    table, step = problem.table, problem.vectors[STEP]
+    count = len(problem.nodes)
+    numbers = problem.places[UNKNOWN_OF]
+    unit = unit_of(problem, INSTANT)
+    part = 1.0
+    for j in range(count):
+        later = step[numbers[5 * ((j + 1) % count) + INSTANT]]
+        change = (later - step[numbers[5 * j + INSTANT]]) * unit
+        if change < 0.0:
+            part = min(part, -(1.0 - _SHORTEST_SHARE) * table[j, SPAN] / change)
+    return part
+
+
+@kernel
+def add_parameter(problem: Problem) -> None:
+    """Add the derivative by the parameter, and the plane of the place, to the equations."""
+    place, vectors = problem.place, problem.vectors
+    jacobian = problem.matrices[DERIVATIVE]
+    last = len(place) - 1
+    here = place[last]
+    change = max(_CHANGE * abs(here), _LEAST_CHANGE)
+    for side in range(2):
+        vary(problem, here + change if side == 0 else here - change)
+        write_equations(problem, False)
+        for i in range(last):
+            vectors[AHEAD + side, i] = vectors[VALUE, i]
+    vary(problem, here)
+    write_equations(problem, True)
+    missed = 0.0
+    for i in range(last + 1):
+        jacobian[last, i] = vectors[NORMAL, i]
+        missed += vectors[NORMAL, i] * (place[i] - vectors[GUESS, i])
+        if i < last:
+            jacobian[i, last] = (vectors[AHEAD, i] - vectors[BEHIND, i]) / (2.0 * change)
+    vectors[VALUE, last] = missed
+
+
+@kernel
+def newton(problem: Problem, in_plane: bool, in_order: bool, enough: float) -> float:
+    """
+    Run Newton's method from the place until the residual no longer falls; return the least.
+
+    The place becomes that of the least, with its flights and its derivative in
+    `BEST_DERIVATIVE`. `in_plane` has the parameter as another unknown, and the plane through
+    `GUESS` as another equation; `in_order` keeps every duration positive. A residual below
+    `enough` ends it.
+    """
+    place, vectors, history = problem.place, problem.vectors, problem.history
+    jacobian, space = problem.matrices[DERIVATIVE], problem.matrices[SPACE]
+    best = problem.matrices[BEST_DERIVATIVE]
+    count = len(place) if in_plane else len(place) - 1
+    least = inf
+    stalled = 0
+    steps = 0
+    while steps < NEWTON_STEPS:
+        if in_plane:
+            add_parameter(problem)
+        else:
+            write_equations(problem, True)
+        size = 0.0
+        total = 0.0
+        for i in range(count):
+            size = max(size, abs(vectors[VALUE, i]))
+            total += vectors[VALUE, i]
+            for k in range(count):
+                space[i, k] = jacobian[i, k]
+                total += jacobian[i, k]
+        shortest = inf
+        for j in range(len(problem.nodes)):
+            shortest = min(shortest, problem.table[j, SPAN])
+        if not abs(total) < inf or (in_order and shortest <= 0.0):
+            break
+        history[steps] = size
+        steps += 1
+        stalled = 0 if size < 0.5 * least else stalled + 1
+        if size < least:
+            least = size
+            for i in range(len(place)):
+                vectors[BEST, i] = place[i]
+                for k in range(count):
+                    best[i, k] = jacobian[i, k]
+        if size < enough or stalled >= (3 if least > _SETTLED else 1):
+            break
+        solve_linear(space, problem.lead, vectors[VALUE], vectors[STEP], count)
+        for i in range(count):
+            vectors[STEP, i] = -vectors[STEP, i]
+        part = longest_part(problem) if in_order else 1.0
+        for i in range(count):
+            place[i] += part * vectors[STEP, i]
+    history[steps] = -1.0
+    if least < inf:
+        for i in range(len(place)):
+            place[i] = vectors[BEST, i]
+        if in_plane:
+            vary(problem, place[len(place) - 1])
+        fly_all(problem)
+    return least
+
+
+@kernel
+def write_tangent(problem: Problem) -> None:
+    """Write the unit tangent of the curve at the best place, along the normal of its plane."""
+    vectors, space = problem.vectors, problem.matrices[SPACE]
+    count = len(problem.place)
+    for i in range(count):
+        vectors[VALUE, i] = 0.0
+        for k in range(count):
+            space[i, k] = problem.matrices[BEST_DERIVATIVE, i, k]
+    vectors[VALUE, count - 1] = 1.0
+    tangent = vectors[TANGENT]
+    solve_linear(space, problem.lead, vectors[VALUE], tangent, count)
+    length = 0.0
+    for i in range(count):
+        length += tangent[i] * tangent[i]
+    for i in range(count):
+        tangent[i] /= sqrt(length)
+
+
+@kernel
+def write_monodromy(problem: Problem) -> int:
+    """
+    Write the derivative of the state after a node by itself, a period later, into a frame.
+
+    The node is that after which the state has the fewest free coordinates; their number is
+    returned. They are the first ones: those of sticking have no relative velocity, those of rest
+    no way either.
+    """
+    nodes, table, frames = problem.nodes, problem.table, problem.frames
+    count = len(nodes)
+    first = 0
+    size = 5
+    for j in range(count):
+        free = 4 if nodes[j].resting == 0 else 3 if nodes[j].resting == STICK else 2
+        if free < size:
+            size = free
+            first = j
+    product, jump, spare = frames[0], frames[1], frames[2]
+    for i in range(4):
+        for k in range(4):
+            product[i, k] = 1.0 if i == k else 0.0
+    for b in range(count):
+        j = (first + b) % count
+        after = (j + 1) % count
+        carry_through(problem, j, after, jump)
+        for i in range(4):
+            for k in range(4):
+                total = 0.0
+                for c in range(4):
+                    total += table[j, MATRIX + 4 * i + c] * product[c, k]
+                spare[i, k] = total
+        for i in range(4):
+            for k in range(4):
+                total = 0.0
+                for c in range(4):
+                    total += jump[i, c] * spare[c, k]
+                product[i, k] = total
+    return size
+
+
+@kernel
+def carry_through(problem: Problem, j: int, after: int, jump: Any) -> None:
+    """Write the matrix that carries deviations through the node after a flight."""
+    nodes, table = problem.nodes, problem.table
+    impact = nodes[after].kind == IMPACT
+    for i in range(4):
+        for k in range(4):
+            jump[i, k] = 1.0 if i == k else 0.0
+    if impact:
+        share = problem.moving.constants.share
+        slide, stay = rebound_slopes(share, restitution_at(problem, after))
+        jump[1, 3] = slide
+        jump[3, 3] = stay
+    normal = 2 if impact else 3
+    across = table[j, RATE_END + normal]
+    if across == 0.0:
+        # Where m was held, a deviation does not move the instant.
+        return
+    for i in range(4):
+        rise = table[after, RATE_START + i]
+        for k in range(4):
+            if k != normal:
+                rise -= jump[i, k] * table[j, RATE_END + k]
+        rise -= jump[i, normal] * across
+        jump[i, normal] += rise / across
