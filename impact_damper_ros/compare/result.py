@@ -193,6 +193,8 @@ class Verdict(Enum):
     #: The predicted motion is not stable, so that the rig leaves it.
     PREDICTED_UNSTABLE = 'predicted unstable'
     NO_PREDICTION = 'no prediction'
+    #: Its frequency is swept: the response over frequency is the result.
+    SWEPT = 'swept'
     #: Too little was recorded.
     TOO_SHORT = 'too short'
 

@@ -286,6 +286,18 @@ class _Comparison:
             return self._without_impacts(quiet)
         return self._with_impacts()
 
+    def _without_theory(self) -> _Judgement:
+        """Return why there is no prediction; of a sweep its largest |X|, beside M alone."""
+        found = self.response
+        if found is None:
+            return _Judgement(Verdict.NO_PREDICTION, self.reason)
+        texts = (
+            f'{values.max():.5g} m at {found.frequency[values.argmax()] / math.tau:.4g} Hz'
+            for values in (found.x, found.x_without)
+        )
+        text = f'{self.reason}: |X| is largest, ' + ', without damper '.join(texts)
+        return _Judgement(Verdict.SWEPT, text)
+
     def _without_impacts(self, quiet: float) -> StretchComparison:
         stretch = self.stretch
         if len(stretch.samples) >= 2 and _at_rest(stretch.samples):
@@ -296,7 +308,7 @@ class _Comparison:
         text = f'm has hit no stop for {quiet / self.cycle:.0f} cycles'
         kind = StretchKind(MotionKind.NO_IMPACTS, text)
         if self.reason:
-            return self._result(kind, _Judgement(Verdict.NO_PREDICTION, self.reason))
+            return self._result(kind, self._without_theory())
         end = stretch.end
         measured = measured_motion(stretch, end - 0.2 * stretch.duration, end)
         judgement = _judged_vibration(stretch, measured.x_max, self.cycle)
@@ -316,7 +328,7 @@ class _Comparison:
             self.solver = self.reason
             if kind.recurrence is not None and drive is not None:
                 self.motion = periodic_motion(drive, kind.impacts, kind.recurrence)
-            return self._result(kind, _Judgement(Verdict.NO_PREDICTION, self.reason))
+            return self._result(kind, self._without_theory())
         kind = kind_of(stretch, self.cycle)
         if kind.recurrence is not None:
             return self._repeating(drive, kind, kind.recurrence)

@@ -16,7 +16,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .formatting import NONE, Unit, instant, number, quantity, setting, unit_for
-from .swept_response_figure import level_of
+from .swept_response_figure import base_amplitude, level_of
 from .table import Column, Table
 from .transmissibility_text import TRANSMISSIBILITY_NAMES
 
@@ -246,6 +246,9 @@ def response_table(stretch: StretchComparison) -> Table | None:
     level, unit = level_of(rig, found.level)
     length = unit_for('m', float(found.x.max()))
     step = math.ceil(len(found.time) / _MOST_STEPS)
+    of_base = []
+    if rig.swept == 'base':
+        of_base = [length.factor * found.relative, found.x / base_amplitude(rig, found)]
     rows = [
         (
             'up' if found.upwards[k] else 'down',
@@ -253,6 +256,7 @@ def response_table(stretch: StretchComparison) -> Table | None:
             number(level[k], 3),
             number(length.factor * found.x[k], 4),
             number(length.factor * found.x_without[k], 4),
+            *(number(values[k], 4) for values in of_base),
             number(found.acceleration[k] / STANDARD_GRAVITY, 3),
             number(found.impacts[k], 3),
         )
@@ -264,6 +268,7 @@ def response_table(stretch: StretchComparison) -> Table | None:
         Column(f'level [{unit}]'),
         Column(f'|X| [{length.name}]'),
         Column(f'without damper [{length.name}]'),
+        *map(Column, [f'|X − b| [{length.name}]', '|X|/|b|'][: len(of_base)]),
         Column('|X″| [g]'),
         Column('impacts per cycle'),
     ]

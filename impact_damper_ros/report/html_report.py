@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from impact_damper_ros.compare import LogVerdict, RunComparison, StretchComparison, Verdict
+from impact_damper_ros.orbits.swept_response import SweptResponse
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.theory.gap_curve import GapCurve
@@ -38,6 +39,7 @@ from .comparison_tables import (
 from .drawing import page_style
 from .formatting import instant, number, quantity
 from .html_page import Shown, on_page, rendered, write_page
+from .swept_response_figure import base_amplitude
 
 #: Stretches that are shown in detail, and those that are listed: more would make the page useless.
 MOST_DETAILED, MOST_LISTED = 12, 300
@@ -65,6 +67,7 @@ _BADGES = {
     Verdict.NOT_SETTLED: _Badge('open', '…'),
     Verdict.PREDICTED_UNSTABLE: _Badge('open', '!'),
     Verdict.NO_PREDICTION: _Badge('none', '–'),
+    Verdict.SWEPT: _Badge('good', '↗'),
     Verdict.TOO_SHORT: _Badge('none', '–'),
 }
 
@@ -87,12 +90,35 @@ def shown_stretches(
     return tuple(sorted(chosen, key=lambda stretch: stretch.number))
 
 
+def _sweep_tiles(rig: RigParameters, found: SweptResponse) -> Iterator[tuple[str, str, str]]:
+    """Yield the largest values of a sweep, and where they are."""
+    values = [('Largest |X|', 'm', found.x, found.x_without)]
+    if rig.swept == 'base':
+        base = base_amplitude(rig, found)
+        values.append(('Largest |X − b|', 'm', found.relative, found.relative_without))
+        values.append(('Transmissibility', '', found.x / base, found.x_without / base))
+    for title, unit, of, alone in values:
+        best, other = int(of.argmax()), float(alone.max())
+        place = f'at {found.frequency[best] / math.tau:.4g} Hz'
+        without = f'{place}; {quantity(other, unit, 4).rstrip()} without damper'
+        yield title, quantity(float(of[best]), unit, 4).rstrip(), without
+
+
 def _tiles(stretch: StretchComparison) -> Iterator[tuple[str, str, str]]:
     """Yield the key numbers."""
     measured, orbit, decay = stretch.measured, stretch.predicted, stretch.decay
     what = counted(stretch.impacts, 'impact')
     if stretch.stops:
         what = f'stops {", ".join(map(str, stretch.stops))}'
+    if stretch.response is not None:
+        yield from _sweep_tiles(stretch.parameters, stretch.response)
+        most = float(stretch.response.impacts.max())
+        yield (
+            'Impacts per cycle',
+            number(most, 3),
+            f'at most; {counted(stretch.impacts, "impact")}',
+        )
+        return
     yield 'Motion', motion_of(stretch), what
     if measured is not None:
         theory = 'no prediction'

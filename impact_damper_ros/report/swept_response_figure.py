@@ -38,13 +38,18 @@ def level_of(rig: RigParameters, level: Array) -> tuple[Array, str]:
     return level * scale, unit
 
 
+def base_amplitude(rig: RigParameters, found: SweptResponse) -> Array:
+    """Return the amplitude of b at each step, m."""
+    power = ('displacement', 'velocity', 'acceleration').index(rig.base_quantity)
+    return found.level / found.frequency**power
+
+
 def _columns(rig: RigParameters, found: SweptResponse) -> dict[str, Array]:
     """Return the columns of the table with their headers."""
     level, unit = level_of(rig, found.level)
     g = STANDARD_GRAVITY
     moved = rig.swept == 'base'
-    power = ('displacement', 'velocity', 'acceleration').index(rig.base_quantity)
-    base = found.level / found.frequency**power
+    base = base_amplitude(rig, found)
     columns = {
         'frequency [Hz]': found.frequency / math.tau,
         f'level [{unit}]': level,

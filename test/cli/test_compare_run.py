@@ -6,6 +6,7 @@ import math
 import re
 import struct
 
+import numpy as np
 import pytest
 from bag import ros2_bags, samples
 from bag.alterations import cut, rewritten
@@ -126,11 +127,6 @@ def test_an_angle_changed_on_the_way(tmp_path):
             'not periodically driven',
             'the force is a multisine',
         ),
-        (
-            ('sweep_mode=up', 'sweep_low=28', 'sweep_high=34', 'sweep_step=1', 'sweep_dwell=2'),
-            'not periodically driven',
-            'the frequency of the force is swept',
-        ),
     ],
 )
 def test_what_has_no_theory_is_measured(tmp_path, capsys, settings, kind, reason):
@@ -161,9 +157,16 @@ def test_the_response_of_a_recorded_sweep_is_that_of_simulate_rig(tmp_path, caps
     assert main([str(bag), '--json', '-', '--report', str(report)]) == 0
     said = capsys.readouterr()
     assert 'Response over frequency' in said.err
-    assert 'the frequency of the base is swept' in said.err
     (stretch,) = json.loads(said.out)['stretches']
     found = stretch['response']
+    best = int(np.argmax(found['x']))
+    assert (stretch['kind'], stretch['verdict']) == ('not periodically driven', 'swept')
+    size, hertz = found['x'][best], found['frequency'][best] / math.tau
+    sentence = (
+        f'the frequency of the base is swept: |X| is largest, {size:.5g} m at {hertz:.4g} Hz'
+    )
+    assert stretch['sentence'].startswith(f'{sentence}, without damper 0.029')
+    assert sentence in said.err
     rows = list(csv.DictReader(response.read_text().splitlines()))
     for name, column, scale in (
         ('frequency', 'frequency [Hz]', 1.0 / math.tau),
@@ -178,6 +181,10 @@ def test_the_response_of_a_recorded_sweep_is_that_of_simulate_rig(tmp_path, caps
     assert len(rows) == 9
     page = (report / 'report.html').read_text()
     assert 'Response over frequency' in page
+    assert re.search(
+        r'Transmissibility.{0,200}at [\d.]+ Hz; [\d.]+ without damper', page, re.DOTALL
+    )
+    assert not re.search('no prediction|not reached', page)
     energy = stretch['energy']
     assert abs(energy['residual']) < energy['tolerance']
 
