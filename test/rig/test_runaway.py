@@ -4,6 +4,7 @@ import math
 import re
 
 import pytest
+from control.controlled_rigs import TRIAL, control
 from rigs import HORIZONTAL
 
 import impact_damper_ros.rig.rig as rig_module
@@ -162,3 +163,12 @@ def test_compiled_rigs_advance_compiled(monkeypatch):
         rig.advance(900.0, interrupted=lambda: True)
     plain.advance(900.0)
     assert rig.snapshot() == plain.snapshot()
+
+
+def test_a_limit_of_events_holds_before_a_command():
+    """Both stops arrive at one instant, so that there may be one event more."""
+    law = control('timed', actuator_delay=0.1)
+    count = Rig(TRIAL, control=law).run(60.0).event_count
+    assert count > 50
+    counts = [Rig(TRIAL, control=law).run(60.0, most_events=k).event_count for k in range(count)]
+    assert {found - k for k, found in enumerate(counts)} == {0, 1}

@@ -8,7 +8,7 @@ import pytest
 from motion.random_rigs import rows, without_mode
 
 from impact_damper_ros import EventKind, InitialConditions, Outcome, Rig, RigParameters
-from impact_damper_ros.rig.stepped_sine import rig_at, step_count, stepped_sine
+from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at, step_count, stepped_sine
 
 STEP = EventKind.FREQUENCY_STEP
 SWEPT = RigParameters(
@@ -318,3 +318,19 @@ def test_steps_shorter_than_a_cycle_are_taken_together():
     for time in (1.0, 3.0, 7.0):
         rig.advance(time)
         assert rig.force_frequency == pytest.approx(40.0 + 5.0 * time, abs=0.8)
+
+
+def test_short_steps_of_a_base_do_not_depend_on_when_they_began():
+    """Those shorter than a cycle are taken together."""
+    rig = TABLE.replace(sweep_dwell=0.02)
+
+    def steps_from(start):
+        sweep, taken = SteppedSine(start, 0, start + 0.02), []
+        while sweep.due < math.inf:
+            taken.append((sweep.step, pytest.approx(sweep.due - start, abs=1e-9)))
+            sweep = sweep.following(rig)
+        return taken
+
+    taken = steps_from(0.0)
+    assert [step for step, _ in taken[:4]] == [0, 1, 8, 13]
+    assert [(step, due.expected) for step, due in steps_from(1000.0)] == taken
