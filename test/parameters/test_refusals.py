@@ -168,7 +168,10 @@ REFUSED = [
     ),
     (('instants are', ': give'), lambda one: one.run(1.0, BEYOND_FLOATS)),
     # Places of the stops
-    ((' is ', ': give'), lambda _: Rig(LEVEL).move_stops(BEYOND_FLOATS, None)),
+    (
+        (' is ', 'a number from -1e+09 to 1e+09 m'),
+        lambda _: Rig(LEVEL).move_stops(BEYOND_FLOATS, None),
+    ),
     ((' is ', ': give'), lambda _: Rig(LEVEL).move_stops(1.0, None, None)),
     ordered('half of gap_max, 500 m', stop_1=600.0),
     ordered('above stop_2', stop_1=-500.0),

@@ -9,6 +9,7 @@ from rigs import HORIZONTAL
 
 import impact_damper_ros.rig.rig as rig_module
 from impact_damper_ros import (
+    EventKind,
     GapControlParameters,
     Outcome,
     Rig,
@@ -172,3 +173,15 @@ def test_a_limit_of_events_holds_before_a_command():
     assert count > 50
     counts = [Rig(TRIAL, control=law).run(60.0, most_events=k).event_count for k in range(count)]
     assert {found - k for k, found in enumerate(counts)} == {0, 1}
+
+
+def stay(_seen, _memory):
+    return math.nan, math.nan
+
+
+def test_passages_of_x_are_reported_where_nothing_else_happens():
+    """More of them than a table of a plain run has rows."""
+    rig = Rig(HORIZONTAL.replace(gap=1e6), law=stay)
+    events = rig.advance(400.0)
+    assert {event.kind for event in events} == {EventKind.CROSSING}
+    assert len(events) == pytest.approx(400.0 / math.pi, abs=1.5)
