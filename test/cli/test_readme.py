@@ -17,8 +17,9 @@ from running import DEADLINE_S
 from setup_file import COMMANDS
 
 import impact_damper_ros
-from impact_damper_ros import EventKind, Rig, load_parameters
+from impact_damper_ros import EventKind, ParameterError, Rig, load_parameters
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 README = ROOT / 'README.md'
@@ -278,9 +279,11 @@ def check_node(words):
 
 
 def test_parameters_that_are_set_on_the_node():
-    """With `ros2 param set`, in the order of each page and of the presets."""
+    """With `ros2 param set`, in the order of each page and of the presets; refusals as shown."""
     pytest.importorskip('rclpy')
-    from impact_damper_ros.node.parameters import NodeParameters, nearest_name
+    from rclpy.parameter import Parameter
+
+    from impact_damper_ros.node.parameters import NodeParameters, readable, values_in
 
     tried = 0
     presets = sorted((ROOT / 'config').glob('*.yaml'))
@@ -288,11 +291,19 @@ def test_parameters_that_are_set_on_the_node():
         rig, initial, _ = load_parameters('bench_rig' if page in PAGES else page)
         node = NodeParameters.from_values({**rig.as_dict(), **initial.as_dict()})
         text = page.read_text(encoding='utf-8')
-        for words in re.findall(r'ros2 param set (/\S+ \S+ (?:"[^"\n]*"|[^\s`]+))', text):
+        shown = (
+            r'ros2 param set (/\S+ \S+ (?:"[^"\n]*"|[^\s`]+))(?:\nSetting parameter failed: (.*))?'
+        )
+        for words, reason in re.findall(shown, text):
             target, name, value = shlex.split(words)
             assert target == '/sim_node'
-            assert nearest_name(name, 1.0) == name
-            node = node.changed({name: yaml.safe_load(value)})
+            request = [Parameter(name, value=yaml.safe_load(value))]
+            try:
+                read = readable(request, node.rig, ALL_SPECS.__contains__)
+                node, refused = node.changed(values_in(read)), ''
+            except ParameterError as error:
+                refused = str(error)
+            assert refused == reason, words
             tried += 1
     assert tried > 12
 
