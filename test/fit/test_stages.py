@@ -23,7 +23,7 @@ from impact_damper_ros.fit.partition import (
     noise_of,
     partition,
 )
-from impact_damper_ros.fit.relaxation import relaxed
+from impact_damper_ros.fit.relaxation import _begin_parts, relaxed
 from impact_damper_ros.fit.revision import Revised
 from impact_damper_ros.fit.shooting import Shooting
 from impact_damper_ros.fit.unknowns import Unknowns
@@ -158,6 +158,18 @@ def test_a_first_course_is_relaxed_to_the_motion(timed):
     assert (found.stop[same] == course.stop[pairs[same]]).mean() > 0.95
     assert found.flies.mean() > 0.8
     assert not found.lawless.any()
+
+
+def test_m_begins_anew_with_the_velocity_that_leads_to_the_next_impact():
+    """Of flights without a reversal exactly, whatever pulls m."""
+    _, _, course, problem, _ = known(105, {'air_force': 0.02, 'angle': 0.02})
+    plain = [k for k, turns in enumerate(course.reversals) if not len(turns) and course.flies[k]]
+    wrong = course.copy()
+    wrong.begins[plain] = True
+    wrong.damper_velocity[plain] = 0.0
+    _begin_parts(wrong, problem(course))
+    assert len(plain) > 20
+    assert wrong.damper_velocity[plain] == pytest.approx(course.damper_velocity[plain], rel=1e-6)
 
 
 def test_flights_that_contradict_the_others_are_cut():
