@@ -144,6 +144,12 @@ class Matcher:
             self._join(recorded, there, expected, here)
         self._gaps = [gap for gap in self._gaps if gap.to_ns >= before_ns]
 
+    def end(self, last_ns: int) -> None:
+        """Join all; what the replay has after the last stamp may be missing."""
+        self.settle(last_ns + 1)
+        self.forget(math.inf)
+        self.settle(math.inf)
+
     def _join(
         self, recorded: Messages, there: list[bytes], expected: Messages, here: list[bytes]
     ) -> None:
@@ -235,16 +241,25 @@ class NearMatcher(Matcher):
     def settle(self, before_ns: float) -> None:
         """Join what is from before a stamp; partners may be on both sides of it."""
         before_ns = min(before_ns, self._unsure_ns) - _NEIGHBOURS_NS
+        self._join_near(before_ns, before_ns - _NEIGHBOURS_NS)
+        self._gaps = [gap for gap in self._gaps if gap.to_ns >= before_ns - _NEIGHBOURS_NS]
+
+    def end(self, last_ns: int) -> None:
+        """Join all; what the replay has from the last stamp on may be missing."""
+        self.recover(last_ns)
+        self._join_near(math.inf, last_ns)
+
+    def _join_near(self, before_ns: float, missing_ns: float) -> None:
+        """Join what is recorded before a stamp; report what is not there of before another one."""
         recorded, self._recorded = _parted(self._recorded, before_ns)
         stamps = self._expected['stamp_ns']
         free = np.ones(len(stamps), np.bool_)
         for row in recorded:
             self._find_partner(row, free)
-        for j in np.flatnonzero(free & (stamps < before_ns - _NEIGHBOURS_NS)):
+        for j in np.flatnonzero(free & (stamps < missing_ns)):
             self._missing(self._expected[j])
             free[j] = False
         self._expected, self._allowed = self._expected[free], self._allowed[free]
-        self._gaps = [gap for gap in self._gaps if gap.to_ns >= before_ns - _NEIGHBOURS_NS]
 
     def _find_partner(self, row: np.void, free: NDArray[np.bool_]) -> None:
         """Join a recorded message with one of the replay that has no partner yet."""

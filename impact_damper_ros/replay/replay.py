@@ -529,9 +529,7 @@ class Replay:
             last_ns = end_ns
         for matcher in self._matchers:
             # In a tick that is cut off, each topic may end elsewhere.
-            matcher.settle(max(matcher.last_ns, end_ns) + 1)
-            matcher.forget(inf)
-            matcher.settle(inf)
+            matcher.end(max(matcher.last_ns, end_ns))
         self._judge_losses(end_ns, last_ns)
         if self._left_out:
             findings.fault(f'joint states left out because of impossible stamps: {self._left_out}')

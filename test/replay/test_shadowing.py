@@ -150,6 +150,18 @@ def test_altered_acts_are_found(tmp_path, elsewhere):
         assert findings.difference_count <= 2 or name == 'half'
 
 
+def test_a_bag_may_end_with_an_act(tmp_path, elsewhere):
+    """Of a tick whose joint states are lost; an act of a change comes before its snapshot."""
+    messages = elsewhere(CONTROLLED['timed']()).messages
+    changed = {messages[i][2] for i in places(messages, '/parameter_events')}
+    acts = [i for i in places(messages, '/gap_control') if messages[i][2] not in changed]
+    for at in acts[-8:]:
+        bag = samples.record(tmp_path / str(at), messages[: at + 1], custom=NOTES)
+        findings = replayed(bag)
+        assert findings.difference_count == 0, findings.differences[:2]
+        assert findings.control == findings.recorded_control
+
+
 def test_a_bag_of_another_arithmetic(tmp_path, elsewhere):
     """Its number differs in all snapshots; all else agrees within round-off, and is compared."""
     messages = elsewhere(record(RIGS['sticking'], 200, 300)).messages
