@@ -42,7 +42,7 @@ def branch_figure(branches: Sequence[Branch], title: str = '') -> Figure:
     """Draw the largest |X| along branches of one parameter, with their special points."""
     from matplotlib.lines import Line2D
 
-    figure = blank_figure(6.3, 4.4)
+    figure = blank_figure(6.3, 4.4, title)
     axes: Any = figure.subplots()
     mark: dict[str, Any] = {'ls': 'none', 'ms': 6, 'mfc': 'white', 'color': COLORS['special']}
     lines: set[str] = set()
@@ -68,5 +68,4 @@ def branch_figure(branches: Sequence[Branch], title: str = '') -> Figure:
         if kind in marks
     ]
     legend_below(figure, handles, 4)
-    figure.suptitle(title, fontsize=7.5, color='0.3')
     return figure

@@ -258,7 +258,7 @@ def design_figure(
     from matplotlib.patches import Patch
     from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
 
-    figure = blank_figure(7.6, 6.4)
+    figure = blank_figure(7.6, 6.4, title)
     (mass, gap), (frequency, level) = figure.subplots(2, 2)
     none: dict[str, Any] = {'color': COLORS['quiet'], 'ls': '--', 'lw': 1.2}
     tuned: dict[str, Any] = {'color': COLORS['primary'], 'lw': 1.4}
@@ -314,5 +314,4 @@ def design_figure(
         Line2D([], [], label='the chosen gap, and this level', color='k', lw=0.8),
     ]
     legend_below(figure, handles, 3)
-    figure.suptitle(textwrap.fill(title, 100), fontsize=7.5, color='0.3')
     return figure

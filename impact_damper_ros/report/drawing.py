@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 import re
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from html import escape
@@ -123,11 +124,14 @@ def print_style() -> Iterator[None]:
         yield
 
 
-def blank_figure(width: float, height: float) -> Figure:
-    """Return an empty figure for print, its size in inches."""
+def blank_figure(width: float, height: float, title: str = '') -> Figure:
+    """Return an empty figure for print, its size in inches, with the rig in small print above."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), layout='constrained', dpi=180)
+    figure = Figure(figsize=(width, height), layout='constrained', dpi=180)
+    if title:
+        figure.suptitle(textwrap.fill(title, 100), fontsize=7.5, color='0.3')
+    return figure
 
 
 def finish_panel(axes: Any, panel: str, x_label: str, y_label: str) -> None:

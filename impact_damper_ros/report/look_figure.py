@@ -63,7 +63,7 @@ def look_figure(
     """Draw each column over time, and in that of M what is not used, and the impacts."""
     columns = sorted(columns, key=lambda column: (column.role != 'motion', not column.role))
     columns = columns[:_MOST_PANELS]
-    figure = blank_figure(6.3, 1.0 + 1.25 * len(columns))
+    figure = blank_figure(6.3, 1.0 + 1.25 * len(columns), title)
     panels = np.atleast_1d(figure.subplots(len(columns), 1, sharex=True))
     for number, (panel, column) in enumerate(zip(panels, columns, strict=True)):
         color = COLORS['primary'] if column.role else COLORS['quiet']
@@ -85,5 +85,4 @@ def look_figure(
                 notes.append(f'{len(data.impact_times)} impacts')
         panel.set_title('; '.join(notes), fontsize=7, loc='right')
     panels[-1].set_xlabel('Time [s]')
-    figure.suptitle(textwrap.fill(title, 100), fontsize=7.5, color='0.3')
     return figure

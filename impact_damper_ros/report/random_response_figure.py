@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,7 +61,7 @@ def response_text(found: RandomResponse) -> str:
 @print_style()
 def response_figure(found: RandomResponse, title: str = '') -> Figure:
     """Draw the transmissibilities and the densities over frequency."""
-    figure = blank_figure(6.3, 6.6)
+    figure = blank_figure(6.3, 6.6, title)
     panels = figure.subplots(3, 1, sharex=True)
     hertz = found.frequencies
     pairs = (
@@ -86,5 +85,4 @@ def response_figure(found: RandomResponse, title: str = '') -> Figure:
     panels[2].set_yscale('log')
     panels[2].legend(frameon=False)
     finish_panel(panels[2], 'c', 'Frequency [Hz]', 'Density [g²/Hz]')
-    figure.suptitle(textwrap.fill(title, 100), fontsize=7.5, color='0.3')
     return figure

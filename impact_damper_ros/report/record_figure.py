@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -43,7 +42,7 @@ def record_figure(
     found: RecordResponse, records: Sequence[MeasuredRecord], title: str = ''
 ) -> Figure:
     """Draw the records and the motion of both masses over time."""
-    figure = blank_figure(6.3, 3.9 + 1.7 * len(records))
+    figure = blank_figure(6.3, 3.9 + 1.7 * len(records), title)
     *panels, primary, damper = figure.subplots(len(records) + 2, 1, sharex=True)
     for number, (panel, record) in enumerate(zip(panels, records, strict=True)):
         starts, values = record.steps()
@@ -60,5 +59,4 @@ def record_figure(
     damper.set_xlim(found.times[0], found.times[-1])
     finish_panel(damper, 'abcd'[len(records) + 1], 'Time [s]', '')
     unit_axis(damper.yaxis, 'Y, and the stops', 'm', found.stops)
-    figure.suptitle(textwrap.fill(title, 100), fontsize=7.5, color='0.3')
     return figure

@@ -92,7 +92,7 @@ def draw_loss(axes: Any, found: RingDown) -> None:
 @print_style()
 def ring_down_figure(found: RingDown, title: str = '') -> Figure:
     """Draw the decay of each release, and the loss of a cycle over amplitude."""
-    figure = blank_figure(6.3, 5.6)
+    figure = blank_figure(6.3, 5.6, title)
     decay, loss = figure.subplots(2, 1)
     draw_decay(decay, found)
     decay.legend(frameon=False)
@@ -106,5 +106,4 @@ def ring_down_figure(found: RingDown, title: str = '') -> Figure:
     above = loss.secondary_xaxis('top', functions=(lambda x: x * to_g, lambda g: g / to_g))
     above.set_xlabel('Amplitude of the acceleration of M [g]')
     above.xaxis.set_major_formatter(lambda value, _: f'{value:g}')
-    figure.suptitle(title, fontsize=7.5, color='0.3')
     return figure

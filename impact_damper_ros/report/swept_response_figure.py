@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -161,7 +160,7 @@ def swept_figure(rig: RigParameters, found: SweptResponse, title: str = '') -> F
     ]
     if rig.swept == 'force':
         del panels[1]
-    figure = blank_figure(6.3, 1.2 + 2.0 * len(panels))
+    figure = blank_figure(6.3, 1.2 + 2.0 * len(panels), title)
     axes = figure.subplots(len(panels), 1, sharex=True)
     order = np.argsort(hertz)
     for panel, (values, alone, label), letter in zip(axes, panels, 'abc', strict=False):
@@ -172,5 +171,4 @@ def swept_figure(rig: RigParameters, found: SweptResponse, title: str = '') -> F
         axes[-1].plot(hertz[order], level[order], color='0.2', lw=1.0, ls=':', label='base')
     axes[-1].legend(frameon=False, fontsize=7)
     axes[0].legend(frameon=False, fontsize=7)
-    figure.suptitle(textwrap.fill(title, 100), fontsize=7.5, color='0.3')
     return figure
