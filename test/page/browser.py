@@ -7,7 +7,7 @@ import time
 from playwright.sync_api import Error, expect, sync_playwright
 from running import DEADLINE_S
 
-OPTIONS = ('--disable-gpu', '--autoplay-policy=no-user-gesture-required', '--mute-audio')
+OPTIONS = ('--disable-gpu',)
 #: A screen of four pictures per second. A page draws once for each, and to draw takes most of the
 #: processor's time, whatever it shows.
 SLOW_SCREEN = """{
@@ -103,16 +103,6 @@ class Page:
         """Wait until all that has changed is drawn, by the pictures of a whole turn."""
         self.run('new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))')
 
-    def still(self, **options):
-        """Return a picture of a page when it does not change any more."""
-        before, end = b'', time.monotonic() + DEADLINE_S
-        while (picture := self.tab.screenshot(**options)) != before:
-            assert time.monotonic() < end, f'it goes on moving; {self.described()}'
-            before = picture
-            for _ in range(4):
-                self.drawn()
-        return picture
-
     def described(self):
         """Return what a failed test should say of the page."""
         state = self.run("""[location.href, document.querySelector('#status')?.textContent,
@@ -149,10 +139,6 @@ class Page:
             color_scheme='dark' if dark else 'light',
             reduced_motion='reduce' if calm else 'no-preference',
         )
-
-    def protocol(self):
-        """Return a session of the DevTools protocol."""
-        return self.context.new_cdp_session(self.tab)
 
     def close(self):
         """Close the page."""

@@ -650,10 +650,9 @@ def test_keys_and_little_motion(opened):
     assert page.run(moves) == 'none'
 
 
-@pytest.mark.parametrize('size', [(390, 844), (1600, 900)])
-def test_journeys_with_the_mouse(opened, live, parameters, size):
-    """Each control is pressed where it is seen, with nothing before it."""
-    page = opened(size=size)
+def test_a_journey_with_the_mouse(opened, live, parameters):
+    """On a phone each control is pressed where it is seen, with nothing before it."""
+    page = opened(size=(390, 844))
     # A knob
     page('#knob-gap').click()
     page.tab.keyboard.insert_text('26')
@@ -823,7 +822,7 @@ def test_a_node_comes_back_with_a_controller(opened, tmp_path):
 
 @pytest.mark.usefixtures('live')
 def test_my_structure_and_a_server_that_comes_back(tab, parameters, tmp_path):
-    """The page joins it again by itself; see the reconnection in connection.js."""
+    """The page joins it again by itself; see `Connection` in protocol.js."""
     place = tmp_path / 'page'
     place.mkdir()
     bag = str(place / 'runs' / 'run')
