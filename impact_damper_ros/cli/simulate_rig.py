@@ -108,8 +108,8 @@ _WATCHED_CYCLES = 20
 _LOOKS_PER_CYCLE = 256
 # Cycles this little fewer than a whole number are whole.
 _WHOLE = 1e-6
-# A day at 1 kHz, some 20 GB
-_MOST_SAMPLES = 1e8
+# Ten days at 1 kHz, some 200 GB
+_MOST_SAMPLES = 1e9
 # Stamps are whole nanoseconds.
 _SHORTEST, _SLOWEST, _FASTEST = 1e-9, 1e-12, 1e9
 

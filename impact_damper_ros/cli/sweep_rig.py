@@ -119,7 +119,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar='FILE',
         help='the table, a .parquet or .csv file; until it is complete, its rows are in FILE.part',
     )
-    add('--overwrite', action='store_true', help='replace the table of another sweep')
+    add('--overwrite', action='store_true', help='run all rigs anew, and replace the table')
     add(
         '--follow',
         choices=get_args(Follow),

@@ -62,7 +62,7 @@ REFUSALS = {
         *((f'--duration {t}', 'from 1e-09 to 1e+13 s') for t in ('nan', '1e-320', '1e14')),
         *((f'--rate {rate}', 'from 1e-12 to 1e+09 Hz') for rate in ('inf', '1e-320', '1e300')),
         ('--bag=', 'the name is empty: give that of a file or directory'),
-        ('--states a.csv --rate 1e9', '8e+10 samples: give a rate of at most 1.25e+06 Hz'),
+        ('--states a.csv --rate 1e9', '8e+10 samples: give a rate of at most 1.25e+07 Hz'),
         ('--bag m --states m', 'two outputs have the same name'),
         ('--sweep-levels m.csv', '--sweep-levels are those of a sweep: give --set sweep_mode=up'),
         ('--max-bag-size 7', 'give 0 (no limit) or a number from 100000 to 1e+15 B'),
