@@ -5,10 +5,10 @@ import struct
 from pathlib import Path
 
 import yaml
-import zstandard
-from bag import alterations
+from bag import alterations, samples
 from bag.alterations import kind_of
 from mcap.writer import CompressionType
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as PeerWriter
 
 from impact_damper_ros.bag import topics as interface
 
@@ -76,21 +76,17 @@ def write_file(path, messages, topics, compression=CompressionType.NONE):
     )
 
 
-def write_bag(
-    directory, messages, *, files=1, file_zstd=False, message_zstd=False, compression=None
-):
-    """Write a bag of so many files, compressed by file, by message, by chunk or not at all."""
+def write_bag(directory, messages, *, files=1, compression=None):
+    """Write a bag of so many files, compressed by chunk or not at all."""
     directory = Path(directory)
     directory.mkdir()
     topics = sorted({topic for topic, *_ in messages})
-    compress = zstandard.ZstdCompressor().compress
     each = -(-len(messages) // files)
     listed, names = [], []
     for number in range(files):
         part = messages[number * each : (number + 1) * each]
-        stored = [(t, compress(c), s) for t, c, s in part] if message_zstd else part
         path = directory / f'{directory.name}_{number}.mcap'
-        write_file(path, stored, topics, compression or CompressionType.NONE)
+        write_file(path, part, topics, compression or CompressionType.NONE)
         start, end = part[0][2], max(stamp for *_, stamp in part)
         listed.append(
             {
@@ -101,10 +97,6 @@ def write_bag(
             }
         )
         names.append(path.name)
-        if file_zstd:
-            names[-1] += '.zstd'
-            (directory / names[-1]).write_bytes(compress(path.read_bytes()))
-            path.unlink()
     start, end = messages[0][2], max(stamp for *_, stamp in messages)
     content = {
         'version': 9,
@@ -119,8 +111,8 @@ def write_bag(
             }
             for topic in topics
         ],
-        'compression_format': 'zstd' if file_zstd or message_zstd else '',
-        'compression_mode': 'FILE' if file_zstd else 'MESSAGE' if message_zstd else '',
+        'compression_format': '',
+        'compression_mode': '',
         'relative_file_paths': names,
         'files': listed,
         'custom_data': None,
@@ -128,4 +120,19 @@ def write_bag(
     }
     text = yaml.safe_dump({'rosbag2_bagfile_information': content}, sort_keys=False)
     (directory / 'metadata.yaml').write_text(text)
+    return directory
+
+
+def write_by_rosbags(directory, messages, mode, storage=StoragePlugin.MCAP):
+    """Write a bag by `rosbags`, with its mode of compression and its storage."""
+    writer = PeerWriter(directory, version=9, storage_plugin=storage)
+    if mode is not CompressionMode.NONE:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connections = {
+            topic: writer.add_connection(topic, kind_of(topic), typestore=samples.STORE)
+            for topic in sorted({topic for topic, *_ in messages})
+        }
+        for topic, content, stamp in messages:
+            writer.write(connections[topic], stamp, content)
     return directory

@@ -11,7 +11,6 @@ from bag.alterations import (
     altered,
     chunks_of,
     edited,
-    kind_of,
     rewritten,
     without_chunk,
     write,
@@ -21,7 +20,7 @@ from bag.recorded_rig import NOTES, RecordedRig, renamed
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType
 from replay.test_replay import replayed
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as PeerWriter
+from rosbags.rosbag2 import CompressionMode
 
 from impact_damper_ros.bag import RecordingError, RunReader
 from impact_damper_ros.cli.compare_run import main as compare_run
@@ -170,17 +169,8 @@ def test_files_of_mcap(messages, tmp_path, compression, index, crcs):
 
 @pytest.mark.parametrize('mode', [CompressionMode.NONE, CompressionMode.STORAGE])
 def test_bags_of_rosbags(messages, tmp_path, mode):
-    writer = PeerWriter(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP)
-    if mode is not CompressionMode.NONE:
-        writer.set_compression(mode, CompressionFormat.ZSTD)
     arrived = ros2_bags.joined(messages[:3000], 0)
-    with writer:
-        connections = {
-            topic: writer.add_connection(topic, kind_of(topic), typestore=samples.STORE)
-            for topic in sorted({topic for topic, *_ in arrived})
-        }
-        for topic, content, stamp in arrived:
-            writer.write(connections[topic], stamp, content)
+    ros2_bags.write_by_rosbags(tmp_path / 'bag', arrived, mode)
     assert faults_of(tmp_path / 'bag') == []
     assert [(r.topic, r.content, r.stamp_ns) for r in RunReader(tmp_path / 'bag')] == arrived
     assert replayed(tmp_path / 'bag').verdict is ReplayVerdict.IDENTICAL

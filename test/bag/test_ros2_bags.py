@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 from bag import ros2_bags, samples
-from bag.alterations import kind_of
 from bag.recorded_rig import CONTROL, RecordedRig, renamed
 from mcap.writer import CompressionType
 from replay.test_replay import places, replayed
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as PeerWriter
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.bag.messages import header_ns
@@ -140,7 +139,11 @@ def test_split_and_compressed_bags(tmp_path, messages, form, capsys):
 @pytest.mark.parametrize(
     ('mode', 'storage', 'words'),
     [
-        (None, StoragePlugin.SQLITE3, 'it is stored in SQLite; plain MCAP is read'),
+        (
+            CompressionMode.NONE,
+            StoragePlugin.SQLITE3,
+            'it is stored in SQLite; plain MCAP is read',
+        ),
         (CompressionMode.FILE, StoragePlugin.MCAP, 'it is compressed as a file; plain'),
         (CompressionMode.FILE, StoragePlugin.SQLITE3, 'it is compressed as a file; plain'),
         (CompressionMode.MESSAGE, StoragePlugin.MCAP, 'its messages are compressed one by one;'),
@@ -151,16 +154,7 @@ def test_other_forms_are_refused_with_the_command_that_converts_them(
     tmp_path, messages, mode, storage, words, capsys
 ):
     arrived = ros2_bags.joined(messages[:900], 0)
-    writer = PeerWriter(tmp_path / 'bag', version=9, storage_plugin=storage)
-    if mode is not None:
-        writer.set_compression(mode, CompressionFormat.ZSTD)
-    with writer:
-        connections = {
-            topic: writer.add_connection(topic, kind_of(topic), typestore=samples.STORE)
-            for topic in sorted({topic for topic, *_ in arrived})
-        }
-        for topic, content, stamp in arrived:
-            writer.write(connections[topic], stamp, content)
+    ros2_bags.write_by_rosbags(tmp_path / 'bag', arrived, mode, storage)
     for command, code in ((replay_run, 2), (recover_run, 1)):
         assert command([str(tmp_path / 'bag')]) == code
         (line,) = capsys.readouterr().err.splitlines()
