@@ -71,19 +71,6 @@ def test_sweep_with_figure_and_findings(tmp_path, capsys):
     assert json.loads(found.read_text())['optimum']['measure'] == 'x_rms'
 
 
-def test_frequencies_that_look_like_hertz(tmp_path, capsys):
-    words = ('--jobs', 1, '--cycles', 50, '--watch', 21)
-    bench = ROOT / 'config' / 'bench_rig.yaml'
-    hertz = ('--vary', 'force_frequencies=4,6', *words, '-o', tmp_path / 'a.csv')
-    assert run(*hertz, params=bench) == 0
-    said = capsys.readouterr().err
-    assert 'natural frequency 5.00 Hz (31.42 rad/s), ζ 1.00 %' in said
-    assert 'if Hz were meant, give 25.1327 to 37.6991' in said
-    right = ('--vary', 'force_frequencies=25,38', *words, '-o', tmp_path / 'b.csv')
-    assert run(*right, params=bench) == 0
-    assert 'Hz were meant' not in capsys.readouterr().err
-
-
 def test_rigs_under_gap_control(tmp_path):
     """By the parameters file, with a parameter of the control varied."""
     params = tmp_path / 'controlled.yaml'
