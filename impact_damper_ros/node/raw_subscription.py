@@ -30,6 +30,7 @@ class RawSubscription:
     """One subscription, with any profile."""
 
     def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile) -> None:
+        self._node = node
         self._subscription = node.create_subscription(
             kind, topic, lambda _: None, qos, callback_group=_Polled(), raw=True
         )
@@ -52,4 +53,4 @@ class RawSubscription:
 
     def destroy(self) -> None:
         """Leave the topic."""
-        self._subscription.destroy()
+        self._node.destroy_subscription(self._subscription)

@@ -59,6 +59,7 @@ class _Service:
         self.name, self.kind = name, kind
         # A step or a reset that is asked for again would be made twice.
         self.repeatable = kind is not Trigger
+        self._node = node
         self._client = node.create_client(kind, name)
         self._requests: list[_Request] = []
         self._numbers: dict[int, _Request] = {}
@@ -113,7 +114,7 @@ class _Service:
     def close(self) -> None:
         for request in self._requests:
             request.answer.cancel()
-        self._client.destroy()
+        self._node.destroy_client(self._client)
 
 
 class RigClient:

@@ -1,6 +1,7 @@
 """The option --law: the example of docs/controllers/own_law.md, laws that fail, recorded runs."""
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,7 @@ ROOT = Path(impact_damper_ros.__file__).parents[1]
 
 @pytest.fixture
 def example(tmp_path, monkeypatch):
-    """Write the file of the page to the present directory, and return the page."""
+    """Write the file of the page to the present directory, and yield the page."""
     page = (ROOT / 'docs' / 'controllers' / 'own_law.md').read_text(encoding='utf-8')
     source = re.search(r'^```python\n(.*?)^```', page, re.DOTALL | re.MULTILINE).group(1)
     (tmp_path / 'my_laws.py').write_text(
@@ -24,7 +25,9 @@ def example(tmp_path, monkeypatch):
     )
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    return page
+    yield page
+    # Another page has a module of this name, too.
+    sys.modules.pop('my_laws', None)
 
 
 def largest(text):

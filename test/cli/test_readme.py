@@ -336,11 +336,11 @@ def test_check_of_first_events_runs():
     assert 'missed 0, false 0' in done.stdout
 
 
-#: The pages of the library have its signatures.
+#: The pages of the library have its signatures, that of the gallery its scripts.
 PYTHON = [
     pytest.param(text, id=f'{page.relative_to(ROOT)}: {text.splitlines()[0]}')
     for page in PAGES
-    if page not in TUTORIALS and page.parent.name != 'python'
+    if page not in TUTORIALS and page.parent.name not in ('python', 'gallery')
     for text in blocks(page, 'python')
 ]
 
