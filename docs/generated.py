@@ -19,14 +19,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import yaml
 from numpydoc.docscrape import NumpyDocString
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from impact_damper_ros import EventKind, Rig, load_parameters  # noqa: E402
+from impact_damper_ros import EventKind, GapControlParameters, Rig, load_parameters  # noqa: E402
 from impact_damper_ros.bag import rig_topics  # noqa: E402
 from impact_damper_ros.bag.messages import JOINT_STATE, JointState, decode  # noqa: E402
+from impact_damper_ros.bag.robot_description import robot_description  # noqa: E402
+from impact_damper_ros.bag.snapshots import Snapshots  # noqa: E402
 
 REFERENCE = ROOT / 'docs' / 'reference'
 SCRIPTS = sorted((ROOT / 'examples' / 'gallery').glob('plot_*.py'))
@@ -205,16 +208,35 @@ def messages(page: str) -> str:
     rig, made = Rig(parameters), rig_topics.RigMessages()
     event = next(one for one in rig.advance(2.0) if one.kind is EventKind.IMPACT)
     rig.advance(2.0)
+    controlled = Rig(parameters, control=GapControlParameters(gap_control='timed'))
+    controlled.advance(2.0)
+    act = controlled.records[0]
+    seen, stop_rates = rig.measure(0)
+    views = (seen.x, seen.y, seen.stop_1, seen.stop_2), (seen.x_rate, seen.y_rate, *stop_rates)
+    names = {key: f'/{topic.name}' for key, topic in rig_topics.RIG_TOPICS.items()}
+    snapshots = Snapshots('/sim_node', names, {}, 200.0)
+    snapshots.run = 32 * '0'
     samples = {
-        'impacts': made.impact(round(event.time * 1e9), event, 0.0),
-        'joint_states': made.states(2 * 10**9, rig.sample(), 0.0, parameters.angle),
+        'impacts': _echoed(made.impact(round(event.time * 1e9), event, 0.0)),
+        'joint_states': _echoed(made.states(2 * 10**9, rig.sample(), 0.0, parameters.angle)),
+        'gap_control': _echoed(made.control(round(act.time * 1e9), act)),
+        'measurements': _echoed(made.measurement(2 * 10**9, *views)),
+        'snapshot': _echoed_text(snapshots.text(0, 'start', {})),
+        'robot_description': _echoed_text(robot_description(parameters)),
     }
-    for key, content in samples.items():
-        lines += ['', f'A message of `{key}`:', '', '```yaml', *_echoed(content), '```']
+    lines += ['', '### Sample messages', '']
+    lines += [
+        'As `ros2 topic echo` prints them, with fewer digits. Long texts are cut after 128',
+        'characters.',
+        '[Diagnostics](diagnostics.md) describes `/diagnostics` and `theory`,',
+        '[commands of a controller](../controllers/commands.md) the topics that the node takes.',
+    ]
+    for key, echoed in samples.items():
+        lines += ['', f'`{key}`:', '', '```yaml', *echoed, '```']
     text = '\n'.join(lines)
-    head = '### Quality of service, rates, sample messages\n\n'
+    head = '### Quality of service, rates, frames\n\n'
     return re.sub(
-        rf'(?<={re.escape(head)}).*?(?=\n\n###? )', lambda _: text, page, flags=re.DOTALL
+        rf'(?<={re.escape(head)}).*?(?=\n\n### Services)', lambda _: text, page, flags=re.DOTALL
     )
 
 
@@ -230,6 +252,12 @@ def _echoed(content: bytes) -> list[str]:
         lines += [f'{key}:' if values else f'{key}: []']
         lines += [f'- {v if isinstance(v, str) else float(f"{v:.6g}")}' for v in values]
     return [*lines, '---']
+
+
+def _echoed_text(text: str) -> list[str]:
+    """Return a String as `ros2 topic echo` prints it: 128 characters of its text."""
+    cut = f'{text[:128]}...'
+    return [*yaml.safe_dump({'data': cut}, width=sys.maxsize).splitlines(), '---']
 
 
 def gallery() -> str:
