@@ -51,6 +51,8 @@ class RandomLines(NamedTuple):
     period: float
     #: 'force' or 'acceleration'.
     quantity: str
+    #: Which columns of the table are used, and which are not.
+    columns: str = ''
 
     @property
     def rms(self) -> float:
@@ -76,7 +78,7 @@ class RandomLines(NamedTuple):
             f'random {self.quantity} of {count} line{"s" * (count > 1)} from {low:.4g} Hz to '
             f'{high:.4g} Hz: {self.rms / factor:.4g} {unit} rms, '
             f'{self.integral / factor:.4g} {unit} by the integral of the table; repeats after '
-            f'{self.period:.6g} s'
+            f'{self.period:.6g} s; {self.columns}'
         )
 
 
@@ -148,6 +150,7 @@ def random_lines(
         math.sqrt(integral),
         1.0 / width,
         'force' if level.unit == 'N^2/Hz' else 'acceleration',
+        table.described,
     )
 
 

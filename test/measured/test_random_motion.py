@@ -99,6 +99,15 @@ def test_units_steps_zeros_and_slopes(tmp_path, text, square, band):
     assert ends == pytest.approx(band, abs=0.03)
 
 
+def test_columns_that_are_not_used(tmp_path):
+    path = tmp_path / 'psd.csv'
+    path.write_text('f [Hz],level [g^2/Hz],phase [rad]\n3,1e-4,1\n5,1e-3,2\n')
+    words = random_lines(path, 4).described()
+    assert words.endswith(
+        "; reads frequency 'f [Hz]', level 'level [g^2/Hz]'; not used: 'phase [rad]'"
+    )
+
+
 def test_a_step_of_a_sweep(tmp_path):
     path = tmp_path / 'levels.csv'
     path.write_text('f [Hz],level [g]\n3,0.1\n5,0.1\n5,0.05\n8,0.05\n')
