@@ -22,7 +22,7 @@ def test_a_subscriber_and_a_table_over_the_gap(tmp_path):
     ):
         assert tune.wait() == 0, tune.output
         subscriber.until(lambda: 'mm, after stop_' in subscriber.output)
-        subscriber.stop()
+        # Before Ctrl-C, which rclpy itself may answer with a traceback.
         assert 'Traceback' not in subscriber.output
     head, *rows = tune.output.splitlines()
     assert head.startswith('gap [m]  motion')
