@@ -12,7 +12,7 @@ from impact_damper_ros.measured.random_motion import LINES, RandomLines, random_
 from impact_damper_ros.measured.record import MeasuredRecord, read_records
 from impact_damper_ros.measured.sweep_levels import sweep_levels
 
-from .command_line import add_path_option, number, up_to
+from .command_line import add_path_option, number, say, up_to
 from .rig_options import RECORDS, GivenRig
 
 _TABLE = 'CSV with a header, as f [Hz], level'
@@ -64,10 +64,11 @@ def with_sweep_levels(arguments: argparse.Namespace, given: GivenRig) -> GivenRi
     """Return a rig with the levels of the table of the option; one line is swept."""
     if arguments.sweep_levels is None:
         return given
-    values = sweep_levels(arguments.sweep_levels)
+    values, columns = sweep_levels(arguments.sweep_levels)
     rig = given.parameters
     if rig.sweep_mode == 'off':
         raise ValueError('--sweep-levels are those of a sweep: give --set sweep_mode=up, too')
+    say('simulate_rig', f'levels of {arguments.sweep_levels}: {columns}')
     group = 'base' if 'base_amplitudes' in values else 'force'
     for part in ('frequencies', 'phases'):
         values[f'{group}_{part}'] = getattr(rig, f'{group}_{part}')[:1]

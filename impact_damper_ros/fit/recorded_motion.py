@@ -178,4 +178,7 @@ def read_motion(
         if any(getattr(options, name) for name in named):
             raise ValueError(f'{path}: a bag has no columns: name --topic and --joint')
         return read_bag_motion(path, options)
+    if options.topic or options.joint:
+        option = '--topic' if options.topic else '--joint'
+        raise ValueError(f'{path}: a file of columns has no topics: leave {option} out')
     return read_table_motion(path, options), None

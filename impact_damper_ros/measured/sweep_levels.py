@@ -25,8 +25,8 @@ _LEVEL = Quantity(
 _STEP = 1e-6
 
 
-def sweep_levels(path: Path) -> dict[str, Any]:
-    """Return amplitude and notches of a sweep from a table of levels, of base or force."""
+def sweep_levels(path: Path) -> tuple[dict[str, Any], str]:
+    """Return amplitude and notches of a sweep from a table, of base or force, and its columns."""
     table = read_table(path, {'frequency': FREQUENCY, 'level': _LEVEL})
     table.check_rising('frequency', steps=True)
     for key in ('frequency', 'level'):
@@ -42,9 +42,6 @@ def sweep_levels(path: Path) -> dict[str, Any]:
     }
     unit = table.columns['level'].unit
     if unit == 'N':
-        return {'force_amplitudes': (greatest,), **notches}
-    return {
-        'base_amplitudes': (greatest,),
-        'base_quantity': quantity_of(unit),
-        **notches,
-    }
+        return {'force_amplitudes': (greatest,), **notches}, table.described
+    base = {'base_amplitudes': (greatest,), 'base_quantity': quantity_of(unit)}
+    return base | notches, table.described

@@ -373,7 +373,7 @@ def test_the_response_to_a_sweep(tmp_path, capsys):
     assert 'without damper 29.' in printed
 
 
-def test_a_notched_sweep(tmp_path):
+def test_a_notched_sweep(tmp_path, capsys):
     table, response, rig = (tmp_path / n for n in ('levels.csv', 'response.csv', 'rig.yaml'))
     table.write_text(NOTCHED)
     assert swept('--sweep-levels', table, '--response', response, '--rig-out', rig) == 0
@@ -387,6 +387,7 @@ def test_a_notched_sweep(tmp_path):
     # A table of forces, in newtons, acts on M.
     table.write_text('Frequenz [Hz];Kraft [N]\n4;1,5\n6;0,5\n')
     assert swept('--sweep-levels', table, '--response', response, settings=SWEEP[2:]) == 0
+    assert "reads frequency 'Frequenz [Hz]', level 'Kraft [N]'" in capsys.readouterr().err
     levels = [float(r['level [N]']) for r in rows_of(response)]
     assert levels[::4] == pytest.approx([1.5, 0.5, 1.5])
     assert 'x - b [mm]' not in rows_of(response)[0]

@@ -154,6 +154,14 @@ def test_stamps_that_are_none(tmp_path, stamps, problem):
         read_motion(recorded(tmp_path / 'run', make), ReadingOptions())
 
 
+@pytest.mark.parametrize('options', [{'topic': '/imu'}, {'joint': 'carriage'}])
+def test_a_file_of_columns_has_no_topics(options, tmp_path):
+    (path := tmp_path / 'run.csv').write_text('t [s],x [mm]\n0,1\n1,2\n')
+    problem = f'has no topics: leave --{next(iter(options))} out'
+    with pytest.raises(ValueError, match=problem):
+        read_motion(path, ReadingOptions(**options))
+
+
 def test_a_bag_has_no_columns(tmp_path):
     bag = recorded(tmp_path / 'run', joint_state)
     with pytest.raises(ValueError, match='a bag has no columns: name --topic and --joint'):

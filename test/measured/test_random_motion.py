@@ -111,7 +111,7 @@ def test_columns_that_are_not_used(tmp_path):
 def test_a_step_of_a_sweep(tmp_path):
     path = tmp_path / 'levels.csv'
     path.write_text('f [Hz],level [g]\n3,0.1\n5,0.1\n5,0.05\n8,0.05\n')
-    values = sweep_levels(path)
+    values, _ = sweep_levels(path)
     hertz = np.array(values['sweep_notch_frequencies']) / math.tau
     assert hertz == pytest.approx([3.0, 5.0, 5.0, 8.0], rel=2e-6)
     assert (np.diff(hertz) > 0.0).all()
