@@ -7,7 +7,7 @@ import cmath
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
-from impact_damper_ros.compare import Overall, RunComparison, StretchComparison
+from impact_damper_ros.compare import Overall, StretchComparison
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import Transmissibility
@@ -391,24 +391,3 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
     lines = [(n, values[n], units[n], earlier.get(n, NONE)) for n in changed]
     note = f'All others are those of stretch {before.number}.'
     return Table([*columns, Column('before')], [('', lines)], 'Changed parameters', note)
-
-
-def stretch_tables(stretch: StretchComparison, before: StretchComparison | None) -> list[Table]:
-    """Return all tables of a stretch, given the one before it."""
-    tables = (
-        impact_table(stretch),
-        ring_down_table(stretch),
-        response_table(stretch),
-        comparison_table(stretch),
-        energy_table(stretch),
-        multiplier_table(stretch),
-        parameter_table(stretch, before),
-    )
-    return [table for table in tables if table is not None]
-
-
-def run_tables(comparison: RunComparison) -> list[Table]:
-    """Return the tables of a run as a whole."""
-    stretches = comparison.stretches
-    whole = overall_table(stretches, comparison.overall, '')
-    return [overview_table(stretches, (), ''), *([] if whole is None else [whole])]
