@@ -26,7 +26,7 @@ exclude_patterns = ['_build']
 root_doc = 'index'
 nitpicky = True
 # That nothing of the site is missing is checked by `-b linkcheck`, which needs a network.
-linkcheck_exclude_documents = ['gallery/index', 'reference/python/.*']
+linkcheck_exclude_documents = ['results/gallery/index', 'reference/python/.*']
 
 myst_enable_extensions = ['dollarmath', 'amsmath', 'colon_fence', 'deflist']
 myst_heading_anchors = 4
@@ -70,14 +70,14 @@ jupyter:
 
 
 def _offer_notebook(app: Any, name: str, source: list[str]) -> None:
-    """Write a tutorial as a notebook, and link it below the title of its page."""
-    if not name.startswith('tutorials/'):
+    """Write a page that is worked through as a notebook, and link it below the title."""
+    if 'test_tutorials.py works through' not in source[0] or '```python' not in source[0]:
         return
     notebook = jupytext.reads(_PYTHON + source[0], fmt='md')
     for cell in notebook.cells:
         if file := re.match(r'# (\S+\.py)\n', cell.source):
             cell.source = f'%%writefile {file[1]}\n{cell.source}'
-    path = Path(app.outdir) / 'tutorials' / f'{Path(name).name}.ipynb'
+    path = Path(app.outdir) / f'{name}.ipynb'
     path.parent.mkdir(parents=True, exist_ok=True)
     jupytext.write(notebook, path)
     link = f'<a href="{path.name}" download>Download this page as a notebook</a>'

@@ -31,9 +31,9 @@ from impact_damper_ros.bag.messages import JOINT_STATE, JointState, decode  # no
 from impact_damper_ros.bag.robot_description import robot_description  # noqa: E402
 from impact_damper_ros.bag.snapshots import Snapshots  # noqa: E402
 
-REFERENCE = ROOT / 'docs' / 'reference'
+DOCS = ROOT / 'docs'
 SCRIPTS = sorted((ROOT / 'examples' / 'gallery').glob('plot_*.py'))
-GALLERY = ROOT / 'docs' / 'gallery'
+GALLERY = DOCS / 'results' / 'gallery'
 #: Titles of the pages of the library, and per page the modules and the rooms they take names from.
 LIBRARY = {
     'simulate': ('Simulation', 'impact_damper_ros', 'parameters', 'rig'),
@@ -60,7 +60,7 @@ def tables(name: str, page: str) -> str:
             (rig_parameters.PARAMETER_SPECS, rig_parameters.INITIAL_SPECS),
             (structure.STRUCTURE_SPECS,),
         ],
-        'control.md': [(rig_parameters.GAP_CONTROL_SPECS,)],
+        'laws.md': [(rig_parameters.GAP_CONTROL_SPECS,)],
     }
     present = iter([table(*specs) for specs in groups[name]])
     return re.sub(
@@ -229,7 +229,7 @@ def messages(page: str) -> str:
         'As `ros2 topic echo` prints them, with fewer digits. Long texts are cut after 128',
         'characters.',
         '[Diagnostics](diagnostics.md) describes `/diagnostics` and `theory`,',
-        '[commands of a controller](../controllers/commands.md) the topics that the node takes.',
+        '[commands of a controller](../controllers/interface.md) the topics that the node takes.',
     ]
     for key, echoed in samples.items():
         lines += ['', f'`{key}`:', '', '```yaml', *echoed, '```']
@@ -295,16 +295,16 @@ def draw() -> None:
 def pages() -> dict[Path, str]:
     """Return the pages with generated parts."""
     made = {GALLERY / 'index.md': gallery()}
-    made |= {REFERENCE / 'python' / f'{stem}.md': library(stem) for stem in LIBRARY}
+    made |= {DOCS / 'reference' / 'python' / f'{stem}.md': library(stem) for stem in LIBRARY}
     fill = {
-        'commands.md': commands,
-        'control.md': partial(tables, 'control.md'),
-        'glossary.md': glossary,
-        'node.md': messages,
-        'parameters.md': partial(tables, 'parameters.md'),
+        'reference/commands.md': commands,
+        'controllers/laws.md': partial(tables, 'laws.md'),
+        'reference/glossary.md': glossary,
+        'node/node.md': messages,
+        'node/parameters.md': partial(tables, 'parameters.md'),
     }
     for name, filled in fill.items():
-        path = REFERENCE / name
+        path = DOCS / name
         made[path] = filled(path.read_text(encoding='utf-8'))
     return made
 

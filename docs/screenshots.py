@@ -1,7 +1,7 @@
 """
 The two pictures of the page in README and docs, of a real rig in a real browser.
 
-    python docs/screenshots.py docs/reference/page_pictures
+    python docs/screenshots.py docs/node/page_pictures
 
 `page.webp` moves: a gap becomes too wide, slowed down. `bench.webp` is the whole page.
 """

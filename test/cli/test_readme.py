@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from docs.tutorial import PAGES as WORKED_THROUGH
 from running import DEADLINE_S
 from setup_file import COMMANDS
 
@@ -25,15 +26,7 @@ ROOT = Path(impact_damper_ros.__file__).parents[1]
 README = ROOT / 'README.md'
 PAGES = [README, *sorted((ROOT / 'docs').rglob('*.md'))]
 #: Those that test/docs/test_tutorials.py works through from top to bottom.
-TUTORIALS = sorted(
-    [
-        README,
-        *ROOT.glob('docs/tutorials/*.md'),
-        *ROOT.glob('docs/start/first_ten_minutes.md'),
-        *ROOT.glob('docs/start/your_structure.md'),
-        *ROOT.glob('docs/controllers/scores.md'),
-    ]
-)
+TUTORIALS = sorted([README, *WORKED_THROUGH])
 #: The recording that the pages speak of.
 BAG = 'runs/run_20261120_221707'
 #: The one that a command of the README makes, for others after it.

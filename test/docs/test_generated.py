@@ -32,6 +32,6 @@ def test_every_public_name_has_an_entry():
 
 
 def test_every_figure_of_the_gallery_is_there():
-    page = (DOCS / 'gallery' / 'index.md').read_text(encoding='utf-8')
-    pictures = {path.name for path in (DOCS / 'gallery').glob('*.png')}
+    page = (DOCS / 'results' / 'gallery' / 'index.md').read_text(encoding='utf-8')
+    pictures = {path.name for path in (DOCS / 'results' / 'gallery').glob('*.png')}
     assert pictures == set(re.findall(r'^!\[.*\]\((\S+)\)$', page, re.MULTILINE))

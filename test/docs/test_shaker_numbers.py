@@ -16,7 +16,7 @@ from docs.tutorial import ROOT
 
 from impact_damper_ros import find_orbits, load_parameters
 
-PAGE = (ROOT / 'docs' / 'tutorials' / 'shaker.md').read_text(encoding='utf-8')
+PAGE = (ROOT / 'docs' / 'analysis' / 'shaker.md').read_text(encoding='utf-8')
 MASS, RATE, ZETA, MU, GAP, RESTITUTION = 5.0, 20.0 * math.pi, 0.02, 0.05, 0.018, 0.6
 LEVEL = 0.2 * 9.80665
 

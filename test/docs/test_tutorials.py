@@ -13,18 +13,11 @@ from pathlib import Path
 
 import pytest
 import yaml
-from docs.tutorial import ROOT, Reader, differences, pictures
+from docs.tutorial import PAGES, ROOT, Reader, differences, pictures
 
 from impact_damper_ros import GapControlParameters, InitialConditions, RigParameters
 
 PAGE = ROOT / 'impact_damper_ros' / 'page'
-TUTORIALS = ROOT / 'docs' / 'tutorials'
-START = ROOT / 'docs' / 'start'
-PAGES = [
-    *sorted(TUTORIALS.glob('*.md')),
-    *(START / name for name in ('first_ten_minutes.md', 'your_structure.md')),
-    ROOT / 'docs' / 'controllers' / 'scores.md',
-]
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.stem)
@@ -48,7 +41,7 @@ def test_readme(tmp_path):
 @pytest.mark.parametrize('line', ['mass_ratio = 0.02', 'mass_ratio = 0.1', 'restitution = 0.3'])
 def test_best_gap_of_another_structure(line, tmp_path):
     """Numbers at the top of the page are the reader's own; those below then are others, too."""
-    page = TUTORIALS / 'best_gap.md'
+    page = ROOT / 'docs' / 'design' / 'best_gap.md'
     name = line.partition(' =')[0]
     text = re.sub(rf'^{name} = [0-9.]+', line, page.read_text(encoding='utf-8'), flags=re.M)
     text = re.sub(r'^```(text|bash)\n.*?^```$', '', text, flags=re.M | re.S)
@@ -64,7 +57,7 @@ def test_links_to_the_page_are_rigs():
     """A link holds a preset, parameters in their range, and settings of the view."""
     presets = yaml.safe_load((PAGE / 'presets.yaml').read_text(encoding='utf-8'))
     view = re.search(r'VIEW = \[(.*)\]', (PAGE / 'static' / 'address.js').read_text())[1]
-    text = (TUTORIALS / 'lecture.md').read_text(encoding='utf-8')
+    text = (ROOT / 'docs' / 'lecture.md').read_text(encoding='utf-8')
     links = re.findall(r'http://127.0.0.1:8088/#([^)\s]+)\)', text)
     assert len(links) > 8
     for link in links:

@@ -23,6 +23,13 @@ from importlib import import_module
 from running import DEADLINE_S, Running
 from setup_file import COMMANDS, ROOT
 
+MARK = '<!-- test/docs/test_tutorials.py works through this page from top to bottom -->'
+#: The pages that are worked through.
+PAGES = [
+    page
+    for page in sorted((ROOT / 'docs').rglob('*.md'))
+    if MARK in page.read_text(encoding='utf-8')
+]
 #: What goes on in the background, with what it prints once it has started.
 LIVE = {'sim_node': 'real time', 'rig_page': 'the page is at'}
 #: Of others: ROS 2 as installed, and the set-up.

@@ -31,8 +31,8 @@ def rows_of(path):
 
 
 def test_the_stored_verdicts():
-    """Those of docs/paper, which `claims.py` takes too long for here to compute all."""
-    rows = rows_of(EXAMPLES.parent / 'docs' / 'paper' / 'claims.csv')
+    """Those of docs/results/paper, which `claims.py` takes too long for here to compute all."""
+    rows = rows_of(EXAMPLES.parent / 'docs' / 'results' / 'paper' / 'claims.csv')
     assert tuple({row['no.']: row['verdict'] for row in rows}.values()) == VERDICTS
 
 

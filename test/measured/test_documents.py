@@ -7,7 +7,7 @@ import pytest
 
 from impact_damper_ros.measured import formats, sheet, units
 
-PAGE = Path(__file__).parents[2] / 'docs' / 'reference' / 'measured_files.md'
+PAGE = Path(__file__).parents[2] / 'docs' / 'design' / 'measured_files.md'
 QUANTITIES = ('TIME', 'DISPLACEMENT', 'VELOCITY', 'ACCELERATION', 'FORCE', 'BASE', 'IMPACT')
 TABLES = {
     'formats': ('file', 'what is read', [(f'`{k}`', v) for k, v in formats.SHOWN.items()]),

@@ -109,7 +109,7 @@ def value_of(topics, path):
 
 def in_namespace(name, namespace, directory):
     """Return a layout after what the docs say for a rig in a namespace."""
-    document = (SOURCE / 'docs' / 'reference' / 'viewers.md').read_text(encoding='utf-8')
+    document = (SOURCE / 'docs' / 'node' / 'viewers.md').read_text(encoding='utf-8')
     (command,) = re.findall(r'^sed -E .*$', document, re.MULTILINE)
     assert 'rig1' in command
     expression = re.search(r"'(.*)'", command)[1].replace('rig1', namespace[1:])
