@@ -540,8 +540,10 @@ class Engine:
 
     def _go_on(self) -> bool:
         """Resume a rig with new stamps and deadlines; return whether the stamps have moved."""
+        moved = self._stamps.catch_up(self._time_ns)
+        # In this order no deadline is before its stamp, however late this thread comes here.
         self._pacer.anchor(self._time_ns)
-        return self._stamps.catch_up(self._time_ns)
+        return moved
 
     def _follow_clock(self) -> None:
         """Keep the stamps by the system time; those of a recording only increase."""

@@ -342,7 +342,8 @@ class LiveRig(Source):
             )
         if silence > GONE_S or not self._stretches:
             return 'gone', f'no message from {self.link.name} for {max(1, round(silence))} s'
-        if self.link.mixed:
+        network = self._reports.get('network')
+        if network is not None and int(dict(network.values)['Nodes of this name']) > 1:
             return 'doubled', (
                 f'Several nodes are called {self.link.name}, and are shown as if they were one: '
                 'end the others, or start them in namespaces.'

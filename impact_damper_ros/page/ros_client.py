@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -40,9 +39,6 @@ _OF_ALL = frozenset(('diagnostics', 'parameter_events'))
 _TOPICS = ('joint_states', 'impacts', 'measurements', 'gap_control', 'snapshot', 'theory')
 #: Most messages of a topic that are taken at once.
 _MOST_TAKEN = 2000
-#: Joint states out of the order in which one node numbers them, within a time (s), from which on
-#: several nodes send them. One that was started again under the name of another is no case of it.
-_MIXED, _MIXED_S = 4, 3.0
 #: How often is looked for an answer, s.
 _LOOK_S = 1.0
 
@@ -74,9 +70,6 @@ class RigLink:
         #: How long the node has sent nothing, s
         self.silence = 0.0
         self._polled_at = time.monotonic()
-        # Number of the last joint state, and when there was a lower one after a higher one
-        self._number = 0
-        self._back: deque[float] = deque(maxlen=_MIXED)
 
     def match(self) -> None:
         """Subscribe best effort where the node publishes so, by `qos_overrides`."""
@@ -104,15 +97,7 @@ class RigLink:
             polled[name] = [message.content for message in taken]
             if taken and name not in _OF_ALL:
                 self.silence = 0.0
-            if name == 'joint_states':
-                for message in taken:
-                    self._count(message.number)
         return polled
-
-    def _count(self, number: int) -> None:
-        if number <= self._number:
-            self._back.append(time.monotonic())
-        self._number = number
 
     def begin_again(self) -> None:
         """Expect no answer of the node before: a new one has its name."""
@@ -133,12 +118,6 @@ class RigLink:
             f'the node does not answer ({self.name}/{service}), and sends nothing: '
             + ('the change may or may not have been made' if made else 'nothing was changed')
         )
-
-    @property
-    def mixed(self) -> bool:
-        """Whether several nodes of this name send joint states."""
-        back = self._back
-        return len(back) == _MIXED and time.monotonic() < back[0] + _MIXED_S
 
     async def parameters(self) -> dict[str, Any]:
         """Return the values of all parameters."""

@@ -330,6 +330,30 @@ def test_the_pace_changes_while_the_rig_runs(clock):
     assert clock is False or steps == {TICK}
 
 
+def test_stamps_of_a_step_are_not_ahead_of_the_clock_however_late_its_thread_is():
+    """Another program runs where a step begins, for nearly as long as is made up for."""
+
+    class Busy(MadeTime):
+        busy_s = 0.0
+
+        def time_ns(self):
+            self.spend(self.busy_s)
+            self.busy_s = 0.0
+            return super().time_ns()
+
+    wall = Busy()
+    with Bench(factor=1.0, clock=False, wall=wall).started() as bench:
+        bench.await_samples(1)
+        bench.pause()
+        count = len(bench.paused())
+        # In the engine's thread, so that no joint states of the pause come between the two
+        bench.engine.ask(setattr, wall, 'busy_s', 0.24)
+        stepped(bench, to_impact=True)
+        until(lambda: len(bench.paused()) >= count + 4)
+    stamps = [stamp_ns(m.header.stamp) for m in bench.paused()]
+    assert stamps == sorted(set(stamps))
+
+
 def test_several_pauses_do_not_add_up_to_a_delay():
     """Each pause falls somewhere between two ticks; stamps are not late by that part of it."""
     with Bench(factor=1.0, rate=2.0, clock=False).started() as bench:

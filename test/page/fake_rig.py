@@ -42,7 +42,6 @@ class FakeLink:
         self.rig = Rig(rig or RigParameters(gravity=0.0), InitialConditions())
         self.messages = {topic: [] for topic in TOPICS}
         self.calls = []
-        self.mixed = False
         self.silence, self._polled_at = 0.0, time.monotonic()
         self._tick = 0
         self._offset_ns = OFFSET_NS

@@ -120,6 +120,8 @@ async def test_two_nodes_of_one_name_are_reported(node, tmp_path):
         try:
             status = await page.next('status', state='doubled')
             assert status['text'].startswith('Several nodes are called /sim_node')
+            # The other one leaves the network, which takes one that is killed 20 s.
+            assert await asyncio.to_thread(other.stop) == 0
         finally:
             other.kill()
         await page.until(lambda: page.of('status')[-1]['state'] != 'doubled')
