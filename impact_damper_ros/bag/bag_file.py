@@ -26,7 +26,7 @@ from impact_damper_ros import __version__
 from impact_damper_ros.outputs import sync_directory
 
 from .errors import RecordingError
-from .metadata import FILE_NAME, BagMetadata, FileInformation
+from .metadata import FILE_NAME, BagMetadata, FileInformation, name_in_utf8
 from .topics import Channel
 
 PROFILE = 'ros2'
@@ -115,6 +115,11 @@ class BagFile:
         self._guess = _FIRST_GUESS
         # Files that are finished, but not forced to the disk yet
         self._finished: deque[_RecordFile] = deque()
+        try:
+            name_in_utf8(self._stem)
+        except UnicodeDecodeError as error:
+            cause = 'its name is not text in UTF-8, as metadata.yaml of a bag has to be'
+            raise RecordingError('record to', self.directory, cause, 'choose another') from error
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             if (self.directory / FILE_NAME).exists() or any(self.directory.glob('*.mcap')):

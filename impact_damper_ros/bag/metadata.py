@@ -89,9 +89,13 @@ class BagMetadata:
             ],
             'compression_format': '',
             'compression_mode': '',
-            'relative_file_paths': [file.path for file in self.files],
+            'relative_file_paths': [name_in_utf8(file.path) for file in self.files],
             'files': [
-                {'path': file.path, **file.times(), 'message_count': file.message_count}
+                {
+                    'path': name_in_utf8(file.path),
+                    **file.times(),
+                    'message_count': file.message_count,
+                }
                 for file in self.files
             ],
             'custom_data': dict(self.custom) or None,
@@ -106,6 +110,11 @@ class BagMetadata:
         """Write ``metadata.yaml``, whole or not at all."""
         text = dump_yaml({'rosbag2_bagfile_information': self.as_mapping()}) + '\n'
         write_text(directory / FILE_NAME, text)
+
+
+def name_in_utf8(name: str) -> str:
+    """Return a file's name as its bytes read in UTF-8, whatever the locale reads them in."""
+    return os.fsencode(name).decode()
 
 
 def read_listing(directory: Path) -> dict[str, Any] | None:
@@ -128,7 +137,8 @@ def read_listing(directory: Path) -> dict[str, Any] | None:
 
 def listed_files(listing: Mapping[str, Any]) -> list[str]:
     """Return the names of the files that ``metadata.yaml`` lists, in order."""
-    return list(dict.fromkeys(Path(path).name for path in listing['relative_file_paths']))
+    names = (Path(path).name.encode() for path in listing['relative_file_paths'])
+    return list(dict.fromkeys(map(os.fsdecode, names)))
 
 
 def notes_of(content: Mapping[str, Any]) -> dict[str, str]:

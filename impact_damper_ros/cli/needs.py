@@ -4,7 +4,7 @@ What an option of a command needs to have an effect; one that would be ignored i
 
 A row of a table `NEEDS` is an option, and terms of which one must hold: ``--bag`` is given, or
 ``FILE`` (a positional argument), or ``--optimum none`` with that value; ``no --score`` is not
-given. The single term ``only --set --node`` allows no other options beside it.
+given. The single term ``only PARAMS --set`` allows no other arguments beside it.
 """
 
 from __future__ import annotations
@@ -56,9 +56,8 @@ def _refusals(
             continue
         if terms[0].startswith('only'):
             allowed = {names[name].dest for name in (option, *terms[0].split()[1:])}
-            others = (name for name, action in names.items() if action.option_strings)
-            for other in others:
-                if names[other].dest in given and names[other].dest not in allowed:
+            for other, action in names.items():
+                if action.dest not in allowed and _is_given(names, given, other):
                     yield _refusal(other, [f'no {option}'])
         elif not any(
             not _is_given(names, given, term[3:])

@@ -75,9 +75,9 @@ class GivenRig(NamedTuple):
         return text + ''.join(f'    {name}: {dumps(text)}\n' for name, text in texts.items())
 
 
-def add_params_argument(parser: argparse.ArgumentParser) -> None:
+def add_params_argument(parser: argparse.ArgumentParser) -> argparse.Action:
     """Let a command take the parameters file of a rig."""
-    parser.add_argument(
+    params = parser.add_argument(
         'params',
         type=path_of,
         metavar='PARAMS',
@@ -89,6 +89,7 @@ def add_params_argument(parser: argparse.ArgumentParser) -> None:
         metavar='NAME',
         help='full name of the node whose rig it is, if the file describes several',
     )
+    return params
 
 
 def add_set_option(parser: argparse.ArgumentParser) -> None:

@@ -131,7 +131,8 @@ Example: simulate_rig bench_rig --duration 60 --impacts impacts.csv --set gap=0.
 
 #: See `needs`.
 NEEDS = (
-    ('--urdf', 'only --set --node'),
+    ('--parameters', 'only'),
+    ('--urdf', 'only PARAMS --set --node'),
     ('--rate', '--states', '--bag'),
     *(('--max-bag-size', '--bag'), ('--max-bag-duration', '--bag')),
     *((option, '--base-psd', '--force-psd') for option in ('--seed', '--psd-lines')),
@@ -140,9 +141,9 @@ NEEDS = (
 
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser('simulate_rig', _DESCRIPTION, _EPILOG, NEEDS)
-    add_params_argument(parser)
+    add_params_argument(parser).nargs = '?'
     parser.add_argument(
-        '--parameters', action=_ListParameters, help='list all parameters of a rig and exit'
+        '--parameters', action='store_true', help='list all parameters of a rig and exit'
     )
     parser.add_argument(
         '--urdf', action='store_true', help='print the robot description of the rig and exit'
@@ -230,21 +231,9 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-class _ListParameters(argparse.Action):
-    """Print all parameters of a rig as a Markdown table, and exit."""
-
-    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:  # noqa: A002
-        super().__init__(option_strings, dest, nargs=0, help=help)
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        parser.exit(outcome('simulate_rig', _print_parameters))
-
-
-def _print_parameters() -> int:
-    print(parameter_table(PARAMETER_SPECS, INITIAL_SPECS))
-    print(parameter_table(STRUCTURE_SPECS))
-    print(parameter_table(GAP_CONTROL_SPECS), end='')
-    return 0
+def _parameter_tables() -> str:
+    groups = (PARAMETER_SPECS, INITIAL_SPECS), (STRUCTURE_SPECS,), (GAP_CONTROL_SPECS,)
+    return '\n'.join(parameter_table(*group) for group in groups)
 
 
 def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
@@ -583,6 +572,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
 
     def work() -> int:
+        if arguments.parameters:
+            print(_parameter_tables(), end='')
+            return 0
+        if arguments.params is None:
+            parser.error('the following arguments are required: PARAMS')
         given = given_rig(arguments.params, arguments.set, arguments.node, with_records=True)
         if arguments.urdf:
             print(robot_description(given.parameters, given.control.widest_gap))

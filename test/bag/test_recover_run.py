@@ -220,6 +220,9 @@ def test_nothing_is_overwritten(finished, tmp_path):
     (tmp_path / 'empty').mkdir()
     with pytest.raises(RecordingError, match='it exists already'):
         recover_run(path, tmp_path / 'empty')
+    with pytest.raises(RecordingError, match='its name is not text in UTF-8'):
+        recover_run(path, tmp_path / 'a\udcff')
+    assert not [file for file in tmp_path.iterdir() if 'a' in file.name and 'cut' not in file.name]
 
 
 def test_nothing_half_made_is_left(finished, tmp_path, monkeypatch):

@@ -118,7 +118,7 @@ def surroundings(short_bag):
 @pytest.mark.parametrize(
     'words',
     [
-        'simulate_rig ζ.yaml --duration 1 --figure a.png',
+        'simulate_rig ζ.yaml --duration 1 --figure a.png --bag γ',
         'simulate_rig --parameters',
         'sweep_rig ζ.yaml --vary gap=0.01,0.02 --cycles 2 --watch 21 -o a.csv --figure a.png',
         'solve_periodic ζ.yaml --impacts 2 --json a.json',
@@ -133,9 +133,9 @@ def surroundings(short_bag):
     ],
 )
 def test_narrow_surroundings_cost_no_result(words, surroundings):
-    """A backend of a notebook, and a terminal without some of the characters."""
+    """A locale of ASCII alone, which Python is not to widen, and a backend of a notebook."""
     command, *rest = words.split()
-    narrow = {'PYTHONIOENCODING': 'latin-1', 'LANG': 'C'}
+    narrow = {'LC_ALL': 'C', 'PYTHONUTF8': '0', 'PYTHONCOERCECLOCALE': '0'}
     backend = {'MPLBACKEND': 'module://matplotlib_inline.backend_inline'}
     ended = subprocess.run(
         [sys.executable, '-m', f'impact_damper_ros.cli.{command}', *rest],
@@ -145,8 +145,10 @@ def test_narrow_surroundings_cost_no_result(words, surroundings):
         check=False,
     )
     assert (ended.returncode, b'Traceback' in ended.stderr) == (0, False), ended.stderr
-    for name in {'a.png', 'a.csv', 'a.json', 'α', 'β'}.intersection(rest):
+    for name in {'a.png', 'a.csv', 'a.json', 'α', 'β', 'γ'}.intersection(rest):
         made = surroundings / name
+        if name in 'βγ':
+            assert import_module('impact_damper_ros.cli.replay_run').main([str(made)]) == 0
         (shutil.rmtree if made.is_dir() else os.remove)(made)
 
 
