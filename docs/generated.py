@@ -9,6 +9,7 @@ test compares the texts.
 
 import ast
 import inspect
+import json
 import os
 import re
 import shutil
@@ -16,20 +17,36 @@ import subprocess
 import sys
 from functools import partial
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import yaml
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
 from numpydoc.docscrape import NumpyDocString
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from impact_damper_ros import EventKind, GapControlParameters, Rig, load_parameters  # noqa: E402
 from impact_damper_ros.bag import rig_topics  # noqa: E402
-from impact_damper_ros.bag.messages import JOINT_STATE, JointState, decode  # noqa: E402
+from impact_damper_ros.bag.messages import clock_message, encode  # noqa: E402
 from impact_damper_ros.bag.robot_description import robot_description  # noqa: E402
 from impact_damper_ros.bag.snapshots import Snapshots  # noqa: E402
+from impact_damper_ros.node.diagnostics import Diagnostics  # noqa: E402
+from impact_damper_ros.node.engine import EngineStatus  # noqa: E402
+from impact_damper_ros.node.pacing import PacingCounts  # noqa: E402
+from impact_damper_ros.node.recording import RecordingStatus  # noqa: E402
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS  # noqa: E402
+from impact_damper_ros.theory.documents import theory  # noqa: E402
 
 DOCS = ROOT / 'docs'
 SCRIPTS = sorted((ROOT / 'examples' / 'gallery').glob('plot_*.py'))
@@ -176,23 +193,6 @@ def _inline(text: str) -> str:
     return text.replace('``', '`')
 
 
-#: When each topic of the node has a message, and its `frame_id`.
-RATES = {
-    'joint_states': ('`state_rate`, 200 a second; 10 a second while paused', 'empty; `paused`'),
-    'impacts': ('at each impact', '`stop_1` or `stop_2`, the stop'),
-    'gap_control': ('at each act of the control', 'the act'),
-    'measurements': ('`measurement_rate`, 0', 'empty'),
-    'snapshot': ('at the start, after each change, reset and pause', ''),
-    'parameter_events': ('at each change of a parameter', ''),
-    'diagnostics': ('once a second', 'empty'),
-    'robot_description': ('at the start, and when a change is visible', ''),
-    'theory': ('when more is known', ''),
-    'clock': ('as `joint_states`, of a rig with simulated time', ''),
-    'stop_commands': ('taken at each sample and measurement', 'not read'),
-    'force_command': ('taken at each sample and measurement', 'not read'),
-}
-
-
 def messages(page: str) -> str:
     """Return the page of the node with the topics as they are offered, and sample messages."""
     tables = (rig_topics.RIG_TOPICS, rig_topics.LIVE_TOPICS, rig_topics.COMMAND_TOPICS)
@@ -200,14 +200,15 @@ def messages(page: str) -> str:
         '| topic | reliability, durability, depth | messages | `frame_id` |',
         '| --- ' * 4 + '|',
     ]
-    for key, topic in (pair for table in tables for pair in table.items()):
+    for topic in (topic for table in tables for topic in table.values()):
         qos = f'{topic.qos.reliability}, {topic.qos.durability}, {topic.qos.depth}'
-        rate, frame = RATES[key]
-        lines.append(f'| `{topic.name}` | {qos} | {rate} | {frame} |')
+        frames = ', '.join(f'`{frame}`' if frame else 'empty' for frame in topic.frames)
+        when = '; '.join(filter(None, (_rate(topic), topic.when)))
+        lines.append(f'| `{topic.name}` | {qos} | {when} | {frames} |')
     parameters = load_parameters('bench_rig')[0]
     rig, made = Rig(parameters), rig_topics.RigMessages()
-    event = next(one for one in rig.advance(2.0) if one.kind is EventKind.IMPACT)
-    rig.advance(2.0)
+    impacts = [one for one in rig.advance(2.0) if one.kind is EventKind.IMPACT]
+    event = impacts[0]
     controlled = Rig(parameters, control=GapControlParameters(gap_control='timed'))
     controlled.advance(2.0)
     act = controlled.records[0]
@@ -216,23 +217,36 @@ def messages(page: str) -> str:
     names = {key: f'/{topic.name}' for key, topic in rig_topics.RIG_TOPICS.items()}
     snapshots = Snapshots('/sim_node', names, {}, 200.0)
     snapshots.run = 32 * '0'
+    state = rig.snapshot()
+    _, known = islice(theory(state), 2)
+    names = ['stop_1', 'stop_2']
     samples = {
-        'impacts': _echoed(made.impact(round(event.time * 1e9), event, 0.0)),
-        'joint_states': _echoed(made.states(2 * 10**9, rig.sample(), 0.0, parameters.angle)),
-        'gap_control': _echoed(made.control(round(act.time * 1e9), act)),
-        'measurements': _echoed(made.measurement(2 * 10**9, *views)),
-        'snapshot': _echoed_text(snapshots.text(0, 'start', {})),
-        'robot_description': _echoed_text(robot_description(parameters)),
+        'impacts': _read(made.impact(round(event.time * 1e9), event, 0.0)),
+        'joint_states': _read(made.states(2 * 10**9, rig.sample(), 0.0, parameters.angle)),
+        'gap_control': _read(made.control(round(act.time * 1e9), act)),
+        'measurements': _read(made.measurement(2 * 10**9, *views)),
+        'snapshot': String(data=snapshots.text(0, 'start', state)),
+        '/parameter_events': ParameterEvent(
+            stamp=Time(sec=2),
+            node='/sim_node',
+            changed_parameters=[Parameter('gap', value=0.012).to_parameter_msg()],
+        ),
+        '/diagnostics': _diagnostics(rig, len(impacts)),
+        'robot_description': String(data=robot_description(parameters)),
+        'theory': String(data=json.dumps(known)),
+        '/clock': _read(clock_message(2 * 10**9), Clock),
+        'stop_commands': JointState(name=names, position=[0.008, -0.008]),
+        'force_command': WrenchStamped(wrench=Wrench(force=Vector3(x=0.5))),
     }
     lines += ['', '### Sample messages', '']
     lines += [
-        'As `ros2 topic echo` prints them, with fewer digits. Long texts are cut after 128',
-        'characters.',
-        '[Diagnostics](diagnostics.md) describes `/diagnostics` and `theory`,',
-        '[commands of a controller](../controllers/interface.md) the topics that the node takes.',
+        'As `ros2 topic echo` prints them, with fewer digits. Texts are cut after 128 characters;',
+        'of `/diagnostics`, of which [a page](diagnostics.md) describes the keys, only the first',
+        'two statuses stand here. A stamp of 0 in a command is accepted: see',
+        '[commands of a controller](../controllers/interface.md).',
     ]
-    for key, echoed in samples.items():
-        lines += ['', f'`{key}`:', '', '```yaml', *echoed, '```']
+    for key, message in samples.items():
+        lines += ['', f'`{key}`:', '', '```yaml', *_echoed(message), '```']
     text = '\n'.join(lines)
     head = '### Quality of service, rates, frames\n\n'
     return re.sub(
@@ -240,24 +254,46 @@ def messages(page: str) -> str:
     )
 
 
-def _echoed(content: bytes) -> list[str]:
-    """Return a JointState as `ros2 topic echo` prints it, with fewer digits."""
-    message = decode(JOINT_STATE, content)
-    assert isinstance(message, JointState)
-    seconds, nanoseconds = divmod(message.stamp_ns, 10**9)
-    lines = ['header:', '  stamp:', f'    sec: {seconds}', f'    nanosec: {nanoseconds}']
-    lines.append(f'  frame_id: {message.frame_id or repr("")}')
-    for key in ('name', 'position', 'velocity', 'effort'):
-        values = getattr(message, key)
-        lines += [f'{key}:' if values else f'{key}: []']
-        lines += [f'- {v if isinstance(v, str) else float(f"{v:.6g}")}' for v in values]
-    return [*lines, '---']
+def _rate(topic: rig_topics.RigTopic) -> str:
+    """Return how many messages a second a topic has, in words."""
+    if isinstance(topic.rate, str):
+        return f'`{topic.rate}`, {ALL_SPECS[topic.rate].default:g} a second'
+    return f'{topic.rate:g} a second' if topic.rate else ''
 
 
-def _echoed_text(text: str) -> list[str]:
-    """Return a String as `ros2 topic echo` prints it: 128 characters of its text."""
-    cut = f'{text[:128]}...'
-    return [*yaml.safe_dump({'data': cut}, width=sys.maxsize).splitlines(), '---']
+def _diagnostics(rig: Rig, impacts: int) -> Any:
+    """Return the report of a rig that was begun 2 s ago, its first two statuses."""
+    time_ns, rate, clock = 2 * 10**9, 200.0, iter((0.0, 2.0))
+    pacing = PacingCounts(400, 0, 0, 0, 120_000)
+    status = EngineStatus(time_ns, False, rig.mode.name, impacts, 0, pacing, events=impacts)
+    array = Diagnostics('/sim_node', rate, 1.0, lambda: next(clock)).report(
+        time_ns, status, RecordingStatus()
+    )
+    message = _read(encode(array), DiagnosticArray)
+    message.status = message.status[:2]
+    return message
+
+
+def _read(content: bytes, kind: Any = JointState) -> Any:
+    return deserialize_message(content, kind)
+
+
+def _echoed(message: Any) -> list[str]:
+    """Return a message as `ros2 topic echo` prints it, with fewer digits."""
+    text = yaml.safe_dump(_plain(message), sort_keys=False, width=sys.maxsize)
+    return [*text.splitlines(), '---']
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, 'get_fields_and_field_types'):
+        return {name: _plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, float):
+        return float(f'{value:.6g}')
+    if isinstance(value, bytes):
+        return value.decode()
+    if isinstance(value, str):
+        return value if len(value) <= 128 else f'{value[:128]}...'
+    return value if isinstance(value, int) else list(map(_plain, value))
 
 
 def gallery() -> str:

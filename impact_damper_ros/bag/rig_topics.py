@@ -9,7 +9,7 @@ are the same. A new topic is a line in `RIG_TOPICS`, and a layout and a method o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.control.record import CONTROL_JOINTS, Action, ControlRecord
@@ -20,32 +20,109 @@ from .topics import LATCHED, QosProfile, Topic
 if TYPE_CHECKING:
     from impact_damper_ros.motion.event import Event, Sample
 
+#: The `frame_id` of the joint states that a rig repeats while it is paused, so many a second; they
+#: are no samples.
+PAUSED_FRAME, PAUSED_RATE = 'paused', 10.0
+_SAMPLED = 'taken at each sample and measurement; its `frame_id` is not read'
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigTopic(Topic):
+    """
+    A topic of the node.
+
+    Attributes
+    ----------
+    rate : float or str
+        Messages a second, or the setting of the node that says how many; 0 if `when` says it.
+    when : str
+        What else brings a message.
+    frames : tuple of str
+        Each `frame_id` that its messages have.
+    """
+
+    rate: float | str = 0.0
+    when: str = ''
+    frames: tuple[str, ...] = ()
+
+    def rate_of(self, settings: object) -> float:
+        """Return the messages a second of a node with some settings."""
+        return float(getattr(settings, self.rate) if isinstance(self.rate, str) else self.rate)
+
+
 #: What a rig publishes, by the name under which the notes of a bag list it. A name without a slash
 #: is in the namespace of the node, which has the topics remapped if its user wants that.
-RIG_TOPICS: dict[str, Topic] = {
+RIG_TOPICS: dict[str, RigTopic] = {
     # Reliable, as joint_state_publisher and joint_state_broadcaster offer it: best-effort
     # subscribers (robot_state_publisher) match too. Deep, for a subscriber that stalls.
-    'joint_states': Topic('joint_states', JOINT_STATE, QosProfile(depth=100)),
-    'impacts': Topic('impacts', JOINT_STATE, QosProfile(depth=1000)),
-    'gap_control': Topic('gap_control', JOINT_STATE, QosProfile(depth=1000)),
-    'measurements': Topic('measurements', JOINT_STATE, QosProfile(depth=100)),
-    'snapshot': Topic('snapshot', STRING, LATCHED),
-    'parameter_events': Topic('/parameter_events', PARAMETER_EVENT, QosProfile(depth=1000)),
-    'diagnostics': Topic('/diagnostics', DIAGNOSTIC_ARRAY, QosProfile(depth=10)),
-    'robot_description': Topic('robot_description', STRING, LATCHED),
+    'joint_states': RigTopic(
+        'joint_states',
+        JOINT_STATE,
+        QosProfile(depth=100),
+        rate='state_rate',
+        when=f'{PAUSED_RATE:g} a second while paused',
+        frames=('', PAUSED_FRAME),
+    ),
+    'impacts': RigTopic(
+        'impacts',
+        JOINT_STATE,
+        QosProfile(depth=1000),
+        when='at each impact',
+        frames=('stop_1', 'stop_2'),
+    ),
+    'gap_control': RigTopic(
+        'gap_control',
+        JOINT_STATE,
+        QosProfile(depth=1000),
+        when='at each act of the control',
+        frames=tuple(action.name.lower() for action in Action),
+    ),
+    'measurements': RigTopic(
+        'measurements',
+        JOINT_STATE,
+        QosProfile(depth=100),
+        rate='measurement_rate',
+        frames=('',),
+    ),
+    'snapshot': RigTopic(
+        'snapshot', STRING, LATCHED, when='at the start, after each change, reset and pause'
+    ),
+    'parameter_events': RigTopic(
+        '/parameter_events',
+        PARAMETER_EVENT,
+        QosProfile(depth=1000),
+        when='at each change of a parameter',
+    ),
+    'diagnostics': RigTopic(
+        '/diagnostics',
+        DIAGNOSTIC_ARRAY,
+        QosProfile(depth=10),
+        rate=1.0,
+        when='when more is predicted',
+        frames=('',),
+    ),
+    'robot_description': RigTopic(
+        'robot_description', STRING, LATCHED, when='at the start, and when a change is visible'
+    ),
 }
 
 #: What the node publishes beside them, and does not record.
-LIVE_TOPICS: dict[str, Topic] = {
-    'theory': Topic('theory', STRING, LATCHED),
+LIVE_TOPICS: dict[str, RigTopic] = {
+    'theory': RigTopic('theory', STRING, LATCHED, when='when more is known'),
     # Reliable and best-effort subscribers match.
-    'clock': Topic('/clock', 'rosgraph_msgs/msg/Clock', QosProfile(depth=10)),
+    'clock': RigTopic(
+        '/clock',
+        'rosgraph_msgs/msg/Clock',
+        QosProfile(depth=10),
+        rate='state_rate',
+        when=f'{PAUSED_RATE:g} a second while paused; of a rig with simulated time',
+    ),
 }
 #: What it takes from a controller: those that have come are few, or old.
-COMMAND_TOPICS: dict[str, Topic] = {
-    'stop_commands': Topic('stop_commands', JOINT_STATE, QosProfile(depth=4)),
-    'force_command': Topic(
-        'force_command', 'geometry_msgs/msg/WrenchStamped', QosProfile(depth=4)
+COMMAND_TOPICS: dict[str, RigTopic] = {
+    'stop_commands': RigTopic('stop_commands', JOINT_STATE, QosProfile(depth=4), when=_SAMPLED),
+    'force_command': RigTopic(
+        'force_command', 'geometry_msgs/msg/WrenchStamped', QosProfile(depth=4), when=_SAMPLED
     ),
 }
 
@@ -65,8 +142,6 @@ def recording_notes(node: str, names: Mapping[str, str]) -> dict[str, str]:
 AXIS_JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
 JOINTS = (*AXIS_JOINTS, 'incline', 'base', 'relative')
 IMPACT_JOINTS = AXIS_JOINTS[:2]
-#: The `frame_id` of the joint states that a rig repeats while it is paused; they are no samples.
-PAUSED_FRAME = 'paused'
 
 _Numbers = tuple[float, ...]
 
@@ -105,16 +180,15 @@ class RigMessages:
     """Encodes joint states, impacts and acts of the gap control."""
 
     def __init__(self) -> None:
-        self._states = JointStateLayout.of('', JOINTS, 7, 7, 0)
-        self._paused = JointStateLayout.of(PAUSED_FRAME, JOINTS, 7, 7, 0)
-        self._measurement = JointStateLayout.of('', AXIS_JOINTS, 4, 4, 0)
-        self._impacts = {
-            stop: JointStateLayout.of(f'stop_{stop}', IMPACT_JOINTS, 2, 2, 2) for stop in (1, 2)
-        }
-        self._control = {
-            action: JointStateLayout.of(action.name.lower(), CONTROL_JOINTS, 3, 3, 3)
-            for action in Action
-        }
+
+        def layouts(key: str, joints: Sequence[str], *numbers: int) -> list[JointStateLayout]:
+            return [JointStateLayout.of(f, joints, *numbers) for f in RIG_TOPICS[key].frames]
+
+        self._states, self._paused = layouts('joint_states', JOINTS, 7, 7, 0)
+        (self._measurement,) = layouts('measurements', AXIS_JOINTS, 4, 4, 0)
+        self._impacts = dict(enumerate(layouts('impacts', IMPACT_JOINTS, 2, 2, 2), 1))
+        acts = layouts('gap_control', CONTROL_JOINTS, 3, 3, 3)
+        self._control = dict(zip(Action, acts, strict=True))
 
     def states(self, stamp_ns: int, sample: Sample, deflection: float, angle: float) -> bytes:
         """Return the joint states of a sample; see `state_numbers`."""

@@ -28,6 +28,7 @@ from math import tau
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
+from impact_damper_ros.bag.rig_topics import PAUSED_RATE, RIG_TOPICS
 from impact_damper_ros.bag.snapshots import Snapshots
 from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.control.record import ControlRecord
@@ -142,7 +143,7 @@ class EngineStatus(NamedTuple):
 
 
 PAUSED_NAP_S = 0.02
-PAUSED_PERIOD_NS = 100_000_000
+PAUSED_PERIOD_NS = round(1e9 / PAUSED_RATE)
 #: Longest stride in wall time: impacts are sent, and requests served, at least so often.
 STRIDE_NS = 20_000_000
 #: Wall time in lock-step after which a measurement is sent again, and between looks at requests.
@@ -189,7 +190,7 @@ class Engine:
         self.controller = ExternalControl(self._rig, inbox or CommandInbox(), parameters)
         self._publishers = publishers
         self._on_course, self._on_trouble = on_course, on_trouble
-        rate = parameters.state_rate
+        rate = RIG_TOPICS['joint_states'].rate_of(parameters)
         self._grid = TickGrid(rate)
         self._scheduling = ORDINARY
         self._wall = wall

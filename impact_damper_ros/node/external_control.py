@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from math import inf, nan
 from typing import NamedTuple
 
-from impact_damper_ros.bag.rig_topics import RigMessages
+from impact_damper_ros.bag.rig_topics import RIG_TOPICS, RigMessages
 from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.control.sensors import mixed_bits, mixed_seed, uniform_of
 from impact_damper_ros.motion.event import Event
@@ -78,7 +78,7 @@ class ExternalControl:
         self._pushed_ns: int | None = None
         self._last_ns: int | None = None
         self._parked = False
-        rate = settings.measurement_rate
+        rate = RIG_TOPICS['measurements'].rate_of(settings)
         self._grid = TickGrid(rate) if rate else None
         self._encoder = RigMessages()
         # Number of the next measurement; those that are late, and the last one for a frozen sensor

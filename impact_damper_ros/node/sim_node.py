@@ -164,7 +164,6 @@ def _pace(factor: float) -> str:
 #: Time after which another thread has to hand over the interpreter. With Python's 5 ms the thread
 #: that moves the rig waits until that of the executor, or of a recording, is done.
 SWITCH_INTERVAL_S = 2e-5
-REPORT_PERIOD_S = 1.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 #: Time after which the executor looks for signals and for a failure of the engine.
 LOOK_PERIOD_S = 0.2
@@ -241,7 +240,8 @@ class SimNode(Node):
         self._diagnostics = Diagnostics(node, parameters.state_rate, parameters.real_time_factor)
         # Reports come in wall time, also when the node's clock is a simulated or stopped one.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(REPORT_PERIOD_S, self._report, clock=steady)
+        period_s = 1.0 / RIG_TOPICS['diagnostics'].rate_of(parameters)
+        self.create_timer(period_s, self._report, clock=steady)
         # Runs only while more is to come. Each time that the executor wakes up it takes the
         # interpreter for half a millisecond, for which the rig may have to wait.
         self._asking = self.create_timer(THEORY_PERIOD_S, self._follow_theory, clock=steady)
