@@ -25,8 +25,6 @@ from math import atan2, cos, expm1, log, sin
 from struct import pack
 from typing import Any
 
-#: Format of the messages of a rig, which its snapshots name.
-FORMAT = 7
 #: Least and greatest rate of joint states, Hz; their stamps are whole nanoseconds.
 RATES = 1e-12, 1e9
 #: Arguments of the functions of which `mathematics` takes the bits.
@@ -114,7 +112,6 @@ class Snapshots:
         self._number += 1
         return json.dumps(
             {
-                'format': FORMAT,
                 'run': self.run,
                 'number': self._number,
                 'node': self._node,

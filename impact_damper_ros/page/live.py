@@ -22,11 +22,11 @@ from impact_damper_ros.bag.messages import (
     decode,
 )
 from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, IMPACT_JOINTS, JOINTS, PAUSED_FRAME
-from impact_damper_ros.bag.snapshots import FORMAT
 from impact_damper_ros.control.record import CONTROL_JOINTS
+from impact_damper_ros.parameters.upgrades import FormatError
 from impact_damper_ros.replay.command import parsed
 from impact_damper_ros.replay.rows import Messages
-from impact_damper_ros.rig.snapshot import Snapshot
+from impact_damper_ros.rig.snapshot import Snapshot, present
 
 from .frames import PAUSED, View
 from .knobs import as_json, first_knobs, knobs_of, read_values
@@ -82,8 +82,8 @@ class LiveRig(Source):
 
     def _forget(self) -> None:
         """Discard all messages: a run begins."""
-        # Its identity, which its snapshots name, and the format of those that cannot be read
-        self._run, self._format = '', FORMAT
+        # Its identity, which its snapshots name, and why those of another version cannot be read
+        self._run, self._foreign = '', ''
         #: Present values of the parameters that are known
         self.values: dict[str, Any] = {}
         self.motion = Motion(_MOST_SAMPLES, _MOST_IMPACTS)
@@ -187,16 +187,17 @@ class LiveRig(Source):
         try:
             message = decode(STRING, content)
             assert isinstance(message, String)
-            held = parsed(message.data)
-            self._format = held['format']
-            if self._format != FORMAT:
-                return
+            self._foreign = ''
+            held = present(parsed(message.data))
             snapshot = Snapshot.from_dict(held['state'])
             offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])
             run, reason = str(held['run']), held['reason']
             control = held['state']['gap_control']['parameters']
             values = {**snapshot.parameters.as_dict(), **control}
-        except (CdrError, ValueError, KeyError, TypeError, LookupError):
+        except FormatError as error:
+            self._foreign = str(error)
+            return
+        except (AttributeError, CdrError, ValueError, KeyError, TypeError, LookupError):
             return
         if run != self._run:
             if self._run:
@@ -334,11 +335,10 @@ class LiveRig(Source):
 
     def _judged(self) -> tuple[str, str]:
         silence = self.link.silence
-        if self._format != FORMAT:
-            older = self._format < FORMAT
+        if self._foreign:
             return 'other_version', (
-                f'{self.link.name} writes snapshots of format {self._format}, and this page reads '
-                f'{FORMAT}: install the version of the {"page" if older else "node"} on both sides'
+                f'the snapshots of {self.link.name} are {self._foreign}: install the version of '
+                'the node, or a later one, where the page runs'
             )
         if silence > GONE_S or not self._stretches:
             return 'gone', f'no message from {self.link.name} for {max(1, round(silence))} s'

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 from impact_damper_ros.bag import RecordedMessage, RecordingError, String
 from impact_damper_ros.bag.messages import STRING, decode
-from impact_damper_ros.bag.snapshots import FORMAT, RATES, motion_of
+from impact_damper_ros.bag.snapshots import RATES, motion_of
 from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.motion.event import Event
 from impact_damper_ros.parameters.parameter_spec import number_between
@@ -29,14 +29,15 @@ from impact_damper_ros.parameters.rig_parameters import (
     InitialConditions,
     RigParameters,
 )
+from impact_damper_ros.parameters.upgrades import FormatError
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import (
-    FORMAT as STATE_FORMAT,
     LATEST,
     SAME_TIME,
     check_number,
     check_numbers,
+    present,
 )
 
 #: Stamps of ROS have 32 bits of seconds, with a sign.
@@ -210,15 +211,11 @@ def _read(
         held = parsed(message.data)
     except ValueError as error:
         raise RecordingError(purpose, path, f'{where} cannot be read: {error}') from error
-    version, read = held.get('format'), FORMAT
-    if version == FORMAT and isinstance(held.get('state'), dict):
-        version, read = held['state'].get('format'), STATE_FORMAT
-    if version != read:
-        cause = f'{where} is of format {shown(version)}; this version reads format {read}'
-        remedy = 'use the version of impact_damper_ros that recorded the bag'
-        raise RecordingError(purpose, path, cause, remedy)
     try:
-        return take(held)
+        return take(present(held))
+    except FormatError as error:
+        remedy = 'use the version of impact_damper_ros that recorded the bag, or a later one'
+        raise RecordingError(purpose, path, f'{where} is {error}', remedy) from None
     except LawError as error:
         remedy = 'compare_run and replay_run take it as --law MODULE:FUNCTION'
         raise RecordingError(purpose, path, f'{where} cannot be used: {error}', remedy) from error

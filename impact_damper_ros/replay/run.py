@@ -385,7 +385,7 @@ def _rigs(reader: RunReader, purpose: str, law: OwnLaw | None) -> Iterator[RigTo
         try:
             message = decode(STRING, record.content)
             assert isinstance(message, String)
-            if 'stamp_offset_ns' not in parsed(message.data):
+            if 'state' not in parsed(message.data):
                 continue
         except ValueError:
             if name.rpartition('/')[2] != 'snapshot' and reader.custom.get('snapshot') != name:

@@ -20,24 +20,20 @@ from impact_damper_ros.motion.state import (
 from impact_damper_ros.parameters.parameter_spec import number_between, whole_number
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.parameters.upgrades import Document, FormatError, Upgrade, newest, upgraded
 
 from .playback import Playback
 from .stepped_sine import SteppedSine, rig_at, step_count, step_duration
 
-FORMAT = 8
+#: What leads from the format of version 1.0 to the present one, see `parameters.upgrades`: that of
+#: all that is kept of a rig, its state and the messages of a bag, which its snapshots describe. A
+#: document is the message of a snapshot, or {'state': state} of one that was taken in Python.
+UPGRADES: tuple[Upgrade, ...] = ()
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.
-#: 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter however
-#: high its bounces were, 4 polished the passages of X through zero by bisection and took the
-#: measured Y from the difference of Z and X, 5 looked for these passages by certified steps alone,
-#: 6 summed short flights harmonic by harmonic and polished passages by the closed form, 7 rounded
-#: the sine of a harmonic's turn in a step twice, took the nominal gap for the bound of a chatter,
-#: and began the estimate of the amplitude at 0, 8 looked for events by certified steps where the
-#: grid was in doubt, 9 stamped some events of a change an ulp before it, 10 took powers of numpy
-#: in the bounds of oscillators, and the energy of an actuator as a share of that at full speed,
-#: 11 polished the contact of an m that turned within a step by the closed form, and took the
-#: sines of several harmonics from the C library, 12 polished some reversals of a
-#: step in which Y'' changes its sign between other ends.
-ARITHMETIC = 13
+#: Another order of operations does that, another root finder or bound, and another function of a
+#: library; `test/rig/test_arithmetic.py` notices it. Each number gets a line here that says what
+#: moved the bits: 1 is that of version 1.0.
+ARITHMETIC = 1
 #: Latest time that a rig can reach, s; there the floats are 2 ms apart.
 LATEST = 1e13
 #: Rounding: what a state says of its time may differ by this, s.
@@ -121,6 +117,19 @@ def _check_sweep(sweep: SteppedSine, parameters: RigParameters, time: float) -> 
         raise ValueError(f'sweep.due is {due!r} s: it must be at most {latest!r} s')
 
 
+def present(document: Document) -> Document:
+    """
+    Return the document of a snapshot in the present format.
+
+    Raises
+    ------
+    FormatError
+        If it is of no format that this version reads.
+    """
+    document = upgraded(document, document['state'].get('format'), UPGRADES)
+    return {**document, 'state': {**document['state'], 'format': newest(UPGRADES)}}
+
+
 class Snapshot(NamedTuple):
     """
     A rig at one instant.
@@ -157,7 +166,7 @@ class Snapshot(NamedTuple):
         """Return the snapshot as numbers, texts, lists and dictionaries."""
         state = {name: getattr(self.run, name) for name in STORED}
         return {
-            'format': FORMAT,
+            'format': newest(UPGRADES),
             'arithmetic': ARITHMETIC,
             'time': self.run.now,
             'origin': {
@@ -193,9 +202,10 @@ class Snapshot(NamedTuple):
         """
         if not isinstance(stored, dict):
             raise ValueError(f'snapshot is {shown(stored)}: give a dictionary, as it was taken')
-        if stored.get('format') != FORMAT:
-            version = shown(stored.get('format'))
-            raise ValueError(f'snapshot of format {version}: this version reads {FORMAT}')
+        try:
+            stored = present({'state': stored})['state']
+        except FormatError as error:
+            raise FormatError(f'snapshot {error}') from None
         try:
             parameters = RigParameters(**stored['parameters'])
             time, held = stored['time'], stored['origin']

@@ -27,6 +27,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     RigParameters,
 )
 from impact_damper_ros.parameters.units import UNITS, split_number
+from impact_damper_ros.parameters.upgrades import Upgrade, newest, upgraded
 
 from .steady_state import Settling
 
@@ -35,8 +36,8 @@ _NAME = re.compile(r'([A-Za-z_][A-Za-z0-9_]*)(?:\[(\d+)\])?')
 _BOOLS = {'true': True, 'false': False}
 _MOST_VALUES = 1_000_000
 _MOST_RIGS = 2_000_000
-#: Raised whenever the same inputs give other rows.
-_FORMAT = 6
+#: What leads from inputs of version 1.0 to the present ones; see `parameters.upgrades`.
+UPGRADES: tuple[Upgrade, ...] = ()
 
 #: How rigs start: from the initial conditions, or along rising or falling values of the first axis
 #: from the last state of the one before.
@@ -402,7 +403,7 @@ class Grid:
         """Return everything that the table depends on, for JSON."""
         rig, initial, control, law, law_digest, settling = self.setup
         inputs: dict[str, Any] = {
-            'format': _FORMAT,
+            'format': newest(UPGRADES),
             'version': impact_damper_ros.__version__,
             'parameters': {
                 name: list(value) if isinstance(value, tuple) else value
@@ -431,10 +432,7 @@ class Grid:
         ValueError
             If this version does not know such inputs.
         """
-        if inputs.get('format') != _FORMAT:
-            raise ValueError(
-                f'a sweep of format {inputs.get("format")!r}: this version reads {_FORMAT}'
-            )
+        inputs = upgraded(inputs, inputs.get('format'), UPGRADES)
         return cls(
             RigParameters(**inputs['parameters']),
             InitialConditions(**inputs['initial']),

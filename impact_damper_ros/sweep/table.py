@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.outputs import whole
 from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.upgrades import FormatError
 
 from .grid import Grid
 from .steady_state import SECTION, Row
@@ -338,6 +339,9 @@ def read_table(path: str | Path) -> pd.DataFrame:
             return _read_csv(path)
         table = pd.read_parquet(path)
         grid = Grid.from_inputs(table.attrs['inputs'])
+    except FormatError as error:
+        remedy = 'use the version of impact_damper_ros that made it, or a later one'
+        raise MetadataError(f'{path} is a sweep {error}; {remedy}') from None
     except (LookupError, TypeError, ValueError) as error:
         raise MetadataError(f'{path} is not the table of a sweep, or not complete') from error
     return _describe(table, grid)

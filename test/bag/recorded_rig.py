@@ -101,7 +101,6 @@ class RecordedRig:
     def announce(self, reason):
         self.number += 1
         text = {
-            'format': 7,
             'run': self.run_id,
             'number': self.number,
             'node': NODE,

@@ -126,7 +126,8 @@ def diagnostics(stamp_ns, count=2):
 
 
 def snapshot(stamp_ns):
-    text = json.dumps({'format': 3, 'stamp_offset_ns': stamp_ns, 'note': 'µ, "quoted"'})
+    held = {'stamp_offset_ns': stamp_ns, 'state': {'format': 3}, 'note': 'µ, "quoted"'}
+    text = json.dumps(held)
     return serialise(STRING, make(STRING, text))
 
 

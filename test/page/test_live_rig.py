@@ -9,9 +9,10 @@ import pytest
 from impact_damper_ros import RigParameters
 from impact_damper_ros.bag import String
 from impact_damper_ros.bag.messages import STRING, decode, encode
-from impact_damper_ros.bag.snapshots import FORMAT
 from impact_damper_ros.page.client import Client
 from impact_damper_ros.page.live import LiveRig
+from impact_damper_ros.parameters.upgrades import newest
+from impact_damper_ros.rig.snapshot import UPGRADES
 
 from .fake_rig import FakeLink
 from .served import in_loop
@@ -158,14 +159,14 @@ async def test_a_node_of_another_version_is_called_so():
     link = FakeLink()
     (content,) = link.messages['snapshot']
     text = decode(STRING, content).data
-    assert f'"format":{FORMAT}' in text.replace(' ', '')
-    newer = json.loads(text) | {'format': FORMAT + 1}
+    newer = json.loads(text)
+    newer['state']['format'] = newest(UPGRADES) + 1
     link.messages['snapshot'] = [encode(String(json.dumps(newer)))]
     live = followed(link)
     live.tick()
     status, *_ = live.news()
     assert status['state'] == 'other_version'
-    assert f'format {FORMAT + 1}, and this page reads {FORMAT}' in status['text']
+    assert f'of format {newest(UPGRADES) + 1}; this version reads format' in status['text']
     # The same node, started again from the version of the page
     link.messages['snapshot'] = [content]
     link.run(0.1)

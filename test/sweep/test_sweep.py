@@ -24,6 +24,7 @@ from impact_damper_ros.sweep import (
     Settling,
     WorkersError,
     execution,
+    grid as grid_module,
     read_table,
     sweep,
 )
@@ -171,6 +172,29 @@ def test_a_programming_error_ends_the_sweep(monkeypatch):
     for grid in (TOGETHER, FOLLOWED):
         with pytest.raises(AssertionError, match='a state that cannot be'):
             sweep(grid)
+
+
+def upgraded_from_made_up(inputs):
+    """Return inputs from those of a made-up format before, which called the axes otherwise."""
+    inputs = dict(inputs)
+    return {**inputs, 'axes': inputs.pop('varied')}
+
+
+def test_a_table_of_an_earlier_format_is_read(tmp_path, monkeypatch):
+    path = tmp_path / 'a.csv'
+    grid = grid_of(settling=Settling(watch=40), damping=[0.01, 2.5])
+    table = sweep(grid, path)
+    text = path.read_text()
+    assert text.count('"axes"') == 1
+    upgrades = (*grid_module.UPGRADES, upgraded_from_made_up)
+    monkeypatch.setattr(grid_module, 'UPGRADES', upgrades)
+    path.write_text(text.replace('"axes"', '"varied"'))
+    old = read_table(path)
+    assert old.attrs['inputs'] == table.attrs['inputs'] | {'format': 1 + len(upgrades)}
+    pd.testing.assert_frame_equal(old, table)
+    path.write_text(text.replace('"format": ', '"format": 7'))
+    with pytest.raises(MetadataError, match=r'a sweep of format 7\d; .* that made it, or a later'):
+        read_table(path)
 
 
 @pytest.mark.parametrize('suffix', ['csv', 'parquet'])
