@@ -18,7 +18,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: bench clean colcon demo dist docs env format help lint mutants page test types
+.PHONY: bench clean colcon demo dist docs env format help lint mutants page release test types
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
@@ -41,6 +41,9 @@ dist:  ## build source distribution and wheel into dist/, and check what PyPI wo
 	@$(PY) -m build --no-isolation . >/dev/null
 	@rm -rf build/lib build/bdist.*
 	@$(PY) -m twine check --strict dist/*
+
+release: dist  ## rehearse a release: install the distributions into empty environments, try all, list what is left to do
+	@$(PY) .ci/release $(ARGS)
 
 docs:  ## write the generated parts of the documentation, and build it into docs/_build/html
 	@$(VENV) ros,plot,test,dev,docs

@@ -20,7 +20,7 @@ EXAMPLES = (
 
 setup(
     name=NAME,
-    version='0.2.0',
+    version='1.0.0',
     description='An exact, live digital rig of an impact damper on ROS 2, recorded to MCAP',
     # colcon --symlink-install runs a link to this file, in a folder without the others.
     long_description=Path(__file__).resolve().with_name('README.md').read_text(encoding='utf-8'),
@@ -36,7 +36,7 @@ setup(
         'Issues': 'https://example.com/impact_damper_ros/issues',
     },
     license='Apache-2.0',
-    license_files=['LICENSE'],
+    license_files=['LICENSE', 'impact_damper_ros/page/static/vendor/uplot/LICENSE'],
     keywords=['ROS', 'impact damper', 'vibro-impact', 'digital twin', 'MCAP'],
     classifiers=[
         'Intended Audience :: Science/Research',
@@ -75,7 +75,7 @@ setup(
         'lz4>=4.0',
         'mcap>=1.5',
         # Compiled long runs; without it they are plain Python (motion/compiled.py).
-        'numba>=0.59',
+        'numba>=0.59,<0.69',
         'numpy>=1.24',
         'PyYAML>=6.0',
         'scipy>=1.10',

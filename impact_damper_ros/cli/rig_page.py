@@ -25,7 +25,15 @@ from pathlib import Path
 from impact_damper_ros.parameters.parameters_file import load_parameters, preset_file
 from impact_damper_ros.parameters.quoting import shown
 
-from .command_line import EXIT_FAILED, CommandError, command_parser, outcome, path_of, say
+from .command_line import (
+    EXIT_FAILED,
+    MISSING_ROS,
+    CommandError,
+    command_parser,
+    outcome,
+    path_of,
+    say,
+)
 
 COMMAND = 'rig_page'
 #: Time that a node has to end and to finish its recording, s.
@@ -235,11 +243,11 @@ def _check(arguments: argparse.Namespace) -> None:
     """Raise CommandError if something is missing for the command."""
     if find_spec('tornado') is None:
         raise CommandError(
-            'tornado, which serves the page, is missing: install python3-tornado, or in a virtual '
-            'environment "pip install tornado"'
+            'tornado, which serves the page, is missing: install python3-tornado, or the package '
+            'with its extra [page]'
         )
     if arguments.bag is None and find_spec('rclpy') is None:
-        raise CommandError('rclpy is missing: source ROS 2, or play a recording with --bag')
+        raise CommandError(f'{MISSING_ROS}; or play a recording with --bag')
     if arguments.bag is not None and not arguments.bag.exists():
         raise CommandError(f'{arguments.bag}: there is no such bag or directory')
 

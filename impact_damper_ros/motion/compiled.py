@@ -33,8 +33,9 @@ import numpy as np
 
 F = TypeVar('F', bound=Callable[..., Any])
 
-#: The first release that compiles the kernels: that of setup.py.
-_OLDEST_NUMBA = (0, 59)
+#: The first release that compiles the kernels, and the first that was not tried, as in setup.py:
+#: private parts of numba that are used below may be others there (`test/motion/test_numba.py`).
+NUMBA = (0, 59), (0, 69)
 #: How long a program runs without a compiler before it says so, s.
 _PATIENCE_S = 5.0
 
@@ -79,10 +80,13 @@ def has_numba() -> bool:
     except PackageNotFoundError:
         lack = 'numba is not installed'
     else:
-        if tuple(map(int, installed.split('.')[:2])) >= _OLDEST_NUMBA:
+        release = tuple(map(int, installed.split('.')[:2]))
+        if NUMBA[0] <= release < NUMBA[1]:
             return True
-        lack = f'numba {installed} is too old'
-    text = f'{lack}: long runs take up to ten times as long without it; pip install "numba>=0.59"'
+        lack = f'numba {installed} is {"too old" if release < NUMBA[0] else "not known yet"}'
+    oldest, unknown = ('.'.join(map(str, release)) for release in NUMBA)
+    remedy = f'pip install "numba>={oldest},<{unknown}"'
+    text = f'{lack}: long runs take up to ten times as long without it; {remedy}'
     notice = threading.Timer(_PATIENCE_S, logging.getLogger(__package__).warning, [text])
     notice.daemon = True
     notice.start()

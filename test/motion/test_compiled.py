@@ -94,7 +94,12 @@ def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog, monkeypat
 
 @pytest.mark.parametrize(
     ('installed', 'words'),
-    [(None, 'numba is not installed'), ('0.58.1', 'numba 0.58.1 is too old'), ('0.59.0', '')],
+    [
+        (None, 'numba is not installed'),
+        ('0.58.1', 'numba 0.58.1 is too old'),
+        ('0.59.0', ''),
+        ('0.69.0rc1', 'numba 0.69.0rc1 is not known yet'),
+    ],
 )
 def test_what_runs_on_without_a_compiler_says_so(installed, words, monkeypatch, caplog):
     def version(_name):

@@ -52,19 +52,15 @@ def test_manifest_is_an_ament_python_package(manifest):
 def test_the_version_is_the_same_everywhere(manifest):
     """And that of the newest release in the changelog, with its date, where there is one."""
     cited = yaml.safe_load((ROOT / 'CITATION.cff').read_text(encoding='utf-8'))
-    stated = {
-        manifest.version,
-        setup_says('version'),
-        cited['version'],
-        impact_damper_ros.__version__,
-    }
-    assert len(stated) == 1
+    assert manifest.version == setup_says('version') == impact_damper_ros.__version__
+    # Nobody has to raise it there
+    assert not {'version', 'date-released'} & cited.keys()
     assert setup_says('license') == 'Apache-2.0' == cited['license']
     changelog = pytest.importorskip('catkin_pkg.changelog').get_changelog_from_path(ROOT)
     releases = list(changelog.foreach_version())
     if releases:
-        newest, date, entries = releases[0]
-        assert (newest, date.date()) == (manifest.version, cited['date-released'])
+        newest, _, entries = releases[0]
+        assert newest == manifest.version
         assert entries
     else:
         text = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')

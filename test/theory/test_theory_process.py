@@ -92,7 +92,7 @@ def test_all_that_is_asked_is_answered(start):
         assert process.done
     assert json.loads(process.document) == document
     process.ask({'format': 99, 'time': 0.0})
-    assert 'ValueError: snapshot of format 99' in answer(process).error
+    assert 'FormatError: snapshot of format 99' in answer(process).error
     failed = json.loads(process.document)['theory_failed']
     assert 'snapshot of format 99' in failed['text']
     process.want_documents(False)

@@ -1,0 +1,60 @@
+"""
+Private parts of numba that `motion/compiled.py` stands on.
+
+A release that moves one of them fails here, by name, and not with whatever LLVM says of it. To try
+the next one: `pip install --pre numba`, this file, then the bounds in `NUMBA` and in setup.py.
+"""
+
+import inspect
+
+import pytest
+from setup_file import setup_says
+
+from impact_damper_ros.motion import compiled
+
+pytest.importorskip('numba')
+
+import numba
+from numba.core import codegen, compiler, event, types
+from numba.core.types import CompileResultWAP
+
+#: What is called or replaced, and the names of its arguments.
+PARTS = {
+    codegen.JITCodeLibrary._optimize_final_module: 'self',
+    codegen.JITCodeLibrary._finalize_final_module: 'self',
+    codegen.JITCodeLibrary.get_pointer_to_function: 'self name',
+    codegen.JITCPUCodegen.__init__: 'self module_name',
+    codegen.JITCPUCodegen.create_library: 'self name kwargs',
+    codegen.JITCPUCodegen.set_env: 'self env_name env',
+    compiler.Compiler.__init__: 'self typingctx targetctx library args return_type flags locals',
+    event.Listener.on_start: 'self event',
+    event.Listener.on_end: 'self event',
+    types.unliteral: 'lit_type',
+}
+
+
+def test_signatures():
+    assert {part: ' '.join(inspect.signature(part).parameters) for part in PARTS} == PARTS
+
+
+def test_attributes_of_what_is_compiled():
+    assert codegen.JITCPUCodegen._library_class is codegen.JITCodeLibrary
+    library = codegen.JITCPUCodegen('one').create_library('two')
+    assert library._finalized is False
+    function = numba.njit(lambda x: x + 1.0, cache=False)
+    assert [*inspect.signature(function.get_call_template).parameters] == ['args', 'kws']
+    kinds = (numba.typeof(1.0),)
+    function.compile(kinds)
+    assert function.get_overload(kinds)(1.0) == 2.0
+    assert callable(function._cache.flush)
+    # That of a law of the user's own, in control/own_law.py
+    assert CompileResultWAP(function.get_compile_result(numba.types.float64(*kinds)))
+    assert event.Event('numba:compile', event.EventStatus.START).kind == 'numba:compile'
+
+
+def test_bounds_are_those_of_setup_py():
+    (asked,) = (one for one in setup_says('install_requires') if one.startswith('numba'))
+    oldest, unknown = ('.'.join(map(str, release)) for release in compiled.NUMBA)
+    assert asked == f'numba>={oldest},<{unknown}'
+    installed = tuple(map(int, numba.__version__.split('.')[:2]))
+    assert compiled.NUMBA[0] <= installed < compiled.NUMBA[1]
