@@ -26,7 +26,6 @@ from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,
     PARAMETER_SPECS,
     RigParameters,
-    base_quantity_of,
     checked_number,
     unit_of,
 )
@@ -150,13 +149,10 @@ class RigParameterClient:
 
     def _answer(self, key: str, change: str = '', **fields: Any) -> Any:
         """Return the answer of a service."""
-        answer, end = self._rig.ask(key, **fields), time.monotonic() + PATIENCE_S
-        while not answer.done():
-            if time.monotonic() > end:
-                raise CommandError(f'{self.name} does not answer{change}', EXIT_FAILED)
-            self._rig.poll()
-            time.sleep(_LOOK_S)
-        return answer.result()
+        try:
+            return self._rig.call(key, PATIENCE_S, **fields)
+        except TimeoutError as error:
+            raise CommandError(f'{error}{change}', EXIT_FAILED) from error
 
     def values(self) -> dict[str, Any]:
         """Return the values of all parameters of the rig by name, in the order of the table."""
@@ -174,9 +170,6 @@ class RigParameterClient:
         """
         from impact_damper_ros.node.rig_client import parameter_messages
 
-        # Of 0.5 mm the node gets the number alone
-        if quantity := base_quantity_of(values.get('base_amplitudes')):
-            values = {**values, 'base_quantity': quantity}
         request = parameter_messages(values)
         change = ': the change may or may not have been made; set_rig alone prints the values'
         result = self._answer('set_parameters_atomically', change, parameters=request).result

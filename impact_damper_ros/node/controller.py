@@ -7,22 +7,20 @@ A base class for controllers of a rig: each measurement is answered by a command
 
 from __future__ import annotations
 
-import inspect
 import signal
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import rclpy
-from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-#: Longest wait for the service of the rig, s.
+from .rig_client import PARAMETERS, RigClient, parameter_messages
+
+#: Longest wait for an answer of the rig, s.
 _PATIENCE_S = 10.0
 
 
@@ -47,12 +45,7 @@ class Controller(Node):
         for parameter, default in parameters.items():
             self.declare_parameter(parameter, default)
         self._commands = self.create_publisher(kind, topic, 10)
-        # A group of its own: an answer comes while that of the measurements waits for it.
-        self._rig = self.create_client(
-            SetParametersAtomically,
-            'sim_node/set_parameters_atomically',
-            callback_group=MutuallyExclusiveCallbackGroup(),
-        )
+        self._rig = RigClient(self, 'sim_node', PARAMETERS)
         self.create_subscription(JointState, 'measurements', self._answer, 100)
         self._stamp: Any = None
         self._command: Any = None
@@ -63,7 +56,7 @@ class Controller(Node):
 
     def command(self, time: float, seen: Mapping[str, tuple[float, float]]) -> Any:
         """
-        Return the command to a measurement; may be a coroutine.
+        Return the command to a measurement.
 
         Parameters
         ----------
@@ -74,35 +67,31 @@ class Controller(Node):
         """
         raise NotImplementedError
 
-    async def set_rig(self, **parameters: Any) -> None:
+    def set_rig(self, **parameters: Any) -> None:
         """
-        Change parameters of the rig, all or none: `await self.set_rig(gap=0.02)` in `command`.
+        Change parameters of the rig, all or none: `self.set_rig(gap=0.02)` in `command`.
 
         In lock-step the change is at the instant of the measurement, before the command to it.
 
         Raises
         ------
-        RuntimeError
-            If there is no rig.
+        TimeoutError
+            If no rig answers.
         ValueError
-            If the rig refuses the change, with its reason.
+            If no rig can have such a value, or this one refuses the change, with its reason.
         """
-        if not self._rig.wait_for_service(_PATIENCE_S):
-            raise RuntimeError(f'no rig offers {self._rig.srv_name}: start sim_node beside this')
-        values = [Parameter(n, value=v).to_parameter_msg() for n, v in parameters.items()]
-        answer = await self._rig.call_async(SetParametersAtomically.Request(parameters=values))
+        asked = parameter_messages(parameters)
+        answer = self._rig.call('set_parameters_atomically', _PATIENCE_S, parameters=asked)
         if not answer.result.successful:
             raise ValueError(answer.result.reason)
 
-    async def _answer(self, measurement: Any) -> None:
+    def _answer(self, measurement: Any) -> None:
         stamp = measurement.header.stamp
         # In lock-step a measurement comes again if its command is late.
         if stamp != self._stamp:
             pairs = zip(measurement.position, measurement.velocity, strict=True)
             seen = dict(zip(measurement.name, pairs, strict=True))
             command = self.command(stamp.sec + stamp.nanosec * 1e-9, seen)
-            if inspect.isawaitable(command):
-                command = await command
             command.header.stamp = stamp
             self._stamp, self._command = stamp, command
         self._commands.publish(self._command)

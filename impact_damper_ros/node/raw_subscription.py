@@ -6,16 +6,18 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 
-class _Polled(ReentrantCallbackGroup):
-    """Of subscriptions for which an executor does not wake up, but for their events."""
+class Polled(ReentrantCallbackGroup):
+    """Of subscriptions and clients for which an executor does not wake up, but for events."""
 
     def can_execute(self, entity: Any) -> bool:
-        return not isinstance(entity, Subscription)
+        """Return whether an executor may take something of it."""
+        return not isinstance(entity, Subscription | Client)
 
 
 class Taken(NamedTuple):
@@ -32,7 +34,7 @@ class RawSubscription:
     def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile) -> None:
         self._node = node
         self._subscription = node.create_subscription(
-            kind, topic, lambda _: None, qos, callback_group=_Polled(), raw=True
+            kind, topic, lambda _: None, qos, callback_group=Polled(), raw=True
         )
         self.handle, self.topic = self._subscription.handle, self._subscription.topic_name
         self.kind, self.qos = kind, qos

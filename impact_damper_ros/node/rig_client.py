@@ -3,7 +3,7 @@
 A client of a rig's services and parameters, which is polled.
 
 It needs no executor: who uses it polls it now and then, between other things, and takes the
-answers.
+answers; `call` polls it until one comes.
 """
 
 from __future__ import annotations
@@ -20,11 +20,15 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, base_quantity_of
+
+from .raw_subscription import Polled
 
 #: Time after which a request is repeated, since its answer may have been lost during discovery, s;
 #: it doubles each time.
 ASK_AGAIN_S = 1.0
+#: How often `call` looks for an answer, s.
+LOOK_S = 0.002
 #: A node finds the clients in their order: once it has answered the last one, it can answer all.
 LAST = 'get_parameters'
 SERVICES = {
@@ -36,9 +40,8 @@ SERVICES = {
     'list_parameters': ListParameters,
     LAST: GetParameters,
 }
-#: Those that change nothing, and those of the parameters.
-READING = 'list_parameters', LAST
-PARAMETERS = 'set_parameters_atomically', *READING
+#: Those of the parameters.
+PARAMETERS = {key: kind for key, kind in SERVICES.items() if 'parameters' in key}
 
 
 @dataclass
@@ -57,10 +60,8 @@ class _Service:
 
     def __init__(self, node: Node, kind: Any, name: str) -> None:
         self.name, self.kind = name, kind
-        # A step or a reset that is asked for again would be made twice.
-        self.repeatable = kind is not Trigger
         self._node = node
-        self._client = node.create_client(kind, name)
+        self._client = node.create_client(kind, name, callback_group=Polled())
         self._requests: list[_Request] = []
         self._numbers: dict[int, _Request] = {}
 
@@ -102,10 +103,10 @@ class _Service:
     def is_sent(self, answer: Future[Any]) -> bool:
         return any(one.answer is answer and one.sent for one in self._requests)
 
-    def begin_again(self) -> None:
-        """Ask a new node again; what would be made twice has failed, if it was sent."""
+    def begin_again(self, *, repeated: bool) -> None:
+        """Ask a new node again; what is not to be repeated has failed, if it was sent."""
         for request in self._requests:
-            if self.repeatable:
+            if repeated:
                 request.due, request.sent = 0.0, 0
             elif request.sent and not request.answer.done():
                 reason = 'the node was started again before its answer'
@@ -119,15 +120,16 @@ class _Service:
 
 class RigClient:
     """
-    The services and parameters of one rig.
+    The services and parameters of one rig, or of any node.
 
-    A request that may be made twice is sent again until the rig has answered this client once, as
-    the answers are lost before: a later repetition would undo what another client has set since.
+    `LAST`, which changes nothing, is sent again until the rig has answered this client once, as
+    the answers are lost before. All else is to be asked after that, and is sent once: repeated, a
+    step would be made twice, and a change would undo what another client has set since.
     """
 
-    def __init__(self, node: Node, name: str, services: Iterable[str] = SERVICES) -> None:
+    def __init__(self, node: Node, name: str, services: Mapping[str, Any] = SERVICES) -> None:
         self.name = name
-        self._services = {key: _Service(node, SERVICES[key], f'{name}/{key}') for key in services}
+        self._services = {key: _Service(node, k, f'{name}/{key}') for key, k in services.items()}
         #: Whether the answers of the rig reach this client
         self.answers = False
 
@@ -141,21 +143,34 @@ class RigClient:
         service = self._services[key]
         return service.ask(service.kind.Request(**fields))
 
+    def call(self, key: str, patience_s: float, **fields: Any) -> Any:
+        """Return the answer of a service, for which it waits; else a TimeoutError."""
+        if key != LAST and not self.answers:
+            self.call(LAST, patience_s, names=[])
+        answer, end = self.ask(key, **fields), time.monotonic() + patience_s
+        while not answer.done():
+            if time.monotonic() > end:
+                raise TimeoutError(f'{self.name} does not answer')
+            self.poll()
+            time.sleep(LOOK_S)
+        return answer.result()
+
     def poll(self) -> None:
         """Send what is due, and take the answers that have come."""
         for key, service in self._services.items():
-            repeated = service.repeatable and not self.answers
+            repeated = key == LAST and not self.answers
             self.answers |= service.poll(repeated=repeated) and key == LAST
 
     def may_be_made(self, key: str, answer: Future[Any]) -> bool:
         """Return whether an unanswered request may have changed something."""
-        return key not in READING and self._services[key].is_sent(answer)
+        reading = key in ('list_parameters', LAST)
+        return not reading and self._services[key].is_sent(answer)
 
     def begin_again(self) -> None:
         """Expect no answer of the node before: a new one has its name."""
         self.answers = False
-        for service in self._services.values():
-            service.begin_again()
+        for key, service in self._services.items():
+            service.begin_again(repeated=key == LAST)
 
     def close(self) -> None:
         """Give up all requests."""
@@ -166,6 +181,9 @@ class RigClient:
 def parameter_messages(values: Mapping[str, Any]) -> list[Any]:
     """Return values as they are set; ParameterError for one that no rig can have."""
     messages = []
+    # Of 0.5 mm the node gets the number alone
+    if quantity := base_quantity_of(values.get('base_amplitudes')):
+        values = {**values, 'base_quantity': quantity}
     for name, value in values.items():
         checked = ALL_SPECS[name].checked(value)
         given = list(checked) if isinstance(checked, tuple) else checked

@@ -105,6 +105,8 @@ class RigLink:
 
     async def _call(self, service: str, **fields: Any) -> Any:
         """Return the answer, for which a node that is busy may need long; else a TimeoutError."""
+        if service != LAST and not self._rig.answers:
+            await self._call(LAST, names=[])
         asked = self._rig.ask(service, **fields)
         answer, begin = asyncio.wrap_future(asked), time.monotonic()
         while self.silence < SILENT_S or time.monotonic() < begin + LEAST_S:
@@ -143,9 +145,7 @@ class RigLink:
         return bool(answer.success), str(answer.message)
 
     async def trigger(self, service: str) -> tuple[bool, str]:
-        """Call `reset`, `step` or `step_to_impact`, once."""
-        if not self._rig.answers:
-            await self._call(LAST, names=[])
+        """Call `reset`, `step` or `step_to_impact`."""
         answer = await self._call(service)
         return bool(answer.success), str(answer.message)
 

@@ -44,14 +44,14 @@ class ForceStep(OnOffGap):
         super().__init__()
         self.declare_parameter('slow', False)
 
-    async def command(self, time, seen):
+    def command(self, time, seen):
         if self.value('slow') and random.random() < 0.05:
             clock.sleep(random.uniform(0.0, 0.1))
         if time > 1.5 and self.force == 10:
             self.force = 20
-            await self.set_rig(force_amplitudes=[self.force])
+            self.set_rig(force_amplitudes=[self.force])
             try:
-                await self.set_rig(gap=-1, damping=0.8)
+                self.set_rig(gap=-1, damping=0.8)
             except ValueError:
                 return super().command(time, seen)
             raise RuntimeError('a gap of -1 m was accepted')

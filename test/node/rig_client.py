@@ -1,7 +1,6 @@
 """What the integration tests need: the node as a process, and a plain rclpy client."""
 
 import json
-import math
 import signal
 import threading
 import time
@@ -12,30 +11,20 @@ from typing import NamedTuple
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    GetParameterTypes,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
-)
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from running import Running, until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
+from impact_damper_ros.node import rig_client
+from impact_damper_ros.node.raw_subscription import Polled
 
-#: After which a request is made again whose answer may have been lost.
-ASK_AGAIN_S = 1.0
 #: A small rig at its resonance of 5 Hz, whose damper rattles within the first second.
 LIVELY = {
     'primary_mass': 1.0,
@@ -49,17 +38,11 @@ LIVELY = {
 
 #: The last message before one has joined, and all after it.
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-#: Of a node, beside the one that it is met by.
+#: Those that other programs use, too; the last one stays the last.
 SERVICES = {
     'describe_parameters': DescribeParameters,
-    'get_parameters': GetParameters,
-    'list_parameters': ListParameters,
     'set_parameters': SetParameters,
-    'set_parameters_atomically': SetParametersAtomically,
-    'pause': SetBool,
-    'reset': Trigger,
-    'step': Trigger,
-    'step_to_impact': Trigger,
+    **rig_client.SERVICES,
 }
 
 
@@ -108,38 +91,27 @@ class SimProcess(Running):
         super().__init__(directory, *program, *arguments)
 
 
-class _NeverExecuted(ReentrantCallbackGroup):
-    """Of subscriptions that are polled, which takes a small part of an executor's time."""
-
-    def can_execute(self, _entity):
-        return False
-
-
 class RigClient:
-    """A client of any number of rigs, with threads of its own."""
+    """A client of any number of rigs, which a thread of its own polls."""
 
     def __init__(self):
         self.context = Context()
         rclpy.init(args=[], context=self.context)
         self.node = Node('test_client', context=self.context)
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
-        self._clients, self._listened = {}, []
-        self._running = True
-        self._threads = [threading.Thread(target=each) for each in (self._spin, self._take)]
-        for thread in self._threads:
-            thread.start()
+        self._rigs, self._listened = {}, []
+        self._lock, self._running = threading.Lock(), True
+        self._thread = threading.Thread(target=self._poll)
+        self._thread.start()
 
-    def _spin(self):
-        while self._running:
-            self._executor.spin_once(timeout_sec=0.05)
-
-    def _take(self):
+    def _poll(self):
         while self._running:
             for subscription, messages in list(self._listened):
                 take, kind = subscription.handle.take_message, subscription.msg_type
                 while (taken := take(kind, False)) is not None:
                     messages.append(taken[0])
+            with self._lock:
+                for rig in self._rigs.values():
+                    rig.poll()
             time.sleep(0.003)
 
     def __enter__(self):
@@ -147,9 +119,7 @@ class RigClient:
 
     def __exit__(self, *_):
         self._running = False
-        for thread in self._threads:
-            thread.join()
-        self._executor.shutdown()
+        self._thread.join()
         self.node.destroy_node()
         self.context.try_shutdown()
 
@@ -157,49 +127,21 @@ class RigClient:
         """Return a list that grows by what comes in."""
         messages, qos = [], qos or QoSProfile(depth=1000)
         subscription = self.node.create_subscription(
-            kind, topic, messages.append, qos, callback_group=_NeverExecuted()
+            kind, topic, messages.append, qos, callback_group=Polled()
         )
         self._listened.append((subscription, messages))
         return messages
 
-    def request(self, service, request):
-        """Send a request to a service of a node and return its future."""
-        node, _, _ = service.rpartition('/')
-        if service not in self._clients:
-            self._meet(node)
-        return self._clients[service].call_async(request)
-
-    def call(self, kind, service, request=None):
-        """Call a service of a node and return its response."""
-        future = self.request(service, request or kind.Request())
-        return until(lambda: future.done() and future.result(), f'{service} did not answer')
-
-    def _meet(self, node):
-        """
-        Make the clients of the services of a node, and wait until it knows them all.
-
-        That a client has found its service does not mean that the service has found the client:
-        until then an answer is lost. A client's endpoints are found in the order in which they
-        were made, so once the last client has had an answer, the others will have theirs. The
-        last one may be asked as often as need be.
-        """
-        for name, kind in SERVICES.items():
-            service = f'{node}/{name}'
-            self._clients[service] = self.node.create_client(kind, service)
-        last = self.node.create_client(GetParameterTypes, f'{node}/get_parameter_types')
-        for client in (*(self._clients[f'{node}/{name}'] for name in SERVICES), last):
-            until(client.service_is_ready, f'{client.srv_name} is not there')
-        futures = []
-        asked = -math.inf
-
-        def answered():
-            nonlocal asked
-            if time.monotonic() >= asked + ASK_AGAIN_S:
-                futures.append(last.call_async(GetParameterTypes.Request()))
-                asked = time.monotonic()
-            return any(future.done() for future in futures)
-
-        until(answered, f'{node} does not answer')
+    def ask(self, node, service, **fields):
+        """Ask a service of a node, once that answers; return the future of the answer."""
+        with self._lock:
+            if node not in self._rigs:
+                self._rigs[node] = rig_client.RigClient(self.node, node, SERVICES)
+                self._rigs[node].ask(rig_client.LAST, names=[])
+        rig = self._rigs[node]
+        until(lambda: rig.answers, f'{node} does not answer')
+        with self._lock:
+            return rig.ask(service, **fields)
 
 
 class RigParametersClient:
@@ -209,12 +151,13 @@ class RigParametersClient:
         self._client = client
         self.node = node
 
-    def service(self, name, request=None):
+    def service(self, name, **fields):
         """Call a service of the node."""
-        return self._client.call(SERVICES[name], f'{self.node}/{name}', request)
+        future = self._client.ask(self.node, name, **fields)
+        return until(lambda: future.done() and future.result(), f'{name} was not answered')
 
     def get(self, *names):
-        response = self.service('get_parameters', GetParameters.Request(names=names))
+        response = self.service('get_parameters', names=names)
         values = [parameter_value_to_python(value) for value in response.values]
         return values[0] if len(names) == 1 and values else values
 
@@ -222,13 +165,12 @@ class RigParametersClient:
         return list(self.service('list_parameters').result.names)
 
     def describe(self, *names):
-        request = DescribeParameters.Request(names=names)
-        return self.service('describe_parameters', request).descriptors
+        return self.service('describe_parameters', names=names).descriptors
 
     def set(self, **values):
         """Set one after the other; return the reasons of the rejections, empty if accepted."""
-        request = SetParameters.Request(parameters=_messages(values))
-        reasons = [_reason(result) for result in self.service('set_parameters', request).results]
+        results = self.service('set_parameters', parameters=_messages(values)).results
+        reasons = list(map(_reason, results))
         return reasons[0] if len(values) == 1 else reasons
 
     def set_atomically(self, **values):
@@ -237,8 +179,7 @@ class RigParametersClient:
 
     def request(self, **values):
         """Set all or none; return the answer, which may say what waits."""
-        request = SetParametersAtomically.Request(parameters=_messages(values))
-        return self.service('set_parameters_atomically', request).result
+        return self.service('set_parameters_atomically', parameters=_messages(values)).result
 
 
 def _reason(result):
@@ -367,7 +308,7 @@ class LiveRig:
 
     def call(self, name, **values):
         """Call `reset`, `pause`, `step` or `step_to_impact`; return success and message."""
-        answer = self.parameters.service(name, SERVICES[name].Request(**values))
+        answer = self.parameters.service(name, **values)
         return answer.success, answer.message
 
     def pause(self, data=True):

@@ -5,7 +5,6 @@ import re
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
 from node.rig_client import stamp_ns
@@ -84,7 +83,7 @@ def test_others_are_answered_during_a_step(rig):
         """Return a step that is under way; a busy machine may be too late to notice one."""
         while True:
             rig.pause()
-            step = rig.client.request(f'{rig.name}/step', Trigger.Request())
+            step = rig.client.ask(rig.name, 'step')
             if rig.call('step')[1] == 'a step is under way':
                 return step
 

@@ -5,7 +5,6 @@ import random
 
 from hypothesis import settings
 from rcl_interfaces.msg import Parameter as ParameterMessage, ParameterEvent, ParameterValue
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile
 
@@ -92,12 +91,10 @@ def ask(rig, kind, given):
     """Make a request; return whether each value was taken."""
     parameters = [message(*pair) for pair in given.items()]
     if kind == 'atomic':
-        request = SetParametersAtomically.Request(parameters=parameters)
-        results = [rig.parameters.service('set_parameters_atomically', request).result]
-        results *= len(given)
+        answer = rig.parameters.service('set_parameters_atomically', parameters=parameters)
+        results = [answer.result] * len(given)
     else:
-        request = SetParameters.Request(parameters=parameters)
-        results = rig.parameters.service('set_parameters', request).results
+        results = rig.parameters.service('set_parameters', parameters=parameters).results
     assert all(result.successful or result.reason for result in results)
     return dict(zip(given, (result.successful for result in results), strict=True))
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 from running import alive, until
-from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag import RunReader
 from node.rig_client import LIVELY, children
@@ -80,8 +79,8 @@ def test_signals_and_requests_while_the_node_is_taken_apart_do_no_harm(start):
     rig.await_states()
     rig.reset()
     for _ in range(50):
-        rig.client.request(f'{rig.name}/reset', Trigger.Request())
-        rig.client.request(f'{rig.name}/pause', SetBool.Request(data=True))
+        rig.client.ask(rig.name, 'reset')
+        rig.client.ask(rig.name, 'pause', data=True)
     rig.stop()
     # What it says as it starts, and nothing after that, but that the machine was late
     lines = [line for line in rig.process.output.splitlines() if 'the stamps were' not in line]

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import signal
+import threading
 from pathlib import Path
 
 import chromium
@@ -20,7 +21,6 @@ import numpy as np
 from node.rig_client import RigClient, RigParametersClient, SimProcess
 from running import SOURCE, until as at_once
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
@@ -126,8 +126,8 @@ def _as_before(request):
     if uses:
         rig = request.getfixturevalue('parameters')
         assert rig.set_atomically(**before) == ''
-        assert rig.service('pause', SetBool.Request(data=False)).success
-        assert rig.service('reset', Trigger.Request()).success
+        assert rig.service('pause', data=False).success
+        assert rig.service('reset').success
 
 
 def picture(page, selector='#rig-canvas'):
@@ -789,7 +789,15 @@ def test_a_node_comes_back_with_a_controller(opened, tmp_path):
         assert rig.set(record=True) == ''
         stops = client.node.create_publisher(JointState, f'{space}/stop_commands', 10)
         command = JointState(name=['stop_1', 'stop_2'], position=[0.009, -0.009])
-        timer = client.node.create_timer(0.1, lambda: stops.publish(command))
+        ended = threading.Event()
+
+        def publish():
+            while not ended.wait(0.1):
+                stops.publish(command)
+
+        controller = threading.Thread(target=publish)
+        controller.start()
+        nodes.callback(ended.set)
         page.wait('impactDamper.history.own.measured.length > 30')
         page.expect('#command-age').to_contain_text('Controller: commands are carried out, ')
         page.wait('(acts => acts.field("stop_1")[acts.end - 1])(impactDamper.history.own.acts)')
@@ -808,7 +816,8 @@ def test_a_node_comes_back_with_a_controller(opened, tmp_path):
             page(bias).click()
             until(lambda fault=fault: rig.get('sensor_fault') == fault, fault)
             page.expect(bias).to_have_attribute('aria-pressed', pressed)
-        timer.cancel()
+        ended.set()
+        controller.join()
         page.expect('#command-age').to_contain_text('parked')
         assert rig.set(record=False) == ''
     (bag,) = runs.iterdir()
