@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.measured.sheet import Array, Heading, heading
+from impact_damper_ros.parameters.base_motion import quantity_of
 
 from .messages import JOINT_STATE, CdrError, CdrReader, JointState, decode
 from .rig_topics import PAUSED_FRAME
@@ -32,6 +33,12 @@ class TopicColumns(NamedTuple):
     columns: list[tuple[Heading, Array]]
     noun: str
     usual: str
+
+    def quantity(self, place: int) -> str:
+        """Return what a column is: displacement, velocity or acceleration."""
+        unit = self.columns[place][0].si
+        assert unit is not None
+        return quantity_of(unit[0])
 
 
 def topic_columns(messages: Sequence[RecordedMessage]) -> TopicColumns:

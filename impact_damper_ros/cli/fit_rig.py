@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from impact_damper_ros.bag import RecordedMessage
     from impact_damper_ros.fit.estimate import Estimate
     from impact_damper_ros.fit.measured_motion import MeasuredMotion, ReadingOptions
+    from impact_damper_ros.fit.recorded_motion import TopicMessages
     from impact_damper_ros.fit.structure import StructureFit
 
 #: What may be fitted besides, see `fit.rig_fit.FURTHER`.
@@ -72,11 +73,10 @@ NEEDS = (
     ('--also', 'no --structure'),
     ('--unit', '--column'),
     *((option, 'FILE') for option in ('--column', '--time', '--base-column', '--force-column')),
-    ('--look', 'FILE'),
     (
         '--look',
-        'only --column --unit --time --base-column --force-column --impacts --impact-deviation '
-        '--saturation --from --to',
+        'only FILE --column --unit --time --base-column --force-column --impacts '
+        '--impact-deviation --saturation --topic --joint --seconds --from --to',
     ),
 )
 
@@ -156,9 +156,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar='TIME',
         help='without DATA: how long to listen to --topic [20]',
     )
-    add_path_option(
-        parser, '--look', 'draw what is read of a file of columns, and fit nothing', 'FIGURE'
-    )
+    add_path_option(parser, '--look', 'draw what is read of the data, and fit nothing', 'FIGURE')
     add_json_option(parser)
     add_path_option(parser, '--report', 'write an HTML report, and its numbers beside it', 'DIR')
     add_path_option(parser, '--rig-out', 'write the fitted rig, with its intervals as comments')
@@ -182,18 +180,24 @@ def _messages(arguments: argparse.Namespace) -> list[RecordedMessage]:
         raise CommandError(str(error)) from error
 
 
+def _recorded(arguments: argparse.Namespace, options: ReadingOptions) -> TopicMessages | None:
+    """Return the messages of a live topic, or of that of a bag; None for a file of columns."""
+    from impact_damper_ros.fit.recorded_motion import TopicMessages, bag_messages, is_bag
+
+    if arguments.data is None:
+        return TopicMessages(_messages(arguments), arguments.topic, 'live')
+    return bag_messages(arguments.data, options) if is_bag(arguments.data) else None
+
+
 def _read(
-    arguments: argparse.Namespace, options: ReadingOptions
+    arguments: argparse.Namespace, options: ReadingOptions, recorded: TopicMessages | None
 ) -> tuple[MeasuredMotion, RigParameters | None]:
     """Return the data, and the rig that their recording names."""
     from impact_damper_ros.fit.recorded_motion import motion_of_messages, read_motion, recorded_rig
 
-    if arguments.data is None:
-        messages = _messages(arguments)
-        data = motion_of_messages(messages, arguments.topic, 'live', options)
-        return data, recorded_rig(messages, arguments.topic)
-    data, rig = read_motion(arguments.data, options)
-    return data, rig
+    if recorded is None:
+        return read_motion(arguments.data, options)
+    return motion_of_messages(recorded, options), recorded_rig(recorded)
 
 
 def _options(arguments: argparse.Namespace) -> ReadingOptions:
@@ -218,8 +222,9 @@ def _options(arguments: argparse.Namespace) -> ReadingOptions:
 
 def _data(arguments: argparse.Namespace) -> tuple[MeasuredMotion, RigParameters | None]:
     saturation = arguments.saturation
+    options = _options(arguments)
     try:
-        data, rig = _read(arguments, _options(arguments))
+        data, rig = _read(arguments, options, _recorded(arguments, options))
     except OSError as error:
         name = error.filename or arguments.data
         raise CommandError(
@@ -269,20 +274,25 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _look(arguments: argparse.Namespace) -> int:
     """Draw what is read, and say why it cannot be used, if so."""
-    from impact_damper_ros.fit.measured_motion import read_table_motion
-    from impact_damper_ros.report.look_figure import look_figure, raw_columns
+    from impact_damper_ros.fit.measured_motion import raw_columns
+    from impact_damper_ros.fit.recorded_motion import message_columns
+    from impact_damper_ros.report.look_figure import look_figure
 
     options, problem, data = _options(arguments), None, None
-    columns = raw_columns(arguments.data, options)
+    recorded = _recorded(arguments, options)
+    if recorded is None:
+        columns = raw_columns(arguments.data, options)
+    else:
+        columns = message_columns(recorded, options)
     try:
-        data = read_table_motion(arguments.data, options)
+        data, _ = _read(arguments, options, recorded)
     except ValueError as error:
         problem = error
     draw(arguments.look, look_figure, columns, data, data.source if data else str(problem))
     if problem is not None:
         raise problem
-    assert data is not None
-    say('fit_rig', data.columns)
+    if data is not None and data.columns:
+        say('fit_rig', data.columns)
     return 0
 
 

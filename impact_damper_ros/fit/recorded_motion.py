@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,17 @@ from numpy.typing import NDArray
 from impact_damper_ros.bag import RecordedMessage, RecordingError, RunReader, String
 from impact_damper_ros.bag.messages import JOINT_STATE, STRING, decode, header_ns
 from impact_damper_ros.bag.topic_columns import TYPES, TopicColumns, topic_columns
-from impact_damper_ros.parameters.base_motion import quantity_of
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.command import Command, parameters_of, read_command
 
-from .measured_motion import MeasuredMotion, ReadingOptions, prepared, read_table_motion
+from .measured_motion import (
+    MeasuredMotion,
+    RawColumn,
+    ReadingOptions,
+    prepared,
+    read_table_motion,
+)
 
 Array = NDArray[np.float64]
 
@@ -36,21 +42,35 @@ def beside(topic: str, name: str) -> str:
     return f'{topic.rpartition("/")[0]}/{name}'
 
 
-def read_bag_motion(
-    path: Path, options: ReadingOptions
-) -> tuple[MeasuredMotion, RigParameters | None]:
-    """Return the motion in a bag, and the rig that was recorded, if it is one of this package."""
+class TopicMessages(NamedTuple):
+    """The messages of a topic and of those of a rig beside it, and where they are from."""
+
+    messages: Sequence[RecordedMessage]
+    topic: str
+    source: str
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path is read as a bag."""
+    return path.is_dir() or path.suffix in ('.mcap', '.db3', '.zstd')
+
+
+def bag_messages(path: Path, options: ReadingOptions) -> TopicMessages:
+    """Return the messages of the topic of a bag that is the motion."""
+    named = {'column', 'time_column', 'base_column', 'force_column'}
+    if any(getattr(options, name) for name in named):
+        raise ValueError(f'{path}: a bag has no columns: name --topic and --joint')
     reader = RunReader(path)
     topic, kind = _chosen(reader, options.topic)
     wanted = [(topic, kind)]
     wanted += [(beside(topic, 'snapshot'), STRING), (beside(topic, 'impacts'), JOINT_STATE)]
-    messages = list(reader.records(wanted))
-    return motion_of_messages(messages, topic, str(path), options), recorded_rig(messages, topic)
+    return TopicMessages(list(reader.records(wanted)), topic, str(path))
 
 
-def recorded_rig(messages: Sequence[RecordedMessage], topic: str) -> RigParameters | None:
+def recorded_rig(messages: TopicMessages) -> RigParameters | None:
     """Return the rig that the first snapshot beside a topic describes; None without one."""
-    commands = _commands(messages, beside(topic, 'snapshot'), topic)
+    every, topic, _ = messages
+    commands = _commands(every, beside(topic, 'snapshot'), topic)
     return RigParameters(**parameters_of(commands[0].state['parameters'])) if commands else None
 
 
@@ -74,31 +94,37 @@ def _chosen(reader: RunReader, topic: str) -> tuple[str, str]:
     raise RecordingError('fit', reader.path, cause, remedy)
 
 
-def motion_of_messages(
-    messages: Sequence[RecordedMessage], topic: str, source: str, options: ReadingOptions
-) -> MeasuredMotion:
-    """
-    Return the motion that messages of a topic describe, with those of the rig beside it.
+class _Series(NamedTuple):
+    """The columns of a topic over rig time, s, that of the motion as X."""
 
-    Of a rig of this package only what is before the next change of its parameters is used, and
-    the time is rig time, from which its force counts.
-    """
-    own = [m for m in messages if m.topic == topic]
+    found: TopicColumns
+    seconds: Array
+    #: Places of the motion, and of the base if it is there.
+    place: int
+    base: int | None
+    #: Whether a message is used, and where impacts were.
+    kept: NDArray[np.bool_]
+    times: Array | None
+    source: str
+
+
+def _series(messages: TopicMessages, options: ReadingOptions) -> _Series:
+    """Return the columns of a topic, and which of its messages are used."""
+    every, topic, source = messages
+    own = [m for m in every if m.topic == topic]
     source = f'{source}, {topic}'
     if not own:
         raise ValueError(f'{source}: no message came: see that it is published')
     try:
         found = topic_columns(own)
         names = [head.name for head, _ in found.columns]
-        head, values = found.columns[_named(names, options.joint, found)]
+        place = _named(names, options.joint, found)
     except ValueError as error:
         raise ValueError(f'{source}: {error}') from error
-    assert head.si is not None
-    stamps, quantity = found.stamps_ns, quantity_of(head.si[0])
-    base = None
-    if quantity == 'displacement' and {'base', 'primary'} <= {*names}:
-        base = found.columns[names.index('base')][1]
-    commands = _commands(messages, beside(topic, 'snapshot'), source)
+    stamps, base = found.stamps_ns, None
+    if displacement := found.quantity(place) == 'displacement':
+        base = names.index('base') if {'base', 'primary'} <= {*names} else None
+    commands = _commands(every, beside(topic, 'snapshot'), source)
     offset_ns, start_ns, end_ns, times = int(stamps[0]), -np.inf, np.inf, None
     if commands:
         first = commands[0]
@@ -110,29 +136,53 @@ def motion_of_messages(
             offset_ns, start_ns = before[-1].offset_ns, -np.inf
         if np.isfinite(end_ns):
             source += ' (up to the first change of its parameters)'
-        if quantity == 'displacement':
+        if displacement:
             rig = RigParameters(**parameters_of(first.state['parameters']))
-            values = values - rig.static_deflection
-        times = _impact_times(messages, beside(topic, 'impacts'), offset_ns)
+            head, values = found.columns[place]
+            found.columns[place] = head, values - rig.static_deflection
+        times = _impact_times(every, beside(topic, 'impacts'), offset_ns)
     seconds = (stamps - offset_ns) / 1e9
     kept = (stamps >= start_ns) & (stamps < end_ns)
     kept &= (seconds >= options.first) & (seconds <= options.last)
+    return _Series(found, seconds, place, base, kept, times, source)
+
+
+def message_columns(messages: TopicMessages, options: ReadingOptions) -> list[RawColumn]:
+    """Return all columns of a topic, used or not."""
+    series = _series(messages, options)
+    roles = {series.base: 'base', series.place: 'motion'}
+    return [
+        RawColumn(head.title, series.seconds, values, roles.get(n, ''), 1.0)
+        for n, (head, values) in enumerate(series.found.columns)
+    ]
+
+
+def motion_of_messages(messages: TopicMessages, options: ReadingOptions) -> MeasuredMotion:
+    """
+    Return the motion that messages of a topic describe, with those of the rig beside it.
+
+    Of a rig of this package only what is before the next change of its parameters is used, and
+    the time is rig time, from which its force counts.
+    """
+    found, seconds, place, base_place, kept, times, source = _series(messages, options)
     # Of samples that are there twice, or late, the first in time
-    _, once = np.unique(stamps[kept], return_index=True)
+    _, once = np.unique(found.stamps_ns[kept], return_index=True)
     places = np.flatnonzero(kept)[once]
     if not len(places):
         raise ValueError(
             f'{source}: no message is from before the first change of the rig, and from '
             f'{options.first:g} to {options.last:g} s'
         )
-    moving = base is not None and bool(np.any(base[places] != base[places[0]]))
+    head, values = found.columns[place]
+    base = None if base_place is None else found.columns[base_place][1][places]
+    moving = base is not None and bool(np.ptp(base))
     data = MeasuredMotion(
         time=seconds[places],
         motion=values[places],
-        quantity=quantity,
+        quantity=found.quantity(place),
         used=np.isfinite(values[places]),
-        base=base[places] if base is not None and moving else None,
-        base_quantity=quantity if moving else '',
+        base=base if moving else None,
+        base_quantity='displacement' if moving else '',
         impact_times=times,
         impact_deviation=_EXACT if times is not None else 0.0,
         source=source,
@@ -173,11 +223,9 @@ def read_motion(
     path: Path, options: ReadingOptions
 ) -> tuple[MeasuredMotion, RigParameters | None]:
     """Read a measured motion from a file of columns, or from a bag with the rig that it names."""
-    if path.is_dir() or path.suffix in ('.mcap', '.db3', '.zstd'):
-        named = {'column', 'time_column', 'base_column', 'force_column'}
-        if any(getattr(options, name) for name in named):
-            raise ValueError(f'{path}: a bag has no columns: name --topic and --joint')
-        return read_bag_motion(path, options)
+    if is_bag(path):
+        messages = bag_messages(path, options)
+        return motion_of_messages(messages, options), recorded_rig(messages)
     if options.topic or options.joint:
         option = '--topic' if options.topic else '--joint'
         raise ValueError(f'{path}: a file of columns has no topics: leave {option} out')

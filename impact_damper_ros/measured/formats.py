@@ -7,9 +7,10 @@ import io
 import re
 import stat
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,6 +128,13 @@ _UNIVERSAL = {
 _DIRECTIONS = {1: '+X', 2: '+Y', 3: '+Z', -1: '-X', -2: '-Y', -3: '-Z'}
 
 
+def _general(function: Mapping[str, Any]) -> tuple[str, str, int, int]:
+    """Return what is known by powers of length and force alone: a force, but not which motion."""
+    length, force = (int(function.get(f'ordinate_{of}_unit_exp') or 0) for of in ('len', 'force'))
+    name, unit = ('force', 'N') if (length, force) == (0, 1) else ('channel', '')
+    return name, unit, length, force
+
+
 def _universal(path: Path, _: bytes) -> Sheet:
     """Return the functions of time in a universal file."""
     try:
@@ -152,7 +160,7 @@ def _universal(path: Path, _: bytes) -> Sheet:
         elif len(times) != len(found[0][1]) or np.any(times != found[0][1]):
             raise ValueError('its functions have different instants: export one measurement')
         kind = int(one.get('ordinate_spec_data_type') or 0)
-        name, unit, length, force = _UNIVERSAL.get(kind, ('channel', '', 0, 0))
+        name, unit, length, force = _UNIVERSAL.get(kind) or _general(one)
         own = str(one.get('ordinate_axis_units_lab') or '').strip()
         given = own not in ('', 'NONE')
         if not given:

@@ -74,7 +74,7 @@ def _loudness(path: Path) -> tuple[Array, Array]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
-            rate, sound = wavfile.read(io.BytesIO(content))
+            rate, sound = wavfile.read(io.BytesIO(_with_sizes(content)))
         low, high = _SOUND_RATES
         if not low <= rate <= high:
             raise ValueError(f'a rate of {rate} Hz: from {low} to {high} Hz')
@@ -95,6 +95,22 @@ def _loudness(path: Path) -> tuple[Array, Array]:
     if count < LEAST_SAMPLES:
         raise TableError(f'{source}: {len(sound) / rate:.3g} s of sound: record more')
     return np.arange(count) * (size / rate), loudest
+
+
+def _with_sizes(content: bytes) -> bytes:
+    """Return a .wav file whose recorder was ended before it wrote how much there is."""
+    at, block = 12, 1
+    while (kind := content[at : at + 4]) not in (b'data', b''):
+        if kind == b'fmt ':
+            block = max(1, int.from_bytes(content[at + 20 : at + 22], 'little'))
+        at += 8 + int.from_bytes(content[at + 4 : at + 8], 'little')
+    # A file that is played while it is written has the largest number
+    if content[at + 4 : at + 8] not in (bytes(4), b'\xff' * 4):
+        return content
+    size = (len(content) - at - 8) // block * block
+    sizes = ((at + size).to_bytes(4, 'little'), size.to_bytes(4, 'little'))
+    body = content[at + 8 : at + 8 + size]
+    return b''.join((b'RIFF', sizes[0], content[8 : at + 4], sizes[1], body))
 
 
 def sampling_deviation(time: Array) -> float:

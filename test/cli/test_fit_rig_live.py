@@ -13,7 +13,12 @@ from impact_damper_ros import Rig, load_parameters
 from impact_damper_ros.bag.topic_columns import TYPES
 from impact_damper_ros.cli.fit_rig import main
 from impact_damper_ros.fit.measured_motion import NO_OPTIONS
-from impact_damper_ros.fit.recorded_motion import beside, motion_of_messages, recorded_rig
+from impact_damper_ros.fit.recorded_motion import (
+    TopicMessages,
+    beside,
+    motion_of_messages,
+    recorded_rig,
+)
 from impact_damper_ros.node.topic_listener import TopicError, listened
 
 RIG, _, _ = load_parameters('bench_rig')
@@ -47,16 +52,17 @@ def test_what_comes_over_the_network_is_the_motion_of_the_rig():
 
     def whole():
         """Return what came, if the snapshot was among it, and not many samples were lost."""
-        messages = listened(topic, more, TYPES, 3.0)
-        if not {message.topic for message in messages} >= {topic, *more}:
+        came = listened(topic, more, TYPES, 3.0)
+        if not {message.topic for message in came} >= {topic, *more}:
             return None
+        messages = TopicMessages(came, topic, 'live')
         try:
-            return messages, motion_of_messages(messages, topic, 'live', NO_OPTIONS)
+            return messages, motion_of_messages(messages, NO_OPTIONS)
         except ValueError:
             return None
 
     messages, data = until(whole)
-    assert recorded_rig(messages, topic) == RIG
+    assert recorded_rig(messages) == RIG
     assert data.quantity == 'displacement'
     there = data.time[data.used]
     exact = Rig(RIG).run(float(there[-1]), there).samples['x']

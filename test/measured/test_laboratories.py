@@ -202,7 +202,7 @@ UNIVERSAL = """\
 """
 
 
-def function(values, direction, kind=8, unit='NONE', spacing=1):
+def function(values, direction, kind=8, unit='NONE', spacing=1, exponents=(0, 0)):
     """Return a function of time of a universal file; of uneven spacing it ends with a pad."""
     lines = [
         '    -1',
@@ -212,7 +212,7 @@ def function(values, direction, kind=8, unit='NONE', spacing=1):
         '         0   0',
         f'         2{len(values):10d}{spacing:10d}  0.00000E+00  5.00000E-03  0.00000E+00',
         '        17    0    0    0 Time                 s',
-        f'{kind:10d}    0    0    0 NONE                 {unit:20s}',
+        f'{kind:10d}{exponents[0]:5d}{exponents[1]:5d}    0 NONE                 {unit:20s}',
         *['         0    0    0    0 NONE                 NONE'] * 2,
     ]
     cells = [f'{number:13.5E}' for number in values]
@@ -232,6 +232,15 @@ def test_universal_files(written):
         assert data.motion == pytest.approx(1e-3 * MOTION, abs=1e-7)
     data = read_table_motion(written(UNIVERSAL + function(MOTION, 3, unit='um'), 'b.uff'))
     assert data.motion == pytest.approx(1e-6 * MOTION, abs=1e-10)
+    # A general quantity has its powers of length and force; a velocity has none of time
+    general = function(MOTION, 3, kind=1, exponents=(1, 0))
+    options = ReadingOptions(column='channel 1 +Z', unit='m/s')
+    data = read_table_motion(written(UNIVERSAL + general, 'general.uff'), options)
+    assert data.quantity == 'velocity'
+    assert data.motion == pytest.approx(1e-3 * MOTION, abs=1e-7)
+    push = function(MOTION, 3, kind=1, exponents=(0, 1))
+    data = read_table_motion(written(UNIVERSAL + function(MOTION, 3) + push, 'force.uff'))
+    assert data.force == pytest.approx(1e-3 * MOTION, abs=1e-7)
     # The pad behind the last value is none
     data = read_table_motion(written(function(MOTION[:59], 3, spacing=0), 'c.uff'))
     assert data.motion == pytest.approx(MOTION[:59], abs=1e-4)

@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.cli.fit_rig import main as fit_rig
-from impact_damper_ros.fit.measured_motion import read_table_motion
-from impact_damper_ros.report.look_figure import look_figure, raw_columns
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.fit.measured_motion import ReadingOptions, raw_columns, read_table_motion
+from impact_damper_ros.fit.recorded_motion import (
+    bag_messages,
+    message_columns,
+    motion_of_messages,
+)
+from impact_damper_ros.report.look_figure import look_figure
 
 TIME = np.arange(200) / 200.0
 HEAD = 't [s],shaker [g],x [mm],temperature [°C],note\n'
@@ -53,3 +59,22 @@ def test_the_command_draws_and_fits_nothing(path, tmp_path, capsys):
     assert target.exists()
     with pytest.raises(SystemExit):
         fit_rig([str(path), '--look', str(target), '--json', '-'])
+
+
+def test_a_topic_of_a_bag_is_drawn(tmp_path, capsys):
+    """Every joint, over rig time; of a rig on an incline X counts from its equilibrium."""
+    bag, target = tmp_path / 'run', tmp_path / 'look.svg'
+    given = ['--set', 'angle=30 deg', '--duration', '3', '--bag', str(bag), '--quiet']
+    assert simulate_rig(['bench_rig', *given, '--change', '2:gap=0.03']) == 0
+    options = ReadingOptions(joint='primary')
+    messages = bag_messages(bag, options)
+    columns, data = message_columns(messages, options), motion_of_messages(messages, options)
+    assert [column.role for column in columns] == ['motion', '', '', '', '', 'base', '']
+    assert columns[0].time[-1] == 3.0
+    assert columns[0].values[: len(data.motion)].tolist() == data.motion.tolist()
+    title, *others = (a.get_title(loc='right') for a in look_figure(columns, data).axes)
+    assert title == f'motion; {len(data.impact_times)} impacts'
+    assert others == ['base', *['not used'] * 5]
+    capsys.readouterr()
+    assert fit_rig([str(bag), '--look', str(target)]) == 0
+    assert target.read_text().startswith('<?xml')
