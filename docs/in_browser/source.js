@@ -88,7 +88,7 @@ class InPage {
   phase(time) {
     const { _run: run, _waves: waves, _lines: lines } = this.rig;
     if (!lines[0].force || !lines[0].frequency) return NaN;
-    const angle = waves[0].angle + lines[0].phase + ((time - run.time) - run.time_low) * lines[0].frequency;
+    const angle = waves[0].angle + ((time - run.time) - run.time_low) * lines[0].frequency;
     return $modulo(angle / (2 * Math.PI), 1);
   }
 

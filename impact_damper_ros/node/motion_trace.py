@@ -5,14 +5,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from math import nan, tau
+from math import nan
 from typing import Any
 
 from impact_damper_ros.motion.event import Event, EventKind, Sample
 from impact_damper_ros.motion.swing import positions_passed
 from impact_damper_ros.orbits.transmissibility import Moments, Transmissibility
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at
+from impact_damper_ros.rig.stepped_sine import FirstAngle, SteppedSine, rig_at
 
 #: Impacts and turning points that are kept: some dozens of periods, or a few with many impacts.
 KEPT = 512
@@ -28,14 +28,15 @@ class MotionTrace:
     """
 
     def __init__(
-        self, parameters: RigParameters, began: float, turned: float, sweep: SteppedSine
+        self, parameters: RigParameters, began: float, angle: FirstAngle, sweep: SteppedSine
     ) -> None:
         self.parameters = parameters
         self.began = began  # rig time, s
         self.present = rig_at(parameters, sweep.step)  # the rig of the present step
         self.frequency = self.present.first_harmonic[1]  # circular, rad/s
-        self.turned = turned  # the angle of the first harmonic at the beginning, in cycles
-        self._sweep = sweep
+        #: Angle of the first harmonic at an instant (s), in cycles since its zero
+        self.cycles = angle.at
+        self._angle, self._sweep = angle, sweep
         self._impacts: deque[Event] = deque(maxlen=KEPT)
         self._turns: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self._last: Sample | None = None
@@ -49,9 +50,8 @@ class MotionTrace:
     def at(cls, parameters: RigParameters, snapshot: Mapping[str, Any]) -> MotionTrace:
         """Begin at a snapshot of the rig."""
         sweep, origin = SteppedSine.of_dict(snapshot['sweep']), snapshot['origin']
-        since = snapshot['time'] - origin['time']
-        angle = origin['angles'][0] + rig_at(parameters, sweep.step).first_harmonic[1] * since
-        return cls(parameters, snapshot['time'], angle / tau, sweep)
+        angle = FirstAngle.of(rig_at(parameters, sweep.step), origin['time'], origin['angles'][0])
+        return cls(parameters, snapshot['time'], angle, sweep)
 
     def after(self, events: Sequence[Event]) -> MotionTrace:
         """Take all events since the last sample; return the trace from there on."""
@@ -60,9 +60,9 @@ class MotionTrace:
             if event.kind is EventKind.IMPACT:
                 trace._impacts.append(event)
             elif event.kind is EventKind.FREQUENCY_STEP:
-                turned = trace.cycles(event.time)
                 sweep = trace._sweep.following(trace.parameters)
-                trace = MotionTrace(trace.parameters, event.time, turned, sweep)
+                angle = trace._angle.stepped(event.time, rig_at(trace.parameters, sweep.step))
+                trace = MotionTrace(trace.parameters, event.time, angle, sweep)
                 first = i + 1
         # Between two ticks there may be several moves of the rig, each with many events.
         before = [] if trace is not self else trace._passed
@@ -88,7 +88,7 @@ class MotionTrace:
         """Add X and b of a sample to the sums of its cycle."""
         turn, x, base = int(self.cycles(sample.time)), sample.x, sample.base
         if turn != self._turn:
-            if self._turn > int(self.turned):
+            if self._turn > int(self.cycles(self.began)):
                 self._moments.append(Moments(*(*self._sums, nan, nan)))
             self._sums, self._turn = [0.0] * 6, turn
         terms = 1.0, x, x * x, base, base * base, x * base
@@ -100,10 +100,6 @@ class MotionTrace:
     def time(self) -> float:
         """Rig time of the last sample, s."""
         return self._last.time if self._last is not None else self.began
-
-    def cycles(self, time: float) -> float:
-        """Return the angle of the first harmonic at an instant (s), in cycles since its zero."""
-        return self.turned + (time - self.began) * self.frequency / tau
 
     def impacts(self) -> list[Event]:
         """Return the last impacts."""

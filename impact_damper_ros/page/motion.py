@@ -20,7 +20,7 @@ from impact_damper_ros.replay.rows import (
     recorded_samples,
 )
 from impact_damper_ros.rig.snapshot import Snapshot
-from impact_damper_ros.rig.stepped_sine import rig_at, stepped_sine
+from impact_damper_ros.rig.stepped_sine import FirstAngle, rig_at, stepped_sine
 
 Rows = NDArray[np.float64]
 
@@ -43,29 +43,24 @@ COMMANDS = tuple(action.name.lower() for action in (Action.COMMAND, Action.ORDER
 
 
 class ForcePhase:
-    """The phase of the first harmonic of the force from a snapshot on, stepped sine included."""
+    """The angle of the first harmonic from a snapshot on, stepped sine included, as a phase."""
 
     def __init__(self, snapshot: Snapshot) -> None:
-        rig = snapshot.parameters
-        begun = snapshot.run.time + snapshot.run.time_low
-        turned = snapshot.angles[0] / math.tau if snapshot.angles else 0.0
-        first = [rig_at(rig, snapshot.sweep.step).first_harmonic]
-        times = [begun]
+        rig, run = snapshot.parameters, snapshot.run
+        first = rig_at(rig, snapshot.sweep.step)
+        turned = snapshot.angles[0] if snapshot.angles else 0.0
+        angles = [FirstAngle.of(first, run.time + run.time_low, turned)]
         for step in stepped_sine(rig, snapshot.sweep):
-            times.append(step.time)
-            first.append(step.parameters.first_harmonic)
-        forces, rates, phases = np.array(first).T
-        self._times, self._frequencies = np.array(times), rates / math.tau
-        lengths = np.diff(self._times) * self._frequencies[:-1]
-        self._cycles = turned + phases / math.tau + np.concatenate([[0.0], np.cumsum(lengths)])
-        self._known = forces[0] != 0.0 and bool(rates.any())
+            angles.append(angles[-1].stepped(step.time, step.parameters))
+        self._times, self._turned, self._rates = np.array(angles).T
+        self._known = first.first_harmonic[0] != 0.0 and bool(self._rates.any())
 
     def at(self, time: Rows) -> Rows:
         """Return the phases at instants, in cycles from 0 to 1; NaN without a force."""
         if not self._known:
             return np.full(len(time), np.nan)
         place = np.clip(np.searchsorted(self._times, time, side='right') - 1, 0, None)
-        cycles = self._cycles[place] + (time - self._times[place]) * self._frequencies[place]
+        cycles = self._turned[place] + (time - self._times[place]) * self._rates[place]
         phases: Rows = np.remainder(cycles, 1.0)
         return phases
 

@@ -186,6 +186,31 @@ def stepped_sine(parameters: RigParameters, sweep: SteppedSine) -> Iterator[Time
         yield TimedStep(due, rig_at(parameters, sweep.step))
 
 
+class FirstAngle(NamedTuple):
+    """
+    The angle of the first harmonic until its frequency changes, in cycles.
+
+    From its zeros on phases count, those of orbits too, whatever the phase of the force is.
+    """
+
+    time: float  # an instant, s
+    turned: float  # until then
+    rate: float  # Hz
+
+    @classmethod
+    def of(cls, rig: RigParameters, time: float, angle: float) -> FirstAngle:
+        """Return that of a rig whose first harmonic has turned by an angle, rad."""
+        return cls(time, angle / tau, rig.first_harmonic[1] / tau)
+
+    def at(self, time: float) -> float:
+        """Return the angle at an instant."""
+        return self.turned + (time - self.time) * self.rate
+
+    def stepped(self, time: float, rig: RigParameters) -> FirstAngle:
+        """Return the angle from a step of the frequency on, after which the rig is that one."""
+        return FirstAngle.of(rig, time, tau * self.at(time))
+
+
 def sweep_of(parameters: RigParameters) -> tuple[object, ...]:
     """Return what a sweep is made of: a change of any of it starts the sweep anew."""
     return _sweep_fields(parameters)

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from impact_damper_ros import Rig
+from impact_damper_ros import EventKind, Rig, load_parameters
+from impact_damper_ros.orbits.settled_motion import settle
 from impact_damper_ros.page.frames import PAUSED, REPLACE, REPLACE_GHOST, View
 from impact_damper_ros.page.motion import (
     ACT_COLUMNS,
@@ -207,12 +208,15 @@ def test_a_motion_keeps_the_newest_rows_and_leaves_out_what_is_none():
     assert motion.impacts[:, 0].tolist() == [1.0, 2.0]
 
 
-def test_phase_of_the_force():
-    phase = force_phase(Rig(LIVELY.replace(force_phases=(0.3,))))
-    time = np.array([0.0, 0.1, 7.3])
-    assert phase.at(time) == pytest.approx((31.6 * time + 0.3) / math.tau % 1.0)
+def test_phases_are_those_of_orbits_whatever_the_phase_of_the_force_is():
+    rig = Rig(load_parameters('bench_rig')[0].replace(force_phases=(0.3,)))
+    phase = force_phase(rig)
+    hits = [event for event in rig.advance(60.0) if event.kind is EventKind.IMPACT][-2:]
+    orbit = settle(rig).orbit
+    there = sorted(float(phase.at(np.array([hit.time]))[0]) for hit in hits)
+    assert there == pytest.approx(sorted(orbit.phases), abs=1e-4)
     still = force_phase(Rig(LIVELY.replace(force_amplitudes=(0.0,))))
-    assert np.isnan(still.at(time)).all()
+    assert np.isnan(still.at(np.array([0.0, 7.3]))).all()
 
 
 @pytest.mark.parametrize('shaken', [{}, {'force_amplitudes': 0.0, 'base_amplitudes': 2.0}])
