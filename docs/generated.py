@@ -15,7 +15,6 @@ import re
 import shutil
 import subprocess
 import sys
-from functools import partial
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
@@ -63,23 +62,34 @@ LIBRARY = {
     'compare': ('Comparison', 'impact_damper_ros.compare'),
     'report': ('Reports', 'impact_damper_ros.report'),
 }
+#: What the table of the node says of when a value takes effect.
+EFFECTS = {
+    'now': '',
+    'start': ' Fixed while the node runs.',
+    'next recording': ' For the next recording.',
+}
 LISTS = 'Parameters', 'Attributes', 'Returns', 'Yields', 'Raises', 'Other Parameters'
 PROSE = 'Notes', 'References'
 
 
-def tables(name: str, page: str) -> str:
-    """Return a page with the present tables of parameters."""
+def tables(page: str) -> str:
+    """Return the page of the parameters with their present tables."""
     rig_parameters = import_module('impact_damper_ros.parameters.rig_parameters')
     structure = import_module('impact_damper_ros.parameters.structure')
     table = import_module('impact_damper_ros.cli.simulate_rig').parameter_table
-    groups = {
-        'parameters.md': [
-            (rig_parameters.PARAMETER_SPECS, rig_parameters.INITIAL_SPECS),
-            (structure.STRUCTURE_SPECS,),
-        ],
-        'laws.md': [(rig_parameters.GAP_CONTROL_SPECS,)],
+    settings = {
+        name: spec._replace(description=f'{spec.description}{EFFECTS[spec.effect]}')
+        for name, spec in rig_parameters.SETTING_SPECS.items()
     }
-    present = iter([table(*specs) for specs in groups[name]])
+    present = map(
+        table,
+        (
+            rig_parameters.PARAMETER_SPECS | rig_parameters.INITIAL_SPECS,
+            rig_parameters.GAP_CONTROL_SPECS,
+            settings,
+            structure.STRUCTURE_SPECS,
+        ),
+    )
     return re.sub(
         r'^\| parameter \| unit .*\n(\|.*\n)+', lambda _: next(present), page, flags=re.M
     )
@@ -334,10 +344,9 @@ def pages() -> dict[Path, str]:
     made |= {DOCS / 'reference' / 'python' / f'{stem}.md': library(stem) for stem in LIBRARY}
     fill = {
         'reference/commands.md': commands,
-        'controllers/laws.md': partial(tables, 'laws.md'),
         'reference/glossary.md': glossary,
         'node/node.md': messages,
-        'node/parameters.md': partial(tables, 'parameters.md'),
+        'node/parameters.md': tables,
     }
     for name, filled in fill.items():
         path = DOCS / name

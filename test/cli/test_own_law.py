@@ -1,4 +1,4 @@
-"""The option --law: the example of docs/controllers/own_law.md, laws that fail, recorded runs."""
+"""The option --law: the example of docs/controllers/laws.md, laws that fail, recorded runs."""
 
 import re
 import sys
@@ -18,7 +18,7 @@ ROOT = Path(impact_damper_ros.__file__).parents[1]
 @pytest.fixture
 def example(tmp_path, monkeypatch):
     """Write the file of the page to the present directory, and yield the page."""
-    page = (ROOT / 'docs' / 'controllers' / 'own_law.md').read_text(encoding='utf-8')
+    page = (ROOT / 'docs' / 'controllers' / 'laws.md').read_text(encoding='utf-8')
     source = re.search(r'^```python\n(.*?)^```', page, re.DOTALL | re.MULTILINE).group(1)
     (tmp_path / 'my_laws.py').write_text(
         source + '\n\ndef far(seen, memory):\n    return 1e9, 0.0\n'
