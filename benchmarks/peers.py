@@ -7,7 +7,7 @@ The peers come from PyPI (extra ``peers``); one that is not installed is left ou
 run the golden cases from rest. Speed is forcing cycles per second of CPU time of the thread;
 compiling is not counted. The error is the largest relative one of the first 30 impact times
 against the multiprecision oracle of the tests. ``--figure`` draws both, as in
-docs/results/performance.md, which is written around the tables and the figure of one run.
+benchmarks/results.md.
 """
 
 from __future__ import annotations

@@ -721,6 +721,16 @@ def way_between(
     -----
     Between two instants Y'' is off its chord by an eighth of step^2 times the bound of its second
     derivative, at most. The waves are at `b`.
+
+    Let Y'' point towards one stop throughout, and h be the clearance of this stop, with h_a > 0,
+    or h_a = 0 < h'_a as just after an impact. Towards this stop Y' rises. If Y'_a points towards
+    it or is zero, or Y'_b points away from it, Y' keeps its sign: m approaches one stop. Otherwise
+    m turns once. Before the turn h grows; without friction h is concave, so that it is positive if
+    h_b > 0, as its chord is, and has one root if not. The other stop needs its own certificate.
+    With friction the turn ends the step. Where the sign of Y'' is open, that of the third
+    derivative may prove the turn the only one: for w = direction Y' with w_b < 0, w has one root
+    if w'' < 0 throughout and w_a > 0 or w_a = 0 < w'_a, since w >= 0 on an interval that begins at
+    a, and if w'' > 0 throughout and w_a > 0, since w <= 0 on one that ends at b.
     """
     _, lines, run, waves, _ = moving
     oscillator: Oscillator = moving.constants.free

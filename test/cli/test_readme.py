@@ -39,8 +39,6 @@ FOREIGN = {
 }
 #: Less of the same, so that it does not take minutes: what is replaced, by what.
 LESS = (
-    ('--duration 42000', '--duration 420'),
-    ('sweep_dwell=2000', 'sweep_dwell=20'),
     ('--duration 3600', '--duration 20'),
     ('--duration 400', '--duration 16 --psd-lines 20'),
     ('--duration 60 --states', '--duration 6 --states'),
@@ -54,7 +52,6 @@ LESS = (
 )
 LESS_OF_PYTHON = (
     ('(10, 60, 200)', '(24, 40, 3)'),
-    ('((0.013, False), (0.03, True))', '((0.03, True),)'),
     ('jobs=2', 'jobs=1'),
 )
 RANGE = re.compile(r'(=-?[0-9.]+(?:Hz)?:-?[0-9.]+(?:Hz)?):\d+')

@@ -1,5 +1,5 @@
 """
-The numbers of the tutorial on shaker tables against an integration of the moving-base equations.
+The numbers of the page on base motion against an integration of the moving-base equations.
 
 In coordinates that move with the table, u = X - b and w = Z - b, which the package does not use:
 M u'' + C u' + K u = -M b'' between impacts, w'' = -b'', and b = -(a/W^2) sin(W t).
@@ -16,7 +16,7 @@ from docs.tutorial import ROOT
 
 from impact_damper_ros import find_orbits, load_parameters
 
-PAGE = (ROOT / 'docs' / 'analysis' / 'shaker.md').read_text(encoding='utf-8')
+PAGE = (ROOT / 'docs' / 'analysis' / 'base_motion.md').read_text(encoding='utf-8')
 MASS, RATE, ZETA, MU, GAP, RESTITUTION = 5.0, 20.0 * math.pi, 0.02, 0.05, 0.018, 0.6
 LEVEL = 0.2 * 9.80665
 

@@ -11,7 +11,18 @@ import pytest
 from rigs import FRICTION, HORIZONTAL
 
 import impact_damper_ros
-from impact_damper_ros import EventKind, Rig, RigParameters, find_orbits, settle
+from impact_damper_ros import (
+    EventKind,
+    ImpactEquations,
+    InitialConditions,
+    Rig,
+    RigParameters,
+    find_orbits,
+    follow,
+    settle,
+)
+from impact_damper_ros.design.damper_design import best_design
+from impact_damper_ros.design.mass_damper import mass_damper_response
 from impact_damper_ros.motion.flight import support_need
 from impact_damper_ros.orbits.flights import flight_at, machine_of
 
@@ -365,6 +376,124 @@ def test_determinant_with_a_reversal():
         need = abs(force / (rig.primary_mass + rig.damper_mass) - slope)
         expected *= (need - grip) / (need + grip)
     assert np.prod(orbit.multipliers) == pytest.approx(expected, rel=1e-8)
+
+
+def test_resonance_without_damping():
+    rig = Rig(RigParameters(gravity=0.0, damping=0.0))
+    rig.advance(5.0)
+    exact = 0.5 * (math.sin(5.0) - 5.0 * math.cos(5.0))
+    assert abs(rig.sample().x - exact) < 4e-16
+
+
+@pytest.mark.parametrize(('change', 'impacts'), [(-1e-9, 1), (1e-9, 0)])
+def test_a_graze_by_a_nanometre_in_a_metre(change, impacts):
+    rig = RigParameters(
+        angle=0.5 * math.pi, gravity=8.0, gap=2.0 * (1.0 + change), force_amplitudes=0.0
+    )
+    # Rises by 4^2/(2 g) = 1 m
+    events = Rig(rig, InitialConditions(initial_damper_velocity=-4.0)).advance(0.7)
+    assert len(events) == impacts
+
+
+def test_a_ball_rests_after_the_time_of_the_formula():
+    ball = RigParameters(
+        angle=0.5 * math.pi,
+        one_sided=True,
+        force_amplitudes=0.0,
+        damper_mass=1e-9,
+        restitution_1=0.75,
+    )
+    events = Rig(ball, InitialConditions(initial_damper_offset=18.0)).advance(3.0)
+    assert events[-1].kind is EventKind.REST
+    assert abs(events[-1].time - math.sqrt(2.0 * 0.5 / 9.81) * 1.75 / 0.25) < 1e-8
+
+
+def test_linear_system_of_the_impacts():
+    rig = RigParameters(angle=0.25 * math.pi, gravity=1.0, force_frequencies=1.02)
+    found = find_orbits(rig, (1, 2))
+    orbit = found.orbits[0]
+    assert found.report.complete
+    assert orbit.stable
+    assert orbit.viable
+    instants = np.array(orbit.instants)
+    rows = ImpactEquations(rig, (1, 2), 1).linear_system(instants - instants[0])
+    phase = rig.force_frequencies[0] * instants[0]
+    assert np.abs(rows @ [*orbit.x, math.cos(phase), math.sin(phase), 1.0]).max() < 1e-12
+    determinant = math.exp(-2.0 * rig.zeta * rig.omega * orbit.period) * 0.75**4
+    assert abs(math.prod(orbit.multipliers) - determinant) < 1e-13
+
+
+def test_fold_and_doubling_of_a_ball_on_a_table():
+    rig = RigParameters(
+        angle=0.5 * math.pi,
+        gravity=1.0,
+        one_sided=True,
+        damper_mass=1e-6,
+        force_frequencies=10.0,
+    )
+    R, omega = rig.restitution_1, rig.force_frequencies[0]
+    orbit = find_orbits(rig.replace(force_amplitudes=0.8), (1,)).orbits[0]
+    fold, doubling = follow(orbit, 'force_amplitudes', 0.3, 1.3).special
+    share = rig.response_amplitude * omega**2 / rig.gravity  # A omega^2/g for a force of 1 N
+    least = math.pi * (1.0 - R) / (1.0 + R)
+    most = math.hypot(least, 2.0 * (1.0 + R**2) / (1.0 + R) ** 2)
+    assert fold.kind.value == 'fold'
+    assert doubling.kind.value == 'period doubling'
+    assert fold.value * share == pytest.approx(least, abs=2e-6)
+    assert doubling.value * share == pytest.approx(most, abs=2e-6)
+
+
+def best_gap_of(zeta, mu, R):
+    """Return the damping ratio that impacts add, X_m over X_0, and the best gap over X_0."""
+    gain = (1.0 + R) / (1.0 - R)
+    added = 2.0 / math.pi * mu / (1.0 + mu) * gain
+    left = zeta / (zeta + added)
+    return added, left, math.pi * left * gain / (1.0 + mu)
+
+
+def test_the_best_gap_is_that_of_the_exact_motion():
+    rig = RigParameters(gravity=0.0)
+    added, left, gap = best_gap_of(rig.zeta, rig.mass_ratio, rig.restitution_1)
+    x_0 = rig.response_amplitude
+    assert (round(added, 3), round(left * x_0, 2), round(gap * x_0, 1)) == (0.180, 2.71, 57.2)
+    best = follow(find_orbits(rig, (1, 2)).orbits[0], 'gap', 37.0, 62.0).best('x_max')
+    assert best.value == pytest.approx(gap * x_0, rel=0.02)
+    assert best.orbit.x_max == pytest.approx(left * x_0, rel=0.002)
+
+
+def settled(mu, share, start=None, zeta=0.02, R=0.6):
+    """Return the settled |X| over X_0 with a gap given in shares of the best one."""
+    rig = RigParameters(damping=2.0 * zeta, damper_mass=mu, restitution_1=R, restitution_2=R)
+    x_0 = 1.0 / (2.0 * zeta)
+    gap = share * best_gap_of(zeta, mu, R)[2] * x_0
+    return settle(Rig(rig.replace(gap=gap, gravity=0.0), start)).x_max / x_0
+
+
+def test_the_least_mass_from_rest():
+    zeta, share, loss = 0.02, 0.9, 0.4 / 1.6
+    least = zeta * (share * math.pi**2 / 4.0 - math.pi / 2.0 * loss)
+    least /= 1.0 + zeta * math.pi / 2.0 * loss
+    assert round(least, 4) == 0.0363
+    assert settled(0.99 * least, share) == pytest.approx(1.0, abs=1e-6)
+    assert settled(1.02 * least, share) < 0.23
+
+
+def test_a_damper_too_light_for_its_best_gap():
+    _, left, gap = best_gap_of(0.02, 0.02, 0.6)
+    thrown = InitialConditions(initial_damper_velocity=4.0 * left * 25.0)
+    assert settled(0.02, 0.9) == pytest.approx(1.0, abs=1e-6)
+    assert settled(0.02, 1.98 / gap) == pytest.approx(0.57, abs=0.01)
+    assert settled(0.02, 1.0, thrown) == pytest.approx(0.29, abs=0.01)
+
+
+@pytest.mark.parametrize(('mu', 'better'), [(0.013, False), (0.03, True)])
+def test_an_impact_damper_beside_a_mass_damper(mu, better):
+    rig = RigParameters(
+        damping=2e-4, damper_mass=mu, restitution_1=0.6, restitution_2=0.6, gravity=0.0
+    )
+    height = mass_damper_response(rig, np.linspace(0.8, 1.2, 4001)).max()
+    assert height == pytest.approx(math.sqrt(1.0 + 2.0 / mu), rel=0.02)
+    assert bool(best_design(rig).orbit.x_max < height) is better
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.stem)
