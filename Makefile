@@ -23,7 +23,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
 
-demo:  ## run the live rig for half a minute, record it, hold it against theory: see demo_run/
+demo:  ## run the live rig for half a minute, record it, compare it with theory: see demo_run/
 	@$(VENV) ros,plot
 	@$(PY) -u examples/demo.py $(ARGS)
 

@@ -31,7 +31,7 @@ OURS = 'Rig, compiled'
 PLAIN = 'Rig, plain Python'
 BEST_PEER = 'heyoka, fast_math'
 #: Rigs with neighbouring gaps, as many as heyoka recommends for its batch mode.
-OUR_ENSEMBLE = 'Rig, neighbouring gaps in turn'
+OUR_ENSEMBLE = 'Rig, neighbouring gaps'
 BATCH = 'heyoka, batch of neighbouring gaps'
 LABELS = ('level, at resonance', '45°, frictionless, r = 1.02', '45°, friction 0.5, r = 1.02')
 

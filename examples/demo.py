@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The live rig for half a minute: its gap and angle change, it is recorded and held against theory.
+The live rig for half a minute: its gap and angle change, it is recorded and compared with theory.
 
 Run by `make demo`. It leaves the recording, a picture and a report in demo_run/.
 """

@@ -183,7 +183,7 @@ def whole(path: Path, *, part: bool = False) -> Iterator[Path]:
     Yields
     ------
     Path
-        The draft to write, which takes the place of the file at the end if nothing was raised.
+        The draft to write, which replaces the file at the end if nothing was raised.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from impact_damper_ros.node.controller import Controller, run, stops
 
 
 class TimedGap(Controller):
-    """A stop is closed so as to meet m where X passes through zero."""
+    """A stop is closed to meet m where X passes through zero."""
 
     def __init__(self):
         super().__init__(

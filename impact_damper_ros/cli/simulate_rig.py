@@ -108,7 +108,7 @@ _WATCHED_CYCLES = 20
 _LOOKS_PER_CYCLE = 256
 # Cycles this little fewer than a whole number are whole.
 _WHOLE = 1e-6
-# Ten days at 1 kHz, some 200 GB
+# Ten days at 1 kHz, about 200 GB
 _MOST_SAMPLES = 1e9
 # Stamps are whole nanoseconds.
 _SHORTEST, _SLOWEST, _FASTEST = 1e-9, 1e-12, 1e9
@@ -123,7 +123,7 @@ A chatter (ever smaller impacts that end in finite time) is written impact by im
 and then once as rest: a row with the same velocities before and after.
 Exit code: 0 if the whole duration was simulated; 1 if the rig has more events than --most-events,
 or a file cannot be written; 2 if an argument is invalid; 130 on Ctrl-C, 143 on SIGTERM. A table
-grows in FILE.part, and takes the place of FILE when the run is complete; of a run that ends early
+grows in FILE.part, and replaces FILE when the run is complete; of a run that ends early
 it stays there, and an older FILE as it was.
 Example: simulate_rig bench_rig --duration 60 --impacts impacts.csv --set gap=0.03
 """

@@ -3,7 +3,7 @@
 The timed law: an impact where X passes through zero, that is where |X'| is largest.
 
 Between the impacts the stops are parked wide apart. For a passage of X through zero at which an
-impact would take energy from M, one stop is closed so as to meet m at that instant, and is then
+impact would take energy from M, one stop is closed to meet m at that instant, and is then
 opened again; at most one such impact for each passage.
 
 With symmetric stops, m has to be on the side of the stop that is closed, as in the reconstruction

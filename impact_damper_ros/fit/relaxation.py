@@ -2,7 +2,7 @@
 """
 From a first course to one that nearly obeys the laws of m, which are imposed in steps.
 
-At first M alone obeys its laws, and those of m are soft. Flights that break them by far, since an
+At first M alone obeys its laws, and those of m are soft. Flights that break them by much, since an
 impact was missed or m sticks, are left to M alone, and then cut out. Without measured impact times
 weak impacts, and the weaker of two that are closer than the samples, are taken for noise; and the
 course begins with the impact before the first one that is so strong that its bounces are seen.
@@ -21,7 +21,7 @@ from .reversals import expected_reversals
 from .shooting import Shooting
 from .vibration import Array
 
-#: Deviations of the laws in turn, in those of the data.
+#: Deviations of the laws, one after the other, in those of the data.
 _STAGES = (100.0, 10.0, 1.0)
 #: From here on flights that break the laws are cut.
 _CUT = 10.0

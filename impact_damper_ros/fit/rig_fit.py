@@ -172,7 +172,7 @@ def fit_rig(
         The motion of M, with impact times if there are any.
     start : RigParameters
         The rig: masses, force or motion of the base (unless they were recorded), and angle are
-        taken from it, stiffness and damping are guesses (within some 5 % and 60 %). The rest of it
+        taken from it, stiffness and damping are guesses (within 5 % and 60 %). The rest of it
         does not count.
     also : sequence of str, optional
         What to fit besides: 'restitution_2' for a restitution of its own of stop 2, 'bias' of

@@ -36,7 +36,7 @@ F = TypeVar('F', bound=Callable[..., Any])
 #: The first release that compiles the kernels, and the first that was not tried, as in setup.py:
 #: private parts of numba that are used below may be others there (`test/motion/test_numba.py`).
 NUMBA = (0, 59), (0, 69)
-#: How long a program runs without a compiler before it says so, s.
+#: How long a program runs without a compiler before it reports that, s.
 _PATIENCE_S = 5.0
 
 _KERNELS: dict[str, types.FunctionType] = {}
@@ -74,7 +74,7 @@ def kernel(
 
 @cache
 def has_numba() -> bool:
-    """Return whether the kernels can be compiled; a program that runs on without it says so."""
+    """Return whether the kernels can be compiled; a program without it reports that."""
     try:
         installed = version('numba')
     except PackageNotFoundError:
@@ -322,7 +322,7 @@ def _notice(log: logging.Logger, what: str) -> Any:
     class Notice(Listener):  # type: ignore[misc]
         def on_start(self, _event: Any) -> None:
             if what not in _REPORTED:
-                log.warning('compiling the %s, once for each version (some 7 s)', what)
+                log.warning('compiling the %s, once for each version (about 7 s)', what)
             _REPORTED.add(what)
 
         def on_end(self, _event: Any) -> None:

@@ -455,7 +455,7 @@ def settle(
     tolerance : float, optional
         How closely the states a period apart must agree, relative to the size of the motion.
     events : int, optional
-        Most events of the run; with more it ends, and `reason` says so.
+        Most events of the run; with more it ends, and `reason` reports it.
     between : int, optional
         Cycles between two looks.
     quiet : float, optional

@@ -229,7 +229,7 @@ def _is_bag(path: Path, place: Path) -> bool:
     Return whether a path is a bag: a file, or a directory with files of one.
 
     No file of it may lead out of the directory `place`, as a link does, or be anything else than a
-    file, as a pipe that would have a reader wait for ever.
+    file, as a pipe for which a reader would wait without end.
     """
     if path.name.startswith('.'):
         return False

@@ -726,7 +726,7 @@ class NodeSettings(ParameterTable):
     control_law: str = text(
         'none',
         (),
-        "A law of one's own in place of that which gap_control names, unless that is off: "
+        'A law of your own in place of that which gap_control names, unless that is off: '
         'MODULE:FUNCTION, of the directory in which the node starts; or none.',
         effect='start',
     )

@@ -552,7 +552,7 @@ class Replay:
 
     def _on_other_bits(self) -> str:
         findings = self.findings
-        text = f'{findings.other_bits}: held against the replay within round-off, from impact to '
+        text = f'{findings.other_bits}: compared with the replay within round-off, from impact to '
         text += 'impact'
         if findings.undecided:
             text += f'; round-off may lead elsewhere in {findings.undecided} of these flights'

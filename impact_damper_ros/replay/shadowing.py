@@ -4,8 +4,8 @@ A replay where the last bits cannot agree: on another C library, processor or ve
 
 Differences of round-off grow from impact to impact, in chaotic motions without bound. The replay
 therefore shadows the recorded motion: at each recorded impact it takes the numbers after it, and
-is held against the recording up to the next impact only. How far round-off leads astray on the way
-is not estimated but tried: a second rig, which differs by `_NUDGE` and `_STAMP_S`, runs along.
+is compared with the recording up to the next impact only. How far round-off leads astray on the
+way is not estimated but tried: a second rig, which differs by `_NUDGE` and `_STAMP_S`, runs along.
 What is recorded must be as near to the replay as some times that rig. Where the two have other
 events, as at a grazing impact or at the end of a chatter, the flight is not decided, and counted.
 """
@@ -175,7 +175,7 @@ class Shadowing:
         found.append(self._flights(states[begin:], instants[begin:], until))
         samples, events, numbers, differs = (np.concatenate(c) for c in zip(*found, strict=True))
         replay.findings.impacts += due
-        # Texts are held against the replay as they are.
+        # Texts are compared with the replay as they are.
         differs |= differing_states(states, expected_states(states, states['numbers']))
         return Advance(samples, events, expected_states(states, numbers), differs)
 

@@ -241,7 +241,7 @@ def run_ensemble(
     control : GapControlParameters, optional
         What their control has in common; off, if not given.
     law : callable, optional
-        A law of one's own that moves the stops, as in `Rig`, compiled by ``numba.njit``.
+        A law of your own that moves the stops, as in `Rig`, compiled by ``numba.njit``.
     most_events : float, optional
         Most events of a rig.
     threads : int, optional

@@ -358,12 +358,12 @@ class Rig:
     control : GapControlParameters, optional
         Its gap control; off, if not given.
     law : callable, optional
-        A law of one's own, `law(seen, memory) -> (stop_1, stop_2)`, that moves the stops in place
+        A law of your own, `law(seen, memory) -> (stop_1, stop_2)`, that moves the stops in place
         of the one that `gap_control` names, unless that is off; see `own_law.LawInput`. The
         control is on, if it is not given.
     compiled : bool, optional
         Whether compiled code runs; plain Python, if not given. None stands for wherever numba is
-        installed and, with a law of one's own, has compiled that. The motion is the same, to the
+        installed and, with a law of your own, has compiled that. The motion is the same, to the
         last bit.
     records : sequence of MeasuredRecord, optional
         Measured force on M, beside that of the parameters, and acceleration of the base: one of

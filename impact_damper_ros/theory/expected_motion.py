@@ -141,7 +141,7 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
     Yields
     ------
     Prediction
-        The first after some 20 ms, the last, which is `complete`, after a few tenths of a second.
+        The first after about 20 ms, the last, which is `complete`, after a few tenths of a second.
         For a rig without a periodic force there is only one, which gives the reason.
     """
     if rig.control.active:

@@ -1,11 +1,13 @@
 """
-The documents stay short, and begin with what their reader can do after them.
+The documents stay short, begin with what their reader can do after them, and avoid some phrases.
 
 ``PYTHONPATH=test python -m docs.test_prose`` prints the number of words of each page.
 """
 
+import ast
 import re
 
+import pytest
 from docs.tutorial import ROOT
 
 DOCS = ROOT / 'docs'
@@ -28,6 +30,73 @@ PAGES = [page for page in sorted(DOCS.rglob('*.md')) if page not in MADE]
 def words_of(page):
     """Return how many words of a page are written by hand, code and tables included."""
     return len(BLOCKS.sub('', page.read_text(encoding='utf-8')).split())
+
+
+#: Most words of all pages; the issue of a page that needs more is which other one needs less.
+MOST_WORDS = 41_000
+CONTRIBUTING = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+WORDS = CONTRIBUTING[CONTRIBUTING.index('### Words') : CONTRIBUTING.index('## Tests')]
+#: Phrases that are not to be used; 20 stands for any number.
+PHRASES = re.findall(r'^\| (?!not|---)(.+?) \|', WORDS, re.MULTILINE)
+PATTERN = re.compile(
+    '|'.join(
+        rf'(?<!\w){re.escape(phrase)}(?!\w)'.replace('20', r'\d[\d,.]*') for phrase in PHRASES
+    ).replace(r'\ ', r'\s+'),
+    re.IGNORECASE,
+)
+
+
+def prose_of(path):
+    """Return what a file says: a document, the texts of a page, or the strings of a module."""
+    text = path.read_text(encoding='utf-8')
+    if path.suffix != '.py':
+        return text.replace(WORDS, '')
+    return '\n'.join(
+        node.value
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    )
+
+
+STATIC = ROOT / 'impact_damper_ros' / 'page' / 'static'
+PROSE = [
+    *sorted(ROOT.glob('*.md')),
+    *sorted((ROOT / 'benchmarks').glob('*.md')),
+    *sorted(DOCS.rglob('*.md')),
+    *sorted((ROOT / 'impact_damper_ros').rglob('*.py')),
+    *sorted((ROOT / 'examples').rglob('*.py')),
+    *sorted(path for path in STATIC.rglob('*.[jh]*') if 'vendor' not in path.parts),
+]
+
+
+@pytest.mark.parametrize('path', PROSE, ids=lambda path: str(path.relative_to(ROOT)))
+def test_phrases(path):
+    found = [match[0] for match in PATTERN.finditer(prose_of(path))]
+    assert not found, 'see Words in CONTRIBUTING.md'
+
+
+def test_phrases_are_found():
+    assert len(PHRASES) > 10
+    for text in (
+        'some 400 cycles',
+        'Some 3.5 m',
+        "those of one's own",
+        'so that, i.e. here',
+        'in\nturn',
+    ):
+        assert PATTERN.search(text), text
+    for text in ('somewhat', 'in turns', 'some rigs', 'the folder'):
+        assert not PATTERN.search(text), text
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(DOCS)))
+def test_a_page_begins_with_what_its_reader_can_do(page):
+    first = page.read_text(encoding='utf-8').split('\n\n')[1]
+    assert first.startswith('After this page you ')
+
+
+def test_the_documents_are_short():
+    assert sum(map(words_of, PAGES)) <= MOST_WORDS
 
 
 if __name__ == '__main__':

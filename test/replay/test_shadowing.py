@@ -56,7 +56,7 @@ def test_agrees_within_round_off(tmp_path, elsewhere, monkeypatch, name):
     counts = [len(places(rig.messages, topic)) for topic in ('/joint_states', '/impacts')]
     assert [findings.samples, findings.impacts] == counts
     assert findings.undecided <= 0.02 * counts[1]
-    assert 'round differently: held against the replay within round-off' in findings.remarks[-1]
+    assert 'round differently: compared with the replay within round-off' in findings.remarks[-1]
     # Nothing of that would agree to the last bit.
     monkeypatch.setattr('impact_damper_ros.replay.replay.mathematics', lambda: 1)
     assert replayed(bag).divergence.samples > 100

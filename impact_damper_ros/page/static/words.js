@@ -110,7 +110,7 @@ const AGREEMENT = {
   disagrees: 'Differs from theory',
   'not settled': 'Not settled yet',
 };
-/** Words for kinds of a measured motion that theory is not held against. */
+/** Words for kinds of a measured motion with which theory is not compared. */
 const KINDS = { 'without impacts': 'No impacts', transient: 'Settling' };
 
 /**
