@@ -16,7 +16,6 @@ from argparse import SUPPRESS
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
-from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
@@ -24,6 +23,7 @@ from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.outputs import check_file, check_new, in_words, is_stream, write_text
 from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
+from impact_damper_ros.parameters.plain import json_text
 from impact_damper_ros.parameters.quoting import as_message, shown
 from impact_damper_ros.parameters.units import UNITS, in_si, quantity, split_number
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
@@ -302,7 +302,7 @@ def text_stream(json: Path | None) -> TextIO:
 def write_json(path: Path | None, result: Any) -> None:
     """Write a result to the file given by ``--json``, if any."""
     if path is not None:
-        write_text(path, dumps(result, indent=2) + '\n')
+        write_text(path, json_text(result))
 
 
 def write_output(path: Path | None, text_of: Callable[..., str], *args: object) -> None:

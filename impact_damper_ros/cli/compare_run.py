@@ -129,7 +129,7 @@ def _scored(arguments: argparse.Namespace) -> int:
     from impact_damper_ros.report.score_report import score_figure, score_table, score_text
 
     runs = _each(arguments, 'score', partial(score_run, gap=arguments.score_gap))
-    write_json(arguments.json, {'runs': [run.as_dict() for run in runs]})
+    write_json(arguments.json, {'runs': runs})
     write_output(arguments.markdown, lambda: score_table(runs).markdown() + '\n')
     draw(arguments.figure, score_figure, runs)
     if not arguments.quiet:
@@ -154,8 +154,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.score:
             return _scored(arguments)
         found = _each(arguments, 'compare', compare_run)
-        results = [comparison.as_dict() for comparison in found]
-        write_json(arguments.json, results[0] if len(found) == 1 else {'runs': results})
+        write_json(arguments.json, found[0] if len(found) == 1 else {'runs': found})
         stream = text_stream(arguments.json)
         if not arguments.quiet:
             print(printable('\n\n'.join(map(comparison_text, found))), file=stream)

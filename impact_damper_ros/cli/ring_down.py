@@ -91,7 +91,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with long_work('ring_down', 'still ringing down; Ctrl-C ends it'):
             found = ring_down(rig, amplitude, releases=int(arguments.releases))
         title = rig_line(found.parameters)
-        write_json(arguments.json, found.as_dict())
+        write_json(arguments.json, found)
         write_output(arguments.csv, ring_down_table, found)
         draw(arguments.figure, ring_down_figure, found, title)
         print(f'{title}\n{ring_down_text(found)}', file=text_stream(arguments.json))

@@ -21,7 +21,7 @@ from impact_damper_ros.bag.messages import (
 )
 from impact_damper_ros.bag.rig_topics import rig_nodes
 from impact_damper_ros.parameters.description import frequency_hint
-from impact_damper_ros.parameters.quoting import named, printable
+from impact_damper_ros.parameters.quoting import named, printable, setting
 from impact_damper_ros.parameters.rig_parameters import (
     ALL_SPECS,
     PARAMETER_SPECS,
@@ -30,7 +30,6 @@ from impact_damper_ros.parameters.rig_parameters import (
     unit_of,
 )
 from impact_damper_ros.parameters.structure import STRUCTURE_SPECS, resolved
-from impact_damper_ros.report.formatting import setting
 from impact_damper_ros.report.table import Column, Table
 
 from .command_line import EXIT_FAILED, MISSING_ROS, CommandError, command_parser, outcome, say

@@ -30,6 +30,7 @@ from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.orbits.swept_response import SweptResponse, SweptRun
 from impact_damper_ros.outputs import is_stream
 from impact_damper_ros.parameters.parameter_spec import ParameterSpec
+from impact_damper_ros.parameters.quoting import setting
 from impact_damper_ros.parameters.rig_parameters import (
     GAP_CONTROL_SPECS,
     INITIAL_SPECS,
@@ -44,7 +45,7 @@ from impact_damper_ros.report.csv_tables import (
     open_table,
     row,
 )
-from impact_damper_ros.report.formatting import mode_words, setting
+from impact_damper_ros.report.formatting import mode_words
 from impact_damper_ros.report.random_response_figure import (
     response_figure,
     response_table,

@@ -27,8 +27,8 @@ def _log_check(replay: Replay) -> LogCheck:
     exactly = 'within the errors of round-off' if findings.other_bits else 'bit for bit'
     how = f'replayed, with {counted(count, "difference")}' if count else f'replayed {exactly}'
     text = f'{how}: {counted(findings.samples, "sample")}, {counted(findings.impacts, "impact")}'
-    if findings.control:
-        text += f', {counted(findings.control, "act")} of the gap control'
+    if findings.gap_control:
+        text += f', {counted(findings.gap_control, "act")} of the gap control'
     text += f', {counted(findings.snapshots, "snapshot")}'
     return LogCheck(text, count, findings.unchecked)
 

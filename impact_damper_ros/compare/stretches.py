@@ -30,6 +30,7 @@ from impact_damper_ros.orbits.flight_arrays import (
     Integrals,
     rows_of_samples,
 )
+from impact_damper_ros.parameters.quoting import setting
 from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
 from impact_damper_ros.replay import Part
 from impact_damper_ros.replay.command import Command
@@ -78,17 +79,11 @@ class LoggedRig:
         parts = []
         for name in sorted(self.changed_names(other)):
             now, was = (
-                f'{_shown(values.get(name))} {unit_of(name, values)}'.rstrip()
+                f'{setting(values.get(name), 9)} {unit_of(name, values)}'.rstrip()
                 for values in (after, before)
             )
             parts.append(f'{name} = {now} (was {was})')
         return ', '.join(parts)
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, tuple | list):
-        return f'[{", ".join(map(_shown, value))}]'
-    return f'{value:.9g}' if isinstance(value, float) else str(value).lower()
 
 
 # One stretch

@@ -124,6 +124,20 @@ def counted(count: int, noun: str, form: str = '') -> str:
     return f'{count:{form}} {noun}{plural}'
 
 
+def setting(value: Any, digits: int = 6) -> str:
+    """
+    Return a value as it is written for a parameter.
+
+    Examples
+    --------
+    >>> setting((1.0, True, 'timed')), setting(0.0123456789, 3)
+    ('[1, true, timed]', '0.0123')
+    """
+    if isinstance(value, tuple | list):
+        return f'[{", ".join(setting(one, digits) for one in value)}]'
+    return f'{value:.{digits}g}' if isinstance(value, float) else str(value).lower()
+
+
 def similar_names(name: object, names: Collection[str], cutoff: float = 0.6) -> str:
     """
     Return the known name that is most similar, or all numbered ones of that name; or nothing.

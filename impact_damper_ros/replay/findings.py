@@ -109,11 +109,11 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class SampleGap:
-    """A gap without samples: the stamps before and after it, and how many are missing."""
+    """A gap without samples: the last one before it, both stamps, and how many are missing."""
 
-    time: float
-    from_ns: int
-    to_ns: int
+    after: float  # rig time, s
+    from_stamp_ns: int
+    to_stamp_ns: int
     missing: int
 
 
@@ -153,7 +153,7 @@ class Findings:
         How many were compared.
     recorded_impacts : int
         How many the bag holds, from its start on.
-    control, recorded_control, missing_control : int
+    gap_control, recorded_gap_control, missing_gap_control : int
         The same, and `missing_impacts`, for acts of the gap control.
     changes, resets, pauses, slips, snapshots : int
         Other counts.
@@ -193,9 +193,9 @@ class Findings:
     samples: int = 0
     impacts: int = 0
     recorded_impacts: int = 0
-    control: int = 0
-    recorded_control: int = 0
-    missing_control: int = 0
+    gap_control: int = 0
+    recorded_gap_control: int = 0
+    missing_gap_control: int = 0
     changes: int = 0
     resets: int = 0
     pauses: int = 0

@@ -130,7 +130,7 @@ class Matcher:
         self._gaps.append(gap)
 
     def _count(self, name: str, count: int) -> None:
-        name = name.format('impacts' if self._key == 'impacts' else 'control')
+        name = name.format(self._key)
         setattr(self._findings, name, getattr(self._findings, name) + count)
 
     def settle(self, before_ns: float) -> None:
@@ -142,7 +142,7 @@ class Matcher:
             self._count('{}', len(there))
         else:
             self._join(recorded, there, expected, here)
-        self._gaps = [gap for gap in self._gaps if gap.to_ns >= before_ns]
+        self._gaps = [gap for gap in self._gaps if gap.to_stamp_ns >= before_ns]
 
     def end(self, last_ns: int) -> None:
         """Join all; what the replay has after the last stamp may be missing."""
@@ -181,7 +181,7 @@ class Matcher:
         if not self._own and (self.first_ns is None or stamp_ns < self.first_ns):
             # A recorder may join each topic at another time.
             return
-        if not self._own or any(g.from_ns <= stamp_ns <= g.to_ns for g in self._gaps):
+        if not self._own or any(g.from_stamp_ns <= stamp_ns <= g.to_stamp_ns for g in self._gaps):
             self._count('missing_{}', 1)
         else:
             self.differ_wholly(row, recorded=False)
@@ -242,7 +242,7 @@ class NearMatcher(Matcher):
         """Join what is from before a stamp; partners may be on both sides of it."""
         before_ns = min(before_ns, self._unsure_ns) - _NEIGHBOURS_NS
         self._join_near(before_ns, before_ns - _NEIGHBOURS_NS)
-        self._gaps = [gap for gap in self._gaps if gap.to_ns >= before_ns - _NEIGHBOURS_NS]
+        self._gaps = [gap for gap in self._gaps if gap.to_stamp_ns >= before_ns - _NEIGHBOURS_NS]
 
     def end(self, last_ns: int) -> None:
         """Join all; what the replay has from the last stamp on may be missing."""

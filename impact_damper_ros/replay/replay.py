@@ -10,7 +10,6 @@ piece by piece to whoever measures it.
 
 from __future__ import annotations
 
-import json
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from math import inf
@@ -27,6 +26,7 @@ from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.motion.compiled import has_numba
 from impact_damper_ros.motion.event import table_of_events
 from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.plain import differences
 from impact_damper_ros.parameters.rig_parameters import InitialConditions
 from impact_damper_ros.rig.observed_run import TimedOrder
 from impact_damper_ros.rig.rig import Outcome, Rig
@@ -101,20 +101,6 @@ class Part(NamedTuple):
     def empty(cls) -> Self:
         """Return a part without anything."""
         return cls(NO_SAMPLES, NO_EVENTS)
-
-
-def state_differences(
-    recorded: Mapping[str, Any], replayed: Mapping[str, Any], path: str = ''
-) -> list[tuple[str, Any, Any]]:
-    """Return the differences between two snapshots: name, recorded and replayed value."""
-    found: list[tuple[str, Any, Any]] = []
-    for name in [*replayed, *(n for n in recorded if n not in replayed)]:
-        there, here = recorded.get(name), replayed.get(name)
-        if isinstance(there, dict) and isinstance(here, dict):
-            found += state_differences(there, here, f'{path}{name}.')
-        elif json.dumps(there) != json.dumps(here):
-            found.append((f'{path}{name}', there, here))
-    return found
 
 
 class Replay:
@@ -386,7 +372,7 @@ class Replay:
         # What a rig has no use for must be as a rig writes it, too.
         replayed = motion_of(self.rig.snapshot())
         if self._shadowing is None or not near(start.state, replayed):
-            for name, there, here in state_differences(start.state, replayed):
+            for name, there, here in differences(start.state, replayed):
                 self._differ(self.recorded.topics.snapshot, name, there, here)
         control = start.state['gap_control']
         if control['parameters']['gap_control'] != 'off' or control['state']['returning']:
@@ -480,20 +466,18 @@ class Replay:
                 self._differ(topic, name, command.offset_ns, findings.offset_ns)
             findings.offset_ns = command.offset_ns
         recorded, replayed = command.state, motion_of(self.rig.snapshot())
-        differences = [
+        wrong = [
             (f'initial.{name}', there, here)
-            for name, there, here in state_differences(
-                command.initial.as_dict(), self.initial.as_dict()
-            )
-        ] + state_differences(recorded, replayed)
+            for name, there, here in differences(command.initial.as_dict(), self.initial.as_dict())
+        ] + differences(recorded, replayed)
         if self._shadowing is not None:
             initial = command.initial.as_dict()
             if not near(recorded, replayed) or initial != self.initial.as_dict():
-                self._differ(topic, *differences[0])
+                self._differ(topic, *wrong[0])
             self.rig, self.initial = self._restored(command), command.initial
             self._shadowing.restart(command.stamp_ns)
             return
-        if not differences:
+        if not wrong:
             return
         if lost:
             self.rig, self.initial = self._restored(command), command.initial
@@ -503,7 +487,7 @@ class Replay:
                 'to the rig is not known, and it goes on from this one'
             )
         else:
-            self._differ(topic, *differences[0])
+            self._differ(topic, *wrong[0])
 
     def _restored(self, command: Command) -> Rig:
         return restored(command, self.recorded.reader.path)
@@ -572,7 +556,7 @@ class Replay:
         noted = recorded.reader.dropped
         text = f'{lost:,} joint states are missing'
         if findings.gaps:
-            text += f', the first after {findings.gaps[0].time:.9g} s'
+            text += f', the first after {findings.gaps[0].after:.9g} s'
         if lost <= noted:
             findings.remark(f'{text}; the recorder notes {noted:,} dropped messages')
         else:

@@ -11,11 +11,11 @@ from impact_damper_ros.compare import Overall, StretchComparison
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import Transmissibility
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import counted, setting
 from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
-from .formatting import NONE, Unit, instant, number, quantity, setting, unit_for
+from .formatting import NONE, Unit, instant, number, quantity, unit_for
 from .swept_response_figure import base_amplitude, level_of
 from .table import Column, Table
 from .transmissibility_text import TRANSMISSIBILITY_NAMES
@@ -391,3 +391,10 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
     lines = [(n, values[n], units[n], earlier.get(n, NONE)) for n in changed]
     note = f'All others are those of stretch {before.number}.'
     return Table([*columns, Column('before')], [('', lines)], 'Changed parameters', note)
+
+
+#: What is shown of a stretch, in order.
+STRETCH_TABLES = (
+    *(impact_table, ring_down_table, response_table),
+    *(comparison_table, multiplier_table, energy_table),
+)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from io import FileIO
 from pathlib import Path
@@ -25,9 +25,14 @@ IMPACT_COLUMNS = (
 )
 
 
-def row(values: Sequence[object]) -> str:
+def row(values: Iterable[object]) -> str:
     """Return one line; floats keep all their digits."""
     return ','.join(f'{v:.17g}' if isinstance(v, float) else str(v) for v in values) + '\n'
+
+
+def csv_text(columns: Mapping[str, Iterable[object]]) -> str:
+    """Return columns by their titles as CSV."""
+    return ''.join(map(row, [columns, *zip(*columns.values(), strict=True)]))
 
 
 def impact_rows(events: Sequence[Event]) -> str:

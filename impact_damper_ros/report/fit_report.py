@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -264,8 +263,7 @@ def write_rig_report(
         'exact engine. Masses and force are those of the start file.',
         facts=_facts(data, command, start),
     )
-    numbers = json.dumps(rig_fit_json(found, data), indent=1, allow_nan=False) + '\n'
-    return write_page(directory, page, numbers)
+    return write_page(directory, page, rig_fit_json(found, data))
 
 
 def _name(data: MeasuredMotion) -> str:
@@ -359,5 +357,4 @@ def write_structure_report(found: StructureFit, directory: Path, command: str) -
         'sensor; the intervals are those of the curvature of the likelihood there.',
         facts=_facts(data, command, None),
     )
-    numbers = json.dumps(found.as_dict(), indent=1, allow_nan=False) + '\n'
-    return write_page(directory, page, numbers)
+    return write_page(directory, page, found)

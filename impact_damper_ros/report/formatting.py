@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,13 +39,6 @@ _MODES = {'SLIDE_DOWN': 'slide towards stop 1', 'SLIDE_UP': 'slide away from sto
 def mode_words(mode: str) -> str:
     """Return the name of a mode in words that hold at any angle, on the level too."""
     return _MODES.get(mode, mode.lower().replace('_', ' '))
-
-
-def setting(value: Any) -> str:
-    """Return a value as it is written for a parameter: [1, 2], true, 0.5 or timed."""
-    if isinstance(value, tuple | list):
-        return f'[{", ".join(map(setting, value))}]'
-    return f'{value:g}' if isinstance(value, float) else str(value).lower()
 
 
 def number(value: float | None, digits: int = 6) -> str:

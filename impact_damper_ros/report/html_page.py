@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from unicodedata import category
 
 from impact_damper_ros.outputs import write_texts
+from impact_damper_ros.parameters.plain import json_text
 
 from .charts import Picture
 from .drawing import inline_svg
@@ -75,10 +76,10 @@ def rendered(template: str, /, **content: Any) -> str:
     return page.strip() + '\n'
 
 
-def write_page(directory: Path, page: str, numbers: str) -> Path:
-    """Write report.html, and the numbers as report.json beside it, both whole or neither."""
+def write_page(directory: Path, page: str, result: object) -> Path:
+    """Write report.html, and the result as report.json beside it, both whole or neither."""
     if directory.exists() and not directory.is_dir():
         raise NotADirectoryError(ENOTDIR, strerror(ENOTDIR), str(directory))
     directory.mkdir(parents=True, exist_ok=True)
-    write_texts({directory / 'report.json': numbers, directory / 'report.html': page})
+    write_texts({directory / 'report.json': json_text(result), directory / 'report.html': page})
     return directory / 'report.html'

@@ -8,7 +8,6 @@ the same recording.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -24,17 +23,12 @@ from impact_damper_ros.theory.gap_curve import GapCurve
 
 from .charts import PICTURES, draw_run
 from .comparison_tables import (
+    STRETCH_TABLES,
     cause_of,
-    comparison_table,
-    energy_table,
-    impact_table,
     motion_of,
-    multiplier_table,
     overall_table,
     overview_table,
     parameter_table,
-    response_table,
-    ring_down_table,
 )
 from .drawing import page_style
 from .formatting import instant, number, quantity
@@ -169,6 +163,7 @@ def _pictures(stretch: StretchComparison) -> tuple[list[Shown], list[str]]:
 def _detail(stretch: StretchComparison, before: StretchComparison | None) -> dict[str, Any]:
     """Return what the template shows of a stretch."""
     pictures, missing = _pictures(stretch)
+    impacts, *left, energy = (make(stretch) for make in STRETCH_TABLES)
     evidence = '' if stretch.evidence in stretch.sentence else stretch.evidence
     return {
         'number': stretch.number,
@@ -184,16 +179,8 @@ def _detail(stretch: StretchComparison, before: StretchComparison | None) -> dic
         'tiles': list(_tiles(stretch)),
         'pictures': pictures,
         'missing': f'Not drawn: {"; ".join(missing)}.' if missing and pictures else '',
-        'impacts': impact_table(stretch),
-        'columns': [
-            [
-                ring_down_table(stretch),
-                response_table(stretch),
-                comparison_table(stretch),
-                multiplier_table(stretch),
-            ],
-            [energy_table(stretch), parameter_table(stretch, before)],
-        ],
+        'impacts': impacts,
+        'columns': [left, [energy, parameter_table(stretch, before)]],
         'reasons': [('Kind of motion', evidence), ('Prediction', stretch.solver)],
     }
 
@@ -326,5 +313,4 @@ def write_report(
     directory = Path(directory)
     comparison = with_gap_curves(comparison, done)
     page = report_page(comparison, command=command, done=done)
-    numbers = json.dumps(comparison.as_dict(), indent=1, allow_nan=False) + '\n'
-    return write_page(directory, page, numbers)
+    return write_page(directory, page, comparison)

@@ -10,7 +10,7 @@ import numpy as np
 from impact_damper_ros.compare.random_response import RandomResponse
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
-from .csv_tables import row
+from .csv_tables import csv_text
 from .drawing import COLORS, blank_figure, finish_panel, print_style
 
 if TYPE_CHECKING:
@@ -32,8 +32,7 @@ _COLUMNS = (
 
 def response_table(found: RandomResponse) -> str:
     """Return the lines as CSV."""
-    rows = np.column_stack(found[: len(_COLUMNS)]).tolist()
-    return ''.join(map(row, [_COLUMNS, *rows]))
+    return csv_text(dict(zip(_COLUMNS, found[:7], strict=True)))
 
 
 def response_text(found: RandomResponse) -> str:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.quoting import as_line, counted
 from impact_damper_ros.replay.findings import Difference, Findings, ReplayVerdict
 from impact_damper_ros.replay.run import RecordedRun
@@ -72,8 +73,8 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
     impacts = counted(findings.impacts, 'impact')
     if not recorded.topics.impacts:
         impacts = 'no impacts (their topic was not recorded)'
-    if findings.recorded_control or findings.control:
-        impacts += f', {counted(findings.control, "act")} of the gap control'
+    if findings.recorded_gap_control or findings.gap_control:
+        impacts += f', {counted(findings.gap_control, "act")} of the gap control'
     lines = [
         f'replayed    {recorded.reader.path}, node {node}',
         f'compared    {counted(findings.samples, "sample")}, {impacts}, '
@@ -87,18 +88,17 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
         gap = findings.gaps[0]
         lines.append(
             f'missing     {counted(findings.missing_samples, "sample")} in '
-            f'{counted(findings.gap_count, "gap")}, the first after {gap.time:.9g} s'
+            f'{counted(findings.gap_count, "gap")}, the first after {gap.after:.9g} s'
         )
-    if findings.missing_impacts:
-        lines.append(
-            f'missing     {counted(findings.missing_impacts, "impact")} of the replay, where the '
-            'recorder may have dropped messages'
-        )
-    if findings.missing_control:
-        lines.append(
-            f'missing     {counted(findings.missing_control, "act")} of the gap control of the '
-            'replay, where the recorder may have dropped messages'
-        )
+    for count, noun, of in (
+        (findings.missing_impacts, 'impact', ''),
+        (findings.missing_gap_control, 'act', ' of the gap control'),
+    ):
+        if count:
+            lines.append(
+                f'missing     {counted(count, noun)}{of} of the replay, where the recorder may '
+                'have dropped messages'
+            )
     if findings.unchecked:
         lines.append(f'not checked {"; ".join(findings.unchecked)}')
     lines += [f'note        {remark}' for remark in findings.remarks]
@@ -113,47 +113,36 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
     return '\n'.join(map(as_line, lines))
 
 
+#: Counts of what was compared.
+_COMPARED = (
+    *('samples', 'impacts', 'gap_control', 'snapshots'),
+    *('changes', 'resets', 'pauses', 'slips'),
+)
+#: Findings that are in the JSON as they are.
+_FINDINGS = (
+    *('verdict', 'difference_count', 'differences', 'divergence', 'gaps', 'remarks', 'faults'),
+    *('missing_samples', 'missing_impacts', 'missing_gap_control'),
+)
+
+
 def findings_json(findings: Findings, recorded: RecordedRun) -> dict[str, Any]:
     """Return the findings for JSON; times in s of rig time, stamps in ns."""
-    divergence, first = findings.divergence, findings.first
-    return {
-        'bag': str(recorded.reader.path),
-        'node': recorded.topics.name,
-        'run': recorded.number,
-        'run_count': recorded.run_count,
-        'complete': recorded.reader.complete,
-        'verdict': findings.verdict.value,
-        'compared': {
-            'samples': findings.samples,
-            'impacts': findings.impacts,
-            'gap_control': findings.control,
-            'snapshots': findings.snapshots,
-            'changes': findings.changes,
-            'resets': findings.resets,
-            'pauses': findings.pauses,
-            'slips': findings.slips,
-            'start': None if findings.start_ns is None else findings.start_ns / 1e9,
-            'end': None if findings.end_ns is None else findings.end_ns / 1e9,
-        },
-        'not_checked': list(findings.unchecked),
-        'difference_count': findings.difference_count,
-        'difference_count_by_topic': findings.by_topic,
-        'first_difference': first.as_dict() if first else None,
-        'differences': [d.as_dict() for d in findings.differences],
-        'divergence': {
-            'samples': divergence.samples,
-            'first': divergence.first if divergence.samples else None,
-            'last': divergence.last if divergence.samples else None,
-            'largest_x': divergence.largest_x,
-            'largest_z': divergence.largest_z,
-        },
-        'missing_samples': findings.missing_samples,
-        'missing_impacts': findings.missing_impacts,
-        'missing_gap_control': findings.missing_control,
-        'gaps': [
-            {'after': g.time, 'from_stamp_ns': g.from_ns, 'missing': g.missing}
-            for g in findings.gaps
-        ],
-        'remarks': findings.remarks,
-        'faults': findings.faults,
-    }
+    ends = {'start': findings.start_ns, 'end': findings.end_ns}
+    plain: dict[str, Any] = as_plain(
+        {
+            'bag': str(recorded.reader.path),
+            'node': recorded.topics.name,
+            'run': recorded.number,
+            'run_count': recorded.run_count,
+            'complete': recorded.reader.complete,
+            'compared': {
+                **{name: getattr(findings, name) for name in _COMPARED},
+                **{name: None if at is None else at / 1e9 for name, at in ends.items()},
+            },
+            'not_checked': findings.unchecked,
+            'difference_count_by_topic': findings.by_topic,
+            'first_difference': findings.first,
+            **{name: getattr(findings, name) for name in _FINDINGS},
+        }
+    )
+    return plain

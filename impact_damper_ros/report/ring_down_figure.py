@@ -11,26 +11,25 @@ import numpy as np
 from impact_damper_ros.orbits.ring_down import RingDown
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
-from .csv_tables import row
+from .csv_tables import csv_text
 from .drawing import COLORS, blank_figure, finish_panel, print_style, unit_axis
 from .formatting import quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+
 _COLUMNS = ('release', 'time', 'velocity', 'amplitude', 'acceleration_g', 'loss', 'zeta')
 
 
 def ring_down_table(found: RingDown) -> str:
     """Return the cycles of all releases as CSV."""
-    lines = [','.join(_COLUMNS)]
-    omega = found.parameters.omega
+    omega, cycles = found.parameters.omega, []
     for release, run in enumerate(found.runs):
         size = run.velocity[:-1] / omega
         columns = (run.time[:-1], run.velocity[:-1], size, size * omega**2 / STANDARD_GRAVITY)
-        cycles = np.column_stack([*columns, run.loss, run.zeta]).tolist()
-        lines += [row((release, *cycle)).rstrip('\n') for cycle in cycles]
-    return '\n'.join(lines) + '\n'
+        cycles.append([np.full(len(size), release), *columns, run.loss, run.zeta])
+    return csv_text(dict(zip(_COLUMNS, np.hstack(cycles), strict=True)))
 
 
 def _loss_words(loss: float) -> str:

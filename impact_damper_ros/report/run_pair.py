@@ -9,16 +9,21 @@ from collections.abc import Iterator, Mapping
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from impact_damper_ros.compare.result import Overall
-from impact_damper_ros.compare.whole_run import WholeRun
+import numpy as np
+
+from impact_damper_ros.compare.measures import motion_curve
+from impact_damper_ros.compare.result import Array, LoggedStretch, Overall
+from impact_damper_ros.compare.stretches import RecordedStretch, Stretches
+from impact_damper_ros.motion.event import SAMPLE_TYPE
 from impact_damper_ros.orbits.settled_motion import cycle_of
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import counted, setting
 from impact_damper_ros.parameters.rig_parameters import unit_of
 from impact_damper_ros.replay.command import Command, Setting
 from impact_damper_ros.replay.replay import Part
+from impact_damper_ros.replay.rows import NO_EVENTS, NO_SAMPLES, Samples
 from impact_damper_ros.replay.what_if import WhatIf
 
-from .formatting import setting, unit_for
+from .formatting import unit_for
 from .run_figures import RunRows, Side, draw_runs
 from .table import Table
 
@@ -37,6 +42,50 @@ _QUANTITIES = (
     ('energy lost in impacts [J]', 'impact_loss'),
     ('taken from M by impacts [J]', 'impact_energy'),
 )
+
+
+class _Run:
+    """What a run amounts to, and its end close up."""
+
+    def __init__(self, state: Mapping[str, Any], span: float) -> None:
+        self._parts, self._span = Stretches(state), span
+        self._overall: list[Overall] = []
+        self._envelopes = [np.empty((3, 0))]
+        self.stretches: list[LoggedStretch] = []
+        self.end = RunRows(NO_SAMPLES, NO_EVENTS)
+
+    def take(self, part: Part | None) -> None:
+        """Take the next part of the run, or None after the last one."""
+        for stretch in self._parts.finish() if part is None else self._parts.take(part):
+            self.stretches.append(stretch.logged)
+            self._overall.append(stretch.overall)
+            self._envelopes.append(stretch.envelope)
+            if self._span:
+                start = stretch.end - self._span
+                rows = _motion_from(stretch, start), stretch.flights.impacts
+                joined = map(np.concatenate, zip(self.end, rows, strict=True))
+                self.end = RunRows(*(one[one['time'] >= start] for one in joined))
+
+    def envelope(self) -> Array:
+        """Return the range of X in consecutive pieces: time, least and greatest X."""
+        return np.hstack(self._envelopes)
+
+    @property
+    def overall(self) -> Overall | None:
+        """Largest |X|, impacts and energy; None if the run holds no motion."""
+        return Overall.joined(self._overall) if self._overall else None
+
+
+def _motion_from(stretch: RecordedStretch, start: float) -> Samples:
+    """Return the motion of a stretch from an instant on, s, as samples."""
+    curve = motion_curve(stretch, max(stretch.start, start), cycle_of(stretch.parameters))
+    samples = np.zeros(0 if curve is None else len(curve.time), SAMPLE_TYPE)
+    if curve is not None:
+        places = {'z': curve.y, 'stop_1': curve.stop_1, 'stop_2': curve.stop_2}
+        samples['time'], samples['x'] = curve.time, curve.x
+        for name, place in places.items():
+            samples[name] = curve.x + place
+    return samples
 
 
 class RunPair:
@@ -62,8 +111,8 @@ class RunPair:
         span = _CLOSEUP_CYCLES * max(map(cycle_of, rigs)) if drawn else 0.0
         self._held, self._initial = dict(held), start.initial.as_dict()
         self._from_initial = what_if.from_initial
-        self._recorded = WholeRun(start.state, span)
-        self._other = WholeRun(what_if.rig.snapshot(), span)
+        self._recorded = _Run(start.state, span)
+        self._other = _Run(what_if.rig.snapshot(), span)
 
     def take(self, recorded: Part, other: Part) -> None:
         """Take the next part of both runs."""
@@ -72,8 +121,8 @@ class RunPair:
 
     def finish(self) -> None:
         """Take note that both runs have ended."""
-        self._recorded.finish()
-        self._other.finish()
+        self._recorded.take(None)
+        self._other.take(None)
 
     def _recorded_values(self, name: str) -> list[Any]:
         """Return the values of a held parameter in the recorded run, in order."""
@@ -137,7 +186,7 @@ class RunPair:
             more = len(texts) - _MOST_IN_FIGURE
             was.append(f'{name} = {listed}' + (f' and {more} more' if more > 0 else ''))
         recorded, other = (
-            Side(f'{textwrap.fill(head, 66)}\n{_in_a_line(run)}', run.envelope, RunRows(*run.end))
+            Side(f'{textwrap.fill(head, 66)}\n{_in_a_line(run)}', run.envelope(), run.end)
             for head, run in (
                 (f'recorded: {", ".join(was)}', self._recorded),
                 (f'what if {now}', self._other),
@@ -166,7 +215,7 @@ def _totals(overall: Overall | None) -> dict[str, Any]:
     return {name: None if math.isnan(value) else value for name, value in values.items()}
 
 
-def _in_a_line(run: WholeRun) -> str:
+def _in_a_line(run: _Run) -> str:
     overall = run.overall
     if overall is None:
         return 'no motion'

@@ -13,7 +13,7 @@ from impact_damper_ros.orbits.swept_response import SweptResponse
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
-from .csv_tables import row
+from .csv_tables import csv_text
 from .drawing import COLORS, blank_figure, finish_panel, print_style
 
 if TYPE_CHECKING:
@@ -69,12 +69,9 @@ def _columns(rig: RigParameters, found: SweptResponse) -> dict[str, Array]:
 
 def swept_table(rig: RigParameters, found: SweptResponse) -> str:
     """Return the steps as CSV."""
-    columns = _columns(rig, found)
-    ways = np.where(found.upwards, 'up', 'down').tolist()
     # Nine digits: more than a largest value between points has
-    texts = ([f'{value:.9g}' for value in values] for values in columns.values())
-    rows = zip(ways, *texts, strict=True)
-    return ''.join(map(row, [('way', *columns), *rows]))
+    columns = {n: [f'{v:.9g}' for v in column] for n, column in _columns(rig, found).items()}
+    return csv_text({'way': np.where(found.upwards, 'up', 'down'), **columns})
 
 
 def _jumps(found: SweptResponse) -> list[int]:

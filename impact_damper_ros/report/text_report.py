@@ -8,15 +8,7 @@ from collections import Counter
 from impact_damper_ros.compare.result import LogVerdict, RunComparison, StretchComparison, Verdict
 from impact_damper_ros.parameters.quoting import as_line, counted
 
-from .comparison_tables import (
-    comparison_table,
-    energy_table,
-    impact_table,
-    motion_of,
-    overall_table,
-    response_table,
-    ring_down_table,
-)
+from .comparison_tables import STRETCH_TABLES, motion_of, overall_table
 
 _MOST_FINDINGS, _MOST_STOPS = 6, 12
 
@@ -35,8 +27,7 @@ def _stretch_text(stretch: StretchComparison) -> str:
     lines += [f'  motion     {kind}', f'             {stretch.evidence}']
     if stretch.missing_samples:
         lines.append(f'  missing    {counted(stretch.missing_samples, "sample")}')
-    of = impact_table, ring_down_table, response_table, comparison_table, energy_table
-    for table in (make(stretch) for make in of):
+    for table in (make(stretch) for make in STRETCH_TABLES):
         if table is not None:
             lines += table.described('  ').splitlines()
     if stretch.predicted is not None:

@@ -39,7 +39,7 @@ from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.theory.background import end_with_parent
 
 from .grid import Grid, RigSetup, Varied
-from .part_file import PartFile, State, differences, part_path
+from .part_file import PartFile, State, other_inputs, part_path
 from .steady_state import Row, Settling, steady_state
 from .table import (
     MetadataError,
@@ -316,11 +316,9 @@ def _run_in_processes(
 def _existing(grid: Grid, path: Path) -> pd.DataFrame:
     """Return the table if it is that of this sweep; raise MetadataError if it is another file."""
     table = read_table(path)
-    differing = differences(table.attrs['inputs'], grid.inputs())
+    differing = other_inputs(table.attrs['inputs'], grid.inputs())
     if differing:
-        raise MetadataError(
-            f'{path} is the table of a sweep with other inputs:\n  ' + '\n  '.join(differing[:12])
-        )
+        raise MetadataError(f'{path} is the table of a sweep with other inputs:\n{differing}')
     return table
 
 

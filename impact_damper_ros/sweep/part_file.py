@@ -16,26 +16,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
+from impact_damper_ros.parameters.plain import differences
+
 from .steady_state import Row
 from .table import MetadataError
 
 #: What a run depends on from here on, as its `snapshot` gives it.
 State = dict[str, Any]
+_MOST_LINES = 12
 
 
-def differences(stored: Any, asked: Any, name: str = '') -> list[str]:
-    """Return a line for each value in which two sets of inputs differ."""
-    if isinstance(stored, dict) and isinstance(asked, dict):
-        return [
-            line
-            for key in {**stored, **asked}
-            for line in differences(
-                stored.get(key), asked.get(key), f'{name}.{key}' if name else str(key)
-            )
-        ]
-    if stored == asked:
-        return []
-    return [f'{name}: {_brief(stored)} there, {_brief(asked)} here']
+def other_inputs(stored: dict[str, Any], asked: dict[str, Any]) -> str:
+    """Return a line for each of the first values in which two sets of inputs differ."""
+    return '\n'.join(
+        f'  {name}: {_brief(there)} there, {_brief(here)} here'
+        for name, there, here in differences(stored, asked)[:_MOST_LINES]
+    )
 
 
 def _brief(value: Any) -> str:
@@ -125,12 +121,11 @@ class PartFile:
                     'give another --output, or --overwrite it'
                 ) from error
             stored = {}
-        differing = differences(stored, json.loads(head))
+        differing = other_inputs(stored, json.loads(head))
         if differing and not anew:
             raise MetadataError(
-                f'{self._path} holds {len(self.rows)} rigs of a sweep with other inputs:\n  '
-                + '\n  '.join(differing[:12])
-                + '\ngive the command it began with, another --output, or --overwrite it'
+                f'{self._path} holds {len(self.rows)} rigs of a sweep with other inputs:\n'
+                f'{differing}\ngive the command it began with, another --output, or --overwrite it'
             )
         if differing or not content:
             self.rows, self._states = {}, {}

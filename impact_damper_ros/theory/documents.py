@@ -32,7 +32,6 @@ are known:
 from __future__ import annotations
 
 import json
-import math
 import time
 import warnings
 from collections.abc import Iterator, Mapping
@@ -41,6 +40,7 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.rig.rig import Rig
 
 from .expected_motion import predictions, zero_of_force
@@ -177,13 +177,6 @@ def orbit_message(rig: Rig, prediction: Prediction) -> dict[str, Any]:
 
 
 def _summary(orbit: PeriodicOrbit) -> dict[str, Any]:
-    ratio = orbit.x_max_ratio
-    return {
-        'label': name_of(orbit),
-        'stable': orbit.stable,
-        'viable': orbit.viable,
-        'reason': orbit.reason,
-        'x_max': orbit.x_max,
-        'x_max_ratio': ratio if math.isfinite(ratio) else None,
-        'multipliers': [[value.real, value.imag] for value in orbit.multipliers],
-    }
+    names = 'stable', 'viable', 'reason', 'x_max', 'x_max_ratio', 'multipliers'
+    plain: dict[str, Any] = as_plain({name: getattr(orbit, name) for name in names})
+    return plain | {'label': name_of(orbit)}

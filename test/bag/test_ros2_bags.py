@@ -73,11 +73,11 @@ def test_joined_so_many_impacts_late(tmp_path, run, late, request):
     findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
     assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:1]
     assert findings.faults == findings.remarks == []
-    lost = findings.missing_impacts, findings.missing_samples, findings.missing_control
+    lost = findings.missing_impacts, findings.missing_samples, findings.missing_gap_control
     assert lost == (0, 0, 0)
-    found = [findings.samples, findings.impacts, findings.control]
+    found = [findings.samples, findings.impacts, findings.gap_control]
     assert found == counts(arrived, '/joint_states', '/impacts', '/gap_control')
-    assert (findings.control > 30) is (run == 'controlled')
+    assert (findings.gap_control > 30) is (run == 'controlled')
 
 
 @pytest.mark.parametrize('first', ['/impacts', '/joint_states'])
@@ -182,7 +182,9 @@ def test_remapped_topics_are_named_by_the_snapshots(tmp_path, controlled, remapp
     arrived = renamed(ros2_bags.joined(controlled, samples.START), remapped)
     findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
     assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:1]
-    assert [findings.impacts, findings.control] == counts(controlled, '/impacts', '/gap_control')
+    assert [findings.impacts, findings.gap_control] == counts(
+        controlled, '/impacts', '/gap_control'
+    )
 
 
 def test_a_recorder_that_runs_by_the_rig_s_clock(tmp_path, messages):

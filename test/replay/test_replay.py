@@ -92,11 +92,11 @@ def test_random_histories_come_out_bit_for_bit(tmp_path, name, seed, monkeypatch
         counts = Counter(topic for topic, *_ in messages)
         assert findings.samples == counts['/joint_states']
         assert findings.impacts == findings.recorded_impacts == counts['/impacts']
-        assert findings.control == findings.recorded_control == counts['/gap_control']
+        assert findings.gap_control == findings.recorded_gap_control == counts['/gap_control']
         assert findings.snapshots == counts['/snapshot']
         assert findings.changes > 0
         assert not findings.gap_count
-        assert (findings.control > 0) is (name in ('control', 'orders'))
+        assert (findings.gap_control > 0) is (name in ('control', 'orders'))
 
 
 def test_positions_are_those_in_the_laboratory(tmp_path):
@@ -237,7 +237,7 @@ def test_missing_samples_are_a_fault_unless_the_recorder_dropped_them(tmp_path, 
     assert '19 joint states are missing' in findings.remarks[0]
     assert 'it has dropped 19 messages' in findings.remarks[1]
     assert (findings.missing_samples, findings.gap_count) == (19, 1)
-    assert findings.gaps[0].time == 0.6
+    assert findings.gaps[0].after == 0.6
     assert findings.missing_impacts > 0
 
 

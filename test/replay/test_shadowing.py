@@ -116,15 +116,15 @@ def test_acts_and_what_changes_cause_agree_within_round_off(tmp_path, elsewhere,
     rig = elsewhere(CONTROLLED[name]())
     findings = replayed(rig.save(tmp_path / 'bag'))
     expected = ReplayVerdict.WITHIN_ROUND_OFF
-    if findings.undecided and findings.control:
+    if findings.undecided and findings.gap_control:
         # After a flight that is not decided the acts are not known up to the next snapshot.
         assert all('acts of the gap control' in fault for fault in findings.faults)
         expected = ReplayVerdict.PARTIAL if findings.faults else expected
     assert findings.verdict is expected, (findings.differences[:2], findings.faults[:2])
     counts = counts_of(rig.messages)
     assert [findings.samples, findings.impacts] == counts[:2]
-    assert findings.recorded_control == counts[2]
-    assert 0.8 * counts[2] <= findings.control <= counts[2]
+    assert findings.recorded_gap_control == counts[2]
+    assert 0.8 * counts[2] <= findings.gap_control <= counts[2]
     assert (counts[2] > 10) is (name != 'changes')
 
 
@@ -159,7 +159,7 @@ def test_a_bag_may_end_with_an_act(tmp_path, elsewhere):
         bag = samples.record(tmp_path / str(at), messages[: at + 1], custom=NOTES)
         findings = replayed(bag)
         assert findings.difference_count == 0, findings.differences[:2]
-        assert findings.control == findings.recorded_control
+        assert findings.gap_control == findings.recorded_gap_control
 
 
 def test_a_bag_of_another_arithmetic(tmp_path, elsewhere):

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from impact_damper_ros.compare import Verdict
-from impact_damper_ros.report.formatting import instant, number, quantity, setting, unit_for
+from impact_damper_ros.report.formatting import instant, number, quantity, unit_for
 from impact_damper_ros.report.table import Column, Table
 
 TABLE = Table.of_rows(('name', 'X [m]'), [('first', '0.5'), ('second one', '-12.25')])
@@ -38,7 +38,6 @@ def test_a_table_as_text_and_markdown():
         (instant(12.0), '12'),
         (instant(0.12345), '0.123'),
         (instant(-1e-5), '0'),
-        (setting((1.0, True, 'timed')), '[1, true, timed]'),
         (unit_for('m', [0.003, math.nan]), (1e3, 'mm')),
         (unit_for('m', []), (1.0, 'm')),
     ],
