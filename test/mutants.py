@@ -3,7 +3,7 @@ Which altered operators the tests of a room notice: `make mutants ROOM=rig COUNT
 
 Of all places in a room where one operator can be altered, a fixed draw is taken. Each is altered
 in a copy of the package by cosmic-ray, and the room's own tests run until one fails. Those without
-a failure are printed. Kernels run as plain Python: compiling each of them anew would take longest.
+a failure are printed. Altered kernels run as plain Python: compiling them anew takes longest.
 """
 
 import argparse
@@ -66,7 +66,9 @@ def main() -> int:
             shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns('_build'))
         for path in filter(Path.is_file, ROOT.iterdir()):
             shutil.copy(path, place)
-        (place / 'sitecustomize.py').write_text(PLAIN)
+        room = place / 'impact_damper_ros' / given.room
+        if any('@kernel' in path.read_text() for path in room.glob('*.py')):
+            (place / 'sitecustomize.py').write_text(PLAIN)
         # Python looks there first.
         os.chdir(place)
         tests = ' '.join(given.tests or [f'test/{given.room}'])
@@ -84,7 +86,7 @@ def main() -> int:
             print(output)
             return 1
         with use_db(str(place / 'mutants.sqlite'), WorkDB.Mode.create) as work:
-            modules = sorted(find_modules([place / 'impact_damper_ros' / given.room]))
+            modules = sorted(find_modules([room]))
             init(modules, work, {})
             items = [
                 item for item in work.work_items if item.mutations[0].operator_name in OPERATORS

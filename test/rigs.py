@@ -32,6 +32,15 @@ BENCH = RigParameters(
     force_amplitudes=(1.2,),
     force_frequencies=(31.416,),
 )
+#: 5 Hz, with impacts from the first second on
+LIVELY = RigParameters(
+    stiffness=1000.0,
+    damping=0.6,
+    damper_mass=0.1,
+    gap=0.01,
+    force_amplitudes=(10.0,),
+    force_frequencies=(31.6,),
+)
 #: Without a force of its own: for records, or a base that moves
 UNFORCED = BENCH.replace(friction=0.0, force_amplitudes=0.0, force_frequencies=1.0)
 #: M is still: m moves as a free body until it touches something.

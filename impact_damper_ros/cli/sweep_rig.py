@@ -15,8 +15,6 @@ from dataclasses import asdict
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, get_args
 
-from tqdm import tqdm
-
 from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.sweep import (
     MEASURES,
@@ -46,6 +44,7 @@ from .command_line import (
     command_parser,
     outcome,
     path_of,
+    progress_bar,
     say,
     up_to,
     write_json,
@@ -257,8 +256,7 @@ class _Progress:
     """A bar of the rigs that are done; a cluster without workers is noticed here."""
 
     def __init__(self, grid: Grid, workers: Callable[[], int], *, quiet: bool) -> None:
-        disable = True if quiet else None
-        self.bar = tqdm(total=grid.size, desc='rigs', unit='rig', smoothing=0.05, disable=disable)
+        self.bar = progress_bar('rigs', grid.size, 'rigs', quiet=quiet)
         self.done = 0
         self._workers = workers
         self._last = time.monotonic()

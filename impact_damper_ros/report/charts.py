@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 #: Widths in inches. A narrow picture fits a phone as it is; a wide one is scrolled there.
-_NARROW, _WIDE = 5.3, 10.9
+NARROW, WIDE = 5.3, 10.9
 #: Room beside the axes, left, right and below, and above them, for each row of the legend too.
 _MARGINS, _TOP, _ROW = (0.78, 0.22, 0.5), 0.12, 0.185
 _RINGS: dict[str, Any] = {
@@ -52,19 +52,23 @@ _RINGS: dict[str, Any] = {
 
 
 class Picture(NamedTuple):
-    """A figure, its title, its caption, and whether it is as wide as the page."""
+    """A figure, its title and its caption."""
 
     figure: Figure
     title: str
     caption: str
-    wide: bool
+
+    @property
+    def wide(self) -> bool:
+        """Whether it is as wide as the page."""
+        return bool(self.figure.get_figwidth() == WIDE)
 
 
 def _panel(x_label: str, y_label: str, *, wide: bool = False, height: float = 3.7) -> Any:
     """Return the axes of a new figure."""
     from matplotlib.figure import Figure
 
-    width = _WIDE if wide else _NARROW
+    width = WIDE if wide else NARROW
     figure = Figure(figsize=(width, height))
     axes = figure.subplots()
     axes.set(xlabel=x_label, ylabel=y_label)
@@ -92,7 +96,7 @@ def _picture(axes: Any, title: str, caption: str, columns: int = 0) -> Picture:
         labelspacing=0.25,
         markerscale=0.8,
     )
-    return Picture(axes.figure, title, caption, axes.figure.get_figwidth() == _WIDE)
+    return Picture(axes.figure, title, caption)
 
 
 def _log_axis(axes: Any, low: float, high: float, factor: float = 1.0) -> None:

@@ -14,7 +14,7 @@ from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.rig_fit import RigFit
 from impact_damper_ros.fit.structure import StructureFit
 
-from .charts import Picture
+from .charts import NARROW, WIDE, Picture
 from .drawing import COLORS, IMPACTS, unit_axis
 
 if TYPE_CHECKING:
@@ -22,9 +22,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_UNITS = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
+UNITS = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
 _LABELS = {'displacement': 'X', 'velocity': "X'", 'acceleration': "X''"}
-_WIDE, _NARROW = 10.9, 5.3
 #: Most samples that are drawn one by one: of more, every second or third.
 _MOST_DRAWN = 6000
 
@@ -39,7 +38,7 @@ def _motion_picture(
     data: MeasuredMotion, fitted: Array, residuals: Array, deviation: float, impacts: Any
 ) -> Picture:
     """Draw data over the fitted motion, and below it the residuals over the noise."""
-    figure = _figure(_WIDE, 4.6)
+    figure = _figure(WIDE, 4.6)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1.4))
     part = slice(None, None, 1 + len(data.time) // _MOST_DRAWN)
     time, measured = data.time[part], np.where(data.used, data.motion, np.nan)[part]
@@ -53,7 +52,7 @@ def _motion_picture(
             above.plot(
                 hits['time'], places, ls='none', ms=4.0, label=f'impact on stop {stop}', **look
             )
-    unit_axis(above.yaxis, _LABELS[data.quantity], _UNITS[data.quantity], np.abs(measured))
+    unit_axis(above.yaxis, _LABELS[data.quantity], UNITS[data.quantity], np.abs(measured))
     above.legend(loc='lower right', ncols=4)
     below.axhspan(-2.0, 2.0, color=COLORS['grid'], lw=0)
     relative = residuals / deviation if deviation > 0.0 else residuals
@@ -68,7 +67,6 @@ def _motion_picture(
         'Data and model',
         'Above the measured samples and the fitted motion, below their difference over the '
         'standard deviation of the noise; 95 % of white noise is within the band.',
-        wide=True,
     )
 
 
@@ -77,7 +75,7 @@ def _histogram(residuals: Array, deviation: float) -> Picture | None:
     relative = residuals[np.isfinite(residuals)] / (deviation or 1.0)
     if len(relative) < 50:
         return None
-    figure = _figure(_NARROW, 3.2)
+    figure = _figure(NARROW, 3.2)
     axes = figure.subplots()
     bins = np.linspace(-5.0, 5.0, 41).tolist()
     axes.hist(np.clip(relative, -5.0, 5.0), bins, density=True, color=COLORS['primary'], alpha=0.6)
@@ -91,14 +89,13 @@ def _histogram(residuals: Array, deviation: float) -> Picture | None:
         figure,
         'Residuals',
         'Bars: the residuals; line: normal noise of the same size.',
-        wide=False,
     )
 
 
 def _intervals(parameters: dict[str, Estimate]) -> Picture:
     """Draw each parameter with its interval, relative to its value."""
     names = [n for n, one in parameters.items() if one.value != 0.0]
-    figure = _figure(_NARROW, max(2.2, 0.8 + 0.34 * len(names)))
+    figure = _figure(NARROW, max(2.2, 0.8 + 0.34 * len(names)))
     axes = figure.subplots()
     for k, name in enumerate(reversed(names)):
         one = parameters[name]
@@ -115,14 +112,13 @@ def _intervals(parameters: dict[str, Estimate]) -> Picture:
         figure,
         'Intervals',
         'What the data leave open of each parameter; the axis is linear between −1 and 1 %.',
-        wide=False,
     )
 
 
 def _correlations(found: RigFit, names: Sequence[str]) -> Picture:
     """Draw the correlations of some parameters as a matrix."""
     matrix = np.array([[found.correlations[a][b] for b in names] for a in names])
-    figure = _figure(_NARROW, 0.9 + 0.42 * len(names))
+    figure = _figure(NARROW, 0.9 + 0.42 * len(names))
     axes = figure.subplots()
     axes.imshow(matrix, cmap='RdBu_r', vmin=-1.0, vmax=1.0)
     for i in range(len(names)):
@@ -142,7 +138,6 @@ def _correlations(found: RigFit, names: Sequence[str]) -> Picture:
         figure,
         'Correlations',
         'Near 1 or −1, the data hardly distinguish the two parameters.',
-        wide=False,
     )
 
 
@@ -153,7 +148,7 @@ def _flights(found: RigFit) -> Picture | None:
     speeds = np.asarray(found.impacts['speed'], float)[: len(found.flights)]
     size = np.array([flight.residual for flight in found.flights])
     used = np.array([flight.used for flight in found.flights])
-    figure = _figure(_NARROW, 3.2)
+    figure = _figure(NARROW, 3.2)
     axes = figure.subplots()
     axes.axhline(1.0, color=COLORS['quiet'], lw=0.7)
     for mask, color, label in (
@@ -170,7 +165,6 @@ def _flights(found: RigFit) -> Picture | None:
         figure,
         'Flights',
         'Residuals that grow with the speed of impact show a restitution that depends on it.',
-        wide=False,
     )
 
 
@@ -202,7 +196,7 @@ def structure_pictures(found: StructureFit) -> list[Picture]:
 def _over_amplitude(found: StructureFit) -> Picture:
     """Draw damping ratio and frequency of parts of the ring-down over their amplitude."""
     size = np.array([part.amplitude for part in found.parts])
-    figure = _figure(_NARROW, 4.4)
+    figure = _figure(NARROW, 4.4)
     above, below = figure.subplots(2, 1, sharex=True)
     for axes, name, factor, label, whole in (
         (above, 'damping', 100.0, 'damping ratio [%]', found.damping_ratio),
@@ -215,11 +209,10 @@ def _over_amplitude(found: StructureFit) -> Picture:
         axes.axhline(factor * whole.value, color=COLORS['theory'], lw=1.0)
         axes.set_ylabel(label)
     below.set_xscale('log')
-    unit_axis(below.xaxis, 'Amplitude', _UNITS[found.data.quantity], size)
+    unit_axis(below.xaxis, 'Amplitude', UNITS[found.data.quantity], size)
     return Picture(
         figure,
         'Over the amplitude',
         'Each part of the record alone, with 95 % intervals; the line is the whole record. A '
         'linear structure with viscous damping has both constant.',
-        wide=False,
     )

@@ -18,7 +18,7 @@ from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .drawing import page_style
-from .fit_figures import rig_pictures, structure_pictures
+from .fit_figures import UNITS, rig_pictures, structure_pictures
 from .formatting import NONE, number, quantity
 from .html_page import on_page, rendered, write_page
 from .table import Table
@@ -129,7 +129,7 @@ def rig_fit_text(found: RigFit, data: MeasuredMotion) -> str:
         lines += [estimate_table(found.parameters).text('  '), '']
         lines.append(
             f'chi squared {number(found.chi_squared, 3)}, fit {number(found.fit_percent, 4)} %, '
-            f'noise {number(found.deviation, 3)} {_UNITS[data.quantity]}, residuals '
+            f'noise {number(found.deviation, 3)} {UNITS[data.quantity]}, residuals '
             f'{_whiteness_words(found)}'
         )
     lines += _counted_reasons(found)
@@ -140,9 +140,6 @@ def rig_fit_text(found: RigFit, data: MeasuredMotion) -> str:
         lines.append('NOT accepted:')
         lines += [f'  - {reason}' for reason in found.reasons]
     return '\n'.join(lines)
-
-
-_UNITS = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
 
 
 def rig_fit_json(found: RigFit, data: MeasuredMotion) -> dict[str, Any]:
@@ -237,7 +234,7 @@ def write_rig_report(
         found.fit_percent,
         [
             ('Impacts', str(len(found.impacts)), f'{used} of {len(found.flights)} flights used'),
-            ('Noise', f'{number(found.deviation, 3)} {_UNITS[data.quantity]}', 'of a sample'),
+            ('Noise', f'{number(found.deviation, 3)} {UNITS[data.quantity]}', 'of a sample'),
             (
                 'Residuals',
                 _whiteness_words(found).partition(':')[0].partition(' (')[0],
@@ -304,7 +301,7 @@ def structure_text(found: StructureFit) -> str:
         'force': 'response to the force',
         'base': 'response to the base',
     }
-    unit = _UNITS[data.quantity]
+    unit = UNITS[data.quantity]
     lines = [
         data.source,
         f'{what[found.kind]}: {counted(int(data.used.sum()), "sample")} of {data.quantity} from '

@@ -198,7 +198,7 @@ def _stated(grid: Grid, name: str) -> str:
 
 
 def _fixed_text(grid: Grid) -> str:
-    """Return the parameters that are not varied, in two lines."""
+    """Return the parameters that are not varied."""
     rig, control = grid.setup.parameters, grid.setup.control
     left_out = {one.name for axis in grid.axes for one in axis.varied}
     if rig.angle == 0.0 and rig.friction == 0.0 and not left_out & {'angle', 'friction'}:
@@ -215,8 +215,7 @@ def _fixed_text(grid: Grid) -> str:
         parts.append('stop 1 only')
     if control.active:
         parts.append(f'gap control: {control.gap_control}')
-    half = (len(parts) + 1) // 2
-    return ',  '.join(parts[:half]) + '\n' + ',  '.join(parts[half:])
+    return ',  '.join(parts)
 
 
 #: Places at which the motion without the damper is drawn.
@@ -262,7 +261,7 @@ def basin_figure(table: pd.DataFrame) -> Figure:
     # One colour for all attractors beyond those that have their own, and one for failures
     cells = np.minimum(numbers, len(_COLORS)).reshape(grid.shape)
     colors = ListedColormap([_NONE, *_COLORS, _OTHERS])
-    figure = blank_figure(6.3, 6.4)
+    figure = blank_figure(6.3, 6.4, _fixed_text(grid))
     axes: Any = figure.subplots()
     axes.pcolormesh(
         _cell_edges(across),
@@ -289,7 +288,6 @@ def basin_figure(table: pd.DataFrame) -> Figure:
     if (numbers < 0).any():
         handles.append(Patch(facecolor=_NONE, label='failed'))
     legend_below(figure, handles, 1)
-    figure.suptitle(_fixed_text(grid), fontsize=7.5, color='0.3')
     return figure
 
 
@@ -443,7 +441,7 @@ def bifurcation_figure(
     cycle = _numbers(table.cycle)
     exponent = _numbers(table.lyapunov_exponent) * cycle
     exponents = bool(np.isfinite(exponent).any())
-    figure = blank_figure(6.8, 7.8 if exponents else 5.8)
+    figure = blank_figure(6.8, 7.8 if exponents else 5.8, _fixed_text(grid))
     heights = [1.7, 1.1, 1.0] if exponents else [1.6, 1.0]
     panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     upper, middle = panels[:2]
@@ -498,7 +496,6 @@ def bifurcation_figure(
         own += blank * (len(handles) - len(own))
         handles += blank * (len(own) - len(handles))
     legend_below(figure, [*own, *handles], 2, markerscale=1.6)
-    figure.suptitle(_fixed_text(grid), fontsize=7.5, color='0.3')
     return figure
 
 
@@ -615,7 +612,7 @@ def surface_figure(table: pd.DataFrame, measure: str, optimum: Optimum | None) -
     values[~np.isfinite(values)] = np.nan
     scale, scheme = _scale(values, measure)
     count = len(grid.directions)
-    figure = blank_figure(6.8 if count == 1 else 9.4, 5.4)
+    figure = blank_figure(6.8 if count == 1 else 9.4, 5.4, _fixed_text(grid))
     panels = np.atleast_1d(figure.subplots(1, count, sharey=True))
     best = -1 if optimum is None else optimum.point * count // grid.size
     mesh: Any = None
@@ -634,7 +631,6 @@ def surface_figure(table: pd.DataFrame, measure: str, optimum: Optimum | None) -
     handles = _legend(table, grid, optimum)
     if handles:
         legend_below(figure, handles, 2)
-    figure.suptitle(_fixed_text(grid), fontsize=7.5, color='0.3')
     return figure
 
 

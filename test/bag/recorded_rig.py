@@ -5,6 +5,7 @@ import math
 import random
 
 from bag import samples
+from rigs import LIVELY
 
 from impact_damper_ros import (
     EventKind,
@@ -13,20 +14,11 @@ from impact_damper_ros import (
     Order,
     ParameterError,
     Rig,
-    RigParameters,
 )
 from impact_damper_ros.bag.messages import decode
 from impact_damper_ros.bag.snapshots import mathematics, motion_of
 from impact_damper_ros.replay import Setting
 
-LIVELY = RigParameters(
-    stiffness=1000.0,
-    damping=0.6,
-    damper_mass=0.1,
-    gap=0.01,
-    force_amplitudes=(10.0,),
-    force_frequencies=(31.6,),
-)
 NODE = '/sim_node'
 NOTES = {
     'node': NODE,

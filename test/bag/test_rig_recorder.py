@@ -7,7 +7,8 @@ from math import floor
 
 import pytest
 from bag import samples
-from bag.recorded_rig import LIVELY, RecordedRig, params_file
+from bag.recorded_rig import RecordedRig, params_file
+from rigs import LIVELY
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bag import samples
-from bag.recorded_rig import LIVELY, NOTES, TOPICS, RecordedRig, params_file, renamed
+from bag.recorded_rig import NOTES, TOPICS, RecordedRig, params_file, renamed
+from rigs import LIVELY
 from running import Running
 
 from impact_damper_ros import Rig

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bag.recorded_rig import LIVELY, RecordedRig
+from bag.recorded_rig import RecordedRig
 from compare.recorded import DISPLACED, built, replayed, simulated
-from rigs import BENCH, FRICTION, OFF_RESONANCE, VERTICAL
+from rigs import BENCH, FRICTION, LIVELY, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros import GapControlParameters, InitialConditions, Order, Rig, run_flights
 from impact_damper_ros.cli.compare_run import main as compare_run

@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 import pytest
-from bag.recorded_rig import LIVELY, RecordedRig
+from bag.recorded_rig import RecordedRig
 from compare.recorded import replayed
-from rigs import BENCH, OFF_RESONANCE
+from rigs import BENCH, LIVELY, OFF_RESONANCE
 
 from impact_damper_ros import GapControlParameters, InitialConditions, Order, Rig
 from impact_damper_ros.cli.compare_run import main

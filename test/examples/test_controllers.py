@@ -12,11 +12,11 @@ CONTROLLERS = Path(__file__).parents[2] / 'examples' / 'controllers'
 sys.path.append(str(CONTROLLERS))
 
 import test_specification as specification  # noqa: E402
+from rigs import LIVELY  # noqa: E402
 
 from impact_damper_ros import (  # noqa: E402
     GapControlParameters,
     Rig,
-    RigParameters,
 )
 from impact_damper_ros.bag import RunReader  # noqa: E402
 from impact_damper_ros.node import lock_step  # noqa: E402
@@ -135,16 +135,7 @@ def test_the_timed_law_as_a_node_is_as_good_as_that_of_the_rig(tmp_path):
     )
     samples = replayed(bag, seconds)
     law = GapControlParameters(gap_control='timed', gap_control_rate=200.0, gap_max=0.5)
-    parameters = RigParameters(
-        primary_mass=1.0,
-        stiffness=1000.0,
-        damping=0.6,
-        damper_mass=0.1,
-        gap=0.01,
-        force_amplitudes=(10.0,),
-        force_frequencies=(31.6,),
-    )
-    twin = Rig(parameters, control=law).run(seconds, samples['time']).samples
+    twin = Rig(LIVELY, control=law).run(seconds, samples['time']).samples
     late = samples['time'] > seconds / 2
     assert rms(samples['x'][late]) == pytest.approx(rms(twin['x'][late]), rel=0.05)
 

@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
+from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, TABLE, VERTICAL
 
 from impact_damper_ros import (
     EventKind,
     OrbitError,
-    RigParameters,
     SpecialKind,
     find_orbits,
     follow,
@@ -483,18 +482,7 @@ def test_a_path_to_rigs_without_a_period():
 
 def test_a_branch_that_closes_and_the_range_of_its_motions():
     """Two mirror images meet at both ends of their range, and turn into one another there."""
-    rig = RigParameters.of_structure(
-        primary_mass=5.0,
-        natural_frequency=10.0,
-        damping_ratio=0.02,
-        mass_ratio=0.05,
-        restitution_1=0.6,
-        restitution_2=0.6,
-        gap=0.02,
-        base_amplitudes='0.2 g',
-        base_frequencies='9.5 Hz',
-        force_amplitudes=0.0,
-    )
+    rig = TABLE.replace(gap=0.02, base_frequencies=19.0 * math.pi)
     orbit = stable_orbit(rig)
     here = rig.first_harmonic[1]
     branch = follow(orbit, 'base_frequencies', 0.5 * here, 1.5 * here, largest_step=0.1)

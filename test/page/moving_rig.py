@@ -1,22 +1,12 @@
 """The motion of a rig from rest, as the messages of its node would have it."""
 
-from impact_damper_ros import Rig, RigParameters
+from impact_damper_ros import Rig
 from impact_damper_ros.motion.event import table_of_events
 from impact_damper_ros.page.motion import ForcePhase, Motion, Stretch
 from impact_damper_ros.replay.rows import samples_as_rows
 from impact_damper_ros.rig.snapshot import Snapshot
 
 RATE = 200.0
-#: 5 Hz, with impacts from the first second on.
-LIVELY = RigParameters(
-    primary_mass=1.0,
-    stiffness=1000.0,
-    damping=0.6,
-    damper_mass=0.1,
-    gap=0.01,
-    force_amplitudes=(10.0,),
-    force_frequencies=(31.6,),
-)
 
 
 def force_phase(rig):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from rigs import LIVELY
 
 from impact_damper_ros import EventKind, Rig, load_parameters
 from impact_damper_ros.orbits.settled_motion import settle
@@ -17,7 +18,7 @@ from impact_damper_ros.page.motion import (
 )
 from impact_damper_ros.page.numbers import numbers_of
 
-from .moving_rig import LIVELY, force_phase, motion_of
+from .moving_rig import force_phase, motion_of
 from .served import taken_apart
 
 

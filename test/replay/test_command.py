@@ -5,9 +5,10 @@ import struct
 
 import pytest
 from bag.alterations import write
-from bag.recorded_rig import LIVELY, RecordedRig
+from bag.recorded_rig import RecordedRig
 from hypothesis import given, strategies as st
 from replay.test_replay import replayed
+from rigs import LIVELY
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.replay.findings import ReplayVerdict

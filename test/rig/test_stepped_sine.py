@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from motion.random_rigs import rows, without_mode
+from rigs import TABLE
 
 from impact_damper_ros import EventKind, InitialConditions, Outcome, Rig, RigParameters
 from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at, step_count, stepped_sine
@@ -165,15 +166,8 @@ def test_m_at_rest_stays_at_rest():
 # A base of constant acceleration: its displacement changes with the frequency
 
 
-TABLE = RigParameters(
-    primary_mass=5.0,
-    stiffness=5.0 * (20.0 * math.pi) ** 2,
-    damping=0.04 * 5.0 * 20.0 * math.pi,
-    damper_mass=0.25,
+SHAKEN = TABLE.replace(
     gap=0.016,
-    restitution_1=0.6,
-    restitution_2=0.6,
-    force_amplitudes=0.0,
     base_amplitudes=2.0,
     base_frequencies=1.0,
     base_phases=0.7,
@@ -213,7 +207,7 @@ def test_a_dashpot_releases_m_where_the_velocity_of_the_base_jumps():
 
 
 def shaken(quantity, compiled=False, **more):
-    rig = TABLE.replace(base_quantity=quantity, **more)
+    rig = SHAKEN.replace(base_quantity=quantity, **more)
     if quantity != 'acceleration':
         size = 2.0 / 60.0 ** {'velocity': 1, 'displacement': 2}[quantity]
         rig = rig.replace(base_amplitudes=size)
@@ -322,7 +316,7 @@ def test_steps_shorter_than_a_cycle_are_taken_together():
 
 def test_short_steps_of_a_base_do_not_depend_on_when_they_began():
     """Those shorter than a cycle are taken together."""
-    rig = TABLE.replace(sweep_dwell=0.02)
+    rig = SHAKEN.replace(sweep_dwell=0.02)
 
     def steps_from(start):
         sweep, taken = SteppedSine(start, 0, start + 0.02), []

@@ -6,23 +6,15 @@ import math
 
 import numpy as np
 import pytest
+from rigs import TABLE
 
-from impact_damper_ros import RigParameters, Transmissibility
+from impact_damper_ros import Transmissibility
 from impact_damper_ros.cli.sweep_rig import main
 from impact_damper_ros.sweep import Grid, range_from_text, sweep
 from impact_damper_ros.sweep.figures import bifurcation_figure, surface_figure
 from impact_damper_ros.sweep.grid import GridError, unit_from_text
 
-TABLE = RigParameters.of_structure(
-    primary_mass=5.0,
-    natural_frequency=10.0,
-    damping_ratio=0.02,
-    mass_ratio=0.05,
-    gap=1.0,
-    force_amplitudes=0.0,
-    base_amplitudes='0.2 g',
-    base_frequencies='10 Hz',
-)
+WIDE = TABLE.replace(gap=1.0)
 
 
 @pytest.mark.parametrize(
@@ -42,19 +34,19 @@ def test_unit_of_a_range(text, unit):
 
 
 def test_units_go_with_the_inputs():
-    grid = Grid(TABLE, base_frequencies=['9 Hz', '11 Hz'])
+    grid = Grid(WIDE, base_frequencies=['9 Hz', '11 Hz'])
     again = Grid.from_inputs(json.loads(json.dumps(grid.inputs())))
     assert again == grid
     (axis,) = again.axes
     assert axis.unit == 'Hz'
     assert axis.values == pytest.approx((18.0 * math.pi, 22.0 * math.pi))
-    assert axis.shown(axis.values[0], TABLE) == '9 Hz'
+    assert axis.shown(axis.values[0], WIDE) == '9 Hz'
 
 
 def test_the_unit_of_a_base_is_its_quantity():
     """0.1 to 0.3 mm of a base that was given in g."""
     names, values = range_from_text('base_amplitudes=0.1mm:0.3mm:3')
-    grid = Grid(TABLE, units={names: 'mm'}, **{names: values})
+    grid = Grid(WIDE, units={names: 'mm'}, **{names: values})
     rigs = [grid.setup.vary(grid.settings(grid.values(row))).parameters for row in range(3)]
     assert [rig.base_motion.size for rig in rigs] == pytest.approx([1e-4, 2e-4, 3e-4])
     table = sweep(grid, jobs=1)
@@ -79,7 +71,7 @@ def drawn(figure):
 def test_figure_of_a_frequency_in_hertz():
     """Round numbers of hertz, M alone in closed form, and the base in the title."""
     pytest.importorskip('matplotlib')
-    table = sweep(Grid(TABLE, base_frequencies=['8 Hz', '10 Hz', '12 Hz']), jobs=1)
+    table = sweep(Grid(WIDE, base_frequencies=['8 Hz', '10 Hz', '12 Hz']), jobs=1)
     figure = drawn(bifurcation_figure(table, 'transmissibility', None))
     axes = figure.axes[1]
     assert figure.axes[-1].get_xlabel() == 'Frequency of the base Ω [Hz]'
@@ -87,7 +79,7 @@ def test_figure_of_a_frequency_in_hertz():
     (alone,) = [line for line in axes.lines if line.get_label() == 'without the damper']
     rates, heights = alone.get_data()
     assert rates[-1] == pytest.approx(24.0 * math.pi)
-    peak = Transmissibility.without_damper(TABLE).absolute
+    peak = Transmissibility.without_damper(WIDE).absolute
     assert np.max(heights) == pytest.approx(peak, rel=1e-3)
     title = figure.get_suptitle()
     assert 'b₀ = 1.96133 m/s² = 0.2 g' in title
@@ -99,7 +91,7 @@ def test_figure_of_a_frequency_in_hertz():
 def test_figure_of_two_axes():
     pytest.importorskip('matplotlib')
     gaps, sizes = np.geomspace(4.0, 20.0, 3), ['0.1 mm', '0.3 mm']
-    grid = Grid(TABLE, base_amplitudes=sizes, gap=[f'{gap} mm' for gap in gaps])
+    grid = Grid(WIDE, base_amplitudes=sizes, gap=[f'{gap} mm' for gap in gaps])
     figure = drawn(surface_figure(sweep(grid, jobs=1), 'x_max', None))
     axes = figure.axes[0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == (
@@ -123,4 +115,4 @@ def test_command(tmp_path, capsys):
 
 def test_a_unit_of_something_else():
     with pytest.raises(GridError, match="'kg' is no unit of it"):
-        Grid(TABLE, gap=['1 kg'])
+        Grid(WIDE, gap=['1 kg'])
