@@ -39,8 +39,18 @@ STATIC = Path(presets.__file__).with_name('static')
 #: Methods that the page does without, of classes that do more than it needs.
 LEFT_OUT = {
     'Rig': {
-        *('run', '_go_compiled', '_may_compile', 'order', 'measure', 'move_stops', 'state', 'law'),
-        *('snapshot', 'restore', 'resume', 'drive', '_reason', 'own_law', 'stops', 'energies'),
+        *('run', '_run_compiled', '_may_compile', 'order', 'measure', 'move_stops', 'state'),
+        *(
+            'law',
+            'snapshot',
+            'restore',
+            'resume',
+            'drive',
+            '_reason',
+            'own_law',
+            'stops',
+            'energies',
+        ),
     },
     'Control': {'as_dict', 'restored', 'unpacked'},
     '_Tables': {'room', 'wrote', 'events'},

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import ROWS_AT_ONCE, Event, EventKind, EventRow, events_of
 from impact_damper_ros.motion.flight import NO_EVENT
-from impact_damper_ros.motion.next_event import ALL_STEPS, find_event
+from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
 from impact_damper_ros.motion.state import Moving
 from impact_damper_ros.motion.transition import resolve
 from impact_damper_ros.orbits.flights import flight_at_impact, machine_of
@@ -74,7 +74,7 @@ class FlightReplay:
         run.room, run.written = _ROOM, 0
         while run.written + ROWS_AT_ONCE <= _ROOM:
             run.steps = ALL_STEPS
-            find_event(moving, span)
+            next_event(moving, span)
             if run.kind == NO_EVENT or run.tau + run.time > span:
                 break
             resolve(moving)

@@ -332,21 +332,22 @@ def _notice(log: logging.Logger, what: str) -> Any:
 
 
 #: What has been compiled or loaded in this process, and of what that is reported.
-_ENTRIES: dict[str, Any] = {}
+_ENTRIES: dict[tuple[str, str], Any] = {}
 _REPORTED: set[str] = set()
 
 
-def compiled(name: str, arguments: Sequence[Any], what: str = 'simulator') -> Any:
+def compiled(name: str, arguments: Sequence[Any], what: str = 'simulator', form: str = '') -> Any:
     """
-    Return a kernel compiled for arguments, which have the same types in all calls.
+    Return a kernel compiled for arguments, which have the same types in all calls of one form.
 
     numba would look at the types of the arguments at each call, which takes longer than a short
     run. Compiled code that cannot be kept, as on a full disk, serves this process; code that was
     kept and is damaged, as by a power cut, is compiled again. That the kernel has to be compiled,
     since no process has kept it, is reported, with what it belongs to.
     """
-    if name in _ENTRIES:
-        return _ENTRIES[name]
+    key = name, form
+    if key in _ENTRIES:
+        return _ENTRIES[key]
     import numba
 
     log = logging.getLogger(__package__)
@@ -368,5 +369,5 @@ def compiled(name: str, arguments: Sequence[Any], what: str = 'simulator') -> An
             )
             loop._cache.flush()
             loop.compile(kinds)
-    _ENTRIES[name] = loop.get_overload(kinds)
-    return _ENTRIES[name]
+    _ENTRIES[key] = loop.get_overload(kinds)
+    return _ENTRIES[key]

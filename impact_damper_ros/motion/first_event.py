@@ -336,49 +336,6 @@ def root_between(
     return end_near(run, kind, tau, motion, 0.0)
 
 
-#: Part by which a bound of a motion has to keep off an event.
-_KEEP_OFF = 1e-6
-
-
-@kernel
-def is_quiet_until(moving: Moving, time: float) -> bool:
-    """
-    Return whether a flight certainly has no event up to an instant less than a step after it.
-
-    By bounds of the jerk alone, which are far cheaper than a search, and enough for most of the
-    short flights from sample to sample of a measured record.
-    """
-    constants, _, run, _, _ = moving
-    oscillator: Oscillator = oscillator_of(constants, run)
-    span = (time - run.time) - run.time_low
-    # Beyond the rounding of that instant
-    span += _KEEP_OFF * span + 4.0 * _EPSILON * abs(time)
-    still = run.stop_velocity_1 == 0.0 and run.stop_velocity_2 == 0.0 and run.arrival == inf
-    if not (still and span < oscillator.step and run.deadline == inf):
-        return False
-    motion: Motion = starting_motion(moving)
-    jerk = free_bound(oscillator, motion.x_3, motion.x_4) + oscillator.bound_3
-    change = (1.0 + _KEEP_OFF) * jerk * span
-    if run.joint:
-        x_2 = motion.x_2
-        change += _KEEP_OFF * (abs(x_2) + abs(run.constant))
-        quiet = x_2 + change < run.support_high and x_2 - change > run.support_low
-    else:
-        pace = run.relative_velocity
-        most = (1.0 + _KEEP_OFF) * (abs(run.relative_acceleration) + change) * span
-        bend = 0.5 * most * span
-        down = max(pace, 0.0) * span + bend
-        up = max(-pace, 0.0) * span + bend
-        quiet = (
-            (run.direction == 0 or abs(pace) > most)
-            and (1.0 + _KEEP_OFF) * down < run.clearance_1
-            and (1.0 + _KEEP_OFF) * up < run.clearance_2
-        )
-    if quiet:
-        run.searched = max(run.searched, span)
-    return quiet
-
-
 @kernel(inline=True)
 def leaves_support(run: Run) -> bool:
     """Return whether m begins to move as its support gives way, without speed and acceleration."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-From event to event, as far as a run is to go.
+The next event of a flight, or the next passage of X through zero, as far as a run is to go.
 
 A flight is never begun anew to sample, watch or pause it. Hence the motion does not depend on the
 sampling rate or on how a run is cut into pieces, to the last bit.
@@ -12,11 +12,9 @@ from collections.abc import MutableSequence
 from math import inf
 
 from .compiled import kernel
-from .event import ROWS_AT_ONCE
 from .first_event import search_on, search_passage
 from .flight import NO_EVENT
 from .state import Moving, Run
-from .transition import resolve
 
 #: The instant was reached.
 DONE = 0
@@ -32,8 +30,10 @@ PAUSED = 4
 COMMANDS_FULL = 5
 #: A law of the user's own has returned what are no places.
 LAW_FAILED = 6
-#: An event was resolved.
-GOING = 7
+#: A step of the stepped sine is due.
+STEP_DUE = 7
+#: The run goes on.
+GOING = 8
 
 _CYCLE = 6.283185307179586
 #: More steps than any search takes.
@@ -45,7 +45,7 @@ _NEXT = 4.440892098500626e-16
 
 
 @kernel(inline=True)
-def find_event(moving: Moving, until: float) -> bool:
+def next_event(moving: Moving, until: float) -> bool:
     """Search for the event that ends the flight, up to an instant; return false to pause."""
     run = moving.run
     limit = (until - run.time) - run.time_low + _NEXT * abs(until)
@@ -58,8 +58,8 @@ def find_event(moving: Moving, until: float) -> bool:
 
 
 @kernel
-def find_passage(moving: Moving, until: float) -> bool:
-    """Search for the next passage of X through zero, as `find_event` does."""
+def next_crossing(moving: Moving, until: float) -> bool:
+    """Search for the next passage of X through zero, as `next_event` does."""
     run = moving.run
     last = min(until, run.due)
     limit = (last - run.time) - run.time_low + _NEXT * abs(last)
@@ -77,27 +77,25 @@ def find_passage(moving: Moving, until: float) -> bool:
 
 
 @kernel(inline=True)
-def next_event(
-    moving: Moving,
-    in_mode: MutableSequence[float],
-) -> int:
-    """Go to the event that is due, resolve and report it; return `GOING`, or why not."""
-    constants, _, run, _, _ = moving
+def may_go_on(run: Run) -> int:
+    """Return `GOING`, or why a run ends before an event that is due."""
     if run.happened >= run.most:
         return SPENT
     if run.in_period >= run.most_in_period:
         return RUNAWAY
-    if 0 < run.room < run.written + ROWS_AT_ONCE:
-        return FULL
-    in_mode[run.mode] += run.tau - run.counted
-    resolve(moving)
+    return GOING
+
+
+@kernel(inline=True)
+def count_event(moving: Moving) -> None:
+    """Count an event that has been resolved, in the run and in its period."""
+    constants, _, run, _, _ = moving
     run.happened += 1
     run.now = max(run.now, run.time)
     if (run.time - run.counted_from) * constants.free.fastest > _CYCLE:
         run.counted_from = run.time
         run.in_period = 0
     run.in_period += 1
-    return GOING
 
 
 @kernel(inline=True)

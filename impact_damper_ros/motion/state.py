@@ -277,6 +277,12 @@ class Run:
         Rows of the table of events, 0 for none, and how many of them are written.
     steps : int
         Steps of the search that are left before a pause.
+    sampled : int
+        Samples that have been taken in this run.
+    sweep_due : float
+        Instant of the next step of the stepped sine, s.
+    force_step, base_step : int
+        Which value of the measured force, and of the measured base, acts.
     """
 
     time: float = 0.0
@@ -340,6 +346,10 @@ class Run:
     room: int = 0
     written: int = 0
     steps: int = 0
+    sampled: int = 0
+    sweep_due: float = inf
+    force_step: int = 0
+    base_step: int = 0
 
 
 Lines = Sequence[Line]

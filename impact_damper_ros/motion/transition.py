@@ -330,23 +330,21 @@ def report_support(run: Run, log: Log, mode_before: int) -> None:
 
 
 @kernel(inline=True)
-def resolve_contact(moving: Moving, stop: int) -> None:
-    """Resolve the contact of m with a stop, which stands there if it moves."""
+def touch(moving: Moving, stop: int) -> bool:
+    """Put m on a stop, which stands there if it moves; return whether m hits it."""
     constants, _, run, _, log = moving
     if (run.stop_velocity_1 if stop == 1 else run.stop_velocity_2) == 0.0:
         if not put_between_stops(run, stop):
             put_on_stop(constants, run, stop)
-        strike(moving, stop)
-        return
+        return True
     mode_before = run.mode
     relative = run.relative_velocity
     hold_stop(constants, run, stop)
     write_quiet(run, log, STOP_TOUCHED, stop)
-    if relative > 0.0 if stop == 1 else relative < 0.0:
-        strike(moving, stop)
-    elif relative == 0.0:
+    if relative == 0.0:
         rest(moving)
         report_support(run, log, mode_before)
+    return relative > 0.0 if stop == 1 else relative < 0.0
 
 
 @kernel
@@ -414,7 +412,9 @@ def resolve(moving: Moving) -> None:
         run.end_relative_velocity,
     )
     if kind in (CONTACT_1, CONTACT_2):
-        resolve_contact(moving, 1 if kind == CONTACT_1 else 2)
+        stop = 1 if kind == CONTACT_1 else 2
+        if touch(moving, stop):
+            strike(moving, stop)
     elif kind == ARRIVAL:
         stop = 1 if direction < 0 else 2
         if stop == 1:

@@ -30,7 +30,7 @@ from impact_damper_ros.motion.flight import (
     rest,
     starting_motion,
 )
-from impact_damper_ros.motion.next_event import ALL_STEPS, find_event
+from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
 from impact_damper_ros.motion.oscillator import POINTS
 from impact_damper_ros.motion.state import FREE, STICK, Moving
 from impact_damper_ros.motion.transition import strike
@@ -147,7 +147,7 @@ def judge_flight(problem: Problem, j: int, tolerance: float) -> None:
     begin_at(moving, node, problem.table[j])
     begin_next_flight(moving)
     run.steps = ALL_STEPS
-    find_event(moving, span + tolerance)
+    next_event(moving, span + tolerance)
     kind, tau = run.kind, run.tau
     if kind == NO_EVENT or tau > span + tolerance:
         return

@@ -359,9 +359,7 @@ def _run_all(
     def run_block(first: int) -> None:
         rows = slice(first, first + _BLOCK)
         run_compiled(
-            constants[rows],
-            lines[rows],
-            runs[rows],
+            (constants[rows], lines[rows], runs[rows]),
             waves[rows],
             np.empty(0 if controls is None else _LOG_ROWS, dtype_of(EventRow)),
             in_mode[rows],
@@ -369,7 +367,6 @@ def _run_all(
             end,
             when,
             outcomes[rows],
-            np.zeros_like(outcomes[rows]),
             samples[rows],
             anew=True,
         )

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The run loop: the next event or the next act of the control, whichever is earlier.
+The run loop: the next event or the next act, whichever is earlier.
 
-Samples of the control lie on the grid k/rate; passages of X through zero and the starts of stops
-are at their own exact instants. With the control off, or without one, nothing but events happens.
+Acts are what happens to a rig at given times: samples and commands of its control, the next value
+of a measured record, a step of the stepped sine, and the instants at which the motion is asked
+for. Samples of the control lie on the grid k/rate; passages of X through zero and the starts of
+stops are at their own exact instants.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, MutableSequence, Sequence
+from collections.abc import MutableSequence, Sequence
 from math import inf
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,8 +49,8 @@ from impact_damper_ros.motion.event import (
     view_at,
     write_passage,
 )
-from impact_damper_ros.motion.first_event import pass_zero
-from impact_damper_ros.motion.flight import Motion, motion_at, places_after
+from impact_damper_ros.motion.first_event import pass_zero, set_side
+from impact_damper_ros.motion.flight import Motion, motion_at, move_to, places_after
 from impact_damper_ros.motion.next_event import (
     COMMANDS_FULL,
     DONE,
@@ -57,17 +59,47 @@ from impact_damper_ros.motion.next_event import (
     LAW_FAILED,
     PAUSED,
     SPENT,
+    STEP_DUE,
     TIME_MARGIN,
+    count_event,
     count_modes,
-    find_event,
-    find_passage,
+    may_go_on,
+    next_crossing,
     next_event,
 )
-from impact_damper_ros.motion.state import Lines, Moving, RigConstants, Run, Wave, Waves
-from impact_damper_ros.motion.transition import begin_from, move_stops
+from impact_damper_ros.motion.state import Moving, Run, carried_to
+from impact_damper_ros.motion.transition import begin_from, move_stops, report_support, resolve
 
 #: Each `Action` as a number, for the kernels.
 _COMMAND, _ARRIVED, _TOUCHED, _CROSSING, _STARTED, _ = map(int, Action)
+
+#: What comes next in a run besides events, in the order of acts at one instant: a passage of X, a
+#: command, a sample of the control, a step of the sine, of a record, a sample asked for, the end.
+ACT_CROSSING, ACT_COMMAND, ACT_SENSE, ACT_SWEEP, ACT_RECORD, ACT_SAMPLE, ACT_END = range(7)
+
+
+class Schedule(NamedTuple):
+    """
+    What a run does at given times.
+
+    Attributes
+    ----------
+    instants : sequence of float
+        When the motion is sampled, s.
+    samples : ndarray of float, shape (n, 11)
+        Rows of these samples.
+    force_times, force_values : sequence of float
+        Since when each value of a measured force acts, s and N. Infinity is the last time.
+    base_times, base_values : sequence of float
+        The same of a measured acceleration of the base, m/s^2.
+    """
+
+    instants: Any
+    samples: Any
+    force_times: Sequence[float]
+    force_values: Sequence[float]
+    base_times: Sequence[float]
+    base_values: Sequence[float]
 
 
 @kernel
@@ -163,13 +195,12 @@ def note_stops(run: Run, log: Log, control: Control, acts: Sequence[ActRow], fir
 
 
 @kernel
-def perform_passage(
-    moving: Moving,
-    control: Control,
-    acts: Sequence[ActRow],
-) -> None:
-    """Let the control act on the passage of X through zero that the last event reports."""
+def perform_passage(moving: Moving, control: Control, acts: Sequence[ActRow]) -> None:
+    """Write a passage of X through zero, and let the control act on it."""
     _, _, run, _, log = moving
+    write_passage(moving)
+    pass_zero(run)
+    run.happened += 1
     if holds_off(control, run.now):
         return
     rising = log[run.written - 1].primary_velocity_after > 0.0
@@ -240,11 +271,150 @@ def perform_samples(moving: Moving, control: Control, end: float) -> None:
 
 
 @kernel
+def hold_base(run: Run, acceleration: float) -> None:
+    """Let a measured acceleration of the base act from the origin of a flight on."""
+    if run.carried:
+        run.base_place, run.base_speed = carried_to(run, run.time)
+    run.carried = True
+    run.base_from = run.time
+    run.base_acceleration = acceleration
+
+
+@kernel
+def perform_step(moving: Moving, in_mode: MutableSequence[float], schedule: Schedule) -> None:
+    """Let the next values of the measured records that are due act."""
+    _, _, run, _, log = moving
+    mode = run.mode
+    side = run.crossing_side
+    count_modes(run, in_mode)
+    move_to(moving, run.now)
+    if side != 0:
+        set_side(moving, side)
+    if schedule.force_times[run.force_step + 1] == run.now:
+        run.force_step += 1
+        run.recorded_force = schedule.force_values[run.force_step]
+    if schedule.base_times[run.base_step + 1] == run.now:
+        run.base_step += 1
+        hold_base(run, schedule.base_values[run.base_step])
+    first = run.written
+    begin_from(moving)
+    if run.written == first:
+        report_support(run, log, mode)
+    run.happened += run.written - first
+
+
+@kernel
+def take_row(moving: Moving, schedule: Schedule) -> None:
+    """Take the sample that is asked for at the present time."""
+    run = moving.run
+    row = sample_at(moving, schedule.instants[run.sampled])
+    for k in range(11):
+        schedule.samples[run.sampled, k] = row[k]
+    run.sampled += 1
+
+
+@kernel(inline=True)
+def has_room(run: Run, control: Any) -> bool:
+    """Return whether the tables of events and of acts have room for what comes next."""
+    if 0 < run.room < run.written + ROWS_AT_ONCE:
+        return False
+    if control is None:
+        return True
+    controller = control.controller
+    return not 0 < controller.room < controller.recorded + ROWS_AT_ONCE
+
+
+@kernel(inline=True)
+def next_step(run: Run, schedule: Schedule) -> float:
+    """Return when the next value of a measured record acts, s; infinity after the last one."""
+    return min(schedule.force_times[run.force_step + 1], schedule.base_times[run.base_step + 1])
+
+
+@kernel
+def next_of_schedule(run: Run, schedule: Schedule, end: float) -> tuple[float, int]:
+    """Return what a run does next at a given time, up to its end: the instant, s, and what."""
+    time = end
+    act = ACT_END
+    if run.sampled < len(schedule.instants) and schedule.instants[run.sampled] <= time:
+        time = schedule.instants[run.sampled]
+        act = ACT_SAMPLE
+    due = next_step(run, schedule)
+    if due <= time:
+        time = due
+        act = ACT_RECORD
+    if run.sweep_due <= time:
+        time = run.sweep_due
+        act = ACT_SWEEP
+    return time, act
+
+
+@kernel
+def next_act(run: Run, control: Any, schedule: Schedule, end: float) -> tuple[float, int]:
+    """Return the next act of a run, up to its end, as `next_of_schedule` does."""
+    time, act = next_of_schedule(run, schedule, end)
+    if control is not None:
+        sample = next_sample(control)
+        if sample <= time:
+            time = sample
+            act = ACT_SENSE
+        command = next_command(control)
+        if command <= time:
+            # It may be due in the past, after the delay has been shortened.
+            time = command
+            act = ACT_COMMAND
+    return max(run.now, time), act
+
+
+@kernel
+def perform(
+    act: int,
+    time: float,
+    moving: Moving,
+    in_mode: MutableSequence[float],
+    control: Any,
+    acts: Any,
+    schedule: Schedule,
+    end: float,
+) -> int:
+    """Perform an act that is due; return `GOING`, or why the run ends before it or after it."""
+    run = moving.run
+    spent = run.happened >= run.most
+    if spent and act == ACT_CROSSING:
+        return SPENT
+    run.now = time
+    if act == ACT_SAMPLE:
+        take_row(moving, schedule)
+        return GOING
+    if act == ACT_END:
+        return DONE
+    if spent and act != ACT_SENSE:
+        return SPENT
+    if act == ACT_SWEEP:
+        return STEP_DUE
+    if act == ACT_RECORD:
+        perform_step(moving, in_mode, schedule)
+        return GOING
+    if control is not None:
+        if act == ACT_COMMAND:
+            perform_command(moving, in_mode, control, acts)
+            return GOING
+        if act == ACT_CROSSING:
+            perform_passage(moving, control, acts)
+        else:
+            until, _ = next_of_schedule(run, schedule, end)
+            perform_samples(moving, control, until)
+        if law_failed(control):
+            return LAW_FAILED
+    return GOING
+
+
+@kernel
 def run_to(
     moving: Moving,
     in_mode: MutableSequence[float],
     control: Any,
     acts: Any,
+    schedule: Schedule,
     end: float,
 ) -> int:
     """
@@ -253,180 +423,113 @@ def run_to(
     `control` and `acts` are None for a rig without control: its compiled loop has no code of it.
     """
     _, _, run, _, log = moving
-    while True:
-        until = end
-        command = inf
-        sample = inf
+    while has_room(run, control):
         if control is not None:
-            if 0 < run.room < run.written + ROWS_AT_ONCE:
-                return FULL
-            if 0 < control.controller.room < control.controller.recorded + ROWS_AT_ONCE:
-                return FULL
             if commands_full(control):
                 return COMMANDS_FULL
             run.watch = has_law(control)
-            command = next_command(control)
-            sample = next_sample(control)
-            # A command may be due in the past, after the delay has been shortened.
-            until = max(run.now, min(command, sample, end))
+        time, act = next_act(run, control, schedule, end)
         if run.steps <= 0 and run.now < end:
             return PAUSED
         run.steps -= 1
-        if not find_event(moving, until):
+        if not next_event(moving, time):
             return PAUSED
-        if control is not None:
-            if run.watch and not find_passage(moving, until):
+        if control is not None and run.watch:
+            if not next_crossing(moving, time):
                 return PAUSED
-            if run.crossing <= until and run.crossing <= run.due and run.watch:
-                if run.happened >= run.most:
-                    return SPENT
-                run.now = run.crossing
-                write_passage(moving)
-                pass_zero(run)
-                run.happened += 1
-                perform_passage(moving, control, acts)
-                if law_failed(control):
-                    return LAW_FAILED
-                continue
-        if run.due <= until:
-            first = run.written
-            status = next_event(moving, in_mode)
+            if run.crossing <= min(time, run.due):
+                time = run.crossing
+                act = ACT_CROSSING
+        if run.due <= time and act != ACT_CROSSING:
+            status = may_go_on(run)
             if status != GOING:
                 return status
+            first = run.written
+            in_mode[run.mode] += run.tau - run.counted
+            resolve(moving)
+            count_event(moving)
             if control is not None:
                 note_stops(run, log, control, acts, first)
-            continue
-        run.now = until
-        if control is not None:
-            if command <= until:
-                if run.happened >= run.most:
-                    return SPENT
-                perform_command(moving, in_mode, control, acts)
-                continue
-            if sample <= until:
-                perform_samples(moving, control, end)
-                if law_failed(control):
-                    return LAW_FAILED
-                continue
-        return DONE
+        else:
+            status = perform(act, time, moving, in_mode, control, acts, schedule, end)
+            if status != GOING:
+                return status
+    return FULL
 
 
 @kernel
-def run_through(
-    moving: Moving,
-    in_mode: MutableSequence[float],
-    control: Any,
+def run_each(
+    waves: Any,
+    controls: Any,
     acts: Any,
-    end: float,
-    instants: Any,
-    sampled: int,
-    samples: Any,
-) -> tuple[int, int]:
-    """Let a rig run to a later time, as `run_to` does, with samples at instants."""
-    status = DONE
-    while sampled < len(instants):
-        instant = instants[sampled]
-        status = run_to(moving, in_mode, control, acts, instant)
-        if status != DONE:
-            break
-        row = sample_at(moving, instant)
-        for k in range(11):
-            samples[sampled, k] = row[k]
-        sampled += 1
-    if status == DONE:
-        status = run_to(moving, in_mode, control, acts, end)
-    return status, sampled
-
-
-@kernel
-def run_one(
-    k: int,
-    waves: Waves,
-    control: Any,
-    acts: Any,
-    constants: Sequence[RigConstants],
-    lines: Sequence[Lines],
-    runs: Sequence[Run],
-    log: Log,
+    rigs: Any,
+    log: Any,
     in_mode: Any,
     end: float,
-    instants: Any,
     outcomes: Any,
-    sampled: Any,
+    instants: Any,
     samples: Any,
+    records: Any,
     anew: bool,
-) -> None:
+) -> int:
     """
-    Let one of some rigs run to a time, from its start if `anew`; why it stopped is in `outcomes`.
+    Let each of some rigs run as `run_to` does; why it stopped is in `outcomes`.
 
-    `control` and `acts` are None for a rig without control. The events of rigs that run `anew` are
-    not kept; `log` is where their control finds what the stops do.
+    From its start, if `anew`: its events are not kept then, and `log` is where its control finds
+    what the stops do. Rigs with one harmonic have a row of waves each, not an array: their code
+    has no loop over harmonics, as a tuple has a fixed length.
     """
-    run = runs[k]
-    moving = Moving(constants[k], lines[k], run, waves, log)
-    if anew:
-        begin_from(moving)
-    status = FULL
-    count = sampled[k]
-    while status == FULL:
-        run.written = 0
-        status, count = run_through(
-            moving, in_mode[k], control, acts, end, instants, count, samples[k]
-        )
-        if not anew:
-            break
-    if anew:
-        count_modes(run, in_mode[k])
-    outcomes[k] = status
-    sampled[k] = count
-
-
-@kernel
-def run_each(waves: Sequence[Waves], rest: Any) -> int:
-    """Let each rig run as `run_one` does, without control, given the rest of its arguments."""
+    constants, lines, runs = rigs
     for k in range(len(waves)):
-        run_one(k, waves[k], None, None, *rest)
+        run = runs[k]
+        if waves.ndim == 1:
+            wave = (waves[k],)
+        else:
+            wave = waves[k]
+        if controls is None:
+            control = None
+        else:
+            # Here, as no compiled function can return it
+            control = Control(
+                controls.controller[k],
+                controls.estimates[k],
+                controls.search[k],
+                controls.actuators[k],
+                controls.commands[k],
+                controls.settings[k],
+                controls.amplitude_law[k],
+                controls.timed_law[k],
+                controls.refusal[k],
+                controls.memory[k],
+                controls.law,
+            )
+        moving = Moving(constants[k], lines[k], run, wave, log)
+        schedule = Schedule(instants, samples[k], records[0], records[1], records[2], records[3])
+        if anew:
+            begin_from(moving)
+        status = FULL
+        while status == FULL:
+            run.written = 0
+            status = run_to(moving, in_mode[k], control, acts, schedule, end)
+            if not anew:
+                break
+        if anew:
+            count_modes(run, in_mode[k])
+        outcomes[k] = status
     return len(waves)
 
 
-@kernel
-def run_each_with_one_harmonic(waves: Sequence[Wave], rest: Any) -> int:
-    """Run rigs with one harmonic without loops over it, as a tuple has a fixed length."""
-    for k in range(len(waves)):
-        run_one(k, (waves[k],), None, None, *rest)
-    return len(waves)
-
-
-@kernel
-def run_each_under_control(waves: Sequence[Waves], controls: Any, acts: Any, rest: Any) -> int:
-    """Let each rig run as `run_one` does, under its own control."""
-    for k in range(len(waves)):
-        # Here, as no compiled function can return it
-        control = Control(
-            controls.controller[k],
-            controls.estimates[k],
-            controls.search[k],
-            controls.actuators[k],
-            controls.commands[k],
-            controls.settings[k],
-            controls.amplitude_law[k],
-            controls.timed_law[k],
-            controls.refusal[k],
-            controls.memory[k],
-            controls.law,
-        )
-        run_one(k, waves[k], control, acts, *rest)
-    return len(waves)
-
-
+#: Times and values of the measured records of a rig, as arrays.
+Records = tuple[Any, ...]
+#: Those of a rig on which none acts: no value, and no time at which one would.
+NO_TIMES: list[float] = [inf, inf]
+NO_RECORDS: Records = (np.array(NO_TIMES), np.empty(0), np.array(NO_TIMES), np.empty(0))
 #: A table of acts that has no room.
 NO_ACTS: Any = np.empty(0, dtype_of(ActRow))
 
 
 def run_compiled(
-    constants: Any,
-    lines: Any,
-    runs: Any,
+    rigs: tuple[Any, Any, Any],
     waves: Any,
     log: Any,
     in_mode: Any,
@@ -434,22 +537,21 @@ def run_compiled(
     end: float,
     instants: Any,
     outcomes: Any,
-    sampled: Any,
     samples: Any,
-    acts: Any = NO_ACTS,
     *,
+    acts: Any = NO_ACTS,
+    records: Records = NO_RECORDS,
     anew: bool = False,
 ) -> None:
-    """Run arrays of rigs as `run_one` does, compiled."""
-    rest = constants, lines, runs, log, in_mode, end, instants, outcomes, sampled, samples, anew
-    entry: Callable[..., int] = run_each
-    arguments: tuple[Any, ...] = waves, rest
-    if controls is not None:
-        entry, arguments = run_each_under_control, (waves, controls, acts, rest)
-    elif waves.shape[1] == 1:
-        entry, arguments = run_each_with_one_harmonic, (waves[:, 0], rest)
+    """Run arrays of rigs as `run_each` does, compiled."""
+    alone = waves.shape[1] == 1 and controls is None
+    arguments = (
+        *(waves[:, 0] if alone else waves, controls, None if controls is None else acts, rigs),
+        *(log, in_mode, end, outcomes, instants, samples, records, anew),
+    )
+    form = 'control' if controls is not None else 'one harmonic' if alone else 'harmonics'
     try:
-        compiled(entry.__name__, arguments)(*arguments)
+        compiled(run_each.__name__, arguments, form=form)(*arguments)
     except SystemError as error:
         # What a signal raises just as compiled code returns
         if isinstance(error.__cause__, KeyboardInterrupt):

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
 from math import inf
 from typing import Any, NamedTuple
@@ -26,41 +26,27 @@ class Playback(NamedTuple):
         The record.
     start : float
         Time of its first sample, s.
-    instants : sequence of float
-        Since when each value acts, s.
-    values : sequence of float
+    instants : list of float
+        Since when each value acts, s; infinity after the last one.
+    values : list of float
         These values, the last one is 0.
-    step : int
-        The one that acts.
     """
 
     record: MeasuredRecord
     start: float
-    instants: Sequence[float]
-    values: Sequence[float]
-    step: int = 0
+    instants: list[float]
+    values: list[float]
 
     @classmethod
     def begun(cls, record: MeasuredRecord, start: float) -> Playback:
         """Return a record that starts at a time."""
         starts, values = record.steps()
         record = record if record.copy else record.with_copy()
-        return cls(record, start, [start + since for since in starts], values)
+        return cls(record, start, [*(start + since for since in starts), inf], list(values))
 
-    def at(self, time: float) -> Playback:
-        """Return it as it is at a time, after any step at that time."""
-        return self._replace(step=max(0, bisect_right(self.instants, time) - 1))
-
-    @property
-    def due(self) -> float:
-        """Instant of the next step, s; infinity after the last one."""
-        following = self.step + 1
-        return self.instants[following] if following < len(self.instants) else inf
-
-    @property
-    def value(self) -> float:
-        """What acts, N or m/s^2."""
-        return self.values[self.step]
+    def step_at(self, time: float) -> int:
+        """Return which value acts at a time, after any step at that time."""
+        return max(0, bisect_right(self.instants, time) - 1)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the record, and when it began to act, as texts and a number."""
@@ -70,7 +56,7 @@ class Playback(NamedTuple):
     def of_dict(cls, held: Mapping[str, Any], time: float) -> Playback:
         """Return a record that acts at a time, s, from what `as_dict` wrote."""
         start = number_between('records.start', held['start'], -_EARLIEST, time)
-        return _begun(start, *(held[key] for key in COPY)).at(time)
+        return _begun(start, *(held[key] for key in COPY))
 
 
 @lru_cache(maxsize=8)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 from itertools import chain, repeat
@@ -48,7 +47,7 @@ from impact_damper_ros.motion.event import (
     table_of_events,
     view_at,
 )
-from impact_damper_ros.motion.first_event import is_quiet_until, set_side
+from impact_damper_ros.motion.first_event import set_side
 from impact_damper_ros.motion.flight import begin_flight, move_to, oscillator_of
 from impact_damper_ros.motion.next_event import (
     ALL_STEPS,
@@ -59,6 +58,7 @@ from impact_damper_ros.motion.next_event import (
     PAUSED,
     RUNAWAY,
     SPENT,
+    STEP_DUE,
     count_modes,
 )
 from impact_damper_ros.motion.oscillator import Line
@@ -90,7 +90,18 @@ from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, REMEDY, RunawayError
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot
 from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at, sweep_of
 
-from .loop import NO_ACTS, quiet_until, run_compiled, run_through, write_act
+from .loop import (
+    NO_ACTS,
+    NO_TIMES,
+    Records,
+    Schedule,
+    hold_base,
+    next_step,
+    quiet_until,
+    run_compiled,
+    run_to,
+    write_act,
+)
 from .order import Order
 from .playback import Playback
 
@@ -401,8 +412,10 @@ class Rig:
     what is held, from rest. Control and its sensors see X relative to that base.
     """
 
-    #: Measured records that act, by their quantity.
-    _playbacks: dict[str, Playback]
+    #: Measured records that act, and what of them the loop is given, also packed.
+    _playbacks: list[Playback]
+    _schedule: Schedule
+    _packed_records: Records | None
 
     def __init__(
         self,
@@ -427,8 +440,7 @@ class Rig:
         self._gap_control = control or default
         self._parameters = parameters
         self.compiled = self._may_compile() if compiled is None else compiled
-        begun = [Playback.begun(record, start) for record in records]
-        self._playbacks = {p.record.quantity: p for p in begun}
+        self._play([Playback.begun(record, start) for record in records])
         self._start(initial or InitialConditions(), start)
 
     def _may_compile(self) -> bool:
@@ -442,7 +454,12 @@ class Rig:
         fields = starting_fields(initial, self._constants.half_gap, parameters.one_sided)
         self._run = Run(time=time, now=time, counted_from=time, **fields)
         self._waves = [Wave() for _ in range(self._constants.harmonics)]
-        self._play([Playback.begun(p.record, time) for p in self._playbacks.values()])
+        self._play([Playback.begun(p.record, time) for p in self._playbacks])
+        for playback in self._playbacks:
+            if playback.record.quantity == BASE_RECORD:
+                hold_base(self._run, playback.values[0])
+            else:
+                self._run.recorded_force = playback.values[0]
         # Acts of the last call; those of a run as rows of the loop
         self._records: Sequence[tuple[Any, ...]] = []
         # An impact at the very start, of m that moves into the stop it is on
@@ -461,6 +478,14 @@ class Rig:
             [EventRow() for _ in range(_PLAIN_ROWS)],
             [ActRow() for _ in range(_PLAIN_ROWS)],
         )
+
+    def _play(self, playbacks: Sequence[Playback]) -> None:
+        """Let measured records act."""
+        self._playbacks = list(playbacks)
+        columns: dict[str, Any] = {'force': (NO_TIMES, ()), 'base': (NO_TIMES, ())}
+        columns |= {p.record.quantity: (p.instants, p.values) for p in playbacks}
+        self._schedule = Schedule((), (), *columns['force'], *columns['base'])
+        self._packed_records = None
 
     def _moving(self, log: Sequence[EventRow] = ()) -> Moving:
         """Return what the kernels of the motion are given, with a table for the events."""
@@ -564,7 +589,7 @@ class Rig:
     @property
     def measured_records(self) -> tuple[MeasuredRecord, ...]:
         """The measured records that act, or have ended."""
-        return tuple(playback.record for playback in self._playbacks.values())
+        return tuple(playback.record for playback in self._playbacks)
 
     @property
     def acts(self) -> bool:
@@ -630,30 +655,19 @@ class Rig:
             count_modes(self._run, [0.0] * len(Mode))
             return []
         tables = _Tables(keep=True, since=self.time, end=time, listed=not self.compiled)
-        status, *_ = self._go_on(time, tables, most_in_period=most, interrupted=interrupted)
+        status, _ = self._run_to(time, tables, most_in_period=most, interrupted=interrupted)
         events = tables.listed()
         if status == RUNAWAY:
             raise RunawayError(self._reason(Outcome.RUNAWAY), events)
         return events
 
-    @property
-    def _record_due(self) -> float:
-        """When the next value of a measured record acts, s."""
-        return min([p.due for p in self._playbacks.values()], default=inf)
-
     def _is_quiet(self, time: float) -> bool:
         """Return whether nothing happens up to a time, as far as the flight has been searched."""
         run, control = self._run, self._control
-        if self._unreported or time >= min(self._sweep.due, self._record_due):
+        if self._unreported or time >= min(self._sweep.due, next_step(run, self._schedule)):
             return False
         run.watch = has_law(control)
         return time < min(quiet_until(run), next_sample(control), next_command(control))
-
-    def _is_quiet_to(self, due: float, instants: int) -> bool:
-        """Return whether a flight goes on to the next value of a record, and nothing happens."""
-        if due == inf or instants or self.acts:
-            return False
-        return is_quiet_until(self._moving(), due)
 
     def _reason(self, outcome: Outcome, happened: int = 0, since: float = 0.0) -> str:
         """Return why a run ended with an outcome."""
@@ -662,7 +676,7 @@ class Rig:
             happened, since = run.in_period, run.counted_from
         return outcome.reason(happened, since, self.time, mode)
 
-    def _go_on(
+    def _run_to(
         self,
         time: float,
         tables: _Tables,
@@ -673,131 +687,79 @@ class Rig:
         when: npt.NDArray[np.float64] = _NO_INSTANTS,
         samples: Any = (),
         in_mode: Any = None,
-    ) -> tuple[int, int, int]:
+    ) -> tuple[int, int]:
         """
-        Run to a time; return why it stopped, and the numbers of events and of samples.
+        Let the loop run to a time, plain or compiled; return why it stopped, and how many events.
 
-        After an error the rig is where it was.
+        It comes back where a table is full, or now and then to be interrupted, and for each step
+        of the sine, which changes constants of the rig. After an error the rig is where it was.
         """
-        before = self.mark()
+        before, run, happened = self.mark(), self._run, 0
         tables.add(*self._unreported)
-        self._unreported, self._run.most_in_period = [], most_in_period
+        self._unreported, run.most_in_period, run.sampled = [], most_in_period, 0
         if in_mode is None:
             in_mode = np.zeros(len(Mode)) if self.compiled else [0.0] * len(Mode)
         instants = when if self.compiled else when.tolist()
+        schedule = self._schedule._replace(instants=instants, samples=samples)
+        stretch = _COMPILED_STRETCH if self.compiled else _STRETCH
         try:
-            ended = self._go_through(time, tables, most, interrupted, instants, samples, in_mode)
+            while True:
+                run.most, run.happened = most - happened, 0
+                run.steps = ALL_STEPS if interrupted is None else stretch
+                run.sweep_due = self._sweep.due
+                if self.compiled:
+                    status = self._run_compiled(in_mode, schedule, time, tables)
+                else:
+                    rows, acts = self._scratch
+                    control = self._control if self.acts else None
+                    self._open_tables(len(rows), len(acts) if tables.keep else 0)
+                    status = run_to(self._moving(rows), in_mode, control, acts, schedule, time)
+                    tables.take(rows, run.written)
+                    recorded = acts[: self._control.controller.recorded]
+                    tables.take_acts(list(map(_act_fields, recorded)))
+                happened += run.happened
+                if status == COMMANDS_FULL:
+                    self._control = self._control.enlarged()
+                if status == LAW_FAILED:
+                    assert self._law is not None
+                    raise self._law.refused(self._control)
+                if status in (FULL, COMMANDS_FULL, PAUSED):
+                    if self.time == time:
+                        # All events of an instant that has been reached belong to it.
+                        interrupted = None
+                    if interrupted is None or not interrupted():
+                        continue
+                count_modes(run, in_mode)
+                if status != STEP_DUE:
+                    break
+                events = self._step_sweep()
+                tables.add(*events)
+                happened += len(events)
         except BaseException:
             self.go_back(before)
             raise
         self._records = tables.acts
-        return ended
+        return status, happened
 
-    def _go_through(
-        self,
-        time: float,
-        tables: _Tables,
-        most: int,
-        interrupted: Callable[[], bool] | None,
-        when: Sequence[float] | npt.NDArray[np.float64],
-        samples: Any,
-        in_mode: Any,
-    ) -> tuple[int, int, int]:
-        """Run to a time, as `_go_on` does, stretch by stretch."""
-        happened = sampled = 0
-        while True:
-            played, due = self._record_due, min(self._sweep.due, self._record_due)
-            # From sample to sample of a record, compiled code takes longer to begin than to run.
-            compiled = self.compiled and played == inf
-            go: Any = self._go_compiled if compiled else self._go_plain
-            stretch = _COMPILED_STRETCH if compiled else _STRETCH
-            end, until = time, when
-            if due <= time:
-                # A sample at the instant of a step shows what comes after it.
-                end, until = due, when[: bisect_left(when, due)]
-            run = self._run
-            run.most, run.happened = most - happened, 0
-            run.steps = ALL_STEPS if interrupted is None else stretch
-            if end == played and self._is_quiet_to(end, len(until) - sampled):
-                status, run.now = DONE, end
-            else:
-                status, sampled = go(end, until, sampled, samples, in_mode, tables)
-            happened += run.happened
-            if status == COMMANDS_FULL:
-                self._control = self._control.enlarged()
-            if status == LAW_FAILED:
-                assert self._law is not None
-                raise self._law.refused(self._control)
-            if status in (FULL, COMMANDS_FULL, PAUSED):
-                if self.time == time:
-                    # All events of an instant that has been reached belong to it.
-                    interrupted = None
-                if interrupted is None or not interrupted():
-                    continue
-            count_modes(run, in_mode)
-            if status != DONE or due > time:
-                return status, happened, sampled
-            if happened >= most:
-                return SPENT, happened, sampled
-            events = self._step(due)
-            tables.add(*events)
-            happened += len(events)
+    def _open_tables(self, rows: int, acts: int) -> None:
+        """Let the loop write into empty tables of events and of acts."""
+        controller = self._control.controller
+        self._run.room, self._run.written = rows, 0
+        controller.room, controller.recorded = acts, 0
 
-    def _go_plain(
-        self,
-        end: float,
-        when: Sequence[float],
-        sampled: int,
-        samples: Any,
-        in_mode: Any,
-        tables: _Tables,
-    ) -> tuple[int, int]:
-        """Run up to an instant; return why it stopped, and the number of samples taken."""
-        run, (rows, acts), controller = self._run, self._scratch, self._control.controller
-        run.room, run.written = len(rows), 0
-        controller.recorded, controller.room = 0, len(acts) if tables.keep else 0
-        status, sampled = run_through(
-            self._moving(rows),
-            in_mode,
-            self._control if self.acts else None,
-            acts,
-            end,
-            when,
-            sampled,
-            samples,
-        )
-        tables.take(rows, run.written)
-        tables.take_acts(list(map(_act_fields, acts[: controller.recorded])))
-        return status, sampled
-
-    def _step(self, due: float) -> list[Event]:
-        """Make the steps of sweep and records that are due, at their exact instant."""
-        before, swept = self._run.mode, self._sweep.due == due
-        self._cut(due)
-        if swept:
-            self._sweep = self._sweep.following(self._parameters)
-            self._tune()
-        playing = [p._replace(step=p.step + 1) for p in self._playbacks.values() if p.due == due]
-        self._play(playing)
+    def _step_sweep(self) -> list[Event]:
+        """Make the step of the stepped sine that is due, at its exact instant."""
+        before = self._run.mode
+        self._cut(self._sweep.due)
+        self._sweep = self._sweep.following(self._parameters)
+        self._tune()
         caused: list[Event] = []
-        if playing or (self._present.swept == 'base' and self._present.damping):
-            # A force jumps: that of a record, or of the dashpot with the velocity of the base.
+        if self._present.swept == 'base' and self._present.damping:
+            # The force of the dashpot jumps with the velocity of the base.
             caused = self._begin(before)
         else:
             begin_flight(self._moving())
-        return [*([self._force_event(EventKind.FREQUENCY_STEP)] if swept else []), *caused]
-
-    def _play(self, playbacks: Sequence[Playback]) -> None:
-        """Let the present values of measured records act from the origin of the flight on."""
-        run = self._run
-        for playback in playbacks:
-            self._playbacks = {**self._playbacks, playback.record.quantity: playback}
-            if playback.record.quantity != BASE_RECORD:
-                run.recorded_force = playback.value
-                continue
-            if run.carried:
-                run.base_place, run.base_speed = carried_to(run, run.time)
-            run.carried, run.base_from, run.base_acceleration = True, run.time, playback.value
+        return [self._force_event(EventKind.FREQUENCY_STEP), *caused]
 
     def _force_event(self, kind: EventKind, force: float = 0.0) -> Event:
         """Return a change of the force at the origin of the flight, where nothing jumps."""
@@ -853,7 +815,7 @@ class Rig:
         samples = np.empty((len(when), len(Sample._fields)))
         in_mode = np.zeros(len(Mode))
         tables = _Tables(keep=record, since=since, end=time)
-        status, happened, sampled = self._go_on(
+        status, happened = self._run_to(
             time, tables, most=most, when=when, samples=samples, in_mode=in_mode
         )
         outcome = Outcome(status)
@@ -861,60 +823,50 @@ class Rig:
             outcome,
             self._reason(outcome, happened, since),
             self.time,
-            samples[:sampled].view(SAMPLE_TYPE).reshape(-1),
+            samples[: self._run.sampled].view(SAMPLE_TYPE).reshape(-1),
             tables.events,
             happened,
             in_mode,
         )
 
-    def _go_compiled(
-        self,
-        end: float,
-        when: npt.NDArray[np.float64],
-        sampled: int,
-        samples: Any,
-        in_mode: Any,
-        tables: _Tables,
-    ) -> tuple[int, int]:
-        """Run as `_go_plain` does, compiled; the rig changes at the end only."""
+    def _run_compiled(self, in_mode: Any, schedule: Schedule, end: float, tables: _Tables) -> int:
+        """Run the loop compiled; the rig changes at the end only."""
         run, control, controlled = self._run, self._control, self.acts
         if self._packed is None:
             harmonics = packed_rows(self._lines, Line)
             self._packed = packed_rows([self._constants], RigConstants), harmonics[np.newaxis]
-        constants, lines = self._packed
+        if self._packed_records is None:
+            self._packed_records = tuple(map(np.array, self._schedule[2:]))
         rows, acts = tables.room(run.now), NO_ACTS
-        if controlled and not tables.keep:
-            # What the stops do is read from the events.
+        if not tables.keep and (controlled or self._playbacks):
+            # What the stops do, and the number of events at a step, is read from the events.
             rows = np.empty(_ROWS, dtype_of(EventRow))
         elif controlled:
             acts = np.empty(_ROWS, dtype_of(ActRow))
-        run.room = len(rows)
-        control.controller.recorded, control.controller.room = 0, len(acts)
+        self._open_tables(len(rows), len(acts))
         state, waves = packed_rows([run], Run), packed_rows(self._waves, Wave)
         acting = packed_control(control) if controlled else None
-        outcomes, counts = np.zeros(1, np.int64), np.array([sampled])
+        outcomes = np.zeros(1, np.int64)
         run_compiled(
-            constants,
-            lines,
-            state,
+            (*self._packed, state),
             waves[np.newaxis],
             rows,
             in_mode[np.newaxis],
             acting,
             end,
-            when,
+            schedule.instants,
             outcomes,
-            counts,
-            np.reshape(samples, (1, -1, len(Sample._fields))),
-            acts,
+            np.reshape(schedule.samples, (1, -1, len(Sample._fields))),
+            acts=acts,
+            records=self._packed_records,
         )
         unpack(state[0], run)
         self._waves = [Wave(*row) for row in waves.tolist()]
         if acting is not None:
             self._control = control.unpacked(acting)
-            tables.take_acts(acts[: control.controller.recorded].tolist())
+            tables.take_acts(acts[: self._control.controller.recorded].tolist())
         tables.wrote(run.written)
-        return int(outcomes[0]), int(counts[0])
+        return int(outcomes[0])
 
     def change(
         self, parameters: RigParameters, control: GapControlParameters | None = None
@@ -1178,7 +1130,7 @@ class Rig:
             tuple(wave.angle for wave in self._waves),
             tuple(self._unreported),
             self._sweep,
-            tuple(self._playbacks.values()),
+            tuple(self._playbacks),
         )
 
     def __repr__(self) -> str:
@@ -1248,7 +1200,7 @@ class Rig:
         rig._tune()
         rig._run, rig._waves = copied(state.run), [Wave(a) for a in state.angles]
         rig._records, rig._unreported = [], list(state.unreported)
-        rig._playbacks = {p.record.quantity: p for p in state.playbacks}
+        rig._play(state.playbacks)
         kept = state.run
         begin_flight(rig._moving())
         rig._run.searched, rig._run.crossing_side = kept.searched, kept.crossing_side

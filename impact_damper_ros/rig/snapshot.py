@@ -222,6 +222,8 @@ class Snapshot(NamedTuple):
                 moved = stored['recorded']
                 check_numbers('recorded', (moved[n] for n in RECORDED if n != 'carried'))
                 values |= {n: kind(moved[n]) for n, kind in RECORDED_TYPES.items()}
+                for playback in playbacks:
+                    values[f'{playback.record.quantity}_step'] = playback.step_at(time)
             return cls(
                 parameters,
                 Run(**values, now=float(time)),

@@ -3,7 +3,7 @@ Try to break the certified first event: random and near-grazing flights by the m
 
     PYTHONPATH=.:test python -m motion.break_contact --count 2000000
 
-Each flight's first event, as `find_event` claims it, is checked by the dense search of the oracle.
+Each flight's first event, as `next_event` claims it, is checked by the dense search of the oracle.
 With numba the compiled kernels are tried; without it the plain ones.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from impact_damper_ros.motion.compiled import compiled_namespace, has_numba, rows_of
 from impact_damper_ros.motion.flight import begin_flight
-from impact_damper_ros.motion.next_event import ALL_STEPS, find_event
+from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
 from impact_damper_ros.motion.oscillator import Line, Oscillator, oscillators
 from impact_damper_ros.motion.state import Mode, Moving, RigConstants, Run, Wave
 from oracle.dense_check import FALSE, MISSED, Verdict, check
@@ -93,7 +93,7 @@ def find_all(rigs, lines, runs, waves, horizons):
     for i in range(len(runs)):
         moving = Moving(rigs[i], lines[i], runs[i], waves[i], ())
         begin_flight(moving)
-        find_event(moving, horizons[i])
+        next_event(moving, horizons[i])
 
 
 def compiled_find_all():
@@ -101,7 +101,7 @@ def compiled_find_all():
     import numba
 
     kernels = compiled_namespace()
-    names = {name: kernels[name] for name in ('begin_flight', 'find_event')}
+    names = {name: kernels[name] for name in ('begin_flight', 'next_event')}
     twin = FunctionType(find_all.__code__, {**names, 'Moving': Moving})
     return numba.njit(twin, error_model='numpy', _nrt=False)
 

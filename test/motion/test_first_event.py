@@ -29,7 +29,7 @@ from impact_damper_ros.motion.flight import (
     motion_at,
     starting_motion,
 )
-from impact_damper_ros.motion.next_event import ALL_STEPS, find_event
+from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
 from impact_damper_ros.motion.oscillator import free_bound
 from impact_damper_ros.motion.state import Moving
 from motion.break_contact import (
@@ -82,10 +82,10 @@ def test_how_far_it_is_searched_at_a_time_does_not_matter():
     for one, other, horizon in zip(whole, pieces, cases.horizon.tolist(), strict=True):
         for flight in (one, other):
             begin_flight(flight)
-        find_event(one, horizon)
+        next_event(one, horizon)
         for limit in [*np.sort(rng.uniform(0, horizon, 5)).tolist(), horizon]:
             other.run.steps = int(rng.integers(3))
-            while not find_event(other, limit):
+            while not next_event(other, limit):
                 other.run.steps = 1
         one.run.steps = other.run.steps = 0
         assert one.run == other.run
@@ -224,7 +224,7 @@ def first(clearance_1, clearance_2, until=99.0, direction=0, support=None, **val
     begin_flight(flight)
     if support is not None:
         run.support_low, run.support_high = support
-    find_event(flight, until)
+    next_event(flight, until)
     return run.kind, run.tau if run.kind and run.tau <= until else until
 
 

@@ -281,7 +281,7 @@ def test_altered_snapshots(values, problem):
 
 
 @pytest.mark.parametrize('seed', range(12))
-def test_the_bound_excludes_no_event_that_a_search_finds(seed, monkeypatch):
+def test_compiled_records_have_the_bits_of_plain_ones(seed):
     """Random rigs of all kinds, with and without friction, elastic to plastic, from 50 Hz on."""
     random = np.random.default_rng(seed)
     omega = random.uniform(5.0, 60.0)
@@ -306,15 +306,13 @@ def test_the_bound_excludes_no_event_that_a_search_finds(seed, monkeypatch):
         for quantity, values in zip(('force', 'base'), sizes, strict=True)
     ]
 
-    def motion():
-        rig = Rig(parameters, records=records)
-        return rig.run(0.7, np.linspace(0.0, 0.7, 20), most_events=5000)
-
-    one = motion()
-    # Each flight is searched, however short
-    monkeypatch.setattr(Rig, '_is_quiet_to', lambda *_: False)
-    other = motion()
+    pytest.importorskip('numba')
+    plain, compiled = (Rig(parameters, records=records, compiled=way) for way in (False, True))
+    one, other = (
+        rig.run(0.7, np.linspace(0.0, 0.7, 20), most_events=5000) for rig in (plain, compiled)
+    )
     assert one.outcome == other.outcome
+    assert plain.snapshot() == compiled.snapshot()
     assert one.events.tobytes() == other.events.tobytes()
     assert one.samples.tobytes() == other.samples.tobytes()
 
