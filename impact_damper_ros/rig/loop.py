@@ -303,16 +303,6 @@ def perform_step(moving: Moving, in_mode: MutableSequence[float], schedule: Sche
     run.happened += run.written - first
 
 
-@kernel
-def take_row(moving: Moving, schedule: Schedule) -> None:
-    """Take the sample that is asked for at the present time."""
-    run = moving.run
-    row = sample_at(moving, schedule.instants[run.sampled])
-    for k in range(11):
-        schedule.samples[run.sampled, k] = row[k]
-    run.sampled += 1
-
-
 @kernel(inline=True)
 def has_room(run: Run, control: Any) -> bool:
     """Return whether the tables of events and of acts have room for what comes next."""
@@ -330,7 +320,7 @@ def next_step(run: Run, schedule: Schedule) -> float:
     return min(schedule.force_times[run.force_step + 1], schedule.base_times[run.base_step + 1])
 
 
-@kernel
+@kernel(inline=True)
 def next_of_schedule(run: Run, schedule: Schedule, end: float) -> tuple[float, int]:
     """Return what a run does next at a given time, up to its end: the instant, s, and what."""
     time = end
@@ -348,7 +338,7 @@ def next_of_schedule(run: Run, schedule: Schedule, end: float) -> tuple[float, i
     return time, act
 
 
-@kernel
+@kernel(inline=True)
 def next_act(run: Run, control: Any, schedule: Schedule, end: float) -> tuple[float, int]:
     """Return the next act of a run, up to its end, as `next_of_schedule` does."""
     time, act = next_of_schedule(run, schedule, end)
@@ -363,6 +353,27 @@ def next_act(run: Run, control: Any, schedule: Schedule, end: float) -> tuple[fl
             time = command
             act = ACT_COMMAND
     return max(run.now, time), act
+
+
+@kernel
+def take_rows(moving: Moving, control: Any, schedule: Schedule) -> None:
+    """Take the sample that is asked for now, and those up to which nothing else happens."""
+    run = moving.run
+    until = min(quiet_until(run), next_step(run, schedule), run.sweep_due)
+    if control is not None:
+        until = min(until, next_sample(control), next_command(control))
+    while True:
+        row = sample_at(moving, run.now)
+        for k in range(11):
+            schedule.samples[run.sampled, k] = row[k]
+        run.sampled += 1
+        if run.sampled == len(schedule.instants) or run.steps <= 0:
+            return
+        instant = schedule.instants[run.sampled]
+        if not instant < until:
+            return
+        run.now = instant
+        run.steps -= 1
 
 
 @kernel
@@ -383,7 +394,7 @@ def perform(
         return SPENT
     run.now = time
     if act == ACT_SAMPLE:
-        take_row(moving, schedule)
+        take_rows(moving, control, schedule)
         return GOING
     if act == ACT_END:
         return DONE

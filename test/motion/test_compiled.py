@@ -210,7 +210,7 @@ def test_ctrl_c_as_compiled_code_returns(monkeypatch):
 
     run = Rig(HORIZONTAL, compiled=True)
     before = run.snapshot()
-    monkeypatch.setattr(loop_module, 'compiled', lambda *_: interrupted)
+    monkeypatch.setattr(loop_module, 'compiled', lambda *_, **__: interrupted)
     with pytest.raises(KeyboardInterrupt):
         run.run(10.0)
     assert run.snapshot() == before
