@@ -151,7 +151,7 @@ def _vibration(stretch: RecordedStretch, *, joined: bool) -> float | None:
     active = amplitudes != 0.0
     if (stiffness[active] == 0.0).any():
         return None
-    air = rig.air_force * (0.0, -1.0, 1.0)[int(stretch.flights.stop[-1])]
+    air = rig.air_force * bool(stretch.flights.stop[-1])
     weight = rig.damper_mass * rig.gravity * math.sin(rig.angle)
     rest = abs(weight if joined else air) / rig.stiffness
     return float((np.abs(amplitudes[active]) / stiffness[active]).sum()) + rest

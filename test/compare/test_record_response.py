@@ -1,4 +1,4 @@
-"""Response to measured records: X - b at even instants, and where the base is at the end."""
+"""Responses to a base that moves: over time under a record, and at the lines of a random one."""
 
 import math
 
@@ -7,6 +7,7 @@ import pytest
 from rigs import BENCH
 
 from impact_damper_ros import Rig, run
+from impact_damper_ros.compare.random_response import ResponseSamples
 from impact_damper_ros.compare.record_response import RecordSamples
 from impact_damper_ros.measured.record import BASE_RECORD, MeasuredRecord
 
@@ -26,3 +27,32 @@ def test_displacement_from_a_base_that_moves():
     assert found.displacement == pytest.approx(rows['x'] - rows['base'], abs=1e-15)
     assert rows['base'] == pytest.approx(0.15 * found.times**2, abs=1e-12)
     assert found.base == pytest.approx((0.15 * 1.5**2, 0.45))
+
+
+@pytest.mark.parametrize(('duration', 'periods', 'left_out'), [(28.0, 6, 22), (5.0, 1, 4)])
+def test_periods_in_which_the_start_decays_are_left_out(duration, periods, left_out):
+    """As many as it takes, or there are; then the motion is that without a damper."""
+    rig = BENCH.replace(
+        force_amplitudes=0.0,
+        friction=0.0,
+        gap=10.0,
+        damper_mass=1e-4,
+        base_amplitudes=[0.1] * 6,
+        base_frequencies=[math.tau * hertz for hertz in range(3, 9)],
+        base_phases=[float(k * k) for k in range(6)],
+    )
+    shaken = Rig(rig)
+    samples = ResponseSamples(shaken, duration)
+    run(shaken, duration, [samples])
+    found = samples.response()
+    assert (found.period, found.periods, found.left_out) == (1.0, periods, left_out)
+    assert found.left == pytest.approx(math.exp(-1.26 / (2.0 * 2.0001) * left_out))
+    assert found.frequencies == pytest.approx(range(3, 9))
+    assert found.base == pytest.approx(0.5 * 0.1**2)
+    assert found.base_rms == pytest.approx(0.1 * math.sqrt(3.0))
+    if periods > 1:
+        assert found.absolute == pytest.approx(found.absolute_without, rel=2e-3)
+        assert found.relative == pytest.approx(found.relative_without, rel=2e-3)
+        assert found.primary == pytest.approx(found.base * found.absolute**2)
+        rms = math.sqrt(np.sum(found.absolute**2 / found.frequencies**4))
+        assert found.total[0] == pytest.approx(rms / math.sqrt(np.sum(found.frequencies**-4.0)))

@@ -65,7 +65,10 @@ def test_off_sends_the_stops_back_by_the_actuators():
     assert rig.records[-1][2:4] == (10.0, -10.0)
     rig.advance(400.0)
     assert rig.stops == (10.0, -10.0)
-    # Nothing is left to do: from now on it is the plain simulator.
+    # Nothing is left to do or known: from now on it is the plain simulator.
+    state = rig.snapshot()['gap_control']['state']
+    fresh = Rig(TRIAL).snapshot()['gap_control']['state']
+    assert state == {**fresh, 'actuators': state['actuators']}
     plain = Rig.restore({k: v for k, v in rig.snapshot().items() if k != 'gap_control'})
     assert rig.advance(450.0) == plain.advance(450.0)
 

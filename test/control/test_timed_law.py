@@ -9,7 +9,7 @@ from impact_damper_ros import Action, EventKind, Rig, RigParameters
 from impact_damper_ros.control.controller import control_of, settings_of
 from impact_damper_ros.control.sensors import Passage
 from impact_damper_ros.control.state import Measurement, damper_of
-from impact_damper_ros.control.timed_law import park_stops, stop_to_close
+from impact_damper_ros.control.timed_law import close_stop, park_stops, stop_to_close
 
 RIGS = {
     'level': TRIAL,
@@ -130,3 +130,14 @@ def test_no_stop_is_parked_where_m_is_or_will_be(y, y_rate, parks):
     park_stops(begun, Measurement(0.0, 0.0, 0.0, y, y_rate, *before), True, True)
     stops = begun.actuators.commanded_1, begun.actuators.commanded_2
     assert stops == (5.0 if parks & 1 else before[0], -5.0 if parks & 2 else before[1])
+
+
+@pytest.mark.parametrize(('half_cycle', 'target'), [(2.0, 4.0 - 0.1 * 2.0 * 6.0), (50.0, -7.5)])
+def test_a_stop_is_sent_a_little_beyond_m(half_cycle, target):
+    """As far as m moves in a tenth of a half-cycle; the gap stays above the least."""
+    begun = control_of(control('timed', gap_min=0.5), TRIAL)
+    begun.timed_law.parked, begun.estimates.half_cycle = 8.0, half_cycle
+    begun.estimates.amplitude = 50.0
+    assert close_stop(begun, passage(), Measurement(1.0, 0.0, -2.0, 4.0, 6.0, 8.0, -8.0), math.inf)
+    assert begun.actuators.commanded_1 == pytest.approx(target)
+    assert begun.timed_law.until == 1.0
