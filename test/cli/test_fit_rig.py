@@ -3,7 +3,6 @@
 import importlib.util
 import json
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -144,36 +143,6 @@ def test_a_recording_of_a_rig_names_it(tmp_path, capsys):
     assert 'those of rounding' in text
     assert 'restitution_2 and' not in text
     assert 'and restitution_2' not in text
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'problem'),
-    [
-        ([], 'give the file of the data, or a live topic with --topic'),
-        (['no.csv', '--rig', 'bench_rig'], 'no.csv: cannot be read (No such file'),
-        (['free.csv'], 'masses and force are not known: give the parameters file'),
-        (['free.csv', '--structure', '--rig-out', 'o.yaml'], '--rig-out needs the masses'),
-        (['free.csv', '--structure', '--from', '9s'], 'no samples from 9 to inf s: give a part'),
-        (['free.csv', '--structure', '--saturation', '16g'], '--saturation is an acceleration'),
-        (
-            ['free.csv', '--structure', '--saturation', '16'],
-            'acceleration with its unit, such as 10mm',
-        ),
-        (['free.csv', '--structure', '--column', 'y'], "no column 'y' for the motion among"),
-        (['free.csv', '--rig', 'rig.yaml', '--also', 'mass'], "invalid choice: 'mass'"),
-        (['start.csv', '--structure', '--json', 'start.csv'], 'is, or is in, what is read'),
-    ],
-)
-def test_refusals(arguments, problem, tmp_path, monkeypatch, capsys):
-    for name in ('free.csv', 'start.csv', 'rig.yaml'):
-        shutil.copy(TWIN / name, tmp_path)
-    monkeypatch.chdir(tmp_path)
-    try:
-        code = main(arguments)
-    except SystemExit as error:
-        code = error.code
-    assert code == 2
-    assert problem in capsys.readouterr().err
 
 
 def test_a_fit_that_is_not_accepted_writes_no_rig(tmp_path, capsys):

@@ -1,17 +1,22 @@
 """What each command refuses, before any work: a line that says why, exit code 2, no file."""
 
+import shutil
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
 from impact_damper_ros.cli import command_line
 
+TWIN = Path(__file__).parents[2] / 'examples' / 'twin'
 #: Arguments with which a command works, before those that it refuses.
 GIVEN = {
     'compare_run': 'no_bag',
+    'fit_rig': '',
     'replay_run': 'no_bag',
     'rig_page': '',
+    'ring_down': 'bench_rig',
     'simulate_rig': 'paper --duration 80',
     'solve_periodic': 'paper --set gravity=0',
     'sweep_rig': 'paper -o a.parquet --set gravity=0',
@@ -23,6 +28,18 @@ REFUSALS = {
         ('--score --json - --markdown -', 'two outputs go to the standard output'),
         ('--report=', 'the name is empty: give that of a file or directory'),
         ('', "cannot read 'no_bag': there is no such file or directory; name a bag directory"),
+    ],
+    'fit_rig': [
+        ('', 'give the file of the data, or a live topic with --topic'),
+        ('no.csv --rig bench_rig', 'no.csv: cannot be read (No such file'),
+        ('free.csv', 'masses and force are not known: give the parameters file'),
+        ('free.csv --structure --rig-out o.yaml', '--rig-out needs the masses'),
+        ('free.csv --structure --from 9s', 'no samples from 9 to inf s: give a part'),
+        ('free.csv --structure --saturation 16g', '--saturation is an acceleration'),
+        ('free.csv --structure --saturation 16', 'acceleration with its unit, such as 10mm'),
+        ('free.csv --structure --column y', "no column 'y' for the motion among"),
+        ('free.csv --rig rig.yaml --also mass', "invalid choice: 'mass'"),
+        ('start.csv --structure --json start.csv', 'is, or is in, what is read'),
     ],
     'replay_run': [
         ('', "cannot read 'no_bag': there is no such file or directory; name a bag directory"),
@@ -41,6 +58,10 @@ REFUSALS = {
             for port in ('abc', '-1', '65536', '80.0', '')
         ),
         ('--node a-b', "'a-b': no node has such a name; give one such as /sim_node"),
+    ],
+    'ring_down': [
+        (f'--from={start}', 'such as 10mm, 2m/s or 3g')
+        for start in ('10', '10kg', '-3mm', 'nan', 'ten', '0g')
     ],
     'simulate_rig': [
         # Of a rig all at once: the table is asked, and what is said has the place before it
@@ -143,6 +164,9 @@ def place(tmp_path, monkeypatch):
 @pytest.mark.parametrize(('command', 'words', 'message'), ROWS)
 def test_what_is_wrong_is_said_before_any_work(command, words, message, place, capsys):
     pytest.importorskip('pyarrow')
+    if command == 'fit_rig':
+        for name in ('free.csv', 'start.csv', 'rig.yaml'):
+            shutil.copy(TWIN / name, place)
     there = sorted(place.iterdir())
     assert run(command, [*GIVEN[command].split(), *words.split()]) == 2
     said = capsys.readouterr()

@@ -74,16 +74,6 @@ def test_force_and_acceleration_of_the_states(tmp_path, settings):
     assert samples['force'] == pytest.approx(force, abs=1e-9)
 
 
-def test_rest_is_marked_among_the_impacts(tmp_path):
-    settings = ['one_sided=true', 'angle=1.5', 'restitution_1=0.4', 'gap=1']
-    code, rows = run(tmp_path, '--duration', '60', settings=settings)
-    assert code == 0
-    for row in rows:
-        same = row['primary_velocity_before'] == row['primary_velocity_after']
-        assert row['kind'] == ('rest' if same else 'impact')
-    assert {row['kind'] for row in rows} == {'impact', 'rest'}
-
-
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
@@ -169,17 +159,25 @@ def test_states_lie_on_the_grid_and_do_not_disturb(tmp_path):
     assert float(rows[0]['stop_1']) == 18.5
 
 
-def test_chatter_is_reported_once_as_rest(tmp_path):
-    # A vertical rig that is hardly shaken: the ball bounces on stop 1 and comes to rest.
-    settings = ['angle=1.5708', 'one_sided=true', 'gap=2', 'force_amplitudes=[0.001]']
-    code, rows = run(tmp_path, '--duration', '60', settings=settings)
+@pytest.mark.parametrize(
+    ('settings', 'rests'),
+    [
+        # Hardly shaken, m bounces on stop 1 and comes to rest; in the other rig it leaves again
+        (('angle=1.5708', 'gap=2', 'force_amplitudes=[0.001]'), 1),
+        (('angle=1.5', 'restitution_1=0.4', 'gap=1'), None),
+    ],
+)
+def test_a_chatter_is_reported_once_as_rest(tmp_path, settings, rests):
+    code, rows = run(tmp_path, '--duration', '60', settings=('one_sided=true', *settings))
     assert code == 0
-    last = rows[-1]
-    assert last['damper_velocity_before'] == last['primary_velocity_before']
-    assert last['damper_velocity_after'] == last['primary_velocity_after']
-    rests = [r for r in rows if r['damper_velocity_before'] == r['primary_velocity_before']]
-    assert rests == [last]
-    assert len(rows) < 100
+    kinds = [row['kind'] for row in rows]
+    for row, kind in zip(rows, kinds, strict=True):
+        for when in ('before', 'after'):
+            same = row[f'damper_velocity_{when}'] == row[f'primary_velocity_{when}']
+            assert same == (kind == 'rest')
+    assert kinds[-1] == 'rest' if rests else {'impact', 'rest'} == set(kinds)
+    assert kinds.count('rest') == rests or rests is None
+    assert len(rows) < 400
 
 
 def test_swing_finds_the_turning_point_between_samples():
