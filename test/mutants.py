@@ -2,8 +2,9 @@
 Which altered operators the tests of a room notice: `make mutants ROOM=rig COUNT=60`.
 
 Of all places in a room where one operator can be altered, a fixed draw is taken. Each is altered
-in a copy of the package by cosmic-ray, and the room's own tests run until one fails. Those without
-a failure are printed. Altered kernels run as plain Python: compiling them anew takes longest.
+in a copy of the package by cosmic-ray. The room's own tests run until one fails: first those that
+run the altered line, then the others of their files. Places without a failure are printed. Altered
+kernels run as plain Python: compiling them anew takes longest.
 """
 
 import argparse
@@ -16,12 +17,12 @@ import sys
 import tempfile
 from pathlib import Path
 
+import coverage
 from cosmic_ray.commands import init
 from cosmic_ray.modules import find_modules
 from cosmic_ray.mutating import mutate_and_test
 from cosmic_ray.testing import run_tests
 from cosmic_ray.work_db import WorkDB, use_db
-from cosmic_ray.work_item import TestOutcome
 
 ROOT = Path(__file__).parents[1]
 #: What the tests read
@@ -51,6 +52,23 @@ sys.modules['numba'] = None
 """
 
 
+def tests_by_line(place: Path) -> dict[tuple[str, int], set[str]]:
+    """Return which tests run each line of a room, by coverage; '' where it is imported."""
+    data = coverage.CoverageData(str(place / '.coverage'))
+    data.read()
+    return {
+        (path, line): {context.partition('|')[0] for context in contexts}
+        for path in data.measured_files()
+        for line, contexts in data.contexts_by_lineno(path).items()
+    }
+
+
+def words_of(tests: set[str]) -> str:
+    """Return tests, and then all of their files, as words of a command."""
+    files = {test.partition('::')[0] for test in tests}
+    return ' '.join(map(shlex.quote, [*sorted(tests), *sorted(files)]))
+
+
 def main() -> int:
     """Draw, alter, test, and print what is not noticed."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n\n')[0].strip())
@@ -74,15 +92,17 @@ def main() -> int:
         tests = ' '.join(given.tests or [f'test/{given.room}'])
         command = (
             f'env -u _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH={place} '
-            f'{sys.executable} -m pytest -x -q -p no:cacheprovider {tests}'
+            f'{sys.executable} -m pytest -q -p no:cacheprovider'
         )
         # Those that need a compiler are left out.
-        _, output = run_tests(command.replace(' -x ', ' --tb=no '), 10.0 * given.timeout)
+        look = f'--tb=no --cov=impact_damper_ros/{given.room} --cov-context=test --cov-report='
+        outcome, output = run_tests(f'{command} {look} {tests}', 10.0 * given.timeout)
+        command += ' -x'
         for name in re.findall(r'^FAILED (\S+)', output, re.MULTILINE):
             print(f'left out: {name}', flush=True)
             command += f' --deselect {shlex.quote(name)}'
-        outcome, output = run_tests(command, given.timeout)
-        if outcome is not TestOutcome.SURVIVED:
+        lines = tests_by_line(place)
+        if not lines:
             print(output)
             return 1
         with use_db(str(place / 'mutants.sqlite'), WorkDB.Mode.create) as work:
@@ -95,11 +115,14 @@ def main() -> int:
         drawn = random.Random(given.seed).sample(items, min(given.count, len(items)))
         noticed = 0
         for number, item in enumerate(drawn, 1):
-            result = mutate_and_test(item.mutations, command, given.timeout)
-            noticed += result.is_killed
             (where,) = item.mutations
-            outcome = 'noticed' if result.is_killed else 'NOT noticed'
             path, line = where.module_path.relative_to(place), where.start_pos[0]
+            places = range(line, where.end_pos[0] + 1)
+            those = set().union(*(lines.get((str(where.module_path), n), ()) for n in places))
+            some = tests if '' in those else words_of(those) if those else '--version'
+            result = mutate_and_test(item.mutations, f'{command} {some}', given.timeout)
+            noticed += result.is_killed
+            outcome = 'noticed' if result.is_killed else 'NOT noticed'
             print(f'{number}: {path}:{line} {where.operator_name[5:]}: {outcome}', flush=True)
             if not result.is_killed:
                 print(result.diff, flush=True)
