@@ -44,6 +44,14 @@ ACCESSIBLE = """axe.run(document, {
         preload: false, runOnly: ['wcag2a', 'wcag2aa', 'wcag21aa', 'wcag22aa'] })
     .then(({ violations }) => violations.map(({ id, nodes }) => [
         id, nodes.slice(0, 3).map(({ target, any }) => [target.join(' '), any[0]?.message])]))"""
+#: What a finger meets that is smaller than 44 pixels; the first link is for keyboards alone.
+SMALL_TARGETS = """
+    [...document.querySelectorAll('button, a[href]:not(.skip), input, select, summary')]
+    .filter((one) => one.checkVisibility())
+    .map((one) => {
+        const { width, height } = (one.closest('label') ?? one).getBoundingClientRect();
+        return [one.id || one.textContent, width, height]; })
+    .filter(([, width, height]) => Math.min(width, height) < 43.9)"""
 #: Points of the traces, and of those of the what-if.
 LENGTHS = "['own', 'other'].map(name => impactDamper.history[name].samples.length)"
 
@@ -620,11 +628,13 @@ def test_nothing_is_inaccessible(opened):
     page = opened()
     page('#more-knobs summary').click()
     page.run(f'{AXE.read_text(encoding="utf-8")}; 0')
-    for size, dark in (((390, 844), False), ((768, 1024), True), (DESK, False), (DESK, True)):
+    phone = 390, 844
+    for size, dark in ((phone, False), (phone, True), ((768, 1024), True), (DESK, False)):
         page.resize(*size)
         page.shade(dark)
         page.drawn()
         assert page.run(ACCESSIBLE) == [], size
+        assert size != phone or page.run(SMALL_TARGETS) == []
 
 
 def test_keys_and_little_motion(opened):

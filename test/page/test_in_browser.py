@@ -320,7 +320,15 @@ def test_plots_are_saved_with_the_values_of_the_rig(opened):
     page = opened('#preset=bench')
     page.click('#pictures-open')
     saved = {}
-    for name in ('rig.png', 'motion.png', 'gap_curve.png', 'gap_curve.svg', 'impact_map.svg'):
+    kinds = (
+        'rig.png',
+        'motion.png',
+        'gap_curve.png',
+        'rig.svg',
+        'gap_curve.svg',
+        'impact_map.svg',
+    )
+    for name in kinds:
         with page.tab.expect_download() as download:
             page(f'[data-picture="{name}"]').click()
         assert download.value.suggested_filename == name
@@ -330,7 +338,10 @@ def test_plots_are_saved_with_the_values_of_the_rig(opened):
         picture = Image.open(saved[f'{name}.png'])
         assert picture.size == pytest.approx((2 * width, 2 * (height + 56)), abs=2)
         assert len(picture.convert('RGB').getcolors(1 << 20)) > 20
-    for name, words in (('gap_curve', 'Xmax / A'), ('impact_map', 'phase of the force (cycles)')):
+    for name, words in (
+        *(('gap_curve', 'Xmax / A'), ('impact_map', 'phase of the force (cycles)')),
+        *(('rig', 'M'), ('rig', 'm'), ('rig', 'F')),
+    ):
         texts = [one.text for one in ElementTree.parse(saved[f'{name}.svg']).iter() if one.text]
         assert words in texts
         assert '1.20\u202fN at 5.000\u202fHz · gap 24.0\u202fmm' in texts

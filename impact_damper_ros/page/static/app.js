@@ -49,7 +49,7 @@ tour.mount(byId('tour'), store, actions);
 dialogs.mount();
 const both = ['png', 'svg'];
 pictures.mount(byId('pictures'), store, actions, {
-  rig: { title: 'Rig', plot: () => rig.rig, kinds: ['png'] },
+  rig: { title: 'Rig', plot: () => rig.rig, kinds: both, panel: rig },
   motion: { title: 'Motion', plot: () => traces.picture, kinds: ['png'] },
   phase_portrait: { title: 'Phase portrait', plot: () => portrait, kinds: both },
   impact_map: { title: 'Impact map', plot: () => map, kinds: both },

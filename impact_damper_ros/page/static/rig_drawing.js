@@ -105,7 +105,7 @@ export class RigDrawing extends Canvas {
   }
 
   /** Draw a state; `ghost` is a second one, outlined. */
-  draw(state, { extent, ghost = null, driven = true, oneSided = false, massRatio = USUAL_RATIO, now }) {
+  draw(state, { extent, ghost = null, push = NaN, oneSided = false, massRatio = USUAL_RATIO, now }) {
     if (!this.begin() || !state) return;
     const g = this.held ?? this.layout(extent, state, massRatio, now);
     this.plan = g;
@@ -119,7 +119,7 @@ export class RigDrawing extends Canvas {
     this.attachments(g, state);
     for (const other of [ghost, this.outline]) if (other) this.carriage(g, other, { oneSided, ghostly: true });
     this.carriage(g, state, { oneSided, now });
-    if (driven) this.force(g, state);
+    if (Number.isFinite(push)) this.force(g, state, push);
     context.restore();
     if (Math.abs(g.angle) > 0.003) this.inclination(g);
   }
@@ -333,13 +333,10 @@ export class RigDrawing extends Canvas {
     context.restore();
   }
 
-  /** The force on M as an arrow, as long as its phase says. */
-  force(g, state) {
-    const phase = state.phase;
-    if (!Number.isFinite(phase)) return;
+  /** The force on M as an arrow, whose length is a share of its amplitude. */
+  force(g, state, value) {
     const { context } = this;
     const em = colours.size;
-    const value = Math.sin(2 * Math.PI * phase);
     const at = state.x * g.scale;
     const height = -g.tall / 2 - 0.75 * em;
     const length = value * Math.min(4.2 * em, 0.7 * g.body);

@@ -63,6 +63,6 @@ export class SlowMotion {
       this.drawing.flash(stop, impulse, now);
     }
     film.shown = time;
-    this.drawing.draw(state, { ...options, driven: false, now });
+    this.drawing.draw(state, { ...options, now });
   }
 }

@@ -3,7 +3,7 @@
 
 const escaped = (text) => String(text).replace(/[&<>"]/g, (sign) => `&#${sign.charCodeAt(0)};`);
 const short = (value) => String(Number(value.toFixed(2)));
-const STATE = ['fillStyle', 'strokeStyle', 'lineWidth', 'lineCap', 'lineJoin', 'globalAlpha', 'font', 'textAlign', 'textBaseline', 'dash', 'clips'];
+const STATE = ['fillStyle', 'strokeStyle', 'lineWidth', 'lineCap', 'lineJoin', 'globalAlpha', 'font', 'textAlign', 'textBaseline', 'dash', 'groups'];
 const ANCHORS = { left: 'start', center: 'middle', right: 'end' };
 const BASELINES = { top: 'text-before-edge', middle: 'central', bottom: 'text-after-edge', alphabetic: 'alphabetic' };
 
@@ -22,7 +22,7 @@ export class SvgContext {
     this.textBaseline = 'alphabetic';
     this.dash = /** @type {number[]} */ ([]);
     this.path = '';
-    this.clips = 0;
+    this.groups = 0;
     this.count = 0;
     this.parts = /** @type {string[]} */ ([]);
     this.saved = /** @type {object[]} */ ([]);
@@ -31,10 +31,19 @@ export class SvgContext {
   save() { this.saved.push(Object.fromEntries(STATE.map((name) => [name, this[name]]))); }
 
   restore() {
-    const { clips } = this;
+    const { groups } = this;
     Object.assign(this, this.saved.pop());
-    this.parts.push('</g>'.repeat(clips - this.clips));
+    this.parts.push('</g>'.repeat(groups - this.groups));
   }
+
+  open(attribute) {
+    this.groups += 1;
+    this.parts.push(`<g ${attribute}>`);
+  }
+
+  translate(x, y) { this.open(`transform="translate(${short(x)} ${short(y)})"`); }
+
+  rotate(angle) { this.open(`transform="rotate(${short((180 / Math.PI) * angle)})"`); }
 
   setTransform() {}
 
@@ -55,15 +64,31 @@ export class SvgContext {
 
   rect(x, y, width, height) { this.path += `M${short(x)} ${short(y)}h${short(width)}v${short(height)}h${short(-width)}z`; }
 
-  arc(x, y, radius) { this.path += `M${short(x - radius)} ${short(y)}a${short(radius)} ${short(radius)} 0 1 0 ${short(2 * radius)} 0a${short(radius)} ${short(radius)} 0 1 0 ${short(-2 * radius)} 0z`; }
+  roundRect(x, y, width, height, radius) {
+    const [r, across, down] = [radius, width - 2 * radius, height - 2 * radius].map(short);
+    const corner = (right, low) => `a${r} ${r} 0 0 1 ${right}${r} ${low}${r}`;
+    this.path += `M${short(x + radius)} ${short(y)}h${across}${corner('', '')}v${down}${corner('-', '')}h-${across}${corner('-', '-')}v-${down}${corner('', '-')}z`;
+  }
+
+  arc(x, y, radius, from, to, backwards = false) {
+    if (to - from < 2 * Math.PI) {
+      const [[a, b], [c, d]] = [from, to].map((angle) => [short(x + radius * Math.cos(angle)), short(y + radius * Math.sin(angle))]);
+      this.path += `M${a} ${b}A${short(radius)} ${short(radius)} 0 0 ${backwards ? 0 : 1} ${c} ${d}`;
+    } else this.circle(x, y, radius);
+  }
+
+  circle(x, y, radius) { this.path += `M${short(x - radius)} ${short(y)}a${short(radius)} ${short(radius)} 0 1 0 ${short(2 * radius)} 0a${short(radius)} ${short(radius)} 0 1 0 ${short(-2 * radius)} 0z`; }
 
   clip() {
     this.count += 1;
-    this.clips += 1;
-    this.parts.push(`<clipPath id="c${this.count}"><path d="${this.path}"/></clipPath><g clip-path="url(#c${this.count})">`);
+    this.parts.push(`<clipPath id="c${this.count}"><path d="${this.path}"/></clipPath>`);
+    this.open(`clip-path="url(#c${this.count})"`);
   }
 
-  fill() { this.parts.push(`<path d="${this.path}" fill="${this.fillStyle}" opacity="${short(this.globalAlpha)}"/>`); }
+  fill(rule = 'nonzero') { this.parts.push(`<path d="${this.path}" fill="${this.fillStyle}" fill-rule="${rule}" opacity="${short(this.globalAlpha)}"/>`); }
+
+  /** No picture for a slide has a flash. */
+  createRadialGradient() { return { addColorStop() {}, toString: () => 'none' }; }
 
   stroke() {
     const dash = this.dash.length ? ` stroke-dasharray="${this.dash.join(' ')}"` : '';
@@ -87,7 +112,7 @@ export class SvgContext {
   strokeText(text, x, y) { this.write(text, x, y, `fill="none" stroke="${this.strokeStyle}" stroke-width="${short(this.lineWidth)}" stroke-linejoin="round"`); }
 
   write(text, x, y, paint) {
-    const [, style, weight, size, family] = /^(italic)?\s*(\d+)?\s*([\d.]+)px (.*)$/.exec(this.font.trim());
+    const [, style, weight, size, family] = /^(italic)?\s*(?:(\d+)\s+)?([\d.]+)px (.*)$/.exec(this.font.trim());
     const font = `font-family="${escaped(family)}" font-size="${size}"${style ? ' font-style="italic"' : ''}${weight ? ` font-weight="${weight}"` : ''}`;
     this.parts.push(`<text x="${short(x)}" y="${short(y)}" ${font} text-anchor="${ANCHORS[this.textAlign]}" dominant-baseline="${BASELINES[this.textBaseline]}" opacity="${short(this.globalAlpha)}" ${paint}>${escaped(text)}</text>`);
   }

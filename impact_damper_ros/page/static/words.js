@@ -92,6 +92,11 @@ export function drive({ force_amplitudes: force = [], force_frequencies: ofForce
   return { amplitude: Math.abs(force[0] ?? 0), unit: 'N', frequency: ofForce[0], word: '' };
 }
 
+/** The first harmonic of the force at a phase, in cycles of its angle, as a share of its amplitude; NaN without one. */
+export function push({ force_amplitudes: [force = 1] = [], force_phases: [lead = 0] = [] }, phase) {
+  return force ? Math.sign(force) * Math.sin(TAU * phase + lead) : NaN;
+}
+
 /** The rig in a line. */
 export function rigInWords(values) {
   const { force_amplitudes: forces = [], multisine_level: level, gap, gap_control: control } = values;

@@ -7,7 +7,7 @@ import { test } from 'node:test';
 import { bytes, clock, decimalsOf, digits, lengthUnit, niceAbove, ticks, typed, withUnit } from '../../../impact_damper_ros/page/static/format.js';
 import { readTyped, SliderScale } from '../../../impact_damper_ros/page/static/slider.js';
 import { Theory } from '../../../impact_damper_ros/page/static/theory.js';
-import { changeInWords, rigInWords, Units, verdictInWords } from '../../../impact_damper_ros/page/static/words.js';
+import { changeInWords, push, rigInWords, Units, verdictInWords } from '../../../impact_damper_ros/page/static/words.js';
 
 const TABLE = [
   [digits, [[[0], '0'], [[null], '–'], [[NaN], '–'], [[12.3456], '12.3'], [[-0.00123456, 4], '−0.001235'], [[1234567], '1.23e+6']]],
@@ -100,5 +100,17 @@ for (const [report, theory, words, shade, predicted] of [
     if (theory) known_.take(theory);
     const found = verdictInWords({ level: 'ok', message: '', verdict: '', agreement: '', ...report }, known_);
     assert.deepEqual([found.words, found.shade, found.predicted], [words, shade, predicted]);
+  });
+}
+
+for (const [values, phase, share] of [
+  [{ force_amplitudes: [2], force_phases: [0] }, 0.25, 1],
+  [{ force_amplitudes: [-2], force_phases: [0] }, 0.25, -1],
+  [{ force_amplitudes: [2], force_phases: [Math.PI / 2] }, 0.5, -1],
+  [{ force_amplitudes: [0], force_phases: [0] }, 0.25, NaN],
+  [{}, NaN, NaN],
+]) {
+  test(`the force of ${JSON.stringify(values)} at a phase of ${phase} is ${share} of its amplitude`, () => {
+    assert.ok(Object.is(push(values, phase), share) || Math.abs(push(values, phase) - share) < 1e-12);
   });
 }

@@ -20,11 +20,11 @@ function frame(context, { width, height }, title, rig) {
   context.fillText(rig, 8, height + ABOVE + 17);
 }
 
-/** Draw a plot by its own commands on another context. */
-function drawOn(plot, context, now) {
+/** Draw a plot by its own commands, or those of its panel, on another context. */
+function drawOn(plot, context, panel) {
   const { context: own } = plot;
   Object.assign(plot, { context, stale: true });
-  plot.draw(now, true);
+  panel.draw(performance.now(), true);
   Object.assign(plot, { context: own, stale: true });
 }
 
@@ -37,7 +37,7 @@ function save(content, name) {
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store, _actions, plots) => {
   /** Save a plot as a file of a kind. */
-  const write = (title, name, plot, kind) => {
+  const write = (title, name, plot, kind, panel = plot) => {
     if (!(plot.width > 4)) {
       toast(`${title} is not shown.`, 'bad');
       return;
@@ -50,7 +50,7 @@ export const mount = (root, store, _actions, plots) => {
     if (kind === 'svg') {
       const [around, inner] = [new SvgContext(width, height + ABOVE + BELOW, context), new SvgContext(width, height, context)];
       frame(around, plot, title, rig);
-      drawOn(plot, inner, performance.now());
+      drawOn(plot, inner, panel);
       around.parts.push(`<svg y="${ABOVE}" width="${width}" height="${height}">${inner.parts.join('')}</svg>`);
       save(new Blob([around.text()], { type: 'image/svg+xml' }), `${name}.svg`);
       return;
@@ -60,9 +60,9 @@ export const mount = (root, store, _actions, plots) => {
     context.drawImage(plot.canvas, 0, ABOVE, width, height);
     canvas.toBlob((content) => save(content, `${name}.png`));
   };
-  const row = ([name, { title, plot, kinds }]) => element(
+  const row = ([name, { title, plot, kinds, panel }]) => element(
     'li', {}, element('span', { text: title }),
-    ...kinds.map((kind) => element('button', { type: 'button', text: kind.toUpperCase(), 'aria-label': `${title} as ${kind.toUpperCase()}`, 'data-picture': `${name}.${kind}`, onclick: () => write(title, name, plot(), kind) })),
+    ...kinds.map((kind) => element('button', { type: 'button', text: kind.toUpperCase(), 'aria-label': `${title} as ${kind.toUpperCase()}`, 'data-picture': `${name}.${kind}`, onclick: () => write(title, name, plot(), kind, panel) })),
   );
   byId('pictures').querySelector('ul').append(...Object.entries(plots).map(row));
 };

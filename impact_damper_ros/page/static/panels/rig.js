@@ -6,7 +6,7 @@ import { Drag } from '../drag.js';
 import { digits, withUnit } from '../format.js';
 import { RigDrawing } from '../rig_drawing.js';
 import { SlowMotion } from '../slow_motion.js';
-import { rigInWords } from '../words.js';
+import { push, rigInWords } from '../words.js';
 
 /** Time between two descriptions of the rig for a screen reader, ms. */
 const SPOKEN = 2000;
@@ -35,9 +35,9 @@ class RigPanel {
   draw(now, anew) {
     const { history, values } = this.store;
     if ((anew || this.rig.stale || this.rig.flashing) && history.state) {
-      const { force_amplitudes: forces, damper_mass: m, primary_mass: M } = values;
+      const { damper_mass: m, primary_mass: M } = values;
       const options = { extent: history.reach(history.end - 4), oneSided: !Number.isFinite(history.state.stop_2), massRatio: m / M };
-      this.rig.draw(history.state, { ...options, ghost: history.ghost, driven: (forces?.[0] ?? 1) !== 0, now });
+      this.rig.draw(history.state, { ...options, ghost: history.ghost, push: push(values, history.state.phase), now });
       this.slow.options = options;
     } else if (!history.state && this.rig.stale) this.rig.begin();
     this.slow.draw(now, this.slow.options);
