@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 
+from impact_damper_ros.node.usage import answered
 from impact_damper_ros.parameters.parameters_file import presets
 from impact_damper_ros.parameters.quoting import shown
 
@@ -32,7 +33,10 @@ def _missing(words: Sequence[str]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node."""
-    if missing := _missing(sys.argv[1:] if argv is None else argv):
+    words = sys.argv[1:] if argv is None else argv
+    if answered(words):
+        return outcome('sim_node', lambda: 0)
+    if missing := _missing(words):
         say('sim_node', missing)
         return EXIT_INPUT
     # Only now, as ROS takes a second to import

@@ -39,7 +39,6 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String as StringMessage
 
-from impact_damper_ros import __version__
 from impact_damper_ros.bag.messages import (
     DIAGNOSTIC_ARRAY,
     JOINT_STATE,
@@ -79,13 +78,7 @@ from .publishing import RigPublishers, TopicPublisher
 from .raw_subscription import RawSubscription
 from .recording import Recorder
 from .services import RigServices
-
-USAGE = """usage: sim_node [-h] [--version]
-                [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
-
-The digital rig of an impact damper as a ROS 2 node. For instance:
-  sim_node --ros-args --params-file rig.yaml -p gap:=12mm -p record:=true -r __ns:=/rig1
-Parameters, with unit and range: ros2 param describe /sim_node NAME"""
+from .usage import answered
 
 
 def refuse(reason: object) -> int:
@@ -98,11 +91,7 @@ def answer_foreign(arguments: Sequence[str]) -> int | None:
     """Answer arguments that are not for ROS; None if there are none."""
     if not arguments:
         return None
-    if arguments[0] in ('-h', '--help'):
-        print(USAGE)
-        return 0
-    if arguments[0] == '--version':
-        print(f'sim_node (impact_damper_ros) {__version__}')
+    if answered(arguments):
         return 0
     return refuse(
         f'unknown argument {shown(arguments[0])}; parameters and their files follow --ros-args, '

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the node says of itself without a rig, and without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from impact_damper_ros import __version__
+
+USAGE = """usage: sim_node [-h] [--version]
+                [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
+
+The digital rig of an impact damper as a ROS 2 node. For instance:
+  sim_node --ros-args --params-file rig.yaml -p gap:=12mm -p record:=true -r __ns:=/rig1
+Parameters, with unit and range: ros2 param describe /sim_node NAME"""
+
+
+def answered(arguments: Sequence[str]) -> bool:
+    """Print usage or version if that is what the first argument asks for."""
+    texts = {'--version': f'sim_node (impact_damper_ros) {__version__}'}
+    text = {'-h': USAGE, '--help': USAGE, **texts}.get(arguments[0]) if arguments else None
+    if text is not None:
+        print(text)
+    return text is not None
