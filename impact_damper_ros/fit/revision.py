@@ -90,7 +90,9 @@ class Revised(NamedTuple):
         Leave out flights whose course is another one for parameters near the fitted ones.
 
         Where m hardly reverses the instant is held, and an impact that may be none demands that m
-        touches the stop exactly; both would say more of the parameters than is known.
+        touches the stop exactly; both would say more of the parameters than is known. Where the
+        motion begins anew at an impact that was not measured, m may as well stick before the next
+        one: its velocity is free, so that any reversal fits, and friction on M is a guess.
         """
         course, shooting = self.course.copy(), self.shooting
         u, why_cut = self.solution.unknowns, dict(self.why_cut)
@@ -104,7 +106,15 @@ class Revised(NamedTuple):
         for k in map(int, doubtful):
             course.leave_out(k)
             why_cut[k + 1] = 'm hardly reverses in it' if held[k] else 'm hardly touches a stop'
-        return self._replace(course=course, why_cut=why_cut, doubtful=len(doubtful))
+        timed = len(shooting.impact_times) > 0
+        guessed = 0
+        for k in range(len(course) - 1):
+            free = course.flies[k] and course.begins[k] and course.measured[k] < 0
+            if free and (timed or len(course.reversals[k])):
+                course.leave_out(k)
+                why_cut[k + 1] = 'the motion of m before it is not known'
+                guessed += 1
+        return self._replace(course=course, why_cut=why_cut, doubtful=len(doubtful) + guessed)
 
 
 def chi_of(shooting: Shooting, solution: Solution) -> float:

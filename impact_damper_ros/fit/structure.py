@@ -4,9 +4,12 @@ Frequency and damping of a structure without its damper, from a ring-down or a s
 
 A ring-down is y = e^(-zeta w t) (a cos w_d t + b sin w_d t) + c, whichever of displacement,
 velocity and acceleration was measured. With a measured force (or base), y is that plus the
-response to it, which is linear between samples and therefore exact. For given w and zeta both are
-linear in all else, so that the likelihood of white noise has its maximum over two unknowns only
-(variable projection [1]_); intervals are those of its curvature there.
+response to it, which is band-limited: the response is that to straight lines between samples whose
+tones are made larger by what the lines take from them. For given w and zeta both are linear in all
+else, so that the likelihood of white noise has its maximum over two unknowns only (variable
+projection [1]_); intervals are those of its curvature there. Noise of the force passes through the
+structure: where the residuals show it, they are whitened by A/C, with A C/A* C* the spectrum of
+the noise of both, A being the denominator of the response.
 
 Whether the structure is linear with viscous damping is seen in parts of some cycles: each has a
 damping ratio and a frequency of its own, with their deviations, at its own amplitude. A slope of
@@ -27,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, minimize_scalar
 from scipy.special import chdtri
 
 from .estimate import Estimate
@@ -46,11 +49,19 @@ _ABOVE_NOISE = 4.0
 #: larger than this part of the value.
 _RARE = float(chdtri(1, 1e-4))
 _LEAST_CHANGE = {'damping_ratio': 0.05, 'frequency': 0.002}
+#: ... or if two parts differ by so many standard deviations; a change by this part of the damping
+#: ratio is more than a structure has of itself.
+_APART, _DAMPER = 6.0, 0.5
 _DEVIATIONS = {'damping_ratio': 'damping_deviation', 'frequency': 'frequency_deviation'}
 _UNITS = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
 #: Largest mean square of the residual over that of the noise, of long records; and what chance
 #: adds to it in n samples, times sqrt(n).
 _MOST_CHI_SQUARED, _CHANCE = 1.2, 7.0
+#: How far the gain of the base may be from 1: sensors of vibration are known to some 10 %.
+_GAIN = 0.2
+#: Terms of a series; bounds of the logarithm of the noise of the drive at resonance, over that of
+#: the motion, by how much it must raise twice the logarithm of the likelihood, and rounds of it.
+_TERMS, _SHARES, _CLEAR_NOISE, _NOISE_ROUNDS = 6, (-4.0, 7.0), 2.0, 2
 
 
 class Part(NamedTuple):
@@ -96,6 +107,8 @@ class StructureFit(NamedTuple):
         The part of the data that was used.
     fitted : ndarray
         The motion at the times of `data`.
+    input_noise : float
+        Standard deviation of the noise of the force or base, in its unit; 0 where none is seen.
     """
 
     accepted: bool
@@ -112,6 +125,7 @@ class StructureFit(NamedTuple):
     parts: tuple[Part, ...]
     data: MeasuredMotion
     fitted: Array
+    input_noise: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """Return it for JSON."""
@@ -132,6 +146,7 @@ class StructureFit(NamedTuple):
             'fit_percent': self.fit_percent,
             'whiteness': self.whiteness,
             'noise': self.noise,
+            'input_noise': self.input_noise,
             'quantity': self.data.quantity,
             'interval_of_time': [float(self.data.time[0]), float(self.data.time[-1])],
             'parts': [part._asdict() for part in self.parts],
@@ -146,29 +161,38 @@ class _Solution(NamedTuple):
     covariance: Array
     deviation: float
     fitted: Array
+    residual: Array
 
 
 _Basis = Callable[[Array], Array]
+#: What makes residuals white, at a place.
+_Filter = Callable[[Array, Array], Array]
 
 
-def _solved(basis: _Basis, motion: Array, used: Mask, start: Array) -> _Solution:
-    """Return the most likely solution from a start; `basis` has what is linear as columns."""
-    there = motion[used]
+def _solved(
+    basis: _Basis, motion: Array, used: Mask, start: Array, whitened: _Filter | None = None
+) -> _Solution:
+    """
+    Return the most likely solution from a start; `basis` has what is linear as columns.
 
-    def linear(place: Array) -> tuple[Array, Array]:
-        columns = basis(place)[used]
+    With a filter `motion` has no missing samples.
+    """
+    white = whitened or (lambda _, columns: columns)
+    size = float(np.std(motion[used])) or 1.0
+
+    def linear(place: Array) -> tuple[Array, Array, Array]:
+        columns, there = white(place, basis(place))[used], white(place, motion)[used]
         scale = np.sqrt((columns**2).sum(axis=0))
         scale[scale == 0.0] = 1.0
         scaled = columns / scale
         found = np.linalg.pinv(scaled.T @ scaled, hermitian=True) @ (scaled.T @ there)
-        return found / scale, columns
+        return found / scale, columns, there
 
     def residual(place: Array) -> Array:
-        found, columns = linear(place)
+        found, columns, there = linear(place)
         left: Array = columns @ found - there
         return left
 
-    size = float(np.std(there)) or 1.0
     best = least_squares(
         lambda place: residual(place) / size,
         start,
@@ -179,21 +203,23 @@ def _solved(basis: _Basis, motion: Array, used: Mask, start: Array) -> _Solution
         max_nfev=60,
     )
     place: Array = best.x
-    found, columns = linear(place)
+    found, columns, there = linear(place)
     rates = []
     for k, step in enumerate((1e-6 * place[0], 1e-6)):
         ahead, behind = place.copy(), place.copy()
         ahead[k] += step
         behind[k] -= step
-        rates.append((basis(ahead)[used] @ found - basis(behind)[used] @ found) / (2.0 * step))
+        change = (basis(ahead) @ found - basis(behind) @ found) / (2.0 * step)
+        rates.append(white(place, change)[used])
     jacobian = np.column_stack([*rates, columns])
     scale = np.sqrt((jacobian**2).sum(axis=0))
     scale[scale == 0.0] = 1.0
     inverse = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), hermitian=True)
     free = max(1, len(there) - jacobian.shape[1])
-    deviation = math.sqrt(float(np.sum(residual(place) ** 2)) / free)
+    left = there - columns @ found
+    deviation = math.sqrt(float(left @ left) / free)
     covariance = deviation**2 * inverse / np.outer(scale, scale)
-    return _Solution(place, found, covariance, deviation, basis(place) @ found)
+    return _Solution(place, found, covariance, deviation, basis(place) @ found, left)
 
 
 def _free(place: Array, time: Array) -> Array:
@@ -216,25 +242,112 @@ _RESPONSES = {'displacement': (0.0, 0.0, 1.0), 'velocity': (0.0, 1.0, 0.0)}
 _RESPONSES['acceleration'] = (1.0, 0.0, 0.0)
 
 
-def _driven_basis(data: MeasuredMotion, drive: Array, kind: str) -> _Basis:
-    ones, step = np.ones((len(data.time), 1)), data.interval
+def _as_lines(drive: Array) -> Array:
+    """
+    Return samples whose joining lines have the tones of a band-limited drive.
 
-    def basis(place: Array) -> Array:
+    Lines take sin^2(a)/a^2 of a tone that turns by 2 a in a step; a^2/sin^2(a) is a series in
+    sin^2(a), and this is a second difference over -4.
+    """
+    padded = np.pad(drive, 2 * _TERMS, 'reflect', reflect_type='odd')
+    total, factor = padded.copy(), 1.0
+    for n in range(1, _TERMS + 1):
+        padded = -0.25 * np.convolve(padded, [1.0, -2.0, 1.0], 'same')
+        factor *= 2.0 * n * n / ((n + 1) * (2 * n + 1))
+        total += factor * padded
+    lines: Array = total[2 * _TERMS : -2 * _TERMS]
+    return lines
+
+
+class _Driven:
+    """The response to a measured force or base, as columns: to it, free vibrations, offset."""
+
+    def __init__(self, data: MeasuredMotion, drive: Array, kind: str) -> None:
+        self._data, self._drive, self._lines = data, drive, _as_lines(drive)
+        self._base = kind == 'base'
+
+    def _system(self, place: Array) -> tuple[Array, Array, float]:
+        """Return numerator and denominator by steps, and what passes at once."""
         omega, zeta = float(place[0]), float(place[1])
         below = (1.0, 2.0 * zeta * omega, omega * omega)
-        above = (0.0, *below[1:]) if kind == 'base' else _RESPONSES[data.quantity]
-        # The same in balanced states, whose coefficients are of one size
+        above = (0.0, *below[1:]) if self._base else _RESPONSES[self._data.quantity]
+        # In balanced states, whose coefficients are of one size
         feed = above[0]
         first, second = (above[k] - feed * below[k] for k in (1, 2))
         a = np.array([[-below[1], -omega], [omega, 0.0]])
         b, c = np.array([[1.0], [0.0]]), np.array([[first, second / omega]])
         # scipy.signal takes long to load, and a ring-down does without it
-        system = scipy.signal.cont2discrete((a, b, c, np.array([[feed]])), step, 'foh')
+        system = scipy.signal.cont2discrete(
+            (a, b, c, np.zeros((1, 1))), self._data.interval, 'foh'
+        )
         numerator, denominator = scipy.signal.ss2tf(*system[:4])
-        response = scipy.signal.lfilter(numerator[0], denominator, drive)
-        return np.hstack([response[:, None], _free(place, data.time), ones])
+        return numerator[0], denominator, feed
 
-    return basis
+    def __call__(self, place: Array) -> Array:
+        numerator, denominator, feed = self._system(place)
+        response = scipy.signal.lfilter(numerator, denominator, self._lines) + feed * self._drive
+        time = self._data.time
+        return np.hstack([response[:, None], _free(place, time), np.ones((len(time), 1))])
+
+    def peak(self, place: Array) -> float:
+        """Return the largest response to a tone."""
+        above, below, feed = self._system(place)
+        turns = np.exp(-1j * self._data.interval * place[0] * np.arange(3))
+        return float(abs(above @ turns / (below @ turns) + feed))
+
+    def filter(self, share: float) -> _Filter:
+        """
+        Return what whitens noise of the motion with that of the drive.
+
+        The latter gives at resonance `share` times the deviation of the former.
+        """
+
+        def whitened(place: Array, columns: Array) -> Array:
+            below, inner, _ = self._factors(place, share)
+            white: Array = scipy.signal.lfilter(below, inner, columns, axis=0)
+            return white
+
+        return whitened
+
+    def size(self, logarithm: float, place: Array, left: Array) -> float:
+        """Return the logarithm of the square of residuals as a filter leaves them."""
+        white = self.filter(math.exp(logarithm))(place, left)
+        return float(np.log(white @ white))
+
+    def _factors(self, place: Array, share: float) -> tuple[Array, Array, float]:
+        """Return the denominator, the spectrum of both noises as a factor, and its size."""
+        above, below, feed = self._system(place)
+        above = (above + feed * below) * (share / self.peak(place))
+        spectrum = np.correlate(below, below, 'full') + np.correlate(above, above, 'full')
+        roots = np.roots(spectrum)
+        inner = np.real(np.poly(roots[np.argsort(np.abs(roots))[:2]]))
+        return below, inner, float(spectrum[2] / (inner @ inner))
+
+    def noise(self, place: Array, share: float) -> float:
+        """Return the deviation of the noise of the motion over that of what is white."""
+        return self._factors(place, share)[2] ** -0.5
+
+
+def _solved_with_noise(
+    basis: _Driven, data: MeasuredMotion, plain: _Solution
+) -> tuple[_Solution, float]:
+    """Return a solution with the noise of the drive, and the share of that at resonance."""
+    solution, share = plain, 0.0
+    for _ in range(_NOISE_ROUNDS):
+        motion = np.where(data.used, data.motion, solution.fitted)
+        left, place = motion - solution.fitted, solution.place
+        best = minimize_scalar(
+            basis.size,
+            bounds=_SHARES,
+            args=(place, left),
+            method='bounded',
+            options={'xatol': 1e-2},
+        )
+        if len(left) * (math.log(left @ left) - best.fun) < _CLEAR_NOISE:
+            break
+        share = math.exp(best.x)
+        solution = _solved(basis, motion, data.used, place, basis.filter(share))
+    return solution, share
 
 
 def _peak(values: Array, step: float) -> float:
@@ -341,7 +454,7 @@ def _parts(data: MeasuredMotion, whole: _Solution) -> list[Part]:
 
 
 def _changing(parts: list[Part], name: str, unit: str) -> str:
-    """Return that a quantity changes with the amplitude; an empty text if it does not."""
+    """Return that a quantity is not constant; an empty text if it is."""
     if len(parts) < 3:
         return ''
     size, value, deviation = np.array(
@@ -353,11 +466,17 @@ def _changing(parts: list[Part], name: str, unit: str) -> str:
         best = np.polyfit(np.log(size), value, degree, w=1.0 / deviation)
         return float(np.sum(((np.polyval(best, np.log(size)) - value) / deviation) ** 2))
 
-    # What scatters more than its deviation says is not judged by it
+    # A slope that chance may make of what scatters more than its deviation says is none
     scatter = max(1.0, left(1) / (len(parts) - 2))
     most, least = int(size.argmax()), int(size.argmin())
+    how = 'changes with the amplitude'
+    if left(0) - left(1) < _RARE * scatter:
+        most, least = int(value.argmax()), int(value.argmin())
+        how = 'is not constant'
+        if value[most] - value[least] < _APART * math.hypot(deviation[most], deviation[least]):
+            return ''
     change = abs(value[most] - value[least])
-    if left(0) - left(1) < _RARE * scatter or change < _LEAST_CHANGE[name] * np.median(value):
+    if change < _LEAST_CHANGE[name] * np.median(value):
         return ''
     percent = name == 'damping_ratio'
     words = [
@@ -369,9 +488,11 @@ def _changing(parts: list[Part], name: str, unit: str) -> str:
         + f' at {size[k]:.3g} {unit}'
         for k in (most, least)
     ]
-    return f'the {name.replace("_", " ")} changes with the amplitude: {words[0]}, {words[1]}; ' + (
-        'the damping is not viscous' if percent else 'the stiffness is not linear'
-    )
+    cause = 'the stiffness is not linear'
+    if percent:
+        large = change > _DAMPER * np.median(value)
+        cause = 'the damping is not viscous' + (': is the damper still in it?' if large else '')
+    return f'the {name.replace("_", " ")} {how}: {words[0]}, {words[1]}; {cause}'
 
 
 def _start_of_sweep(basis: _Basis, data: MeasuredMotion, drive: Array) -> Array:
@@ -414,7 +535,7 @@ def fit_structure(data: MeasuredMotion) -> StructureFit:
     ValueError
         If the data are no vibration.
     """
-    kind, drive = 'ring-down', None
+    kind, drive, noises = 'ring-down', None, (1.0, 0.0)
     if data.base is not None:
         kind, drive = 'base', data.base
         if data.base_quantity != data.quantity:
@@ -434,14 +555,24 @@ def fit_structure(data: MeasuredMotion) -> StructureFit:
         solution = min(found, key=lambda one: one.deviation)
     else:
         drive = _filled_drive(data, drive, kind)
-        basis = _driven_basis(data, drive, kind)
+        basis = _Driven(data, drive, kind)
         start = _start_of_sweep(basis, data, drive)
         solution = _solved(basis, data.motion, data.used, start)
-    return _judged(data, kind, solution)
+        solution, share = _solved_with_noise(basis, data, solution)
+        if share:
+            size, peak = basis.noise(solution.place, share), basis.peak(solution.place)
+            noises = size, share * size / (peak * abs(float(solution.linear[0])))
+    return _judged(data, kind, solution, noises)
 
 
-def _judged(data: MeasuredMotion, kind: str, solution: _Solution) -> StructureFit:
-    """Return the result with what is wrong with it."""
+def _judged(
+    data: MeasuredMotion, kind: str, solution: _Solution, noises: tuple[float, float]
+) -> StructureFit:
+    """
+    Return the result with what is wrong with it.
+
+    `noises` are that of the motion, over that of the white residual, and that of the drive.
+    """
     omega, zeta = map(float, solution.place)
     deviations = np.sqrt(np.diag(solution.covariance))
     frequency = Estimate.normal(
@@ -452,7 +583,7 @@ def _judged(data: MeasuredMotion, kind: str, solution: _Solution) -> StructureFi
     if kind == 'force' and solution.linear[0] != 0.0:
         size = 1.0 / float(solution.linear[0])
         mass = Estimate.normal(size, size * size * float(deviations[2]), 'kg')
-    residual = (data.motion - solution.fitted)[data.used]
+    residual = solution.residual
     noise = _noise_of(residual)
     chi_squared = (solution.deviation / noise) ** 2 if noise > 0.0 else 1.0
     size = float(np.std(data.motion[data.used]))
@@ -466,6 +597,16 @@ def _judged(data: MeasuredMotion, kind: str, solution: _Solution) -> StructureFi
         )
     if mass is not None and mass.value < 0.0:
         reasons.append('M moves against the force: reverse the sign of one of the sensors')
+    if kind == 'base' and abs(gain := float(solution.linear[0])) > 0.0 and abs(gain - 1.0) > _GAIN:
+        reasons.append(
+            f'M follows the base {gain:.4g} times as far as a structure on it does: '
+            + (
+                'reverse the sign of one of the sensors'
+                if abs(gain + 1.0) < _GAIN
+                else 'the sensors of M and of the base differ by this factor, or one is not where '
+                'it should be'
+            )
+        )
     changes = [_changing(parts, name, _UNITS[data.quantity]) for name in _DEVIATIONS]
     reasons += filter(None, changes)
     most = _MOST_CHI_SQUARED + _CHANCE / math.sqrt(len(residual))
@@ -487,10 +628,11 @@ def _judged(data: MeasuredMotion, kind: str, solution: _Solution) -> StructureFi
         chi_squared=chi_squared,
         fit_percent=100.0 * (1.0 - solution.deviation / size),
         whiteness=_whiteness(residual),
-        noise=noise,
+        noise=noise * noises[0],
         parts=tuple(parts),
         data=data,
         fitted=solution.fitted,
+        input_noise=noise * noises[1],
     )
 
 

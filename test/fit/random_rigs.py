@@ -78,12 +78,14 @@ def measure(
     timed: bool = True,
     missing: float = 0.0,
     false: float = 0.0,
+    cut: float = 0.0,
 ) -> Measurement:
-    """Return a record from rest over some impacts, with noise over the amplitude."""
+    """Return a record over some impacts from a time on, with noise over the amplitude."""
     start = InitialConditions(initial_damper_velocity=float(rng.uniform(-0.3, 0.3)))
     hits = Rig(rig, start).run(LONGEST).impacts()['time']
+    hits = hits[hits > cut]
     end = hits[min(impacts, len(hits) - 1)] + 0.05
-    time = np.arange(int(end * rate)) / rate
+    time = np.arange(int(cut * rate), int(end * rate)) / rate
     run = Rig(rig, start).run(time[-1], time)
     if quantity == 'acceleration':
         x, v = run.samples['x'], run.samples['primary_velocity']

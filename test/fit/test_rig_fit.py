@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from impact_damper_ros import Rig, RigParameters
+from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.rig_fit import FitOptionError, fit_rig
 
 from .random_rigs import errors, guess_of, measure, random_rig, true_values
@@ -48,6 +50,48 @@ def test_a_rig_is_found_from_its_motion(seed, options):
     np.testing.assert_allclose(
         fit.residuals[counted], (record.motion - fit.motion)[counted], atol=1e-12
     )
+
+
+def test_a_flight_that_begins_at_an_impact_nobody_measured_does_not_count():
+    """
+    The damper sticks before the first impact from rest, and a fit takes it to reverse there.
+
+    With that flight K was five standard deviations off, and the gap 4.9.
+    """
+    rig = RigParameters(
+        primary_mass=2.0,
+        stiffness=2031.0,
+        damping=1.45,
+        damper_mass=0.12,
+        gap=0.0187,
+        restitution_1=0.62,
+        restitution_2=0.62,
+        friction=0.015,
+        force_amplitudes=(1.5,),
+        force_frequencies=(31.8,),
+    )
+    time = np.arange(2400) / 200.0
+    run = Rig(rig).run(12.0, time)
+    hits, off = run.impacts()['time'], []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        record = MeasuredMotion(
+            time,
+            run.samples['x'] + rng.normal(0.0, 2e-5, len(time)),
+            'displacement',
+            np.ones(len(time), bool),
+            impact_times=hits + rng.normal(0.0, 5e-4, len(hits)),
+            impact_deviation=5e-4,
+        )
+        fit = fit_rig(record, rig.replace(stiffness=2135.0, damping=1.3))
+        assert fit.accepted, fit.reasons
+        assert not any(
+            flight.used and np.isnan(fit.impacts['measured_time'][k])
+            for k, flight in enumerate(fit.flights)
+            if k == 0 or not fit.flights[k - 1].used
+        )
+        off.append(list(errors(fit, rig).values()))
+    assert np.abs(off).max() < 3.5, off
 
 
 def test_names_that_cannot_be_fitted_are_refused():

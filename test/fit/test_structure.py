@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
+from impact_damper_ros import InitialConditions, Rig, RigParameters
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.structure import fit_structure
 
@@ -126,8 +127,10 @@ def test_what_is_not_linear_is_named_with_its_change(law, name, expected, reason
     assert sum('changes with the amplitude' in text for text in found.reasons) == 1
 
 
-def swept(quantity, kind, noise=0.02, mass=2.0):
-    time = np.arange(4000) / 200.0
+def swept(quantity, kind, *, noise=0.02, mass=2.0, input_noise=0.0, gain=1.0, seed=5, fine=20):
+    """Return a sweep at 40 samples a period, of a motion that is computed at 20 times as many."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(4000 * fine) / (200.0 * fine)
     angle = math.tau * (3.0 * time + 0.5 * (5.0 / 20.0) * time**2)
     drive = np.sin(angle)
     above = {'displacement': [1.0], 'velocity': [1.0, 0.0], 'acceleration': [1.0, 0.0, 0.0]}
@@ -136,24 +139,58 @@ def swept(quantity, kind, noise=0.02, mass=2.0):
         numerator = [2.0 * RATIO * OMEGA, OMEGA**2]
     system = (numerator, [1.0, 2.0 * RATIO * OMEGA, OMEGA**2])
     _, motion, _ = scipy.signal.lsim(system, drive, time)
-    motion += noise * np.std(motion) * np.random.default_rng(5).normal(size=len(time))
+    time, drive, motion = time[::fine], drive[::fine], gain * motion[::fine]
+    motion += noise * np.std(motion) * rng.normal(size=len(time))
+    drive += input_noise * rng.normal(size=len(time))
     if kind == 'force':
         return measured(time, motion, quantity, force=drive)
     return measured(time, motion, quantity, base=drive, base_quantity=quantity)
 
 
+@pytest.mark.parametrize('input_noise', [0.0, 0.02])
 @pytest.mark.parametrize('quantity', ['displacement', 'velocity', 'acceleration'])
 @pytest.mark.parametrize('kind', ['force', 'base'])
-def test_a_sweep(quantity, kind):
-    found = fit_structure(swept(quantity, kind))
+def test_a_sweep(quantity, kind, input_noise):
+    found = fit_structure(swept(quantity, kind, input_noise=input_noise))
     assert found.kind == kind
     assert found.accepted, found.reasons
     assert abs(found.frequency.value - FREQUENCY) < 3.5 * found.frequency.standard_deviation
     assert abs(found.damping_ratio.value - RATIO) < 3.5 * found.damping_ratio.standard_deviation
+    assert found.input_noise == pytest.approx(input_noise, rel=0.1, abs=5e-3)
     if kind == 'force':
         assert abs(found.mass.value - 2.0) < 3.5 * found.mass.standard_deviation
+        # 0.2 % is what straight lines between 40 samples a period make of it
+        assert found.mass.value == pytest.approx(2.0, rel=1.5e-3)
     else:
         assert found.mass is None
+
+
+@pytest.mark.parametrize(('gain', 'reason'), [(-1.0, 'reverse the sign'), (9.81, '9.8')])
+def test_a_sensor_the_other_way_round_or_in_another_unit(gain, reason):
+    found = fit_structure(swept('acceleration', 'base', gain=gain))
+    assert not found.accepted
+    assert reason in found.reasons[0]
+
+
+def test_a_ring_down_with_the_damper_in_it():
+    """The loose mass takes the more of the amplitude, the less there is of it."""
+    rig = RigParameters(
+        primary_mass=2.0,
+        stiffness=2.0 * OMEGA**2,
+        damping=4.0 * RATIO * OMEGA,
+        damper_mass=0.12,
+        gap=0.006,
+        restitution_1=0.6,
+        restitution_2=0.6,
+        friction=0.05,
+        force_amplitudes=(0.0,),
+    )
+    time = np.arange(1600) / 200.0
+    run = Rig(rig, InitialConditions(initial_primary_position=0.03)).run(8.0, time)
+    x = run.samples['x'] + np.random.default_rng(3).normal(0.0, 5e-5, len(time))
+    found = fit_structure(measured(time, x))
+    assert not found.accepted
+    assert 'is the damper still in it?' in found.reasons[0]
 
 
 def test_what_is_no_free_vibration():
