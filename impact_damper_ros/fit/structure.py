@@ -325,7 +325,7 @@ class _Driven:
 
     def noise(self, place: Array, share: float) -> float:
         """Return the deviation of the noise of the motion over that of what is white."""
-        return self._factors(place, share)[2] ** -0.5
+        return 1.0 / math.sqrt(self._factors(place, share)[2])
 
 
 def _solved_with_noise(
