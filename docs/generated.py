@@ -306,6 +306,33 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, int) else list(map(_plain, value))
 
 
+def columns(page: str) -> str:
+    """Return the page of the sweeps with the columns of a table."""
+    found = import_module('impact_damper_ros.sweep.table')._BY_NAME.values()
+    rows = [(f'`{one.name}`', one.unit, one.description) for one in found]
+    return _filled(page, 'columns', ('column', 'unit', 'meaning'), rows)
+
+
+def overall(page: str) -> str:
+    """Return the page of the comparison with the numbers over a whole run."""
+    source = inspect.getsource(import_module('impact_damper_ros.compare.result').Overall)
+    rows = []
+    for comment, names in re.findall(r'((?:    #: .*\n)+)((?:    \w+: \w+\n)+)', source):
+        keys = ', '.join(f'`{name}`' for name in re.findall(r'(\w+):', names))
+        rows.append((keys, ' '.join(comment.replace('#:', '').split())))
+    return _filled(page, 'overall', ('key', 'meaning'), rows)
+
+
+def _filled(page: str, name: str, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """Return a page with a table between two comments."""
+    cells = [head, ('---',) * len(head), *rows]
+    lines = [' | '.join(one.replace('|', r'\|') for one in row) for row in cells]
+    table = '\n'.join(f'| {line} |' for line in lines)
+    return re.sub(
+        rf'(?<=<!-- {name} -->\n).*?(?=\n<!-- end -->)', lambda _: table, page, flags=re.DOTALL
+    )
+
+
 def gallery() -> str:
     """Return the page of the figures to print."""
     lines = [
@@ -345,6 +372,8 @@ def pages() -> dict[Path, str]:
     fill = {
         'reference/commands.md': commands,
         'reference/glossary.md': glossary,
+        'analysis/comparison.md': overall,
+        'analysis/sweeps.md': columns,
         'node/node.md': messages,
         'node/parameters.md': tables,
     }

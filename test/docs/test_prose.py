@@ -29,11 +29,13 @@ PAGES = [page for page in sorted(DOCS.rglob('*.md')) if page not in MADE]
 
 def words_of(page):
     """Return how many words of a page are written by hand, code and tables included."""
-    return len(BLOCKS.sub('', page.read_text(encoding='utf-8')).split())
+    text = BLOCKS.sub('', page.read_text(encoding='utf-8'))
+    # A bar of a table or a sign of a formula is no word.
+    return sum(any(map(str.isalnum, word)) for word in text.split())
 
 
-#: Most words of all pages; the issue of a page that needs more is which other one needs less.
-MOST_WORDS = 41_000
+#: Most words of all pages.
+MOST_WORDS = 36_000
 CONTRIBUTING = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
 WORDS = CONTRIBUTING[CONTRIBUTING.index('### Words') : CONTRIBUTING.index('## Tests')]
 #: Phrases that are not to be used; 20 stands for any number.

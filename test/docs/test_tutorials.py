@@ -15,7 +15,14 @@ import pytest
 import yaml
 from docs.tutorial import PAGES, ROOT, Reader, differences, pictures
 
-from impact_damper_ros import GapControlParameters, InitialConditions, RigParameters
+from impact_damper_ros import (
+    GapControlParameters,
+    InitialConditions,
+    Rig,
+    RigParameters,
+    load_parameters,
+    settle,
+)
 
 PAGE = ROOT / 'impact_damper_ros' / 'page'
 
@@ -51,6 +58,24 @@ def test_best_gap_of_another_structure(line, tmp_path):
     reader.read()
     assert reader.names['reached'].x_max < 0.9 * reader.names['without']
     assert line in text
+
+
+@pytest.mark.parametrize(
+    ('changes', 'x_max', 'repeats'),
+    [
+        ({}, '3.2 mm', True),
+        ({'gap': 0.012}, '7.5 mm', False),
+        ({'gap': 0.027}, '2.7 mm', True),
+        ({'force_amplitudes': 2.4}, '15 mm', False),
+        ({'force_amplitudes': 2.4, 'gap': 0.048}, '6.3 mm', True),
+    ],
+)
+def test_numbers_of_the_lecture(changes, x_max, repeats):
+    text = (ROOT / 'docs' / 'lecture.md').read_text(encoding='utf-8')
+    assert x_max in ' '.join(text.split())
+    found = settle(Rig(load_parameters('bench_rig')[0].replace(**changes), compiled=None))
+    assert f'{1e3 * found.x_max:.{x_max.count(".")}f} mm' == x_max
+    assert bool(found.period) is repeats
 
 
 def test_links_to_the_page_are_rigs():
