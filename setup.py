@@ -76,9 +76,9 @@ setup(
         'mcap>=1.5',
         # Compiled long runs; without it they are plain Python (motion/compiled.py).
         'numba>=0.59,<0.69',
-        'numpy>=1.24',
+        'numpy>=1.24.2',
         'PyYAML>=6.0',
-        'scipy>=1.10',
+        'scipy>=1.11.1',
         'tqdm>=4.66.3',
         'zstandard>=0.20',
     ],
@@ -89,7 +89,7 @@ setup(
             'ros-jazzy-rclpy>=7.1.6,<8',
             'ros-jazzy-rmw-fastrtps-cpp>=8.4.3,<9',
         ],
-        'plot': ['Jinja2>=3.0', 'matplotlib>=3.6'],
+        'plot': ['Jinja2>=3.0', 'matplotlib>=3.6.3'],
         # rig_page: the rig in a browser
         'page': ['tornado>=6.1'],
         # What benchmarks/peers.py holds the simulator against.

@@ -156,11 +156,15 @@ def legend_below(figure: Figure, handles: Sequence[Any], columns: int, **look: A
     """Put a legend below the panels of a figure, in as many columns as fit into it."""
     for count in range(columns, 0, -1):
         legend = figure.legend(
-            handles=handles, loc='outside lower center', ncols=count, frameon=False, **look
+            handles=handles, loc='lower center', ncols=count, frameon=False, **look
         )
-        if count == 1 or legend.get_window_extent().width <= figure.bbox.width:
-            return
+        extent = legend.get_window_extent()
+        if count == 1 or extent.width <= figure.bbox.width:
+            break
         legend.remove()
+    # matplotlib 3.6, that of Ubuntu 24.04, has no place outside of the panels.
+    share = (extent.height + 0.12 * figure.dpi) / figure.bbox.height
+    figure.get_layout_engine().set(rect=(0.0, share, 1.0, 1.0 - share))
 
 
 #: What of an SVG is a document's own; ids and what refers to them.
