@@ -50,15 +50,20 @@ def test_upward_zeros_of_many_lines():
         place, speed = base.at(angles, wait)
         assert abs(place) < 1e-13
         assert speed > 0.0
-        angles = [a + w * (wait + 1e-3) for a, w in zip(angles, base.frequencies, strict=True)]
+        assert min(base.at(angles, share * wait)[0] for share in (0.999, 0.9999)) < 0.0
+        angles = [a + w * wait for a, w in zip(angles, base.frequencies, strict=True)]
+        assert base.upward_zero(angles) == 0.0
+        angles = [a + w * 1e-3 for a, w in zip(angles, base.frequencies, strict=True)]
     still = BaseMotion((0.0,), (1.0,), (0.0,))
     assert wait_for_change(still, [0.3], base) == 0.0
     place, _ = base.at(angles_after(still, [0.3], base))
     assert abs(place) < 1e-13
 
 
-#: Amplitudes, frequencies and phases of lines far apart, and when b first passes zero upwards.
+#: Amplitudes, frequencies and phases of one line, or lines far apart, and when b first rises by 0.
 FAR_APART = {
+    'one line': ([1.0], [2.0], [0.3], (math.tau - 0.3) / 2.0),
+    'one line upside down': ([-1.0], [2.0], [0.3], (math.pi - 0.3) / 2.0),
     'a ripple': ([1.0, 1e-9], [1.0, 1e6], [math.pi / 2, 0.0], 1.5 * math.pi),
     'many ripples': (
         [0.05] + [1e-9] * 200,

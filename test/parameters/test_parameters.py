@@ -89,6 +89,7 @@ def test_every_parameter_has_its_range_and_says_so(table):
             said = refusal(spec, [value] if inside else value)
             assert said.startswith(tuple(f'{name}{x} ' for x in (' is', '[0] is', ' has'))), said
             assert words in said, (value, said)
+            assert ' %' not in said or not spec.unit
         for entries, count in (([], 0), ([1.0] * 2000, 2000), (itertools.repeat(1.0), 'or more')):
             if listed:
                 said = refusal(spec, entries)
@@ -165,6 +166,7 @@ def test_replace():
     rig = RigParameters()
     # Each of the two alone is not admissible.
     assert rig.replace(stiffness=0.01, damping=0.001).damping == 0.001
+    assert repr(rig.replace(gap=12.0)) == 'RigParameters(gap=12.0)'
     for table in TABLES:
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(table(), next(iter(TABLES[table])), 2.0)
@@ -202,6 +204,9 @@ def test_resonance_without_damping():
     assert rig.response_amplitude == math.inf
     assert rig.replace(force_amplitudes=[0.0]).response_amplitude == 0.0
     assert RigParameters().response_amplitude == pytest.approx(100.0, rel=1e-14)
+    assert RigParameters().x_max_ratio(10.0) == pytest.approx(0.1)
+    for none in (rig, rig.replace(force_amplitudes=0.0)):
+        assert math.isnan(none.x_max_ratio(1.0))
 
 
 def test_initial_conditions_within_the_gap():
