@@ -45,6 +45,10 @@ def test_upward_zeros_of_many_lines():
         tuple(np.linspace(1.0, 0.2, 9)), tuple(np.linspace(1.0, 7.3, 9)), tuple(range(9))
     )
     angles = [0.0] * 9
+    # Through the force that stands for them
+    _, _, phases = base.force(1974.0, 12.6)
+    columns = np.array(base.columns(1974.0, 12.6))
+    assert (columns * [np.sin(phases), np.cos(phases)]).sum() == pytest.approx(base.at(angles)[0])
     for _ in range(20):
         wait = base.upward_zero(angles)
         place, speed = base.at(angles, wait)
