@@ -28,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from compare.recorded import built
 from numpy.typing import NDArray
+from rigs import BENCH, FRICTION, OFF_RESONANCE, VERTICAL
 from tqdm import tqdm
 
 from impact_damper_ros import (
@@ -36,7 +37,6 @@ from impact_damper_ros import (
     Outcome,
     Rig,
     RigParameters,
-    load_parameters,
 )
 from impact_damper_ros.compare.motion_kind import StretchKind, kind_of
 from impact_damper_ros.compare.stretches import LoggedRig
@@ -59,21 +59,8 @@ QUIET = 1000
 
 RIGHT, UNDECIDED, WRONG = 'right', 'undecided', 'wrong'
 
-HORIZONTAL = RigParameters(gravity=0.0, force_frequencies=(1.02,))
-INCLINED = RigParameters(
-    angle=math.radians(45.0), gravity=1.0, friction=0.5, force_frequencies=(1.02,)
-)
-VERTICAL = RigParameters(
-    angle=math.radians(90.0),
-    gravity=1.0,
-    one_sided=True,
-    damping=0.1,
-    damper_mass=0.01,
-    force_frequencies=(10.0,),
-)
 #: Its two impacts per cycle lose their stability to a torus (Neimark-Sacker).
-HEAVY = HORIZONTAL.replace(damping=0.05, damper_mass=0.3, restitution_1=0.6, restitution_2=0.6)
-BENCH = load_parameters('bench_rig')[0]
+HEAVY = OFF_RESONANCE.replace(damping=0.05, damper_mass=0.3, restitution_1=0.6, restitution_2=0.6)
 DISPLACED = InitialConditions(initial_primary_position=1.0)
 
 
@@ -122,9 +109,9 @@ def cases(random: int) -> Iterator[Case]:
     """Yield the rigs; the random ones, the same each time, last."""
     still = InitialConditions()
     for gap in (5, 7, 8, 9, 10, 12, 13, 14, 16, 18, 20, 22, 25, 30, 37, 45, 50, 54, 57):
-        yield Case(f'level, gap {gap}', HORIZONTAL.replace(gap=float(gap)), DISPLACED)
+        yield Case(f'level, gap {gap}', OFF_RESONANCE.replace(gap=float(gap)), DISPLACED)
     for gap in (8, 10, 12, 15, 17, 20, 22, 25, 30, 40, 50, 60):
-        yield Case(f'inclined, gap {gap}', INCLINED.replace(gap=float(gap)), DISPLACED)
+        yield Case(f'inclined, gap {gap}', FRICTION.replace(gap=float(gap)), DISPLACED)
     for gap in (8.5, 8.6, 8.7, 8.757, 8.8, 8.9, 9.0, 9.05, 9.1, 9.15, 9.2, 9.25, 9.3, 9.4, 9.5):
         rig = HEAVY.replace(gap=gap, force_frequencies=(1.1,))
         yield Case(f'heavy at 1.1, gap {gap}', rig, DISPLACED)

@@ -3,26 +3,18 @@
 import math
 
 import pytest
+from rigs import BENCH
 
 from impact_damper_ros import RigParameters, load_parameters
 from impact_damper_ros.parameters.description import described, frequency_hint
 from impact_damper_ros.parameters.parameters_file import presets
 from impact_damper_ros.parameters.quoting import printable, shown
 
-BENCH = RigParameters(
-    primary_mass=2.0,
-    stiffness=1974.0,
-    damping=1.26,
-    gap=0.024,
-    force_amplitudes=1.2,
-    force_frequencies=31.416,
-)
-
 
 def test_line_in_hertz_and_shares():
     assert described(BENCH.replace(force_frequencies=5.0)) == (
         'natural frequency 5.00 Hz (31.42 rad/s), ζ 1.00 %; force 1.2 N at 0.796 Hz (5 rad/s), '
-        '0.159 times the natural one; gap 0.024 m; level'
+        '0.159 times the natural one; gap 0.024 m; level, friction 0.02'
     )
 
 

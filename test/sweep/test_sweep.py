@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from control.controlled_rigs import TRIAL, control
+from rigs import OFF_RESONANCE
 
 from impact_damper_ros import InitialConditions, RigParameters
 from impact_damper_ros.sweep import (
@@ -33,12 +34,11 @@ from impact_damper_ros.sweep.part_file import PartFile, part_path
 
 pytest.importorskip('pyarrow')
 
-RIG = RigParameters(gravity=0.0, force_frequencies=1.02)
 START = InitialConditions(initial_primary_position=1.0)
 BRIEF = Settling(cycles=300, watch=40, section=20)
 
 
-def grid_of(rig=RIG, settling=BRIEF, follow='none', **axes):
+def grid_of(rig=OFF_RESONANCE, settling=BRIEF, follow='none', **axes):
     return Grid(rig, START, follow=follow, settling=settling, **axes)
 
 
@@ -262,7 +262,7 @@ def test_another_version_on_a_worker_ends_the_sweep(monkeypatch):
 
 
 def test_one_start_beyond_a_stop_is_one_row():
-    grid = Grid(RIG, settling=BRIEF, initial_damper_offset=[-20.0, 0.0, 20.0])
+    grid = Grid(OFF_RESONANCE, settling=BRIEF, initial_damper_offset=[-20.0, 0.0, 20.0])
     for jobs in (1, 2):
         table = sweep(grid, jobs=jobs)
         assert list(table.ok) == [False, True, False]

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from rigs import OFF_RESONANCE
 
 from impact_damper_ros import InitialConditions, RigParameters, find_orbits, follow
 from impact_damper_ros.sweep import (
@@ -23,11 +24,10 @@ from impact_damper_ros.sweep.table import attractor_numbers
 
 pytest.importorskip('matplotlib')
 
-RIG = RigParameters(gravity=0.0, force_frequencies=1.02)
 START = InitialConditions(initial_primary_position=1.0)
 
 
-def swept(rig=RIG, start=START, follow='none', settling=None, **axes):
+def swept(rig=OFF_RESONANCE, start=START, follow='none', settling=None, **axes):
     return sweep(Grid(rig, start, follow=follow, settling=settling, **axes))
 
 
@@ -35,7 +35,7 @@ def test_two_mirrored_attractors_share_the_starts(tmp_path):
     """Three impacts per cycle are 1,1,2 or 1,2,2; turned about, a start leads to the other."""
     values = np.linspace(-20.0, 20.0, 10)
     table = swept(
-        RIG.replace(gap=18.0),
+        OFF_RESONANCE.replace(gap=18.0),
         InitialConditions(),
         initial_primary_position=values,
         initial_damper_velocity=values,
@@ -156,9 +156,9 @@ def test_branches_run_through_what_has_settled(hysteresis):
 
 def test_no_branches_where_there_is_no_theory():
     rest = {'settling': Settling(50, watch=21)}
-    assert branches_of(swept(RIG, gap=[30.0], friction=[0.0, 0.1], **rest)) == []
-    assert branches_of(swept(RIG, initial_primary_position=[0.0, 1.0], **rest)) == []
-    assert branches_of(swept(RIG, one_sided=[False, True], **rest)) == []
+    assert branches_of(swept(OFF_RESONANCE, gap=[30.0], friction=[0.0, 0.1], **rest)) == []
+    assert branches_of(swept(OFF_RESONANCE, initial_primary_position=[0.0, 1.0], **rest)) == []
+    assert branches_of(swept(OFF_RESONANCE, one_sided=[False, True], **rest)) == []
 
 
 def panels(figure):
@@ -197,7 +197,7 @@ def test_maps_are_written_the_same_each_time(tmp_path, suffix):
 
 def test_basins_are_drawn_with_their_shares():
     table = swept(
-        RIG.replace(gap=37.0),
+        OFF_RESONANCE.replace(gap=37.0),
         settling=Settling(600),
         initial_primary_velocity=[-5, 0, 5],
         initial_damper_offset=[-30, -10, 10],

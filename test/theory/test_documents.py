@@ -5,17 +5,12 @@ import json
 
 import numpy as np
 import pytest
+from rigs import BENCH, FRICTION, HORIZONTAL
 
 from impact_damper_ros import GapControlParameters, Rig, RigParameters, find_orbits, follow, settle
-from impact_damper_ros.parameters.parameters_file import load_parameters
 from impact_damper_ros.theory.documents import theory
 from impact_damper_ros.theory.gap_curve import follow_gap
 from impact_damper_ros.theory.prediction import Prediction
-
-LEVEL = RigParameters(gravity=0.0)
-INCLINED = RigParameters(angle=0.7853981633974483, gravity=1.0, friction=0.5).replace(
-    force_frequencies=(1.02,)
-)
 
 
 def documents(rig, control=None):
@@ -32,19 +27,19 @@ def parts(found, name):
 
 @pytest.fixture(scope='module')
 def level():
-    return documents(LEVEL)
+    return documents(HORIZONTAL)
 
 
 @pytest.fixture(scope='module')
 def inclined():
-    return documents(INCLINED)
+    return documents(FRICTION)
 
 
 def test_expected_motion_is_that_of_the_solver(inclined):
     found = parts(inclined, 'orbit')
     assert [one['complete'] for one in found] == [*([False] * (len(found) - 1)), True]
     last = found[-1]
-    orbit = next(o for o in find_orbits(INCLINED, (1, 2), 1).orbits if o.stable and o.viable)
+    orbit = next(o for o in find_orbits(FRICTION, (1, 2), 1).orbits if o.stable and o.viable)
     assert last['label'] == '2 impacts in 1 cycle'
     assert [one['kind'] for one in found[:1] + found[-1:]] == ['', 'periodic']
     assert last['x_max_ratio'] == pytest.approx(0.2113439, abs=1e-7)
@@ -55,8 +50,7 @@ def test_expected_motion_is_that_of_the_solver(inclined):
 
 
 def test_the_kind_of_motion_that_the_rig_comes_to_is_named():
-    bench, _, _ = load_parameters('bench_rig')
-    assert documents(bench.replace(gap=0.034))[-1]['orbit']['kind'] == 'chaotic'
+    assert documents(BENCH.replace(gap=0.034))[-1]['orbit']['kind'] == 'chaotic'
 
 
 def test_drawn_motion_is_that_of_the_rig(inclined):
@@ -65,7 +59,7 @@ def test_drawn_motion_is_that_of_the_rig(inclined):
     t, x, z = (np.array(last[name]) for name in ('t', 'x', 'z'))
     assert (np.diff(t) >= 0.0).all()
     assert last['t_zero'] == pytest.approx(0.0)
-    rig = Rig(INCLINED, compiled=None)
+    rig = Rig(FRICTION, compiled=None)
     rig.advance(1000 * last['period'])
     began = rig.time
     for share in (0.05, 0.3, 0.55, 0.9):
@@ -75,16 +69,16 @@ def test_drawn_motion_is_that_of_the_rig(inclined):
         assert np.interp(at, t, x) == pytest.approx(sample.x, abs=5e-3)
         assert np.interp(at, t, z) == pytest.approx(sample.z, abs=3e-2)
     y, velocity = np.array(last['y']), np.array(last['relative_velocity'])
-    assert np.abs(y).max() == pytest.approx(0.5 * INCLINED.gap, rel=1e-6)
+    assert np.abs(y).max() == pytest.approx(0.5 * FRICTION.gap, rel=1e-6)
     assert velocity.max() > 0.0 > velocity.min()
 
 
 def test_drawn_motion_of_a_force_that_repeats_after_several_cycles():
     """Zeros of its first harmonic differ: phases count from one that all harmonics agree with."""
     force = {'force_frequencies': (1.02, 1.7), 'force_phases': (0.1, 0.2)}
-    rig = Rig(INCLINED, compiled=None)
+    rig = Rig(FRICTION, compiled=None)
     rig.advance(20.0)
-    rig.change(INCLINED.replace(force_amplitudes=(1.0, 0.1), **force))
+    rig.change(FRICTION.replace(force_amplitudes=(1.0, 0.1), **force))
     rig.advance(20.0 + 600 * 2.0 * np.pi / 1.02)
     found = (one for one in theory(rig.snapshot()) if not isinstance(one, Prediction))
     last = next(one for one in found if one['orbit'].get('basis') == 'run ahead')
@@ -129,7 +123,7 @@ def test_gap_curve_comes_part_by_part(level):
     assert ratio[here] == pytest.approx(last['x_max_ratio'])
     assert ratio[here] == pytest.approx(0.104644, abs=1e-6)
     for k in range(0, len(gap), 15):
-        orbits = find_orbits(LEVEL.replace(gap=float(gap[k])), (1, 2), 1).orbits
+        orbits = find_orbits(HORIZONTAL.replace(gap=float(gap[k])), (1, 2), 1).orbits
         near = min(orbits, key=lambda o: abs(o.x_max_ratio - ratio[k]))
         assert near.x_max_ratio == pytest.approx(ratio[k], rel=1e-6)
         assert (near.stable, near.viable) == (main['stable'][k], main['viable'][k])
@@ -139,7 +133,7 @@ def test_gap_curve_comes_part_by_part(level):
 def test_optimum_of_the_curve_is_the_best_gap_and_none_is_taken_where_the_curve_goes_on(level):
     """The first parts fall to their ends: the best gap may be beyond."""
     *growing, last = parts(level, 'gap_curve')
-    best = follow(find_orbits(LEVEL, (1, 2)).orbits[0], 'gap', 30.0, 70.0).best()
+    best = follow(find_orbits(HORIZONTAL, (1, 2)).orbits[0], 'gap', 30.0, 70.0).best()
     assert last['optimum']['gap'] == pytest.approx(best.value, rel=1e-5)
     assert last['optimum']['x_max_ratio'] == pytest.approx(best.orbit.x_max_ratio, rel=1e-9)
     assert growing[0]['optimum'] is None
@@ -149,7 +143,7 @@ def test_optimum_of_the_curve_is_the_best_gap_and_none_is_taken_where_the_curve_
 
 
 def test_a_branch_knows_its_motions_and_their_mirror_images():
-    rig = LEVEL.replace(gap=18.0, force_frequencies=1.02)
+    rig = HORIZONTAL.replace(gap=18.0, force_frequencies=1.02)
     motion, mirrored = (find_orbits(rig, stops).orbits[0] for stops in ((1, 1, 2), (1, 2, 2)))
     branch = follow_gap(motion, 24)
     assert branch.holds(motion)
@@ -162,12 +156,12 @@ def test_a_branch_knows_its_motions_and_their_mirror_images():
 
 def test_the_curve_goes_on_where_it_falls_at_the_end_of_its_range():
     """The best gap is almost seven times the present one, or smaller than all that is followed."""
-    rig = LEVEL.replace(gap=8.0, force_frequencies=1.02)
+    rig = HORIZONTAL.replace(gap=8.0, force_frequencies=1.02)
     branch = follow_gap(find_orbits(rig, (1, 2), simulate=False).orbits[0])
     assert (branch.best.value, branch.bound) == (pytest.approx(54.963753, abs=1e-4), '')
     assert np.all(np.diff(branch.branch.values) > 0.0)
     # Below its resonance, M moves the less the smaller the gap is.
-    rig = LEVEL.replace(gap=0.5, damper_mass=0.02, force_frequencies=(0.9,))
+    rig = HORIZONTAL.replace(gap=0.5, damper_mass=0.02, force_frequencies=(0.9,))
     plastic = rig.replace(restitution_1=0.0, restitution_2=0.0)
     branch = follow_gap(settle(Rig(plastic, compiled=None)).orbit)
     assert (branch.best.value, branch.bound) == (min(branch.branch.values), 'at most')
@@ -181,7 +175,7 @@ def test_where_there_is_no_theory_it_says_why():
 
 
 def test_a_one_sided_rig_has_an_orbit_but_no_curve():
-    last = documents(LEVEL.replace(one_sided=True, gravity=1.0, angle=1.5, gap=0.1))[-1]
+    last = documents(HORIZONTAL.replace(one_sided=True, gravity=1.0, angle=1.5, gap=0.1))[-1]
     assert last['orbit']['complete']
     assert (last['gap_curve']['done'], last['gap_curve']['branches']) == (True, [])
     assert 'one-sided' in last['gap_curve']['text']

@@ -6,13 +6,13 @@ import re
 
 import pytest
 from rig.endless_rigs import ENDLESS
-from rigs import FRICTION, HORIZONTAL, VERTICAL
+from rigs import BENCH, FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
-from impact_damper_ros import InitialConditions, Rig, RigParameters, find_orbits
+from impact_damper_ros import InitialConditions, Rig, find_orbits
 from impact_damper_ros.theory.expected_motion import predictions, run_ahead
 from theory.observed import motion_on
 
-THREE = RigParameters(gravity=0.0, gap=18.0, force_frequencies=1.02)
+THREE = OFF_RESONANCE.replace(gap=18.0)
 
 
 @pytest.mark.parametrize(
@@ -116,23 +116,10 @@ def test_a_harmonic_that_was_added_on_the_way_has_the_phase_of_then():
 
 
 def test_where_no_stop_is_hit_or_nothing_repeats_the_reason_is_given():
-    wide = RigParameters(gravity=0.0, gap=600.0)
-    *_, last = predictions(Rig(wide))
+    *_, last = predictions(Rig(HORIZONTAL.replace(gap=600.0)))
     assert last.expected is None
     assert 'no more impacts' in last.reason
-    chaotic = RigParameters(
-        primary_mass=2.0,
-        stiffness=1974.0,
-        damping=1.26,
-        damper_mass=0.1,
-        gap=0.032,
-        restitution_1=0.6,
-        restitution_2=0.6,
-        friction=0.02,
-        force_amplitudes=1.2,
-        force_frequencies=31.416,
-    )
-    search = predictions(Rig(chaotic))
+    search = predictions(Rig(BENCH.replace(gap=0.032)))
     next(search)
     second = next(search)
     assert 'does not repeat within 1500 cycles' in second.reason

@@ -10,16 +10,16 @@ import time
 from pathlib import Path
 
 import pytest
+from rigs import HORIZONTAL, OFF_RESONANCE
 from running import Running, alive, until
 
-from impact_damper_ros import Rig, RigParameters, find_orbits
+from impact_damper_ros import Rig, find_orbits
 from impact_damper_ros.theory.background import BackgroundCall
 from impact_damper_ros.theory.theory_process import TheoryProcess
 from theory import searches
 from theory.observed import motion_on
 
-HORIZONTAL = RigParameters(gravity=0.0)
-THREE = RigParameters(gravity=0.0, gap=18.0, force_frequencies=1.02)
+THREE = OFF_RESONANCE.replace(gap=18.0)
 
 
 def state_of(rig):
