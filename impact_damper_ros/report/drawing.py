@@ -154,14 +154,17 @@ def finish_panel(axes: Any, panel: str, x_label: str, y_label: str) -> None:
 
 def legend_below(figure: Figure, handles: Sequence[Any], columns: int, **look: Any) -> None:
     """Put a legend below the panels of a figure, in as many columns as fit into it."""
+    if not handles:
+        return
     for count in range(columns, 0, -1):
         legend = figure.legend(
             handles=handles, loc='lower center', ncols=count, frameon=False, **look
         )
         extent = legend.get_window_extent()
-        if count == 1 or extent.width <= figure.bbox.width:
+        if extent.width <= figure.bbox.width:
             break
-        legend.remove()
+        if count > 1:
+            legend.remove()
     # matplotlib 3.6, that of Ubuntu 24.04, has no place outside of the panels.
     share = (extent.height + 0.12 * figure.dpi) / figure.bbox.height
     figure.get_layout_engine().set(rect=(0.0, share, 1.0, 1.0 - share))
