@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from operator import attrgetter
@@ -175,12 +176,12 @@ def _theory(
     return _distinct((orbit_of(root) for root in roots if _hits(root)), stops), report
 
 
-def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
+def starting_rigs(parameters: RigParameters) -> Iterator[Rig]:
     """
-    Yield initial conditions from which a rig may settle into different motions.
+    Yield rigs that may settle into different motions.
 
     At rest; displaced; moving fast; with m next to a stop. Scaled by the response without
-    impacts and the gap.
+    impacts and the gap, as far as that is admissible.
     """
     static = abs(parameters.first_harmonic[0]) / parameters.stiffness
     amplitude = min(parameters.response_amplitude, 5.0 * static)
@@ -195,16 +196,16 @@ def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
         (0.3, -2.0, -0.9),
         (2.0, 1.0, 0.3),
     ):
-        yield InitialConditions(
-            initial_primary_position=max(-limit, min(limit, x * amplitude)),
-            initial_primary_velocity=max(-limit, min(limit, velocity * speed)),
-            initial_damper_offset=(
-                half - min(half, abs(offset) * amplitude)
-                if parameters.one_sided
-                else offset * half
-            ),
-            initial_damper_velocity=0.0,
+        place = (
+            half - min(half, abs(offset) * amplitude) if parameters.one_sided else offset * half
         )
+        with suppress(ParameterError):
+            initial = InitialConditions(
+                initial_primary_position=max(-limit, min(limit, x * amplitude)),
+                initial_primary_velocity=max(-limit, min(limit, velocity * speed)),
+                initial_damper_offset=place,
+            )
+            yield Rig(parameters, initial, compiled=None)
 
 
 def _settled_near(rig: Rig, instant: float, cycles: int) -> Iterator[PeriodicOrbit | None]:
@@ -233,15 +234,9 @@ def _settled_near(rig: Rig, instant: float, cycles: int) -> Iterator[PeriodicOrb
 # For all stop sequences
 @lru_cache(maxsize=4)
 def settled_orbits(parameters: RigParameters, cycles: int) -> tuple[PeriodicOrbit | None, ...]:
-    """Return the motions near simulated motion, from `starting_points`, as `_settled_near`."""
-    orbits: list[PeriodicOrbit | None] = []
-    for initial in starting_points(parameters):
-        try:
-            rig = Rig(parameters, initial, compiled=None)
-        except ParameterError:
-            continue
-        orbits += _settled_near(rig, 0.0, cycles)
-    return tuple(orbits)
+    """Return the motions near simulated motion, of `starting_rigs`, as `_settled_near`."""
+    found = (_settled_near(rig, 0.0, cycles) for rig in starting_rigs(parameters))
+    return tuple(orbit for orbits in found for orbit in orbits)
 
 
 def _left_for(orbit: PeriodicOrbit, cycles: int) -> Iterator[PeriodicOrbit | None]:

@@ -16,10 +16,9 @@ from dataclasses import replace
 from impact_damper_ros.orbits.arguments import OrbitError, period_of_force
 from impact_damper_ros.orbits.orbit import PeriodicOrbit, Rhythm
 from impact_damper_ros.orbits.recurrence import MotionKind
-from impact_damper_ros.orbits.search import counted_as, find_orbits, starting_points
+from impact_damper_ros.orbits.search import counted_as, find_orbits, starting_rigs
 from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
 from impact_damper_ros.orbits.solved_orbits import counted_from_zero, orbit_near
-from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
@@ -166,11 +165,7 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
         prediction = orbits.predict(reached, 'run ahead', _why_none(ahead))
         prediction = replace(prediction, kind=ahead.kind.value)
     yield prediction
-    for initial in starting_points(parameters):
-        try:
-            start = Rig(parameters, initial)
-        except ParameterError:
-            continue
+    for start in starting_rigs(parameters):
         orbits.reached(parameters, run_ahead(start, _ELSEWHERE))
     yield replace(prediction, orbits=tuple(orbits.all), complete=True)
 
