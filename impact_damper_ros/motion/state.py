@@ -142,6 +142,38 @@ def incline(angle: float) -> tuple[float, float]:
     return sin(angle), 0.0 if cosine < 1e-5 else cosine
 
 
+#: The numbers of a rig by name; amplitude, frequency and phase of each harmonic follow.
+NUMBERS = (
+    *('primary_mass', 'stiffness', 'damping', 'damper_mass', 'gap'),
+    *('restitution_1', 'restitution_2', 'angle', 'friction', 'gravity', 'air_force'),
+)
+#: Their places, and that of the first harmonic.
+MASS, STIFFNESS, DAMPING, DAMPER_MASS, GAP, RESTITUTION_1, RESTITUTION_2 = range(7)
+ANGLE, FRICTION, GRAVITY, AIR_FORCE, FIRST_LINE = range(7, len(NUMBERS) + 1)
+
+
+@kernel
+def set_contacts(constants: Any, rig: Sequence[float]) -> None:
+    """Set those that `rig_fields` returns of a rig without base, from its numbers."""
+    ratio = rig[DAMPER_MASS] / rig[MASS]
+    sine, cosine = incline(rig[ANGLE])
+    most = 0.0
+    for j in range(constants.harmonics):
+        most += abs(rig[FIRST_LINE + 3 * j])
+    constants.mass_ratio = ratio
+    constants.share = ratio / (1.0 + ratio)
+    constants.damper_mass = rig[DAMPER_MASS]
+    constants.restitution_1 = rig[RESTITUTION_1]
+    constants.restitution_2 = rig[RESTITUTION_2]
+    constants.slope = rig[GRAVITY] * sine
+    constants.grip = rig[FRICTION] * rig[GRAVITY] * cosine
+    constants.air = rig[AIR_FORCE] / rig[DAMPER_MASS]
+    most /= rig[MASS] + rig[DAMPER_MASS]
+    most += 2.0 * abs(constants.slope) + constants.air + constants.grip
+    constants.push = (1.0 + ratio) * most
+    constants.half_gap = 0.5 * rig[GAP]
+
+
 def constants_of(parameters: RigParameters) -> tuple[RigConstants, list[Line]]:
     """Return a rig's constants and harmonics."""
     base = parameters.base_rows

@@ -120,11 +120,22 @@ def chatter_duration(speed: float, press: float, grip: float, restitution: float
 
 @kernel
 def may_complete(
-    duration: float, speed: float, press: float, grip: float, jerk: float, omega: float, gap: float
+    duration: float,
+    speed: float,
+    press: float,
+    grip: float,
+    jerk: float,
+    omega: float,
+    gap: float,
+    spread: float,
 ) -> bool:
-    """Return whether the closed form of a chatter is exact to the tolerances above."""
+    """
+    Return whether the closed form of a chatter is exact to the tolerances above.
+
+    `spread` is the relative error of the duration for the change of R with the speed.
+    """
     down = press - grip
-    change = jerk * duration
+    change = jerk * duration + spread * down
     return (
         change <= CHATTER_TOLERANCE * down
         and change * omega * duration <= CHATTER_INSTANT_TOLERANCE * down
@@ -153,7 +164,7 @@ def may_chatter(constants: RigConstants, run: Run) -> bool:
 
 
 @kernel
-def end_bounces(moving: Moving, stop: int, restitution: float) -> None:
+def end_bounces(moving: Moving, stop: int, coefficient: float) -> None:
     """Go over to the chatter that an impact belongs to, if it does and can be completed."""
     constants, _, run, _, _ = moving
     common = common_velocity(constants, run)
@@ -161,10 +172,13 @@ def end_bounces(moving: Moving, stop: int, restitution: float) -> None:
     speed = away * run.relative_velocity
     press = (1.0 + constants.mass_ratio) * away * support_need(moving, common)
     grip = (1.0 + constants.mass_ratio) * constants.grip
+    # Those of the bounces to come lie between these two.
+    restitution, _ = bounce(constants, coefficient, 0.0)
+    least, _ = bounce(constants, coefficient, speed)
     left = chatter_duration(speed, press, grip, restitution)
-    bounce = bounce_duration(speed, press, grip)
+    single = bounce_duration(speed, press, grip)
     omega = sqrt(constants.free.omega_squared)
-    if bounce < SHORTEST_BOUNCE * constants.free.horizon:
+    if single < SHORTEST_BOUNCE * constants.free.horizon:
         # Bounces too short to be resolved, and without energy. On an elastic stop they have no
         # end; no chatter may last so long that its support has to be watched.
         left = left if omega * left <= CHATTER_SPAN else 0.0
@@ -173,12 +187,13 @@ def end_bounces(moving: Moving, stop: int, restitution: float) -> None:
         gap = run.clearance_1 + run.clearance_2
         # The smallest possible bound of the jerk excludes most of the others.
         jerk = constants.free.jerk_bound
-        if not may_complete(left, speed, press, grip, jerk, omega, gap):
+        spread = (restitution - least) * left / single
+        if not may_complete(left, speed, press, grip, jerk, omega, gap, spread):
             return
         begin_next_flight(moving)
         motion: Motion = starting_motion(moving)
         jerk += free_bound(constants.free, motion.x_3, motion.x_4)
-        if not may_complete(left, speed, press, grip, jerk, omega, gap):
+        if not may_complete(left, speed, press, grip, jerk, omega, gap, spread):
             return
     else:
         return
@@ -186,6 +201,17 @@ def end_bounces(moving: Moving, stop: int, restitution: float) -> None:
     run.velocity = common
     run.relative_velocity = 0.0
     run.chatter_left = left
+
+
+@kernel(inline=True)
+def bounce(constants: Any, coefficient: Any, speed: Any) -> tuple[Any, Any]:  # noqa: ARG001
+    """
+    Return R at an approach speed v, and R + v dR/dv: the law of restitution, a constant R.
+
+    R falls with v, from the coefficient of the stop at 0. Of one impact, or in plain Python of
+    many as arrays.
+    """
+    return coefficient, coefficient
 
 
 @kernel(inline=True)
@@ -200,13 +226,14 @@ def rebound(
 
 
 @kernel(inline=True)
-def rebound_slopes(share: float, restitution: Any) -> tuple[Any, Any]:
+def rebound_slopes(share: float, slope: Any) -> tuple[Any, Any]:
     """
     Return the derivatives of what `rebound` returns by the relative velocity before it.
 
-    Of one impact, or in plain Python of many as arrays.
+    The slope is the second result of `bounce`. Of one impact, or in plain Python of many as
+    arrays.
     """
-    return share * (1.0 + restitution), -restitution
+    return share * (1.0 + slope), -slope
 
 
 @kernel
@@ -247,6 +274,8 @@ def strike(moving: Moving, stop: int) -> None:
     if run.clearance_1 == 0.0 and run.clearance_2 == 0.0:
         # With no room between the stops, impacts on both follow without end until m is at rest.
         restitution = 0.0
+    most = restitution
+    restitution, _ = bounce(constants, most, abs(relative_before))
     after, relative_after = rebound(constants.share, restitution, before, relative_before)
     run.velocity = after
     run.last_stop = stop
@@ -263,7 +292,7 @@ def strike(moving: Moving, stop: int) -> None:
     else:
         run.mode = moving_mode(constants, relative_after)
         if not away and may_chatter(constants, run):
-            end_bounces(moving, stop, restitution)
+            end_bounces(moving, stop, most)
     impulse = (
         constants.damper_mass
         * (1.0 + restitution)

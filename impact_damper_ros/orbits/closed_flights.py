@@ -47,34 +47,20 @@ from impact_damper_ros.motion.flight import (
     turn_waves,
 )
 from impact_damper_ros.motion.oscillator import Free, free_response, set_oscillator
-from impact_damper_ros.motion.state import FREE, STICK, Moving, incline
-from impact_damper_ros.motion.transition import rebound, rebound_slopes
-
-#: Places of the numbers of a rig; the harmonics follow, each as amplitude, frequency and phase.
-MASS, STIFFNESS, DAMPING, DAMPER_MASS, GAP, RESTITUTION_1, RESTITUTION_2 = range(7)
-ANGLE, FRICTION, GRAVITY, AIR_FORCE, FIRST_LINE = range(7, 12)
-
-
-@kernel
-def set_contacts(constants: Any, rig: Sequence[float]) -> None:
-    """Set the constants of m and of its contacts from the numbers of a rig."""
-    ratio = rig[DAMPER_MASS] / rig[MASS]
-    sine, cosine = incline(rig[ANGLE])
-    most = 0.0
-    for j in range(constants.harmonics):
-        most += abs(rig[FIRST_LINE + 3 * j])
-    constants.mass_ratio = ratio
-    constants.share = ratio / (1.0 + ratio)
-    constants.damper_mass = rig[DAMPER_MASS]
-    constants.restitution_1 = rig[RESTITUTION_1]
-    constants.restitution_2 = rig[RESTITUTION_2]
-    constants.slope = rig[GRAVITY] * sine
-    constants.grip = rig[FRICTION] * rig[GRAVITY] * cosine
-    constants.air = rig[AIR_FORCE] / rig[DAMPER_MASS]
-    most /= rig[MASS] + rig[DAMPER_MASS]
-    most += 2.0 * abs(constants.slope) + constants.air + constants.grip
-    constants.push = (1.0 + ratio) * most
-    constants.half_gap = 0.5 * rig[GAP]
+from impact_damper_ros.motion.state import (
+    DAMPER_MASS,
+    DAMPING,
+    FIRST_LINE,
+    FREE,
+    MASS,
+    RESTITUTION_1,
+    RESTITUTION_2,
+    STICK,
+    STIFFNESS,
+    Moving,
+    set_contacts,
+)
+from impact_damper_ros.motion.transition import bounce, rebound, rebound_slopes
 
 
 @kernel
@@ -351,7 +337,7 @@ def fly_all(problem: Problem) -> None:
 
 @kernel(inline=True)
 def restitution_at(problem: Problem, j: int) -> float:
-    """Return the restitution at a node that is an impact."""
+    """Return the coefficient of restitution at a node that is an impact."""
     node = problem.nodes[j]
     if node.resting != 0:
         return 0.0
@@ -375,9 +361,10 @@ def write_equation(problem: Problem, j: int, r: int, with_derivative: bool) -> N
     if r < _NEED:
         value = flight[END + r]
     if node.kind == IMPACT and r % 2 == 1:
-        restitution = restitution_at(problem, j)
+        speed = abs(flight[END + 3])
+        restitution, slope = bounce(constants, restitution_at(problem, j), speed)
         after, relative = rebound(share, restitution, flight[END + 1], flight[END + 3])
-        slide, stay = rebound_slopes(share, restitution)
+        slide, stay = rebound_slopes(share, slope)
         value = after if r == 1 else relative
     if r < _NEED:
         value -= table[j, r]
@@ -656,8 +643,10 @@ def carry_through(problem: Problem, j: int, after: int, jump: Any) -> None:
         for k in range(4):
             jump[i, k] = 1.0 if i == k else 0.0
     if impact:
-        share = problem.moving.constants.share
-        slide, stay = rebound_slopes(share, restitution_at(problem, after))
+        constants = problem.moving.constants
+        speed = abs(table[j, RATE_END + 2])
+        _, slope = bounce(constants, restitution_at(problem, after), speed)
+        slide, stay = rebound_slopes(constants.share, slope)
         jump[1, 3] = slide
         jump[3, 3] = stay
     normal = 2 if impact else 3

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.state import STICK
+from impact_damper_ros.motion.transition import bounce
 
 from .flight_arrays import Flights
 from .multipliers import FlightLaws, Y, event_matrices, jumps, velocities_of
@@ -107,8 +108,10 @@ def deviations(flights: Flights, start: float, end: float) -> Deviations:
     halts = np.isin(kind, (EventKind.REVERSAL, EventKind.STICK, EventKind.REST))
     # Plastic, or the cut of a chatter: all the impacts to come are one
     restitution = np.where(joint[1:], 0.0, restitution)
+    approach = events['damper_velocity_before'] - events['primary_velocity_before']
+    _, slope = bounce(constants, restitution, np.abs(approach))
     matrices = event_matrices(
-        jumps(constants.share, impact, restitution),
+        jumps(constants.share, impact, slope),
         impact,
         rates(slice(0, -1), 'before'),
         rates(slice(1, None), 'after'),

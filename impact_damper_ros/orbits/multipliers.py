@@ -119,11 +119,15 @@ class FlightLaws(NamedTuple):
         return matrix
 
 
-def jumps(share: float, impact: Mask, restitution: Array) -> Array:
-    """Return the derivative (n, 4, 4) of the state after events by that before them."""
+def jumps(share: float, impact: Mask, slopes: Array) -> Array:
+    """
+    Return the derivative (n, 4, 4) of the state after events by that before them.
+
+    The slopes are those of `transition.bounce` at the impacts.
+    """
     jump = np.zeros((len(impact), 4, 4))
     jump[:, range(4), range(4)] = 1.0
-    slide, stay = rebound_slopes(share, restitution)
+    slide, stay = rebound_slopes(share, slopes)
     jump[:, V, U] = np.where(impact, slide, 0.0)
     jump[:, U, U] = np.where(impact, stay, 1.0)
     return jump

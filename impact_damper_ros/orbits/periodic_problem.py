@@ -24,7 +24,10 @@ from impact_damper_ros.motion.event import EventKind, EventRow
 from impact_damper_ros.motion.oscillator import Line, Oscillator
 from impact_damper_ros.motion.state import (
     CHATTER_1,
+    DAMPER_MASS,
+    FIRST_LINE,
     FREE,
+    NUMBERS,
     REST_1,
     SLIDE_DOWN,
     SLIDE_UP,
@@ -40,9 +43,7 @@ from .arclength import MARKS, RESIDUAL, SIZE, SOLVE, VIABLE, X_MAX, Trace, compu
 from .closed_flights import (
     COLUMNS,
     CONTACTS,
-    DAMPER_MASS,
     END,
-    FIRST_LINE,
     INSTANT,
     LENGTH,
     NEWTON_STEPS,
@@ -172,13 +173,6 @@ def _moving(harmonics: int, one_sided: bool) -> Moving:
     constants.harmonics, constants.one_sided = harmonics, one_sided
     constants.free, constants.joint = _zeros(Oscillator), _zeros(Oscillator)
     return Moving(constants, [_zeros(Line) for _ in range(2 * harmonics)], run, waves, [])
-
-
-#: The numbers of a rig by name, before those of its harmonics.
-NUMBERS = (
-    *('primary_mass', 'stiffness', 'damping', 'damper_mass', 'gap'),
-    *('restitution_1', 'restitution_2', 'angle', 'friction', 'gravity', 'air_force'),
-)
 
 
 def numbers_of(parameters: RigParameters) -> Array:

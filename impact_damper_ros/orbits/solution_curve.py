@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.motion.state import FIRST_LINE, FRICTION, GRAVITY, NUMBERS
 from impact_damper_ros.parameters.parameter_spec import (
     ParameterError,
     number_between,
@@ -38,10 +39,9 @@ from .arclength import (
     Trace,
 )
 from .arguments import OrbitError, check_forcing, single_harmonic
-from .closed_flights import BEST_DERIVATIVE, FIRST_LINE, FRICTION, GRAVITY, GUESS, NORMAL, TANGENT
+from .closed_flights import BEST_DERIVATIVE, GUESS, NORMAL, TANGENT
 from .orbit import PeriodicOrbit
 from .periodic_problem import (
-    NUMBERS,
     PeriodicProblem,
     Solution,
     numbers_of,

@@ -16,7 +16,7 @@ import numpy as np
 
 from impact_damper_ros.motion.event import Event, EventKind
 from impact_damper_ros.motion.state import CHATTER_1, REST_1, REST_2, STICK
-from impact_damper_ros.motion.transition import rebound
+from impact_damper_ros.motion.transition import bounce, rebound
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Events, Outcome, Rig
 
@@ -218,7 +218,8 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
             events.append(OrbitEvent(node.kind, node.stop, phase))
             continue
         _, velocity, _, relative = before[j]
-        restitution = rig.restitution_1 if node.stop == 1 else rig.restitution_2
+        coefficient = rig.restitution_1 if node.stop == 1 else rig.restitution_2
+        restitution, _ = bounce(rig, coefficient, abs(relative))
         after, relative_after = rebound(share, restitution, velocity, relative)
         row = (
             *(phase, states[j][0], velocity, after),

@@ -120,13 +120,14 @@ def test_no_chatter(press, grip, restitution):
         ),
         ({'omega': CHATTER_SPAN / 1e-3}, 'omega'),
         ({'speed': math.sqrt(2.0 * CHATTER_HEIGHT * 2.0 * 2.5)}, 'speed'),
+        ({'spread': CHATTER_TOLERANCE}, 'spread'),
     ],
-    ids=['change of the press', 'instant of rest', 'span', 'height'],
+    ids=['change of the press', 'instant of rest', 'span', 'height', 'change of restitution'],
 )
 def test_completed_only_within_the_tolerances(limit, changed):
-    """Each of the four conditions decides where the others hold."""
+    """Each of the five conditions decides where the others hold."""
     given = {'duration': 1e-3, 'speed': 1e-9, 'press': 2.0, 'grip': 0.5}
-    given |= {'jerk': 0.0, 'omega': 1e-6, 'gap': 2.0, **limit}
+    given |= {'jerk': 0.0, 'omega': 1e-6, 'gap': 2.0, 'spread': 0.0, **limit}
     assert may_complete(**{**given, changed: given[changed] * 0.999})
     assert not may_complete(**{**given, changed: given[changed] * 1.001})
 

@@ -14,7 +14,15 @@ from impact_damper_ros import (
     value_of,
     with_value,
 )
-from impact_damper_ros.motion.state import CHATTER_1, REST_1, REST_2, SLIDE_DOWN, SLIDE_UP, STICK
+from impact_damper_ros.motion.state import (
+    CHATTER_1,
+    NUMBERS,
+    REST_1,
+    REST_2,
+    SLIDE_DOWN,
+    SLIDE_UP,
+    STICK,
+)
 from impact_damper_ros.orbits import periodic_problem
 from impact_damper_ros.orbits.closed_flights import (
     DERIVATIVE,
@@ -31,7 +39,6 @@ from impact_damper_ros.orbits.closed_flights import (
 )
 from impact_damper_ros.orbits.flights import flight_at, machine_of
 from impact_damper_ros.orbits.periodic_problem import (
-    NUMBERS,
     Node,
     PeriodicProblem,
     impact_nodes,
