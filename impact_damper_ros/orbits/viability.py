@@ -32,10 +32,10 @@ from impact_damper_ros.motion.flight import (
 )
 from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
 from impact_damper_ros.motion.oscillator import POINTS
-from impact_damper_ros.motion.state import FREE, STICK, Moving
+from impact_damper_ros.motion.state import FIRST_LINE, FREE, STICK, Moving
 from impact_damper_ros.motion.transition import strike
 
-from .closed_flights import CYCLES, END, FIRST_LINE, SPAN, NodeRow, Problem, begin_at
+from .closed_flights import CYCLES, END, SPAN, NodeRow, Problem, begin_at
 
 #: How much earlier than assumed, as a share of the period, an impact counts as another one.
 _TIME_TOLERANCE = 1e-7
