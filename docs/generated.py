@@ -1,5 +1,5 @@
 """
-What the documentation has of the code: help, parameters, glossary, Python library, gallery.
+What the documentation has of the code: help, parameters, interfaces, glossary, library, gallery.
 
     python docs/generated.py [--figures]
 
@@ -33,7 +33,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / 'docs')]
+
+import interfaces  # noqa: E402
 
 from impact_damper_ros import EventKind, GapControlParameters, Rig, load_parameters  # noqa: E402
 from impact_damper_ros.bag import rig_topics  # noqa: E402
@@ -367,7 +369,7 @@ def draw() -> None:
 
 def pages() -> dict[Path, str]:
     """Return the pages with generated parts."""
-    made = {GALLERY / 'index.md': gallery()}
+    made = {GALLERY / 'index.md': gallery(), interfaces.FILE: interfaces.text()}
     made |= {DOCS / 'reference' / 'python' / f'{stem}.md': library(stem) for stem in LIBRARY}
     fill = {
         'reference/commands.md': commands,

@@ -261,7 +261,7 @@ def run_ensemble(
     LawError
         If a law of the user's own fails, or numba cannot compile it.
     ImportError
-        Without numba (extra ``compiled``).
+        Without numba.
 
     Examples
     --------

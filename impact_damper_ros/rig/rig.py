@@ -389,7 +389,7 @@ class Rig:
     LawError
         If the law cannot be called so.
     ImportError
-        If `compiled` without numba (extra ``compiled``).
+        If `compiled` without numba.
 
     Examples
     --------
