@@ -274,9 +274,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _look(arguments: argparse.Namespace) -> int:
     """Draw what is read, and say why it cannot be used, if so."""
-    from impact_damper_ros.fit.measured_motion import raw_columns
-    from impact_damper_ros.fit.recorded_motion import message_columns
-    from impact_damper_ros.report.look_figure import look_figure
+    from impact_damper_ros.report.look_figure import look_figure, message_columns, raw_columns
 
     options, problem, data = _options(arguments), None, None
     recorded = _recorded(arguments, options)

@@ -40,7 +40,6 @@ from impact_damper_ros.measured.sheet import (
     ColumnError,
     Quantity,
     Sheet,
-    TableError,
     choose,
 )
 from impact_damper_ros.measured.table import (
@@ -150,7 +149,7 @@ NO_OPTIONS = ReadingOptions()
 def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> MeasuredMotion:
     """Read a measured motion from a file of columns, or raise `TableError`."""
     sheet = read_sheet(path)
-    quantity, choices = _choices_of(sheet, options)
+    quantity, choices = choices_of(sheet, options)
     table = table_of(sheet, choices)
     table = _on_one_clock(table).between(options.first, options.last)
     table, digit = table.on_a_clock()
@@ -188,34 +187,7 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
     )
 
 
-class RawColumn(NamedTuple):
-    """A column as it is in a file, over time in s: what it is read as, and its factor to SI."""
-
-    title: str
-    time: Array
-    values: Array
-    role: str
-    factor: float
-
-
-def raw_columns(path: Path, options: ReadingOptions = NO_OPTIONS) -> list[RawColumn]:
-    """Return all columns of numbers of a file, used or not."""
-    sheet = read_sheet(path)
-    _, choices = _choices_of(sheet, options)
-    roles = {choice.place: (key, choice.factor) for key, choice in choices.items()}
-    clock = choices['time']
-    found = []
-    for place, head in enumerate(sheet.headings):
-        role, factor = roles.get(place, ('', 1.0))
-        # A column of text is none
-        with contextlib.suppress(TableError):
-            (time, values), _ = sheet.read([clock.place, place])
-            if not role.startswith('time'):
-                found.append(RawColumn(head.title, time * clock.factor, values, role, factor))
-    return found
-
-
-def _choices_of(sheet: Sheet, options: ReadingOptions) -> tuple[str, dict[str, Choice]]:
+def choices_of(sheet: Sheet, options: ReadingOptions) -> tuple[str, dict[str, Choice]]:
     """Return which quantity the motion is, and the columns that are read."""
     found: dict[str, Choice] = {}
     taken: set[int] = set()

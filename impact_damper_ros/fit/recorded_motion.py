@@ -22,13 +22,7 @@ from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.command import Command, parameters_of, read_command
 
-from .measured_motion import (
-    MeasuredMotion,
-    RawColumn,
-    ReadingOptions,
-    prepared,
-    read_table_motion,
-)
+from .measured_motion import MeasuredMotion, ReadingOptions, prepared, read_table_motion
 
 Array = NDArray[np.float64]
 
@@ -94,7 +88,7 @@ def _chosen(reader: RunReader, topic: str) -> tuple[str, str]:
     raise RecordingError('fit', reader.path, cause, remedy)
 
 
-class _Series(NamedTuple):
+class TopicSeries(NamedTuple):
     """The columns of a topic over rig time, s, that of the motion as X."""
 
     found: TopicColumns
@@ -108,7 +102,7 @@ class _Series(NamedTuple):
     source: str
 
 
-def _series(messages: TopicMessages, options: ReadingOptions) -> _Series:
+def series_of(messages: TopicMessages, options: ReadingOptions) -> TopicSeries:
     """Return the columns of a topic, and which of its messages are used."""
     every, topic, source = messages
     own = [m for m in every if m.topic == topic]
@@ -144,17 +138,7 @@ def _series(messages: TopicMessages, options: ReadingOptions) -> _Series:
     seconds = (stamps - offset_ns) / 1e9
     kept = (stamps >= start_ns) & (stamps < end_ns)
     kept &= (seconds >= options.first) & (seconds <= options.last)
-    return _Series(found, seconds, place, base, kept, times, source)
-
-
-def message_columns(messages: TopicMessages, options: ReadingOptions) -> list[RawColumn]:
-    """Return all columns of a topic, used or not."""
-    series = _series(messages, options)
-    roles = {series.base: 'base', series.place: 'motion'}
-    return [
-        RawColumn(head.title, series.seconds, values, roles.get(n, ''), 1.0)
-        for n, (head, values) in enumerate(series.found.columns)
-    ]
+    return TopicSeries(found, seconds, place, base, kept, times, source)
 
 
 def motion_of_messages(messages: TopicMessages, options: ReadingOptions) -> MeasuredMotion:
@@ -164,7 +148,7 @@ def motion_of_messages(messages: TopicMessages, options: ReadingOptions) -> Meas
     Of a rig of this package only what is before the next change of its parameters is used, and
     the time is rig time, from which its force counts.
     """
-    found, seconds, place, base_place, kept, times, source = _series(messages, options)
+    found, seconds, place, base_place, kept, times, source = series_of(messages, options)
     # Of samples that are there twice, or late, the first in time
     _, once = np.unique(found.stamps_ns[kept], return_index=True)
     places = np.flatnonzero(kept)[once]

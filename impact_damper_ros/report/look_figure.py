@@ -1,15 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a file of measured data was read as, before anything is fitted to it."""
+"""What measured data were read as, before anything is fitted to them."""
 
 from __future__ import annotations
 
+import contextlib
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.fit.measured_motion import MeasuredMotion, RawColumn
+from impact_damper_ros.fit.measured_motion import (
+    NO_OPTIONS,
+    MeasuredMotion,
+    ReadingOptions,
+    choices_of,
+)
+from impact_damper_ros.fit.recorded_motion import TopicMessages, series_of
+from impact_damper_ros.measured.formats import read_sheet
+from impact_damper_ros.measured.sheet import Array, TableError
 
 from .drawing import COLORS, blank_figure, finish_panel, print_style
 
@@ -18,6 +28,43 @@ if TYPE_CHECKING:
 
 #: Most columns that are drawn.
 _MOST_PANELS = 12
+
+
+class RawColumn(NamedTuple):
+    """A column as it is in a file, over time in s: what it is read as, and its factor to SI."""
+
+    title: str
+    time: Array
+    values: Array
+    role: str
+    factor: float
+
+
+def raw_columns(path: Path, options: ReadingOptions = NO_OPTIONS) -> list[RawColumn]:
+    """Return all columns of numbers of a file, used or not."""
+    sheet = read_sheet(path)
+    _, choices = choices_of(sheet, options)
+    roles = {choice.place: (key, choice.factor) for key, choice in choices.items()}
+    clock = choices['time']
+    found = []
+    for place, head in enumerate(sheet.headings):
+        role, factor = roles.get(place, ('', 1.0))
+        # A column of text is none
+        with contextlib.suppress(TableError):
+            (time, values), _ = sheet.read([clock.place, place])
+            if not role.startswith('time'):
+                found.append(RawColumn(head.title, time * clock.factor, values, role, factor))
+    return found
+
+
+def message_columns(messages: TopicMessages, options: ReadingOptions) -> list[RawColumn]:
+    """Return all columns of a topic, used or not."""
+    series = series_of(messages, options)
+    roles = {series.base: 'base', series.place: 'motion'}
+    return [
+        RawColumn(head.title, series.seconds, values, roles.get(n, ''), 1.0)
+        for n, (head, values) in enumerate(series.found.columns)
+    ]
 
 
 @print_style()

@@ -5,13 +5,9 @@ import pytest
 
 from impact_damper_ros.cli.fit_rig import main as fit_rig
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.fit.measured_motion import ReadingOptions, raw_columns, read_table_motion
-from impact_damper_ros.fit.recorded_motion import (
-    bag_messages,
-    message_columns,
-    motion_of_messages,
-)
-from impact_damper_ros.report.look_figure import look_figure
+from impact_damper_ros.fit.measured_motion import ReadingOptions, read_table_motion
+from impact_damper_ros.fit.recorded_motion import bag_messages, motion_of_messages
+from impact_damper_ros.report.look_figure import look_figure, message_columns, raw_columns
 
 TIME = np.arange(200) / 200.0
 HEAD = 't [s],shaker [g],x [mm],temperature [°C],note\n'
