@@ -21,7 +21,8 @@ HERE = Path(__file__).resolve().parent
 RIG = HERE.parent / 'config' / 'bench_rig.yaml'
 TICKS_PER_S = os.sysconf('SC_CLK_TCK')
 WARM_UP_S = 2.0
-DEADLINE_S = 30.0
+#: Longest time in which a program starts, with kernels to compile, beside others, s
+DEADLINE_S = 300.0
 #: Set in the environment by the ROS 2 wheels once Python has been started anew with the paths of
 #: their libraries; without it a child does so itself, as when a user starts it.
 BOOTSTRAP_MARK = '_ROS_WHEELS_BOOTSTRAP_COMPLETE'
@@ -111,7 +112,7 @@ def running(command: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
     finally:
         process.terminate()
         try:
-            process.wait(10.0)
+            process.wait(DEADLINE_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()

@@ -33,6 +33,7 @@ from typing import Any
 
 import rclpy
 from node_process import (
+    DEADLINE_S,
     WARM_UP_S,
     Listener,
     anonymous_kib,
@@ -98,7 +99,8 @@ def clients(port: int, count: int, seconds: float) -> Iterator[Any]:
     )
 
     def results() -> list[dict[str, Any]]:
-        found: list[dict[str, Any]] = json.loads(process.communicate(timeout=seconds + 60.0)[0])
+        output, _ = process.communicate(timeout=seconds + DEADLINE_S)
+        found: list[dict[str, Any]] = json.loads(output)
         return found
 
     try:
@@ -121,7 +123,7 @@ def server(directory: str) -> Iterator[tuple[int, int]]:
             stdout=output,
         )
     try:
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + DEADLINE_S
         while not (found := re.search(r':(\d+)/', log.read_text())):
             if time.monotonic() > end or process.poll() is not None:
                 raise SystemExit('the server does not start')
@@ -129,7 +131,7 @@ def server(directory: str) -> Iterator[tuple[int, int]]:
         yield process.pid, int(found[1])
     finally:
         process.terminate()
-        process.wait(10.0)
+        process.wait(DEADLINE_S)
 
 
 @contextmanager
