@@ -412,49 +412,6 @@ def test_a_gap_out_of_all_proportion_leaves_the_scales(opened, parameters):
 
 
 @pytest.mark.usefixtures('theory')
-def test_a_chaotic_rig_is_called_so(opened):
-    page = opened('#preset=chaos')
-    page.expect('#verdict-text').to_have_text('Chaotic')
-    page.expect('#map-line').to_have_text('chaotic')
-    page.expect('#theory-text').to_contain_text('chaotic')
-    # Where the words go on below the edge, a mark says so until they are at their end.
-    page('#more-knobs summary').click()
-    page.expect('#more').to_be_visible()
-
-    def at_the_end():
-        page.run('new Promise(done => setTimeout(done, 500))')
-        if page('#more').is_visible():
-            page.click('#more')
-        return page('#more').is_hidden()
-
-    until(at_the_end, 'it is never at its end')
-
-
-def test_theory_of_two_cycles_lies_on_the_motion(opened, live):
-    """Though the rig has begun with the other one of the two."""
-    bag, sets = live.recordings / 'two', []
-    rig = {'angle': 0.14, 'friction': 0.05, 'gap': 0.02, 'initial_primary_position': 0.002}
-    for name, value in rig.items():
-        sets += ['--set', f'{name}={value}']
-    given = [str(BENCH), '--duration', '40', '--bag', str(bag), '--quiet', *sets]
-    assert simulate_rig(given) == 0
-    page = opened(f'#bag={bag.name}&window=1', ready='impactDamper.theory.orbit?.cycles === 2')
-    scrub(page, 39)
-    page.wait('impactDamper.history.end > 38.9')
-    apart = page.run("""(({ history, theory: { orbit }, traces }) => {
-        const { t, z, period } = orbit;
-        const { samples } = history.own;
-        const zero = traces.zero(orbit);
-        return Math.max(...[...Array(100).keys()].map(n => {
-            const { time, z: seen } = samples.row(samples.end - 1 - n);
-            const into = (((time - zero) % period) + period) % period;
-            return Math.min(...z.map((one, k) => Math.hypot(one - seen, 0.1 * (t[k] - into))));
-        })); })(impactDamper)""")
-    # The other cycle is off by 4 mm.
-    assert apart < 0.001
-    shutil.rmtree(bag)
-
-
 # Links
 
 
@@ -635,6 +592,16 @@ def test_nothing_is_inaccessible(opened):
         page.drawn()
         assert page.run(ACCESSIBLE) == [], size
         assert size != phone or page.run(SMALL_TARGETS) == []
+    # Where the knobs go on below the edge, a mark says so until they are at their end.
+    page.expect('#more').to_be_visible()
+
+    def at_the_end():
+        page.run('new Promise(done => setTimeout(done, 500))')
+        if page('#more').is_visible():
+            page.click('#more')
+        return page('#more').is_hidden()
+
+    until(at_the_end, 'it is never at its end')
 
 
 def test_keys_and_little_motion(opened):

@@ -12,6 +12,30 @@ export class Theory {
     /** Kind of the motion that the rig comes to. */
     this.kind = '';
     [this.missing, this.failure] = ['', ''];
+    /** With which of its cycles a predicted motion of several begins. */
+    this.shift = 0;
+  }
+
+  /** When a period of the predicted motion begins; one of several cycles may begin with any of them, that which fits best. */
+  zero(samples, end) {
+    const { t, z, t_zero: zero, period, cycles } = this.orbit;
+    const cycle = period / cycles;
+    const [time, seen] = ['time', 'z'].map((name) => samples.field(name));
+    const least = samples.after(end - 2 * period);
+    const stride = Math.max(1, Math.floor((samples.end - least) / 60));
+    const misfits = Array.from({ length: cycles }, (_, shift) => {
+      let sum = 0;
+      for (let n = least; n < samples.end; n += stride) {
+        const part = (time[n] - zero - shift * cycle) / period;
+        const into = (part - Math.floor(part)) * period;
+        sum += (seen[n] - z.at(t.findLastIndex((one) => one <= into))) ** 2;
+      }
+      return sum;
+    });
+    // One that fits hardly better does not take turns with the other.
+    const best = misfits.indexOf(Math.min(...misfits));
+    if (!(misfits[this.shift] < 2 * misfits[best])) this.shift = best;
+    return zero + this.shift * cycle;
   }
 
   /** Why there is no motion to show; empty if there is one. */

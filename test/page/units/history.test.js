@@ -5,6 +5,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
 import { History } from '../../../impact_damper_ros/page/static/history.js';
+import { Theory } from '../../../impact_damper_ros/page/static/theory.js';
 
 const SAMPLES = ['time', 'x', 'primary_velocity', 'z', 'damper_velocity', 'stop_1', 'stop_2', 'angle', 'phase', 'base', 'base_velocity'];
 const IMPACTS = ['time', 'stop', 'x', 'y', 'primary_velocity_before', 'primary_velocity_after', 'damper_velocity_before', 'damper_velocity_after', 'impulse', 'phase'];
@@ -114,3 +115,16 @@ test('what is done is a line in the traces; a knob that is dragged makes one', (
   assert.deepEqual(history.changes.map(({ time, text }) => [time, text]), [[1.3, 'd = 21 mm'], [1.4, 'm = 0.2 kg'], [9, 'd = 23 mm']]);
   assert.equal(history.lastChange, 9);
 });
+
+for (const begin of [0, 1]) {
+  test(`theory of two cycles that begins with that of ${begin} s lies on the motion`, () => {
+    const z = (time) => Math.sin(Math.PI * time) + 0.5 * Math.sin(2 * Math.PI * time);
+    const history = begun();
+    const rows = Array.from({ length: 1200 }, (_, n) => [n / 200, 0, 0, z(n / 200), ...Array(7).fill(0)]);
+    history.add(frame(rows.at(-1)[0], { samples: rows }));
+    const t = Array.from({ length: 400 }, (_, n) => n / 200);
+    const theory = new Theory();
+    theory.take({ type: 'orbit', found: true, text: '', kind: '', cycles: 2, period: 2, t_zero: 0, t, z: t.map((time) => z(time + begin)) });
+    assert.equal(theory.zero(history.own.samples, history.end), begin);
+  });
+}

@@ -3,82 +3,39 @@
 
 import { byId, toast } from '../dom.js';
 
-/** What the steps do. */
-function acts(store, actions) {
-  /** Gap control before the tour switched it on; null if it has not. */
-  let before = null;
-  return {
-    records: () => !store.isInPage,
-    preset: (name) => actions.loadPreset(name),
-    window: (seconds) => store.setWindow(seconds),
-    widen: (factor) => {
-      const gap = store.values.gap * factor;
-      if (gap > 0) actions.turn({ gap: Number(gap.toPrecision(3)) });
-    },
-    optimum: () => {
-      const best = store.theory.curve?.optimum?.gap;
-      if (best > 0) actions.turn({ gap: Number(best.toPrecision(4)) });
-      else toast('No best gap is known for this rig.');
-    },
-    control: (law) => {
-      before ??= store.values.gap_control;
-      actions.turn({ gap_control: law });
-    },
-    end: () => {
-      if (before !== null) actions.turn({ gap_control: before });
-      before = null;
-    },
-  };
-}
-
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store, actions) => {
-  const act = acts(store, actions);
-  const steps = [
-    {
-      at: '#rig',
-      title: 'The rig',
-      text: 'A force F shakes the mass M on its spring. The loose mass m rattles in the gap and hits the two stops. Each impact takes energy out of the vibration.',
-      label: 'Load the bench rig and reset',
-      run: () => act.preset('bench'),
-    },
-    {
-      at: '#traces',
-      title: 'The motion',
-      text: 'X is M (blue), Z is m (orange); the grey lines are the stops, which ride on M. Squares are impacts on stop 1, dots those on stop 2. Look closer with a shorter window.',
-      label: 'Show the last second',
-      run: () => act.window(1),
-    },
-    {
-      at: '#first-knobs [data-name=gap]',
-      title: 'Turn a knob',
-      text: 'Change the gap and watch the rhythm. In a gap that is too wide, two impacts per cycle are no longer kept up. A labelled line in the traces shows what you did.',
-      label: 'Widen the gap by a half',
-      run: () => act.widen(1.5),
-    },
-    {
-      at: '#map',
-      title: 'Regular or chaotic?',
-      text: 'Every impact is a mark: force phase across, speed of m up. A few marks are a periodic motion, closed curves a quasi-periodic one, a cloud a chaotic one.',
-      label: 'Narrow it again',
-      run: () => act.widen(1 / 1.5),
-    },
-    {
-      at: '#curve',
-      title: 'What theory says',
-      text: 'Solid: stable periodic motions over the gap; dashed: unstable ones; dotted: ones that the rig cannot make. The dot is the rig. Click on the curve to set the gap. Multipliers within the unit circle mean stable.',
-      label: 'Go to the best gap',
-      run: () => act.optimum(),
-    },
-    {
-      at: '#first-knobs [data-name=gap_control]',
-      title: 'Let the stops move',
-      text: 'With gap control, the stops follow the vibration, at any force; the end of the tour sets it back to what it was.',
-      recorded: ' Record a run, play it back, and compare it with the exact theory.',
-      label: 'Switch on timed control',
-      run: () => act.control('timed'),
-    },
-  ];
+  /** Gap control before the tour switched it on; null if it has not. */
+  let control = null;
+  const widen = (factor) => {
+    const gap = store.values.gap * factor;
+    if (gap > 0) actions.turn({ gap: Number(gap.toPrecision(3)) });
+  };
+  const optimum = () => {
+    const best = store.theory.best.gap;
+    if (best > 0) actions.turn({ gap: Number(best.toPrecision(4)) });
+    else toast('No best gap is known for this rig.');
+  };
+  const timed = () => {
+    control ??= store.values.gap_control;
+    actions.turn({ gap_control: 'timed' });
+  };
+  /** Where each step is, what it says, and what there is to try. */
+  const steps = /** @type {[string, string, string, string, () => void][]} */ ([
+    ['#rig', 'The rig', 'A force F shakes the mass M on its spring. The loose mass m rattles in the gap and hits the two stops. Each impact takes energy out of the vibration.',
+      'Load the bench rig and reset', () => actions.loadPreset('bench')],
+    ['#traces', 'The motion', 'X is M (blue), Z is m (orange); the grey lines are the stops, which ride on M. Squares are impacts on stop 1, dots those on stop 2. Look closer with a shorter window.',
+      'Show the last second', () => store.setWindow(1)],
+    ['#first-knobs [data-name=gap]', 'Turn a knob', 'Change the gap and watch the rhythm. In a gap that is too wide, two impacts per cycle are no longer kept up. A labelled line in the traces shows what you did.',
+      'Widen the gap by a half', () => widen(1.5)],
+    ['#map', 'Regular or chaotic?', 'Every impact is a mark: force phase across, speed of m up. A few marks are a periodic motion, closed curves a quasi-periodic one, a cloud a chaotic one.',
+      'Narrow it again', () => widen(1 / 1.5)],
+    ['#curve', 'What theory says', 'Solid: stable periodic motions over the gap; dashed: unstable ones; dotted: ones that the rig cannot make. The dot is the rig. Click on the curve to set the gap. Multipliers within the unit circle mean stable.',
+      'Go to the best gap', optimum],
+    ['#first-knobs [data-name=gap_control]', 'Let the stops move', 'With gap control, the stops follow the vibration, at any force; the end of the tour sets it back to what it was.',
+      'Switch on timed control', timed],
+  ]);
+  const recorded = ' Record a run, play it back, and compare it with the exact theory.';
   const card = byId('tour');
   let at = 0;
   let marked = null;
@@ -86,18 +43,19 @@ export const mount = (root, store, actions) => {
 
   const leave = () => marked?.classList.remove('toured');
   const show = () => {
-    const step = steps[at];
+    const [selector, title, text, label] = steps[at];
+    const last = at === steps.length - 1;
     leave();
-    marked = document.querySelector(step.at);
+    marked = document.querySelector(selector);
     marked.classList.add('toured');
     // At once: the card is placed beside it. Below it there is room for the card on a phone.
     marked.scrollIntoView({ block: innerWidth < 640 ? 'start' : 'nearest' });
     byId('tour-count').textContent = `Step ${at + 1} of ${steps.length}`;
-    byId('tour-title').textContent = step.title;
-    byId('tour-text').textContent = step.text + (act.records() ? step.recorded ?? '' : '');
-    byId('tour-try').textContent = step.label;
+    byId('tour-title').textContent = title;
+    byId('tour-text').textContent = text + (last && !store.isInPage ? recorded : '');
+    byId('tour-try').textContent = label;
     byId('tour-back').disabled = at === 0;
-    byId('tour-next').textContent = at === steps.length - 1 ? 'Done' : 'Next';
+    byId('tour-next').textContent = last ? 'Done' : 'Next';
     place();
   };
 
@@ -116,28 +74,24 @@ export const mount = (root, store, actions) => {
   const close = () => {
     card.hidden = true;
     leave();
-    act.end();
+    if (control !== null) actions.turn({ gap_control: control });
+    control = null;
     before?.focus();
+  };
+  const go = (to) => {
+    at = Math.max(0, to);
+    if (at === steps.length) close();
+    else show();
   };
   byId('tour-open').addEventListener('click', (event) => {
     before = event.currentTarget;
-    at = 0;
     card.hidden = false;
-    show();
+    go(0);
     card.focus();
   });
-  byId('tour-try').addEventListener('click', () => steps[at].run());
-  byId('tour-back').addEventListener('click', () => {
-    at = Math.max(0, at - 1);
-    show();
-  });
-  byId('tour-next').addEventListener('click', () => {
-    if (at === steps.length - 1) close();
-    else {
-      at += 1;
-      show();
-    }
-  });
+  byId('tour-try').addEventListener('click', () => steps[at][4]());
+  byId('tour-back').addEventListener('click', () => go(at - 1));
+  byId('tour-next').addEventListener('click', () => go(at + 1));
   byId('tour-close').addEventListener('click', close);
   card.addEventListener('keydown', (event) => {
     if (event.key === 'Escape') close();

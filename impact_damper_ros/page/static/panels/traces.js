@@ -22,8 +22,6 @@ class Traces {
     this.place = byId('plot');
     this.range = new SteadySpan();
     this.unit = lengthUnit(1);
-    /** With which of its cycles a predicted motion of several begins. */
-    this.shift = 0;
     this.legend = this.makeLegend();
     this.make();
     new ResizeObserver(() => this.resize()).observe(this.place);
@@ -291,28 +289,6 @@ class Traces {
     context.globalAlpha = 1;
   }
 
-  /** When a period of the predicted motion begins; one of several cycles may begin with any of them, that which fits best. */
-  zero({ t, z, t_zero: zero, period, cycles }) {
-    const { samples } = this.history.own;
-    const cycle = period / cycles;
-    const [time, seen] = ['time', 'z'].map((name) => samples.field(name));
-    const least = samples.after(this.history.end - 2 * period);
-    const stride = Math.max(1, Math.floor((samples.end - least) / 60));
-    const misfits = Array.from({ length: cycles }, (_, shift) => {
-      let sum = 0;
-      for (let n = least; n < samples.end; n += stride) {
-        const part = (time[n] - zero - shift * cycle) / period;
-        const into = (part - Math.floor(part)) * period;
-        sum += (seen[n] - z.at(t.findLastIndex((one) => one <= into))) ** 2;
-      }
-      return sum;
-    });
-    // One that fits hardly better does not take turns with the other.
-    const best = misfits.indexOf(Math.min(...misfits));
-    if (!(misfits[this.shift] < 2 * misfits[best])) this.shift = best;
-    return zero + this.shift * cycle;
-  }
-
   predicted(u, context, ratio, from, to) {
     const { orbit } = this.theory;
     const count = orbit.t.length;
@@ -331,7 +307,7 @@ class Traces {
         lines.push([[u.valToPos(begin, 'x', true), height], [u.bbox.left + u.bbox.width, height]]);
       }
     } else {
-      const zero = this.zero(orbit);
+      const zero = this.theory.zero(this.history.own.samples, this.history.end);
       const first = Math.floor((begin - zero - orbit.t[0]) / orbit.period);
       // No more points than pixels.
       const stride = Math.max(1, Math.floor(count / perPeriod));
