@@ -2,7 +2,7 @@
 """
 The live rig for half a minute: its gap and angle change, it is recorded and compared with theory.
 
-Run by `make demo`. It leaves the recording, a picture and a report in demo_run/.
+Run by `make demo`. It leaves the recording and a report with pictures in demo_run/.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import argparse
 import contextlib
 import io
 import json
-import math
 import os
 import signal
 import subprocess
@@ -22,7 +21,6 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, NamedTuple
 
-import numpy as np
 from tqdm import tqdm
 
 from impact_damper_ros import load_parameters
@@ -30,17 +28,12 @@ from impact_damper_ros.cli.command_line import CommandError, outcome
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.set_rig import RigParameterClient, ros_node
 from impact_damper_ros.parameters.parameters_file import preset_file
-from impact_damper_ros.replay import RecordedRun, Replay
-from impact_damper_ros.replay.rows import impacts_of
-from impact_damper_ros.report.drawing import save_figure
-from impact_damper_ros.report.run_figures import Closeup, RunRows, draw_motion
 
 #: Seconds of the rig per second of the demonstration, so that each stage has time to settle.
 SPEED = 3.0
 #: After which a node that neither ends nor publishes hangs, s.
 PATIENCE_S = 120.0
 BENCH = preset_file(Path('bench_rig'))
-CLOSEUP_CYCLES = 3
 
 
 class Stage(NamedTuple):
@@ -147,42 +140,6 @@ def perform(node: subprocess.Popen[bytes], duration: float) -> None:
     print(f'\n{listener.states} joint_states and {listener.impacts} impacts arrived over DDS.')
 
 
-def recorded_motion(bag: Path) -> tuple[RunRows, list[float]]:
-    """Return the motion of a recording, and the instants at which its stages end."""
-    parts = list(Replay(RecordedRun(bag)))
-    samples = np.concatenate([part.samples for part in parts])
-    impacts = impacts_of(np.concatenate([part.events for part in parts]))
-    start, turned = float(samples['time'][0]), {stage.parameter for stage in STAGES}
-    changes = [
-        part.command.time - start
-        for part in parts
-        if part.command is not None
-        for done in part.command.done
-        if isinstance(done, Mapping) and done.keys() & turned
-    ]
-    for rows in (samples, impacts):
-        rows['time'] -= start
-    return RunRows(samples, impacts), [*changes, float(samples['time'][-1])]
-
-
-def draw(bag: Path, measured: Sequence[Mapping[str, Any]], picture: Path) -> None:
-    """Draw the run, and the last cycles of each stage."""
-    cycle = math.tau / load_parameters(BENCH)[0].force_frequencies[0]
-    motion, ends = recorded_motion(bag)
-    closeups = [
-        Closeup(
-            end - CLOSEUP_CYCLES * cycle,
-            end,
-            f'{stage.text}\n{part["impacts_per_cycle"]:.2f} impacts per cycle, '
-            f'|X| up to {1e3 * part["x_max"]:.1f} mm',
-        )
-        for stage, part, end in zip(STAGES, measured, ends, strict=False)
-    ]
-    labels = [(at, stage.text) for at, stage in zip([0.0, *ends], STAGES, strict=False)]
-    title = 'Impact damper, 5 Hz bench rig, recorded live from ROS 2'
-    save_figure(draw_motion(motion, closeups, labels, title), picture)
-
-
 def table(measured: Sequence[Mapping[str, Any]]) -> str:
     """Return what was measured of each stage."""
     without = load_parameters(BENCH)[0].response_amplitude
@@ -214,14 +171,13 @@ def demonstrate(directory: Path, duration: float) -> int:
         node.send_signal(signal.SIGINT)
         node.wait(PATIENCE_S)
     (bag,) = (path for path in set(directory.iterdir()) - known if path.is_dir())
-    picture, report = directory / 'motion.png', directory / 'report'
+    report = directory / 'report'
     print('Comparing it with the exact periodic theory (compare_run) ...', flush=True)
     # Its tables are in the report; progress goes to stderr.
     with contextlib.redirect_stdout(io.StringIO()):
         code = compare_run([str(bag), '--report', str(report)])
     stretches = json.loads((report / 'report.json').read_text(encoding='utf-8'))['stretches']
     measured = [stretch['measured'] for stretch in stretches]
-    draw(bag, measured, picture)
     print('From the recording:\n')
     print(table(measured), end='\n\n')
     for stretch in stretches:
@@ -229,7 +185,6 @@ def demonstrate(directory: Path, duration: float) -> int:
         print(textwrap.fill(text, 96, initial_indent='  ', subsequent_indent='      '))
     readers = '(rig_page --bag, ros2 bag play, or any MCAP reader)'
     print(f'\nrecording  {os.path.relpath(bag)}   {readers}')
-    print(f'picture    {os.path.relpath(picture)}')
     print(f'report     {os.path.relpath(report / "report.html")}   (any browser)')
     return code
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a run: its stages close up, and a run beside its what-if."""
+"""The figure of a run beside its what-if."""
 
 from __future__ import annotations
 
@@ -43,14 +43,6 @@ class RunRows(NamedTuple):
     impacts: Events
 
 
-class Closeup(NamedTuple):
-    """A part of a run to be shown close up, s, without its end, and its title."""
-
-    start: float
-    end: float
-    title: str
-
-
 class Side(NamedTuple):
     """One of two runs that are compared: the title of its end, X over it, and its end close up."""
 
@@ -76,14 +68,14 @@ def _draw_closeup(
         axes.set_xlim(start, end)
 
 
-def _mark_changes(axes: Any, changes: Sequence[tuple[float, str]], most: int) -> None:
+def _mark_changes(axes: Any, changes: Sequence[tuple[float, str]]) -> None:
     """Mark the instants of changes; write them out if there are not too many."""
     start, end = axes.get_xlim()
     # A label is put into the first row in which it does not run into another one
     rows: list[list[tuple[float, float]]] = []
     for instant, text in changes:
         axes.axvline(instant, color='black', linewidth=0.7, linestyle='--', alpha=0.7)
-        if len(changes) > most:
+        if len(changes) > _MOST_LABELS:
             continue
         width = (len(text) + 2) * _LETTER * (end - start)
         late = instant + width > end
@@ -110,49 +102,6 @@ def _legend(figure: Figure) -> None:
         handles, labels = axes.get_legend_handles_labels()
         found |= dict(zip(labels, handles, strict=True))
     legend_below(figure, list(found.values()), len(found))
-
-
-@print_style()
-def draw_motion(
-    motion: RunRows,
-    closeups: Sequence[Closeup],
-    changes: Sequence[tuple[float, str]] = (),
-    title: str = '',
-) -> Figure:
-    """
-    Draw a run: X over all of it, and parts of it close up, one panel each.
-
-    `changes` are instants, s, at which something was changed, and what.
-    """
-    figure = blank_figure(11, 7)
-    grid = figure.add_gridspec(2, max(1, len(closeups)), height_ratios=(1, 1.5))
-    overview = figure.add_subplot(grid[0, :])
-    time, x = motion.samples['time'], motion.samples['x']
-    overview.plot(time, x, color=COLORS['primary'], linewidth=0.5)
-    for closeup in closeups:
-        overview.axvspan(closeup.start, closeup.end, **_BAND, zorder=0, label='close up below')
-    overview.set_xlim(time[0], time[-1])
-    overview.margins(y=0.3)
-    _mark_changes(overview, changes, len(changes))
-    finish_panel(overview, '', 'time [s]', '')
-    unit_axis(overview.yaxis, 'X', 'm', x)
-    looks = (
-        {'color': COLORS['primary'], 'linewidth': 1.9, 'label': 'X, primary mass'},
-        {'color': COLORS['damper'], 'linewidth': 1.2, 'label': 'Z, loose mass'},
-    )
-    first = None
-    for column, closeup in enumerate(closeups):
-        axes = figure.add_subplot(grid[1, column], sharey=first)
-        _draw_closeup(axes, motion, closeup.start, closeup.end, looks)
-        finish_panel(axes, '', 'time [s]', '')
-        if first is None:
-            unit_axis(axes.yaxis, 'position along the axis', 'm', x)
-        axes.set_title(closeup.title)
-        first = first or axes
-    _legend(figure)
-    if title:
-        figure.suptitle(title, fontsize=11)
-    return figure
 
 
 #: Colours of X of the recorded run and of the what-if, as in the page.
@@ -194,7 +143,7 @@ def draw_runs(
     end = sides[0].closeup.samples['time']
     if len(end) and end[0] > overview.get_xlim()[0]:
         overview.axvspan(end[0], end[-1], **_BAND, zorder=0, label='close up below')
-    _mark_changes(overview, changes, _MOST_LABELS)
+    _mark_changes(overview, changes)
     finish_panel(overview, '', 'rig time [s]', '')
     unit_axis(overview.yaxis, 'X', 'm', *largest)
     left = figure.add_subplot(grid[1, 0])

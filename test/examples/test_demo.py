@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -58,12 +57,6 @@ def test_the_demonstration(tmp_path):
     assert 2.8 < float(rows[0][0]) < 3.2
     assert 1.9 < float(rows[1][0]) < 2.2
     assert float(rows[1][1]) < float(rows[0][1])
-
-    picture = (tmp_path / 'run' / 'motion.png').read_bytes()
-    assert picture[:8] == b'\x89PNG\r\n\x1a\n'
-    width, height = struct.unpack('>II', picture[16:24])
-    assert width > 1000
-    assert height > 600
 
     report = tmp_path / 'run' / 'report'
     page = (report / 'report.html').read_text(encoding='utf-8')
