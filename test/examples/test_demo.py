@@ -65,11 +65,11 @@ def test_the_demonstration(tmp_path):
     # The same numbers of the same part of each stage as in the report
     for row, stretch in zip(rows, stretches, strict=True):
         measured = stretch['measured']
-        assert float(row[0]) == pytest.approx(measured['impacts_per_cycle'], abs=0.005)
-        assert float(row[1]) == pytest.approx(1e3 * measured['x_max'], abs=0.05)
-        assert float(row[2]) == pytest.approx(1e3 * measured['mean_impulse'], abs=0.5)
+        assert float(row[0]) == pytest.approx(measured['impacts_per_cycle'], abs=0.00501)
+        assert float(row[1]) == pytest.approx(1e3 * measured['x_max'], abs=0.0501)
+        assert float(row[2]) == pytest.approx(1e3 * measured['mean_impulse'], abs=0.501)
         part = [measured['start'], measured['end']]
-        assert [float(row[3]), float(row[4])] == pytest.approx(part, abs=0.05)
+        assert [float(row[3]), float(row[4])] == pytest.approx(part, abs=0.0501)
     _, second, tilted = stretches
     assert tilted['kind'] == 'chaotic'
     # The instant of the change is another one each time, and chaos makes that another motion: of
