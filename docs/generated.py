@@ -325,6 +325,16 @@ def overall(page: str) -> str:
     return _filled(page, 'overall', ('key', 'meaning'), rows)
 
 
+def seen(page: str) -> str:
+    """Return the page of the laws with what a law is given."""
+    given = import_module('impact_damper_ros.control.own_law').LawInput
+    rows = [
+        (', '.join(f'`{name}`' for name in names.split(', ')), ' '.join(text))
+        for names, _, text in NumpyDocString(inspect.getdoc(given))['Attributes']
+    ]
+    return _filled(page, 'seen', ('field', 'meaning'), rows)
+
+
 def _filled(page: str, name: str, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     """Return a page with a table between two comments."""
     cells = [head, ('---',) * len(head), *rows]
@@ -376,6 +386,7 @@ def pages() -> dict[Path, str]:
         'reference/glossary.md': glossary,
         'analysis/comparison.md': overall,
         'analysis/sweeps.md': columns,
+        'controllers/laws.md': seen,
         'node/node.md': messages,
         'node/parameters.md': tables,
     }
