@@ -13,17 +13,12 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.design.bench_plan import PlannedRun, planned_runs
-from impact_damper_ros.design.damper_design import (
-    Design,
-    Uncertain,
-    best_design,
-    over_frequency,
-    over_level,
-    uncertain,
-    widest_hit,
-)
+from impact_damper_ros.design.damper_design import Design, best_design
 from impact_damper_ros.design.fitted import load_fitted
-from impact_damper_ros.design.mass_damper import bare_response, mass_damper_response
+from impact_damper_ros.design.mass_damper import Comparison, compare_dampers
+from impact_damper_ros.design.runs_from_rest import widest_hit
+from impact_damper_ros.design.worst_case import WorstCases, worst_cases
+from impact_damper_ros.motion.compiled import has_numba
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
 from impact_damper_ros.parameters.parameters_file import presets, rig_yaml
 from impact_damper_ros.parameters.plain import as_plain
@@ -31,12 +26,12 @@ from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RIG_SPECS, RigParameters
 from impact_damper_ros.parameters.units import quantity, split_number
 from impact_damper_ros.report import design_report as report
-from impact_damper_ros.report.design_report import Comparison
 from impact_damper_ros.report.formatting import quantity as written
 from impact_damper_ros.report.plan_report import plan_text
 from impact_damper_ros.sweep.execution import process_pool, without_interrupts
 
 from .command_line import (
+    EXIT_FAILED,
     CommandError,
     add_json_option,
     add_path_option,
@@ -54,7 +49,6 @@ from .rig_options import given_rig, hint, rig_line
 EXIT_NONE = 3
 #: Mass ratios that are tried if none are given.
 MASS_RATIOS = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1)
-_FREQUENCIES, _COMPARED_LEVELS = 61, 33
 _LEVELS = (0.5, 2.0)
 #: That of a structure whose damper is still to be found.
 _ANY_MASS_RATIO = 0.05
@@ -75,7 +69,7 @@ With --check no damper is designed: it lists which runs of a rig to record on a 
 _EPILOG = """\
 The amplitude is that of the absolute displacement X of the structure. Ranges are LOW:HIGH.
 Exit code: 0 if done; 3 if no damper was found; 2 if the input is invalid; 1 if a file cannot be
-written; 130 on Ctrl-C, 143 on SIGTERM.
+written, or numba is missing; 130 on Ctrl-C, 143 on SIGTERM.
 Examples:
   design_damper --mass 5kg --frequency 10Hz --damping-ratio 2% --base 0.2g --figure design.png
   design_damper --mass 5kg --frequency 10Hz --damping-ratio 2% --force 6N --restitution 0.3:0.8 \\
@@ -359,6 +353,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _design(arguments: argparse.Namespace) -> int:
     """Find the damper of a structure."""
     rig, ranges = _rig(arguments)
+    if not has_numba():
+        raise CommandError(
+            'a design runs thousands of rigs, for which they have to be compiled: pip install '
+            '"numba>=0.59"',
+            EXIT_FAILED,
+        )
     with long_work('design_damper', 'still looking for the best gaps; Ctrl-C ends it'):
         found = _found(rig, _mass_ratios(arguments, rig))
         if not found:
@@ -370,33 +370,18 @@ def _design(arguments: argparse.Namespace) -> int:
         good = [d for d in found if d.x_max <= arguments.reduction * d.bare]
         chosen = good[0] if good else min(found, key=lambda d: d.x_max)
         low, high = arguments.levels or _LEVELS
-        unsure = uncertain(chosen, ranges, sorted({low, 1.0, high}))
-        compared = _compared(chosen, low, high)
+        unsure = worst_cases(chosen, ranges, (low, high))
+        compared = compare_dampers(chosen.built, low, high)
         plan = planned_runs(chosen.built)
     _write(arguments, found, chosen, unsure, compared, plan)
     return 0
-
-
-def _compared(chosen: Design, low: float, high: float) -> Comparison:
-    """Return the chosen damper beside nothing and a tuned mass damper."""
-    rate = chosen.rig.first_harmonic[1]
-    rates = rate * np.linspace(0.75, 1.25, _FREQUENCIES)
-    levels = np.geomspace(min(low, 0.25), max(high, 4.0), _COMPARED_LEVELS)
-    return Comparison(
-        rates,
-        bare_response(chosen.rig, rates),
-        mass_damper_response(chosen.rig, rates),
-        over_frequency(chosen.built, rates),
-        levels,
-        over_level(chosen.built, levels),
-    )
 
 
 def _write(
     arguments: argparse.Namespace,
     found: Sequence[Design],
     chosen: Design,
-    unsure: Uncertain,
+    unsure: WorstCases,
     compared: Comparison,
     plan: Sequence[PlannedRun],
 ) -> None:
@@ -404,7 +389,7 @@ def _write(
     title = rig_line(chosen.built)
     write_json(arguments.json, report.design_json(found, chosen, unsure, compared, plan))
     write_output(arguments.csv, report.design_csv, found)
-    built = chosen.rig.replace(gap=unsure.best[0] if arguments.worst_case else chosen.gap)
+    built = chosen.rig.replace(gap=unsure.best.gap if arguments.worst_case else chosen.gap)
     write_output(arguments.rig_out, rig_yaml, built, rig_line(built))
     draw(arguments.figure, report.design_figure, found, chosen, unsure, compared, title)
     texts = [title, '', report.design_table(found).text(), '']

@@ -21,7 +21,7 @@ from impact_damper_ros.orbits.settled_motion import settle
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Events, Rig
 
-from .damper_design import at_level
+from .runs_from_rest import at_level
 
 #: Errors of what is recorded: of a speed, over that of approach, and of a place, over the gap;
 #: and the ratio of eigenvalues below which the laws do not distinguish the unknowns.

@@ -2,21 +2,21 @@
 """
 The best gap of an impact damper of each mass, and how sure it is.
 
-For each mass the stable motion of two impacts per cycle is followed over the gap, exactly, to
-where M moves least. Whether a rig from rest reaches that motion is simulated. A structure that
-swings less than half the gap never hits a stop; the best gap from rest is then found by running
-rigs of many gaps.
+For each mass the motions of two impacts per cycle are followed over the gap, exactly, to where M
+moves least and the motion is stable. Whether a rig from rest reaches that motion is simulated, and
+rigs of many gaps are run from rest beside it: a structure that swings less than half the gap never
+hits a stop, and beside the resonance another motion may be smaller.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_damper_ros.orbits.arguments import OrbitError
 from impact_damper_ros.orbits.branch import Branch, Span
@@ -24,36 +24,50 @@ from impact_damper_ros.orbits.continuation import follow
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.search import carried_over, find_orbits
 from impact_damper_ros.orbits.settled_motion import settle
-from impact_damper_ros.orbits.solved_orbits import flights_of
+from impact_damper_ros.orbits.solved_orbits import flights_of, orbit_at
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 
-Array = NDArray[np.float64]
+from .runs_from_rest import Array, Flags, largest_from_rest, widest_hit
 
 #: Gaps at which motions are sought, over the optimal gap of theory, and beside the resonance, or
 #: where there are none so far, as well; and how near two motions are one.
 _FIRST_GAPS, _NARROW_GAPS, _SAME_MOTION = (0.9, 0.7, 0.5, 1.0, 1.1, 0.35, 0.25), (0.15, 0.05), 1e-6
-#: A run from rest: time constants of M, least cycles, and cycles at its end that are measured.
-_TIME_CONSTANTS, _LEAST_CYCLES, _MEASURED_CYCLES, _SAMPLES = 8.0, 150, 30, 128
-#: Cycles in which irregular impacts with R = 0 would come to repeat; 1/(1 - R) times as many.
-_IMPACT_CYCLES = 45.0
-#: Two motions with largest |X| within this part are one.
-_SAME = 5e-3
+#: Samples of each flight of a motion.
+_SAMPLES = 128
+#: Two motions with largest |X| within this part are one; and so much less is worth another gap.
+_SAME, _WORTH = 5e-3, 0.02
 #: Gaps that are tried from rest, how many of the best are looked at closely, at how many gaps
-#: each; the level at which m is still hit; and a gap that M does not swing across, over its
-#: amplitude.
-_GAPS_FROM_REST, _NARROWED, _FINER, _MARGIN, _OPEN = 96, 3, 8, 0.95, 20.0
+#: each; and the level at which m is still hit.
+_GAPS_FROM_REST, _NARROWED, _FINER, _MARGIN = 128, 3, 8, 0.95
 _POINTS, _STEP = 60, 0.15
+#: Significant digits of a gap that can be built.
+_DIGITS = 4
 #: How far frequency and level are followed, as factors; the frequency first next to its value.
 _FREQUENCIES, _LEVELS = ((0.94, 1.06), (0.5, 1.5)), ((0.25, 4.0),)
-#: Gaps that are tried for the worst case, over the best one; then some around the best of them.
-_LEAST_GAP, _WIDEST_GAP = 0.3, 1.5
+
+
+class FromRest(NamedTuple):
+    """
+    A gap and what a rig from rest comes to.
+
+    Attributes
+    ----------
+    gap, x_max : float
+        The gap, and the largest |X| some time after the start, m.
+    keeps_margin : bool
+        Whether m is hit as well if the level is 5 % lower.
+    """
+
+    gap: float
+    x_max: float
+    keeps_margin: bool
 
 
 @dataclass(frozen=True)
 class Design:
     """
-    The best damper of one mass.
+    The best damper of one mass; its gaps have four significant digits.
 
     Attributes
     ----------
@@ -63,8 +77,10 @@ class Design:
         Its motion: two impacts in a cycle.
     reached_from_rest : bool
         Whether a rig from rest settles into it.
-    starts_by_itself : tuple of float or None
-        Gap and largest |X| of the best rig that does, m, where the best one does not.
+    starts_by_itself : FromRest or None
+        The best from rest, where that is not this motion.
+    without_margin : FromRest or None
+        The best of all from rest, where it is better by more than 2 % but keeps no margin.
     widest_hit : float
         Widest gap with which m is hit at all from rest, m.
     gap_range, level_range, frequency_range : Span
@@ -74,7 +90,8 @@ class Design:
     rig: RigParameters
     orbit: PeriodicOrbit
     reached_from_rest: bool
-    starts_by_itself: tuple[float, float] | None
+    starts_by_itself: FromRest | None
+    without_margin: FromRest | None
     widest_hit: float
     gap_range: Span
     level_range: Span
@@ -92,13 +109,13 @@ class Design:
 
     @property
     def gap(self) -> float:
-        """Gap to build: the best, or the best that starts by itself, m."""
-        return self.starts_by_itself[0] if self.starts_by_itself else self.rig.gap
+        """Gap to build: the best from rest, m."""
+        return self.starts_by_itself.gap if self.starts_by_itself else self.rig.gap
 
     @property
     def x_max(self) -> float:
         """Largest |X| with that gap, m."""
-        return self.starts_by_itself[1] if self.starts_by_itself else self.orbit.x_max
+        return self.starts_by_itself.x_max if self.starts_by_itself else self.orbit.x_max
 
     @property
     def built(self) -> RigParameters:
@@ -153,62 +170,23 @@ def _resonance(rig: RigParameters) -> tuple[float, float, float]:
     return 1.0 - r * r, 2.0 * r * (rig.zeta + equivalent), bounce
 
 
-def at_level(rig: RigParameters, factor: float) -> RigParameters:
-    """Return a rig whose force or base is stronger by a factor."""
-    name = f'{rig.swept}_amplitudes'
-    return rig.replace(**{name: tuple(factor * a for a in getattr(rig, name))})
+def rounded(gap: float) -> float:
+    """Return a gap with the digits to which one can be built, m."""
+    return float(f'{gap:.{_DIGITS}g}')
 
 
-def _transient(rig: RigParameters) -> int:
-    """Return the cycles within which the start of a rig is forgotten, by M and by its impacts."""
-    cycle = math.tau / rig.first_harmonic[1]
-    lost = 1.0 - 0.5 * (rig.restitution_1 + rig.restitution_2)
-    lasting = max(
-        _TIME_CONSTANTS / (rig.zeta * rig.omega * cycle) if rig.zeta else math.inf,
-        _IMPACT_CYCLES / lost if lost else math.inf,
-    )
-    most = 10 * _LEAST_CYCLES
-    return max(_LEAST_CYCLES, math.ceil(min(lasting, most)))
-
-
-def from_rest(rig: RigParameters) -> float:
-    """Return the largest |X| of a rig some time after it was started from rest, m."""
-    cycle = math.tau / rig.first_harmonic[1]
-    cycles = _transient(rig)
-    start, end = cycles * cycle, (cycles + _MEASURED_CYCLES) * cycle
-    times = np.linspace(start, end, _MEASURED_CYCLES * _SAMPLES + 1)
-    samples = Rig(rig, compiled=None).run(end, times).samples
-    return float(np.abs(samples['x']).max(initial=0.0))
-
-
-def widest_hit(rig: RigParameters, level: float = 1.0) -> float:
-    """
-    Return the widest gap with which m of a rig from rest is hit at some level, m.
-
-    Beside the resonance M swings farther at first than later on. On an incline, along which m
-    slides to a stop by itself, it is the gap across which M alone swings.
-    """
-    alone = at_level(rig, level).replace(gap=_OPEN * rig.response_amplitude)
-    if rig.gravity * math.sin(rig.angle):
-        alone = alone.replace(angle=0.0, friction=0.0)
-    cycles = _transient(rig)
-    end = cycles * math.tau / rig.first_harmonic[1]
-    samples = Rig(alone, compiled=None).run(end, np.linspace(0.0, end, cycles * _SAMPLES)).samples
-    return 2.0 * float(np.abs(samples['z'] - samples['x']).max())
-
-
-def _performed(orbit: PeriodicOrbit) -> bool:
+def _is_kept(orbit: PeriodicOrbit) -> bool:
     return orbit.viable and orbit.stable
 
 
 def _motions(rig: RigParameters) -> Iterator[PeriodicOrbit]:
-    """Yield the stable motions of two impacts of a rig."""
+    """Yield the viable motions of two impacts of a rig; unstable ones may be stable elsewhere."""
     # Without friction all motions are found at once, and they are carried to the friction.
     for orbit in find_orbits(rig.replace(friction=0.0), (1, 2)).orbits:
         if orbit.viable:
-            found = carried_over(orbit, rig) if rig.friction else orbit
-            if found is not None and _performed(found):
-                yield found
+            carried = carried_over(orbit, rig) if rig.friction else orbit
+            if carried is not None and carried.viable:
+                yield carried
 
 
 def _followed(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Branch:
@@ -217,19 +195,38 @@ def _followed(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Branc
 
 def _branches(rig: RigParameters) -> list[Branch]:
     """Return the branches of these motions over the gap, mirror images once."""
-    found: list[Branch] = []
+    branches: list[Branch] = []
     away, width, _ = _resonance(rig)
     optimal = optimal_gap(rig)
     for share in (*_FIRST_GAPS, *_NARROW_GAPS):
-        if found and share in _NARROW_GAPS and abs(away) < width:
+        if branches and share in _NARROW_GAPS and abs(away) < width:
             break
         gap = share * optimal
-        known = [orbit.x_max for branch in found for orbit in branch.at([gap])[0]]
+        known = [orbit.x_max for branch in branches for orbit in branch.at([gap])[0]]
         for orbit in _motions(rig.replace(gap=gap)):
             if all(abs(orbit.x_max / x - 1.0) > _SAME_MOTION for x in known):
-                found.append(_followed(orbit, 'gap', gap / 3.0, 2.0 * gap))
+                branches.append(_followed(orbit, 'gap', gap / 3.0, 2.0 * gap))
                 known.append(orbit.x_max)
-    return found
+    return branches
+
+
+def _best_to_build(branch: Branch) -> PeriodicOrbit | None:
+    """Return the stable motion of a branch with the least |X|, at a gap that can be built."""
+    best = branch.best()
+    if best is None:
+        return None
+    nearest = rounded(best.value)
+    digit = 10.0 ** (math.floor(math.log10(nearest)) + 1 - _DIGITS)
+    gaps = (nearest, rounded(nearest - digit), rounded(nearest + digit))
+    # The least |X| may lie where stability is lost, and the nearest gap beyond
+    motions = [
+        # A point of the branch is at the gap to round-off
+        orbit_at(orbit, orbit.parameters.replace(gap=gap))
+        for gap in gaps
+        for orbit in branch.at([gap])[0]
+    ]
+    kept = [orbit for orbit in motions if orbit is not None and _is_kept(orbit)]
+    return min(kept, key=lambda orbit: abs(orbit.x_max - best.orbit.x_max), default=None)
 
 
 def _span_of(
@@ -255,23 +252,39 @@ def reaches(rig: RigParameters, x_max: float) -> bool:
     return settled.rhythm is not None and abs(settled.x_max / x_max - 1.0) < _SAME
 
 
-def best_from_rest(rig: RigParameters) -> tuple[float, float]:
+def best_from_rest(rig: RigParameters, widest: float) -> tuple[FromRest, FromRest]:
     """
-    Return the gap with which a rig from rest moves least, m, and its largest |X| then, m.
+    Return the gaps with which a rig from rest moves least: with a margin, and of all.
 
-    M hits m only if it swings more than half the gap; a twentieth of the level is the margin.
+    Gaps are tried up to the widest that is hit, m.
     """
-    widest = widest_hit(rig, _MARGIN)
-    gaps = np.geomspace(0.1 * widest, widest, _GAPS_FROM_REST)
-    sizes = np.array([from_rest(rig.replace(gap=float(gap))) for gap in gaps])
+    sure = min(widest, widest_hit(rig, _MARGIN))
+
+    def sizes_of(gaps: Array) -> Array:
+        def least(largest: Array, repeats: Flags) -> float:
+            # What does not repeat is no smaller after more cycles
+            return float(min(largest[repeats & (gaps <= sure)], default=math.inf))
+
+        return largest_from_rest(rig, {'gap': gaps}, least)
+
+    gaps = np.geomspace(0.1 * sure, max(widest, sure), _GAPS_FROM_REST)
+    gaps = np.unique([rounded(gap) for gap in [*gaps, sure]])
+    sizes = sizes_of(gaps)
     # From rest |X| is no smooth function of the gap
-    for best in np.argsort(sizes)[:_NARROWED]:
-        low, high = gaps[max(best - 1, 0)], gaps[min(best + 1, _GAPS_FROM_REST - 1)]
-        finer = np.linspace(low, high, _FINER + 2)[1:-1]
-        gaps = np.append(gaps, finer)
-        sizes = np.append(sizes, [from_rest(rig.replace(gap=float(gap))) for gap in finer])
-    best = int(np.argmin(sizes))
-    return float(gaps[best]), float(sizes[best])
+    for limit in (sure, math.inf):
+        order = [k for k in np.argsort(sizes) if gaps[k] <= limit][:_NARROWED]
+        finer = [
+            rounded(gap)
+            for k in order
+            for gap in np.linspace(
+                gaps[max(k - 1, 0)], gaps[min(k + 1, len(gaps) - 1)], _FINER + 2
+            )[1:-1]
+        ]
+        more = np.setdiff1d(finer, gaps)
+        gaps, sizes = np.append(gaps, more), np.append(sizes, sizes_of(more))
+    best = [min(zip(sizes[near], gaps[near], strict=True)) for near in (gaps <= sure, gaps > 0.0)]
+    first, second = (FromRest(float(gap), float(size), bool(gap <= sure)) for size, gap in best)
+    return first, second
 
 
 def best_design(rig: RigParameters) -> Design | None:
@@ -288,14 +301,20 @@ def best_design(rig: RigParameters) -> Design | None:
     Design or None
         None if no stable motion of two impacts per cycle was found.
     """
-    found = [(best, branch) for branch in _branches(rig) if (best := branch.best()) is not None]
-    if not found:
+    motions = [(b, branch) for branch in _branches(rig) if (b := _best_to_build(branch))]
+    if not motions:
         return None
-    best, branch = min(found, key=lambda pair: pair[0].orbit.x_max)
-    orbit, there = best.orbit, best.orbit.parameters
+    orbit, branch = min(motions, key=lambda pair: pair[0].x_max)
+    there = orbit.parameters
     reached = reaches(there, orbit.x_max)
-    alone = None if reached else best_from_rest(there)
-    gaps = branch.span(best.value, orbit)
+    widest = widest_hit(there)
+    alone, any_gap = best_from_rest(there, widest)
+    if alone.x_max > (1.0 - _WORTH) * there.response_amplitude:
+        # A margin with which the damper is no help is none
+        alone = any_gap
+    least = min(alone.x_max, orbit.x_max if reached else math.inf)
+    own = reached and orbit.x_max <= (1.0 + _WORTH) * least
+    gaps = branch.span(there.gap, orbit)
     shaker = f'{there.swept}_'
     here = there.first_harmonic[1]
     frequencies = _span_of(orbit, f'{shaker}frequencies', here, _FREQUENCIES)
@@ -304,122 +323,16 @@ def best_design(rig: RigParameters) -> Design | None:
         levels = _span_of(orbit, f'{shaker}amplitudes', level, _LEVELS).over(level)
     else:
         # Motions of another level are those of another gap, to scale.
-        levels = Span(gaps.high, gaps.low, gaps.high_reason, gaps.low_reason).over(best.value)
+        levels = Span(gaps.high, gaps.low, gaps.high_reason, gaps.low_reason).over(there.gap)
         levels = Span(1.0 / levels.low, 1.0 / levels.high, levels.low_reason, levels.high_reason)
-    widest = widest_hit(there)
-    return Design(there, orbit, reached, alone, widest, gaps, levels, frequencies)
-
-
-def designs(rig: RigParameters, mass_ratios: Sequence[float]) -> Iterator[Design]:
-    """Yield the best damper of each mass ratio; none for those without a motion of two impacts."""
-    for mass_ratio in mass_ratios:
-        found = best_design(rig.replace(mass_ratio=mass_ratio))
-        if found is not None:
-            yield found
-
-
-@dataclass(frozen=True)
-class Uncertain:
-    """
-    The gap whose worst case is best, over what is uncertain of the rig and over levels.
-
-    Attributes
-    ----------
-    gaps : ndarray, shape (n,)
-        Gaps that were tried, m, that of the design among them.
-    ratios : ndarray, shape (n, cases)
-        Largest |X| over that without the damper, from rest, for each case.
-    ranges : dict
-        Lowest and highest value of each uncertain parameter, SI.
-    levels : tuple of float
-        The levels as factors.
-    """
-
-    gaps: Array
-    ratios: Array
-    ranges: dict[str, tuple[float, float]]
-    levels: tuple[float, ...]
-
-    @property
-    def worst(self) -> Array:
-        """The worst case of each gap, over the amplitude without the damper."""
-        worst: Array = self.ratios.max(axis=1)
-        return worst
-
-    @property
-    def best(self) -> tuple[float, float]:
-        """The gap whose worst case is best, m, and that worst case."""
-        k = int(np.argmin(self.worst))
-        return float(self.gaps[k]), float(self.worst[k])
-
-    def worst_at(self, gap: float) -> float:
-        """Return the worst case of the tried gap that is closest to a gap, in m."""
-        return float(self.worst[np.argmin(np.abs(self.gaps - gap))])
-
-
-def _at(rig: RigParameters, ranges: Mapping[str, tuple[float, float]], end: int) -> RigParameters:
-    """Return a rig with uncertain parameters at one end of their ranges."""
-    return rig.replace(**{name: ends[end] for name, ends in ranges.items()})
-
-
-def cases(
-    rig: RigParameters, ranges: Mapping[str, tuple[float, float]], levels: Sequence[float]
-) -> list[RigParameters]:
-    """
-    Return the rigs that a rig may be.
-
-    Both restitutions are low, as given, or high together; each with friction low and high, and
-    with each level. Other parameters are low and high one at a time.
-    """
-    bounces = {n: ends for n, ends in ranges.items() if n.startswith('restitution')}
-    rubbing = {n: ends for n, ends in ranges.items() if n == 'friction'}
-    found = [rig]
-    if bounces:
-        found += [_at(rig, bounces, end) for end in (0, 1)]
-    if rubbing:
-        found = [_at(one, rubbing, end) for one in found for end in (0, 1)]
-    found = [at_level(one, level) for one in found for level in levels]
-    others = {n: e for n, e in ranges.items() if n not in bounces and n not in rubbing}
-    return found + [_at(rig, {n: e}, end) for n, e in others.items() for end in (0, 1)]
-
-
-def uncertain(
-    design: Design,
-    ranges: Mapping[str, tuple[float, float]],
-    levels: Sequence[float],
-    count: int = 20,
-) -> Uncertain:
-    """Return how a range of gaps does from rest, in every case of `cases`."""
-    possible = cases(design.rig, ranges, levels)
-
-    def ratios(gaps: Array) -> Array:
-        runs = [
-            [from_rest(one.replace(gap=float(gap))) / one.response_amplitude for one in possible]
-            for gap in gaps
-        ]
-        return np.array(runs)
-
-    # From rest |X| jumps from gap to gap: the worst case of the gap to build is one that was run
-    gaps = np.append(np.geomspace(_LEAST_GAP, _WIDEST_GAP, count) * design.gap, design.gap)
-    gaps.sort()
-    found = ratios(gaps)
-    best = int(np.argmin(found.max(axis=1)))
-    low, high = gaps[max(best - 1, 0)], gaps[min(best + 1, count)]
-    finer = np.linspace(low, high, count // 2 + 2)[1:-1]
-    gaps, found = np.append(gaps, finer), np.append(found, ratios(finer), axis=0)
-    order = np.argsort(gaps)
-    return Uncertain(gaps[order], found[order], dict(ranges), tuple(levels))
-
-
-def over_frequency(rig: RigParameters, frequencies: Array) -> Array:
-    """Return the largest |X| of a rig from rest at circular frequencies (rad/s), m."""
-    return np.array([from_rest(rig.with_first_frequency(float(w))) for w in frequencies])
-
-
-def over_level(rig: RigParameters, levels: Array) -> Array:
-    """Return the largest |X| of a rig from rest, over that without the damper, at levels."""
-    ratios = []
-    for level in levels:
-        there = at_level(rig, float(level))
-        ratios.append(from_rest(there) / there.response_amplitude)
-    return np.array(ratios)
+    return Design(
+        there,
+        orbit,
+        reached,
+        None if own else alone,
+        any_gap if least > (1.0 + _WORTH) * any_gap.x_max else None,
+        widest,
+        gaps,
+        levels,
+        frequencies,
+    )

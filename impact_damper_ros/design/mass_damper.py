@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The tuned mass damper of the same mass, with which an impact damper is compared.
+The mass dampers of the same mass, with which an impact damper is compared, and the comparison.
 
 References
 ----------
@@ -12,45 +12,132 @@ References
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-Array = NDArray[np.float64]
+from .runs_from_rest import Array, bare_amplitudes, largest_in_short
+
+#: Damping ratio of a mass damper that is tuned to one sine: a steel spring without a dashpot.
+_SPRING_DAMPING = 0.005
+#: Frequencies, as factors, and how many of them; levels of the band, and of the longer range.
+_BAND, _FREQUENCIES, _LEVELS, _LEVEL_RANGE, _COMPARED_LEVELS = (0.75, 1.25), 101, 5, 4.0, 97
 
 
-def tuning(mass_ratio: float) -> tuple[float, float]:
-    """Return Den Hartog's tuning: natural frequency over that of M, and damping ratio."""
-    return 1.0 / (1.0 + mass_ratio), math.sqrt(3.0 * mass_ratio / (8.0 * (1.0 + mass_ratio)))
-
-
-def mass_damper_response(rig: RigParameters, frequencies: Array) -> Array:
+class Tuning(NamedTuple):
     """
-    Return the amplitude of X of a rig with a tuned mass damper in place of its impact damper, m.
+    The tuning of a mass damper.
+
+    Attributes
+    ----------
+    frequency : float
+        Its natural circular frequency, rad/s.
+    zeta : float
+        Its damping ratio.
+    """
+
+    frequency: float
+    zeta: float
+
+
+def den_hartog(rig: RigParameters) -> Tuning:
+    """Return Den Hartog's tuning, for all frequencies near that of M."""
+    mu = rig.mass_ratio
+    return Tuning(rig.omega / (1.0 + mu), math.sqrt(3.0 * mu / (8.0 * (1.0 + mu))))
+
+
+def tuned_to_excitation(rig: RigParameters) -> Tuning:
+    """Return the tuning for the one frequency of the excitation."""
+    return Tuning(rig.first_harmonic[1], _SPRING_DAMPING)
+
+
+def mass_damper_response(rig: RigParameters, tuning: Tuning, frequencies: Array) -> Array:
+    """
+    Return the amplitude of X of a rig with a mass damper in place of its impact damper, m.
 
     Parameters
     ----------
     rig : RigParameters
         The rig; its first harmonic shakes it, of a force or of the base.
+    tuning : Tuning
+        That of the mass damper.
     frequencies : ndarray
         Circular frequencies, rad/s.
     """
-    m, k, c = rig.damper_mass, rig.stiffness, rig.damping
-    ratio, zeta = tuning(rig.mass_ratio)
-    own = ratio * rig.omega
-    spring, dashpot = m * own**2, 2.0 * m * own * zeta
-    link = spring + 1j * frequencies * dashpot
+    m, own = rig.damper_mass, tuning.frequency
+    link = m * own**2 + 2.0j * frequencies * m * own * tuning.zeta
     inertia = -m * frequencies**2
     # What the mass on its spring does to M, as a dynamic stiffness
     reaction = inertia * link / (inertia + link)
+    dynamic = rig.stiffness - rig.primary_mass * frequencies**2 + 1j * frequencies * rig.damping
     force = np.array([abs(rig.with_first_frequency(w).first_harmonic[0]) for w in frequencies])
-    dynamic = k - rig.primary_mass * frequencies**2 + 1j * frequencies * c + reaction
-    response: Array = force / np.abs(dynamic)
+    response: Array = force / np.abs(dynamic + reaction)
     return response
 
 
 def bare_response(rig: RigParameters, frequencies: Array) -> Array:
     """Return the amplitude of X of M alone, m."""
-    return np.array([rig.with_first_frequency(w).response_amplitude for w in frequencies])
+    return bare_amplitudes(rig, {'frequency': frequencies})
+
+
+class Comparison(NamedTuple):
+    """
+    An impact damper from rest beside none, and beside two mass dampers of its mass.
+
+    Attributes
+    ----------
+    frequencies : ndarray, shape (n,)
+        Circular frequencies, rad/s.
+    levels : ndarray, shape (k,)
+        Levels as factors, between those in which the excitation may be.
+    bare, den_hartog, tuned : ndarray, shape (n,)
+        Amplitude of X without a damper, with a mass damper of Den Hartog's tuning, and with one
+        that is tuned to the excitation, m.
+    damper : ndarray, shape (k, n)
+        Largest |X| with the impact damper over the level, m.
+    level_range, level_ratios : ndarray
+        Levels over a longer range, and there the largest |X| over that without the damper.
+    """
+
+    frequencies: Array
+    levels: Array
+    bare: Array
+    den_hartog: Array
+    tuned: Array
+    damper: Array
+    level_range: Array
+    level_ratios: Array
+
+
+def compare_dampers(rig: RigParameters, low: float, high: float) -> Comparison:
+    """
+    Return an impact damper beside mass dampers.
+
+    Parameters
+    ----------
+    rig : RigParameters
+        The structure with its impact damper.
+    low, high : float
+        Levels, as factors, between which the excitation may be.
+    """
+    frequencies = rig.first_harmonic[1] * np.linspace(*_BAND, _FREQUENCIES)
+    levels = np.unique([*np.geomspace(low, high, _LEVELS), 1.0])
+    band = {
+        'level': np.repeat(levels, len(frequencies)),
+        'frequency': np.tile(frequencies, len(levels)),
+    }
+    sizes = largest_in_short(rig, band)[0] / band['level']
+    longer = np.geomspace(min(low, 1.0 / _LEVEL_RANGE), max(high, _LEVEL_RANGE), _COMPARED_LEVELS)
+    along = {'level': longer}
+    return Comparison(
+        frequencies,
+        levels,
+        bare_response(rig, frequencies),
+        mass_damper_response(rig, den_hartog(rig), frequencies),
+        mass_damper_response(rig, tuned_to_excitation(rig), frequencies),
+        sizes.reshape(len(levels), len(frequencies)),
+        longer,
+        largest_in_short(rig, along)[0] / bare_amplitudes(rig, along),
+    )

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.design.damper_design import best_design
-from impact_damper_ros.design.mass_damper import mass_damper_response
+from impact_damper_ros.design.mass_damper import den_hartog, mass_damper_response
+from impact_damper_ros.motion.compiled import has_numba
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import (
     RIG_SPECS,
@@ -117,7 +118,7 @@ def _designed(rig: RigParameters) -> Iterator[dict[str, float] | None]:
     if design is None:
         yield None
         return
-    other = mass_damper_response(rig, np.array([rig.first_harmonic[1]]))
+    other = mass_damper_response(rig, den_hartog(rig), np.array([rig.first_harmonic[1]]))
     yield {
         # The best gap that a rig from rest makes use of, and largest |X| with it
         'gap': design.gap,
@@ -140,6 +141,8 @@ def _designed(rig: RigParameters) -> Iterator[dict[str, float] | None]:
 
 async def designed(rig: RigParameters) -> dict[str, float]:
     """Return the best damper of a rig, from a process of its own; FieldError if there is none."""
+    if not has_numba():
+        raise FieldError('mass', 'A design runs many rigs, compiled: pip install "numba>=0.59".')
     call, found = BackgroundCall(_designed, rig), list[dict[str, float] | None]()
     try:
         while not found and not call.end:

@@ -5,15 +5,21 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.design.bench_plan import PlannedRun
-from impact_damper_ros.design.damper_design import Design, Uncertain
-from impact_damper_ros.design.mass_damper import mass_damper_response
+from impact_damper_ros.design.damper_design import Design
+from impact_damper_ros.design.mass_damper import (
+    Comparison,
+    den_hartog,
+    mass_damper_response,
+    tuned_to_excitation,
+)
+from impact_damper_ros.design.worst_case import WorstCase, WorstCases
 from impact_damper_ros.orbits.branch import Span
 from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
@@ -28,28 +34,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-
-
-class Comparison(NamedTuple):
-    """
-    A chosen damper beside nothing and beside a tuned mass damper of its mass.
-
-    Attributes
-    ----------
-    frequencies : ndarray
-        Circular frequencies, rad/s.
-    bare, mass_damper, damper : ndarray
-        Largest |X| there without a damper, with the mass damper, and with the impact damper, m.
-    levels, level_ratios : ndarray
-        Levels as factors, and there the largest |X| over that without the damper.
-    """
-
-    frequencies: Array
-    bare: Array
-    mass_damper: Array
-    damper: Array
-    levels: Array
-    level_ratios: Array
+#: A damper helps if it leaves less than this part of the amplitude.
+_HELPS = 0.98
 
 
 def _mass(design: Design) -> str:
@@ -67,11 +53,11 @@ def design_table(found: Sequence[Design]) -> Table:
         (
             percent(d.mass_ratio),
             _mass(d),
-            quantity(d.rig.gap, 'm', 3),
+            quantity(d.rig.gap, 'm', 4),
             quantity(d.orbit.x_max, 'm', 3),
             percent(d.orbit.x_max / d.bare),
             'yes' if d.reached_from_rest else 'no',
-            quantity(d.gap, 'm', 3),
+            quantity(d.gap, 'm', 4),
             quantity(d.x_max, 'm', 3),
             percent(d.x_max / d.bare),
             f'{d.impact_speed:.3g} m/s',
@@ -92,61 +78,58 @@ def _span_words(span: Span, unit: str, factor: float) -> str:
     return f'from {low} to {high}'
 
 
-def _peak(frequencies: Array, sizes: Array) -> str:
-    worst = int(np.argmax(sizes))
-    return f'{quantity(float(sizes[worst]), "m", 3)} at {frequencies[worst] / math.tau:.3g} Hz'
+def _from_rest_words(design: Design) -> list[str]:
+    """Return what there is to say of a start from rest."""
+    texts = []
+    alone, rig = design.starts_by_itself, design.rig
+    best, best_gap = quantity(design.orbit.x_max, 'm', 3), quantity(rig.gap, 'm', 4)
+    if design.x_max > design.bare:
+        texts.append('That is more than without the damper: it is no help here.')
+    if alone is not None:
+        if design.reached_from_rest:
+            texts.append(f'Two impacts per cycle leave {best} at least, with {best_gap}.')
+        else:
+            why = (
+                'M at rest never swings across it: m has to be started by a push.'
+                if rig.gap > design.widest_hit
+                else 'from rest the rig comes to another motion: m needs a push.'
+            )
+            texts.append(f'A gap of {best_gap} would leave {best}, but {why}')
+        kept = 'is hit as well' if alone.keeps_margin else 'is not hit'
+        texts.append(f'With {quantity(alone.gap, "m", 4)}, m {kept} if the level is 5 % lower.')
+    if (other := design.without_margin) is not None:
+        texts.append(
+            f'A gap of {quantity(other.gap, "m", 4)} would leave {quantity(other.x_max, "m", 3)} '
+            'from rest, but m is not hit with it if the level is 5 % lower.'
+        )
+    return texts
 
 
-def design_text(design: Design, unsure: Uncertain, compared: Comparison) -> str:
+def design_text(design: Design, unsure: WorstCases, compared: Comparison) -> str:
     """Return what there is to say of the chosen design."""
-    gap, worst = unsure.best
-    rig = design.rig
-    here = np.array([rig.first_harmonic[1]])
-    other = float(mass_damper_response(rig, here)[0])
-    best = quantity(design.orbit.x_max, 'm', 3)
     half = quantity(design.gap, 'm', 4)
-    lines = [
-        f'Chosen: {percent(design.mass_ratio)} of the mass, {_mass(design)}, for R = '
-        f'{rig.restitution_1:.4g}.',
-        f'  Best at this level and frequency: a gap of {half} in all, which leaves '
+    texts = [
+        f'Best at this level and frequency: a gap of {half} in all, which leaves '
         f'{quantity(design.x_max, "m", 3)} of {quantity(design.bare, "m", 3)}, '
         f'{percent(design.x_max / design.bare)}.',
+        *_from_rest_words(design),
+        _worst_words(unsure),
     ]
-    if design.x_max > design.bare:
-        lines.append('  That is more than without the damper: it is no help here.')
-    if design.starts_by_itself is not None:
-        other_gap = f'  A gap of {quantity(rig.gap, "m", 4)} would leave {best}, but '
-        lines.append(
-            f'{other_gap}M at rest never swings across it: m has to be started by a push.'
-            if rig.gap > design.widest_hit
-            else f'{other_gap}from rest the rig comes to another motion: m needs a push.'
-        )
-    *first, last = _uncertain_words(unsure)
-    cases = f'{", ".join(first)} and {last}' if first else last
-    here_worst = unsure.worst_at(design.gap)
-    other_half = quantity(gap, 'm', 4)
-    sure = (
-        f'How sure: with {cases}, a gap of {other_half} has the best worst case from rest, '
-        f'{percent(worst)}; with {half} it is {percent(here_worst)}. --rig-out has {half}, with '
-        f'--worst-case {other_half}.'
-    )
-    lines += [
-        textwrap.fill(sure, 98, initial_indent='  ', subsequent_indent='  '),
+    lines = [
+        f'Chosen: {percent(design.mass_ratio)} of the mass, {_mass(design)}, for R = '
+        f'{design.rig.restitution_1:.4g}.',
+        *map(_indented, texts),
         'Once m hits both stops in each cycle, with the best gap, that motion lasts for',
         f'  gaps {_span_words(design.gap_range, "mm", 1e3)},',
         f'  levels {_span_words(design.level_range, "times this one", 1.0)},',
         f'  frequencies {_span_words(design.frequency_range, "Hz", 1.0 / math.tau)}.',
-        'Beside a tuned mass damper of the same mass:',
-        f'  here {quantity(design.x_max, "m", 3)} with the impact damper, '
-        f'{quantity(other, "m", 3)} with the mass damper;',
-        f'  the largest between {compared.frequencies[0] / math.tau:.3g} and '
-        f'{compared.frequencies[-1] / math.tau:.3g} Hz, from rest:',
-        f'  {_peak(compared.frequencies, compared.damper)} with the impact damper, '
-        f'{_peak(compared.frequencies, compared.mass_damper)} with the mass damper,',
-        f'  {_peak(compared.frequencies, compared.bare)} without. '
-        + _verdict(design.x_max < other, compared),
+        *_compared_words(design, compared),
     ]
     return '\n'.join(lines)
+
+
+def _indented(text: str) -> str:
+    return textwrap.fill(text, 102, initial_indent='  ', subsequent_indent='  ')
 
 
 def _ends(low: float, high: float) -> str:
@@ -155,40 +138,118 @@ def _ends(low: float, high: float) -> str:
     return f'{low:.{digits}g} to {high:.{digits}g}'
 
 
-def _uncertain_words(unsure: Uncertain) -> list[str]:
+def _uncertain_words(unsure: WorstCases) -> str:
     """Return what is uncertain, and how much."""
     bounces = [ends for name, ends in unsure.ranges.items() if name.startswith('restitution')]
-    found = []
+    parts = []
     if bounces:
         low, high = min(low for low, _ in bounces), max(high for _, high in bounces)
-        found.append(f'R from {_ends(low, high)}')
+        parts.append(f'R from {_ends(low, high)}')
     for name, (low, high) in unsure.ranges.items():
         if not name.startswith('restitution'):
             unit = ALL_SPECS[name].unit
-            found.append(f'{name} from {_ends(low, high)}{unit and f" {unit}"}')
-    low, high = unsure.levels[0], unsure.levels[-1]
-    return [*found, f'the level from {low:g} to {high:g} times this one']
+            parts.append(f'{name} from {_ends(low, high)}{unit and f" {unit}"}')
+    low, high = unsure.levels
+    levels = f'the level from {low:g} to {high:g} times this one' if low < high else 'this level'
+    return f'{", ".join(parts)} and {levels}' if parts else levels
 
 
-def _verdict(better: bool, compared: Comparison) -> str:
-    """Return a sentence that names the better damper, here and over all frequencies."""
-    name = 'impact' if better else 'mass'
-    if (compared.damper.max() < compared.mass_damper.max()) != better:
-        return f'The {name} damper is better at this frequency and level, not over all of them.'
-    return f'The {name} damper is better{" over all of them" if better else ""}.'
+def case_words(worst: WorstCase) -> str:
+    """Return where a worst case is."""
+    parts = [f'level {worst.case["level"]:.4g}']
+    bounces = {f'{v:.4g}' for n, v in worst.case.items() if n.startswith('restitution')}
+    parts += [f'R {" and ".join(sorted(bounces))}'] if bounces else []
+    for name, value in worst.case.items():
+        if name != 'level' and not name.startswith('restitution'):
+            unit = ALL_SPECS[name].unit
+            parts.append(f'{name} {value:.5g}{unit and f" {unit}"}')
+    return ', '.join(parts)
+
+
+def _worst_words(unsure: WorstCases) -> str:
+    """Return the worst cases of the gap to build, and of the gap for which it is least."""
+    chosen, best = unsure.chosen, unsure.best
+    gap, other = quantity(chosen.gap, 'm', 4), quantity(best.gap, 'm', 4)
+    text = (
+        f'How sure: with {_uncertain_words(unsure)}, the worst of {len(chosen.ratios):,} runs '
+        f'from rest leaves {percent(chosen.ratio)} with {gap} ({case_words(chosen)}). '
+    )
+    if other == gap:
+        return f'{text}No other gap has a better worst case.'
+    return (
+        f'{text}A gap of {other} has the best worst case, {percent(best.ratio)} '
+        f'({case_words(best)}). --rig-out has {gap}, with --worst-case {other}.'
+    )
+
+
+def _spans_where(values: Array, flags: NDArray[np.bool_], unit: str = '') -> str:
+    """Return between which values something holds, in words; empty if nowhere."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    parts = []
+    for first, end in edges.reshape(-1, 2):
+        low, high = (f'{values[k]:.3g}' for k in (first, end - 1))
+        parts.append(f'at {low}{unit}' if low == high else f'from {low} to {high}{unit}')
+    return ' and '.join(parts)
+
+
+def _compared_words(design: Design, compared: Comparison) -> list[str]:
+    """Return the chosen damper beside mass dampers, here and over frequencies and levels."""
+    hertz, here = compared.frequencies / math.tau, len(compared.frequencies) // 2
+    at_level = compared.damper[int(np.flatnonzero(compared.levels == 1.0)[0])]
+    tunings = den_hartog(design.rig), tuned_to_excitation(design.rig)
+    broad, tuned = "Den Hartog's", f'the one tuned to {tunings[1].frequency / math.tau:.4g} Hz'
+    rivals = {
+        'the impact damper': at_level,
+        broad: compared.den_hartog,
+        tuned: compared.tuned,
+    }
+
+    def row(name: str, own: float, sizes: Array, zeta: str = '') -> tuple[str, ...]:
+        level, k = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
+        where = f'{hertz[k]:.3g} Hz'
+        where += f', level {compared.levels[level]:.3g}' if len(sizes) > 1 else ''
+        return name, zeta, quantity(own, 'm', 3), quantity(float(sizes[level, k]), 'm', 3), where
+
+    zetas = [f'ζ {100.0 * one.zeta:.3g} %' for one in tunings]
+    rows = [
+        row('the impact damper, from rest', design.x_max, compared.damper),
+        *(
+            row(name, float(rivals[name][here]), rivals[name][None], zeta)
+            for name, zeta in zip((broad, tuned), zetas, strict=True)
+        ),
+        row('none', design.bare, compared.bare[None]),
+    ]
+    low, high = compared.levels[0], compared.levels[-1]
+    levels = f'levels from {low:g} to {high:g}' if low < high else f'level {low:g}'
+    head = 'Beside a mass damper of the same mass on a spring; |X| over the level, '
+    head += f'{hertz[0]:.3g} to {hertz[-1]:.3g} Hz, {levels}:'
+    table = Table.of_rows(('', '', 'here', 'largest', 'where'), rows, 2)
+    least = np.min([*rivals.values(), _HELPS * compared.bare], axis=0)
+    places = {name: _spans_where(hertz, sizes == least, ' Hz') for name, sizes in rivals.items()}
+    best = '; '.join(f'{name} {text}' for name, text in places.items() if text)
+    beats = (at_level < _HELPS * compared.bare) & (at_level < compared.den_hartog)
+    ratio = compared.den_hartog[here] / compared.bare[here]
+    beyond = _spans_where(compared.level_range, compared.level_ratios < min(ratio, _HELPS))
+    places_text = _spans_where(hertz, beats, ' Hz') or 'nowhere'
+    sentence = (
+        f'At this level these leave the least: {best or "none"}; elsewhere none leaves less than '
+        f'98 % of what is left without. The impact damper leaves less than {broad} '
+        f'{places_text} at this level, and here at levels {beyond or "nowhere"}.'
+    )
+    return [head, table.text('  '), _indented(sentence)]
 
 
 def design_json(
     found: Sequence[Design],
     chosen: Design,
-    unsure: Uncertain,
+    unsure: WorstCases,
     compared: Comparison,
     plan: Sequence[PlannedRun],
 ) -> dict[str, Any]:
     """Return all that was found, SI units."""
-    gap, worst = unsure.best
     own = (
-        *('reached_from_rest', 'impulse', 'impact_speed', 'acceleration'),
+        *('reached_from_rest', 'starts_by_itself', 'without_margin'),
+        *('impulse', 'impact_speed', 'acceleration'),
         *('gap_range', 'level_range', 'frequency_range'),
     )
     plain: dict[str, Any] = as_plain(
@@ -200,8 +261,6 @@ def design_json(
                     'gap': d.rig.gap,
                     'x_max': d.orbit.x_max,
                     'reduction': d.orbit.x_max / d.bare,
-                    'starts_by_itself': d.starts_by_itself
-                    and dict(zip(('gap', 'x_max'), d.starts_by_itself, strict=True)),
                     **{name: getattr(d, name) for name in own},
                 }
                 for d in found
@@ -214,9 +273,12 @@ def design_json(
                 'parameters': chosen.built,
             },
             'uncertain': {
-                'gap': gap,
-                'worst_reduction': worst,
-                'worst_reduction_of_chosen': unsure.worst_at(chosen.gap),
+                'gap': unsure.best.gap,
+                'worst_reduction': unsure.best.ratio,
+                'worst_case': unsure.best.case,
+                'worst_reduction_of_chosen': unsure.chosen.ratio,
+                'worst_case_of_chosen': unsure.chosen.case,
+                'runs': len(unsure.chosen.ratios),
                 'ranges': unsure.ranges,
                 'levels': unsure.levels,
             },
@@ -251,48 +313,50 @@ def design_csv(found: Sequence[Design]) -> str:
 
 @print_style()
 def design_figure(
-    found: Sequence[Design], chosen: Design, unsure: Uncertain, compared: Comparison, title: str
+    found: Sequence[Design], chosen: Design, unsure: WorstCases, compared: Comparison, title: str
 ) -> Figure:
     """Draw how heavy, which gap, over frequency and over level."""
     from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
     from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
 
-    figure = blank_figure(7.6, 6.4, title)
+    figure = blank_figure(7.6, 6.6, title)
     (mass, gap), (frequency, level) = figure.subplots(2, 2)
     none: dict[str, Any] = {'color': COLORS['quiet'], 'ls': '--', 'lw': 1.2}
-    tuned: dict[str, Any] = {'color': COLORS['primary'], 'lw': 1.4}
+    broad: dict[str, Any] = {'color': COLORS['primary'], 'lw': 1.4}
+    tuned: dict[str, Any] = {**broad, 'ls': '-.'}
     impact: dict[str, Any] = {'color': COLORS['damper'], 'lw': 1.8}
+    case: dict[str, Any] = {'color': COLORS['damper'], 'alpha': 0.5, 'ls': '', 'marker': '.'}
+    worst: dict[str, Any] = {'color': COLORS['special'], 'lw': 1.4}
+    robust = {**worst, 'ls': '--', 'lw': 0.8}
     ratios = [100.0 * d.mass_ratio for d in found]
     rates = np.array([chosen.rig.first_harmonic[1]])
     mass.axhline(chosen.bare, **none)
-    mass.plot(ratios, [mass_damper_response(d.rig, rates)[0] for d in found], **tuned)
+    for line, tuning in ((broad, den_hartog), (tuned, tuned_to_excitation)):
+        sizes = [mass_damper_response(d.rig, tuning(d.rig), rates)[0] for d in found]
+        mass.plot(ratios, sizes, **line)
     mass.plot(ratios, [d.x_max for d in found], marker='o', ms=4, **impact)
     mass.plot(ratios, [d.orbit.x_max for d in found], **{**impact, 'ls': ':'})
     mass.plot([100.0 * chosen.mass_ratio], [chosen.x_max], 'o', ms=10, mfc='none', color='k')
     mass.set_yscale('log')
     finish_panel(mass, 'a', 'Mass of the damper [% of M]', '')
     unit_axis(mass.yaxis, 'Largest |X|', 'm', chosen.bare)
-    ends = unsure.ratios.min(axis=1), unsure.worst
-    case: dict[str, Any] = {'color': COLORS['damper'], 'alpha': 0.25, 'lw': 0}
-    gap.fill_between(unsure.gaps, *ends, **case)
-    gap.plot(unsure.gaps, unsure.worst, color=COLORS['special'], lw=1.4)
-    gap.axvline(chosen.gap, color='k', lw=0.8)
-    gap.axvline(unsure.best[0], color=COLORS['special'], lw=0.8, ls='--')
-    gap.set_ylim(0.0, min(1.2, 1.05 * float(ends[1].max())))
+    _draw_cases(gap, unsure, case, worst)
     ratio = '|X| over that without damper'
     finish_panel(gap, 'b', '', ratio)
     unit_axis(gap.xaxis, 'Gap', 'm', unsure.gaps)
     hertz = compared.frequencies / math.tau
     frequency.plot(hertz, compared.bare, **none)
-    frequency.plot(hertz, compared.mass_damper, **tuned)
-    frequency.plot(hertz, compared.damper, **impact)
+    frequency.plot(hertz, compared.den_hartog, **broad)
+    frequency.plot(hertz, compared.tuned, **tuned)
+    frequency.plot(hertz, compared.damper[np.flatnonzero(compared.levels == 1.0)[0]], **impact)
     frequency.set_yscale('log')
     finish_panel(frequency, 'c', 'Frequency [Hz]', '')
     unit_axis(frequency.yaxis, 'Largest |X|', 'm', compared.bare)
+    here = len(hertz) // 2
     level.axhline(1.0, **none)
-    level.axhline(mass_damper_response(chosen.rig, rates)[0] / chosen.bare, **tuned)
-    level.plot(compared.levels, compared.level_ratios, **impact)
+    level.axhline(compared.den_hartog[here] / compared.bare[here], **broad)
+    level.axhline(compared.tuned[here] / compared.bare[here], **tuned)
+    level.plot(compared.level_range, compared.level_ratios, **impact)
     level.axvline(1.0, color='k', lw=0.8)
     level.set_xscale('log')
     level.xaxis.set_major_locator(FixedLocator([0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 10.0]))
@@ -300,18 +364,53 @@ def design_figure(
         axis.set_minor_formatter(NullFormatter())
     for axis in (mass.yaxis, frequency.yaxis):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    level.set_ylim(0.0, 1.15)
+    level.set_ylim(0.0, 1.15 * max(1.0, float(compared.level_ratios.max())))
     level.xaxis.set_major_formatter(lambda value, _: f'{value:g}')
     shaker = chosen.rig.swept
     finish_panel(level, 'd', f'Level of the {shaker}, over this one', ratio)
+    frequency_text = f'{rates[0] / math.tau:.4g} Hz'
     handles = [
         Line2D([], [], label='no damper', **none),
-        Line2D([], [], label='tuned mass damper of the same mass', **tuned),
+        Line2D([], [], label="mass damper, Den Hartog's tuning", **broad),
+        Line2D([], [], label=f'mass damper tuned to {frequency_text}', **tuned),
         Line2D([], [], label='impact damper, from rest', **impact),
         Line2D([], [], label='... once it is started', **{**impact, 'ls': ':'}),
-        Patch(label='all cases of R and level', **case),
-        Line2D([], [], label='the worst case; its best gap', color=COLORS['special'], lw=1.4),
+        Line2D([], [], label='one run from rest', **case),
+        Line2D([], [], label='the worst of each gap', **worst),
         Line2D([], [], label='the chosen gap, and this level', color='k', lw=0.8),
+        Line2D([], [], label='the gap with the best worst case', **robust),
     ]
     legend_below(figure, handles, 3)
     return figure
+
+
+def _draw_cases(
+    axes: Any, unsure: WorstCases, case: Mapping[str, Any], worst: Mapping[str, Any]
+) -> None:
+    """Draw all runs over the gap, with the worst of each gap."""
+    envelope = dict(zip(unsure.gaps.tolist(), unsure.ratios.max(axis=1).tolist(), strict=True))
+    clouds = [(np.repeat(unsure.gaps, unsure.ratios.shape[1]), unsure.ratios.ravel())]
+    for one in {one.gap: one for one in (unsure.chosen, unsure.best)}.values():
+        clouds.append((np.full(len(one.ratios), one.gap), one.ratios))
+        envelope[one.gap] = one.ratio
+    for gaps, ratios in clouds:
+        axes.plot(gaps, ratios, ms=2.5, rasterized=True, mew=0, **case)
+    axes.plot(*zip(*sorted(envelope.items()), strict=True), **worst)
+    top = 1.25 * max(envelope.values())
+    axes.set_ylim(0.0, top)
+    middle = float(np.mean(axes.get_xlim()))
+    for one, line in (
+        (unsure.chosen, {'color': 'k', 'lw': 0.8}),
+        (unsure.best, {**worst, 'lw': 0.8, 'ls': '--'}),
+    ):
+        axes.axvline(one.gap, **line)
+        axes.plot([one.gap], [one.ratio], 'o', ms=4, color=line['color'])
+        right = one.gap < middle
+        axes.annotate(
+            f'{percent(one.ratio)}: {case_words(one)}',
+            (one.gap, one.ratio),
+            (4 if right else -4, 4),
+            textcoords='offset points',
+            ha='left' if right else 'right',
+            fontsize='x-small',
+        )

@@ -15,8 +15,8 @@ from impact_damper_ros import Rig, RigParameters, load_parameters
 from impact_damper_ros.cli.design_damper import _parser, _rig, main
 from impact_damper_ros.cli.fit_rig import main as fit_rig
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.design.damper_design import at_level, from_rest
 from impact_damper_ros.design.fitted import load_fitted
+from impact_damper_ros.design.runs_from_rest import at_level, from_rest
 
 STRUCTURE = ['--mass', '5kg', '--frequency', '10Hz', '--damping-ratio', '2%', '--base', '0.2g']
 
@@ -38,7 +38,7 @@ def test_files_and_words(designed):
     outputs, text = designed
     assert 'Chosen: 5 % of the mass, 250 g, for R = 0.6.' in text
     assert 'with R from 0.5 to 0.7 and the level from 0.5 to 2' in text
-    assert 'tuned mass damper' in text
+    assert 'Beside a mass damper of the same mass on a spring' in text
     assert 'Test plan' in text
     assert 'In the settled motion alone R, friction and gap cannot be distinguished' in text
     found = json.loads(outputs['json'].read_text())
@@ -62,16 +62,19 @@ def test_the_worst_case_of_the_gap_to_build_is_run(tmp_path):
     with redirect_stdout(io.StringIO()) as printed:
         assert main([*STRUCTURE, '--mass-ratio', '5%', '--levels', '0.96:1.04', *words]) == 0
     rig, _, _ = load_parameters(outputs['rig-out'])
-    times = np.linspace(30.0, 32.0, 4001)
+    times = np.linspace(15.0, 65.0, 64001)
+    unsure = json.loads(outputs['json'].read_text())['uncertain']
+    worst, level = unsure['worst_reduction_of_chosen'], unsure['worst_case_of_chosen']['level']
     ratios = []
-    for level in (0.96, 1.0, 1.04):
-        there = rig.replace(base_amplitudes=level * rig.base_amplitudes[0])
-        x = Rig(there).run(float(times[-1]), times).samples['x']
+    for factor in (level, *np.linspace(0.96, 1.04, 9)):
+        there = rig.replace(base_amplitudes=factor * rig.base_amplitudes[0])
+        x = Rig(there, compiled=None).run(float(times[-1]), times).samples['x']
         ratios.append(np.abs(x).max() / there.response_amplitude)
-    worst = json.loads(outputs['json'].read_text())['uncertain']['worst_reduction_of_chosen']
-    assert worst == pytest.approx(max(ratios), rel=1e-3)
+    # Last bits decide when an irregular motion settles
+    assert 0.85 * worst < max(ratios) < 1.03 * worst
     text = ' '.join(printed.getvalue().split())
-    assert f'with {1e3 * rig.gap:.4g} mm it is {100.0 * worst:.3g} %' in text
+    where = f'leaves {100.0 * worst:.3g} % with {1e3 * rig.gap:.4g} mm (level {level:.4g})'
+    assert f'the worst of {unsure["runs"]} runs from rest {where}' in text
 
 
 @pytest.fixture
@@ -112,7 +115,7 @@ def test_a_start_beside_the_resonance_swings_over(design_at):
 def test_ranges_of_mirror_images(design_at):
     """Below the resonance a pair of mirror images begins where the best motion loses symmetry."""
     (design,) = design_at(9.5)['designs']
-    assert design['reduction'] < 0.83
+    assert design['reduction'] < 0.84
     for name in ('gap_range', 'level_range', 'frequency_range'):
         assert design[name]['low'] < design[name]['high']
     assert design['gap_range']['low'] <= design['gap'] <= design['gap_range']['high']
@@ -122,25 +125,35 @@ def test_a_frequency_range_goes_both_ways(design_at):
     """The branch comes back next to its start, by an unstable motion, and does not close."""
     (design,) = design_at(9.8)['designs']
     span = design['frequency_range']
-    assert span['low'] / math.tau == pytest.approx(7.5165, rel=1e-4)
-    assert span['high'] / math.tau == pytest.approx(9.9285, rel=1e-4)
+    assert span['low'] / math.tau == pytest.approx(7.5165, rel=5e-4)
+    assert span['high'] / math.tau == pytest.approx(9.9285, rel=5e-4)
     assert span['high_reason'] == 'Neimark-Sacker'
 
 
 @pytest.mark.parametrize(
     ('restitution', 'words'),
     [
-        ('0.95', 'The impact damper is better at this frequency and level, not over all of them.'),
-        ('0.05', 'The mass damper is better.'),
+        (
+            '0.95',
+            r"than Den Hartog's (from|at) [^;]* Hz at this level, and here at levels (from|at) ",
+        ),
+        ('0.05', "less than Den Hartog's nowhere at this level, and here at levels nowhere"),
     ],
 )
 def test_which_damper_is_better_here(restitution, words, capsys):
+    """A mass damper tuned to the one sine leaves least of all, and most beside it."""
     assert main([*STRUCTURE, '--mass-ratio', '5%', '--restitution', restitution]) == 0
     text = ' '.join(capsys.readouterr().out.split())
-    here = re.search(r'here ([\d.]+) (.m) with the impact damper, ([\d.]+) (.m)', text)
-    ours, theirs = (float(here[k]) * {'µm': 1e-3, 'mm': 1.0}[here[k + 1]] for k in (1, 3))
-    assert (ours < theirs) == ('impact' in words)
-    assert words in text
+    sizes = re.findall(
+        r"(from rest|Den Hartog's ζ [\d.]+ %|tuned to 10 Hz ζ 0.5 %) ([\d.]+) (.m) ([\d.]+) (.m)",
+        text,
+    )
+    factors = {'µm': 1e-3, 'mm': 1.0}
+    impact, broad, tuned = ((float(s[1]) * factors[s[2]], float(s[3])) for s in sizes)
+    assert (impact[0] < broad[0]) == ('nowhere' not in words)
+    assert tuned[0] < 0.5 * min(impact[0], broad[0])
+    assert broad[1] < min(impact[1], tuned[1])
+    assert re.search(words, text)
     # Of a grazing its name stands in the range, not each place where m would pass a stop
     assert 'would pass' not in text
 
@@ -149,15 +162,60 @@ def test_the_margins_of_the_readme(designed):
     """A gap 5 % wider or a level 5 % lower loses the impacts."""
     _, text = designed
     assert 'a gap of 21.48 mm in all' in text
-    assert re.search(r'best worst case from rest, (49|50)\.\d %', text)
+    worst = r'A gap of 1\d\.\d+ mm has the best worst case, 5\d\.\d % \(level 1\.\d+, R 0\.\d+\)'
+    assert re.search(worst, text)
+    assert re.search(r'the worst of \d{3} runs|the worst of 1,0\d\d runs', text)
     ends = re.search(r'to ([0-9.]+) mm \(Neimark-Sacker\), levels from ([0-9.]+)', text)
     assert float(ends[1]) / 21.48 == pytest.approx(1.05, abs=0.005)
     assert float(ends[2]) == pytest.approx(0.95, abs=0.005)
 
 
+_COMMANDS = (
+    '--mass 30.02 --frequency 4.05 --damping-ratio 0.02 --restitution 0.35:0.72 --friction 0.02 '
+    '--mass-ratio 1%:10% --base 0.0942g --at 4.322',
+    '--mass 1.615 --frequency 3.157 --damping-ratio 0.005 --restitution 0.45:0.69 '
+    '--friction 0.02 --mass-ratio 6% --force 1.344N --worst-case',
+    '--mass 3.65 --frequency 29.87 --damping-ratio 0.02 --restitution 0.37:0.66 --friction 0.02 '
+    '--mass-ratio 4%:8% --base 0.0587g --at 28.24',
+)
+
+
+@pytest.fixture(params=range(3))
+def brute(request, tmp_path):
+    """Return the number of a command, its result, and the rig that it writes."""
+    files = tmp_path / 'design.json', tmp_path / 'rig.yaml'
+    words = ['--json', str(files[0]), '--rig-out', str(files[1])]
+    with redirect_stdout(io.StringIO()):
+        assert main([*_COMMANDS[request.param].split(), *words]) == 0
+    return request.param, json.loads(files[0].read_text()), load_parameters(files[1])[0]
+
+
+def test_designs_that_brute_force_has_refuted(brute):
+    """Worst cases that independent programs found between those that had been tried."""
+    number, result, rig = brute
+    unsure, chosen = result['uncertain'], result['chosen']
+    worst, best = unsure['worst_reduction_of_chosen'], unsure['worst_reduction']
+    if number == 0:
+        assert worst > 1.353 / 1.03
+        assert best < 0.65
+    elif number == 1:
+        assert worst > 0.407 / 1.03
+        # With --worst-case that gap is written; one of 127 mm had 0.153
+        assert best == pytest.approx(0.15, abs=0.006)
+        assert rig.gap == unsure['gap']
+    else:
+        # At the fold of the best motion of two impacts; the end of another one left 100.2 %
+        design = result['designs'][-1]
+        assert design['reduction'] == pytest.approx(0.63, abs=0.02)
+        assert design['gap'] == pytest.approx(0.5285e-3, rel=1e-3)
+        assert design['gap_range']['low'] < 0.96 * design['gap']
+        assert chosen['x_max'] < 0.72 * chosen['without_damper']
+        assert chosen['x_max'] == pytest.approx(from_rest(rig), rel=2e-3)
+
+
 def test_a_light_damper_has_to_be_started(capsys):
     assert main([*STRUCTURE[:-2], '--force', '5 N', '--mass-ratio', '2%']) == 0
-    assert 'm has to be started by a push' in capsys.readouterr().out
+    assert 'm has to be started by a push' in ' '.join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize(
@@ -185,6 +243,12 @@ def test_refusals(words, problem, capsys):
         code = end.code
     assert code == 2
     assert problem in capsys.readouterr().err
+
+
+def test_without_numba(monkeypatch, capsys):
+    monkeypatch.setattr('impact_damper_ros.cli.design_damper.has_numba', lambda: False)
+    assert main(STRUCTURE) == 1
+    assert 'pip install "numba>=0.59"' in capsys.readouterr().err
 
 
 def test_numbers_as_people_type_them(tmp_path):

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The worst of many runs from rest, over the level and what is uncertain, and its best gap."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from impact_damper_ros.parameters.rig_parameters import RigParameters
+
+from .damper_design import Design, rounded
+from .runs_from_rest import (
+    Array,
+    Flags,
+    bare_amplitudes,
+    largest_in_long,
+    largest_in_short,
+)
+
+Ranges = Mapping[str, tuple[float, float]]
+
+#: Levels and values of R: of a whole grid, and of one that is run for all gaps. Friction is at
+#: both ends, and so is any other uncertain parameter, with half as many levels and values of R.
+#: Where one of the two is given, so many times as many values of the other.
+_WHOLE, _COARSE, _ALONE = (40, 20), (10, 5), 5
+#: Cases next to the worst ones that are run as well: how many of the worst, at how many levels and
+#: values of R each, within how many steps of the grid.
+_WORST, _AROUND, _STEPS = 4, 5, (1.0, 0.3)
+#: Motions that do not repeat and are run longer, the largest first: how many at a time, how many
+#: times at most, and how much larger they may become.
+_AT_A_TIME, _BATCHES, _GROWTH = 48, 2, 1.25
+#: Gaps that are tried, over the best one: from this times the lowest level on, up to this; and how
+#: much less is worth another whole grid.
+_LEAST_GAP, _WIDEST_GAP, _GAPS, _WORTH = 0.5, 1.5, 40, 0.02
+
+
+@dataclass(frozen=True)
+class WorstCase:
+    """
+    The worst of many runs from rest with one gap.
+
+    Attributes
+    ----------
+    gap : float
+        The gap, m.
+    ratio : float
+        Largest |X| over that without the damper.
+    case : dict
+        Where that is: `level` as a factor, and uncertain parameters, SI.
+    ratios : ndarray, shape (runs,)
+        Largest |X| over that without the damper of all runs.
+    """
+
+    gap: float
+    ratio: float
+    case: dict[str, float]
+    ratios: Array
+
+
+@dataclass(frozen=True)
+class WorstCases:
+    """
+    How gaps do from rest over levels and what is uncertain of the rig.
+
+    Attributes
+    ----------
+    chosen, best : WorstCase
+        That of the gap to build, and that of the gap for which it is least.
+    gaps : ndarray, shape (n,)
+        Gaps that were tried, m.
+    ratios : ndarray, shape (n, cases)
+        Largest |X| in 30 cycles over that without the damper, in some of the cases.
+    ranges : dict
+        Lowest and highest value of each uncertain parameter, SI.
+    levels : tuple of float
+        Lowest and highest level as factors.
+    """
+
+    chosen: WorstCase
+    best: WorstCase
+    gaps: Array
+    ratios: Array
+    ranges: dict[str, tuple[float, float]]
+    levels: tuple[float, float]
+
+
+class _Runs(NamedTuple):
+    """Cases, their places within the ranges of level and R from 0 to 1, and |X| over bare |X|."""
+
+    cases: dict[str, Array]
+    places: Array
+    ratios: Array
+
+
+class _Uncertain:
+    """A rig with the ranges of its level and parameters."""
+
+    def __init__(self, rig: RigParameters, ranges: Ranges, levels: tuple[float, float]) -> None:
+        self.rig, self.ranges, self.levels = rig, ranges, levels
+        self.bounces = [name for name in self.ranges if name.startswith('restitution')]
+        self.others = [name for name in self.ranges if name not in self.bounces]
+
+    def cases(self, places: Array, **values: float) -> dict[str, Array]:
+        """Return the cases at some places, of which other parameters may be given."""
+        (low, high) = self.levels
+        columns = {'level': low * (high / low) ** places[:, 0]}
+        for name in self.bounces:
+            start, end = self.ranges[name]
+            columns[name] = start + places[:, 1] * (end - start)
+        columns = {n: np.array([float(f'{v:.4g}') for v in c]) for n, c in columns.items()}
+        others = {name: values.get(name, getattr(self.rig, name)) for name in self.others}
+        return columns | {n: np.full(len(places), value) for n, value in others.items()}
+
+    def grid(self, counts: tuple[int, int]) -> tuple[dict[str, Array], Array]:
+        """Return the cases of a grid, and their places."""
+        corners = [({'friction': end}, 1) for end in self.ranges.get('friction', ())] or [({}, 1)]
+        corners += [({n: e}, 2) for n in self.others if n != 'friction' for e in self.ranges[n]]
+        varies = self.levels[0] < self.levels[1], bool(self.bounces)
+        cases, places = [], []
+        for values, part in corners:
+            times = 1 if all(varies) else _ALONE
+            axes = (
+                np.linspace(0.0, 1.0, times * count // part if several else 1)
+                for count, several in zip(counts, varies, strict=True)
+            )
+            places.append(np.array([*product(*axes)]))
+            cases.append(self.cases(places[-1], **values))
+        joined = {name: np.concatenate([one[name] for one in cases]) for name in cases[0]}
+        return joined, np.concatenate(places)
+
+    def short_ratios(self, gaps: Array, cases: dict[str, Array]) -> tuple[Array, Flags]:
+        """Return the ratios of 30 cycles, and which motions repeat, for each gap and case."""
+        count = len(cases['level'])
+        every = {name: np.tile(column, len(gaps)) for name, column in cases.items()}
+        sizes, repeats = largest_in_short(self.rig, {**every, 'gap': np.repeat(gaps, count)})
+        shape = len(gaps), count
+        return sizes.reshape(shape) / bare_amplitudes(self.rig, cases), repeats.reshape(shape)
+
+    def ratios(self, gap: float, cases: dict[str, Array], least: float = 0.0) -> Array:
+        """
+        Return the ratios of a gap.
+
+        Irregular motions are run longer as far as they may become larger than all others, and
+        than a least ratio.
+        """
+        short, repeat = self.short_ratios(np.array([gap]), cases)
+        ratios: Array = short[0]
+        repeats = repeat[0]
+        irregular = np.flatnonzero(~repeats)
+        left, growth = irregular[np.argsort(-ratios[irregular])], _GROWTH
+        for _ in range(_BATCHES):
+            some, left = left[:_AT_A_TIME], left[_AT_A_TIME:]
+            if not len(some) or growth * ratios[some[0]] <= max(least, float(ratios.max())):
+                break
+            values = {name: column[some] for name, column in cases.items()}
+            sizes = largest_in_long(self.rig, {**values, 'gap': np.full(len(some), gap)})
+            longer = sizes / bare_amplitudes(self.rig, values)
+            growth = max(1.0, float((longer / ratios[some]).max()))
+            ratios[some] = np.maximum(ratios[some], longer)
+        return ratios
+
+    def whole(self, gap: float) -> _Runs:
+        """Return the runs of a whole grid with some gap."""
+        cases, places = self.grid(_WHOLE)
+        return _Runs(cases, places, self.ratios(gap, cases))
+
+    def worst(self, gap: float, runs: _Runs) -> WorstCase:
+        """Return the worst case of a gap, after runs of cases next to the worst so far."""
+        varies = runs.places.max(axis=0) - runs.places.min(axis=0)
+        steps = varies / (np.array(_WHOLE) * (1 if varies.all() else _ALONE) - 1.0)
+        for width in _STEPS if steps.any() else ():
+            offsets = np.array([*product(np.linspace(-width, width, _AROUND), repeat=2)]) * steps
+            parts, cases = [], []
+            for k in np.argsort(-runs.ratios)[:_WORST]:
+                parts.append(np.unique(np.clip(runs.places[k] + offsets, 0.0, 1.0), axis=0))
+                values = {name: float(runs.cases[name][k]) for name in self.others}
+                cases.append(self.cases(parts[-1], **values))
+            more = {name: np.concatenate([one[name] for one in cases]) for name in runs.cases}
+            ratios = self.ratios(gap, more, float(runs.ratios.max()))
+            runs = _Runs(
+                {name: np.append(column, more[name]) for name, column in runs.cases.items()},
+                np.concatenate([runs.places, *parts]),
+                np.append(runs.ratios, ratios),
+            )
+        k = int(np.argmax(runs.ratios))
+        case = {name: float(column[k]) for name, column in runs.cases.items()}
+        return WorstCase(gap, float(runs.ratios[k]), case, runs.ratios)
+
+
+def worst_cases(design: Design, ranges: Ranges, levels: Sequence[float]) -> WorstCases:
+    """
+    Return the worst case of the gap to build, and the gap for which it is least.
+
+    Both restitutions go through their ranges together, the friction is at its ends, other
+    parameters are at their ends one at a time.
+
+    Parameters
+    ----------
+    design : Design
+        The structure and its damper.
+    ranges : mapping of str to tuple of float
+        Lowest and highest value of each uncertain parameter, SI.
+    levels : sequence of float
+        Levels as factors; the lowest and the highest count.
+    """
+    ends = min(levels), max(levels)
+    unsure = _Uncertain(design.rig, ranges, ends)
+    shares = np.geomspace(_LEAST_GAP * min(ends[0], 1.0), _WIDEST_GAP, _GAPS)
+    gaps = np.unique([rounded(gap) for gap in [*(shares * design.gap), design.gap]])
+    ratios, _ = unsure.short_ratios(gaps, unsure.grid(_COARSE)[0])
+    runs = {design.gap: unsure.whole(design.gap)}
+    least = float(runs[design.gap].ratios.max())
+    # No gap is better than some of its cases
+    for gap, bound in sorted(zip(gaps, ratios.max(axis=1), strict=True), key=lambda one: one[1]):
+        if bound > (1.0 - _WORTH) * least:
+            break
+        runs[float(gap)] = unsure.whole(float(gap))
+        before, least = least, min(least, float(runs[float(gap)].ratios.max()))
+        if least > (1.0 - _WORTH) * before:
+            break
+    best = min(runs, key=lambda gap: float(runs[gap].ratios.max()))
+    chosen = unsure.worst(design.gap, runs[design.gap])
+    robust = chosen if best == design.gap else unsure.worst(best, runs[best])
+    return WorstCases(chosen, robust, gaps, ratios, dict(ranges), ends)
