@@ -28,7 +28,10 @@ from impact_damper_ros.sweep import grid  # noqa: E402
 
 FILE = ROOT / 'docs' / 'reference' / 'interfaces.json'
 #: What the commands have written, which `test/museum` compares with what they write now
-OUTPUTS = ROOT / 'test' / 'museum' / '1.0' / 'outputs'
+OUTPUTS = max(
+    (ROOT / 'test' / 'museum').glob('*/outputs'),
+    key=lambda path: [*map(int, path.parent.name.split('.'))],
+)
 COMMANDS = re.findall(r"'(\w+) = impact_damper_ros\.cli", (ROOT / 'setup.py').read_text())
 #: Where what an object has is by name or number of the user's own
 _OWN = re.compile(r'^[-+0-9.]+$')

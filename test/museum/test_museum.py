@@ -86,6 +86,11 @@ def test_a_bag_is_judged_as_it_was(bag):
     assert said[0] == said[1]
 
 
+def test_this_version_has_its_own():
+    assert make.PLACE in VERSIONS
+    assert impact_damper_ros.__version__.startswith(f'{make.VERSION}.')
+
+
 def test_no_bag_is_large():
     for bag in BAGS:
         assert sum(path.stat().st_size for path in bag.iterdir()) <= make.LARGEST, bag
