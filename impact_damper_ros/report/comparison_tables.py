@@ -16,6 +16,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .formatting import NONE, Unit, instant, number, quantity, unit_for
+from .ring_down_figure import percent_of_loss
 from .swept_response_figure import base_amplitude, level_of
 from .table import Column, Table
 from .transmissibility_text import TRANSMISSIBILITY_NAMES
@@ -215,7 +216,7 @@ def ring_down_table(stretch: StretchComparison) -> Table | None:
             number(count, 6),
             number(loss, 4),
             number(loss / math.tau, 4),
-            number(-100.0 * math.log1p(-loss) / (2.0 * math.tau) if loss < 1.0 else math.inf, 4),
+            number(percent_of_loss(loss), 4),
         )
         for size, acceleration, count, loss, _, _ in zip(*curve.values(), strict=True)
     ][::-1]

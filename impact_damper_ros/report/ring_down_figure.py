@@ -32,9 +32,13 @@ def ring_down_table(found: RingDown) -> str:
     return csv_text(dict(zip(_COLUMNS, np.hstack(cycles), strict=True)))
 
 
+def percent_of_loss(loss: float) -> float:
+    """Return the damping ratio, %, with which a cycle loses a share of its energy."""
+    return -100.0 * math.log1p(-loss) / (2.0 * math.tau) if loss < 1.0 else math.inf
+
+
 def _loss_words(loss: float) -> str:
-    ratio = -math.log1p(-loss) / (2.0 * math.tau) if loss < 1.0 else math.inf
-    return f'Ψ {loss:.3f} of the energy in a cycle = damping ratio {100.0 * ratio:.2f} %'
+    return f'Ψ {loss:.3f} of the energy in a cycle = damping ratio {percent_of_loss(loss):.2f} %'
 
 
 def ring_down_text(found: RingDown) -> str:
