@@ -37,6 +37,7 @@ from fit.random_rigs import DEVIATION, LONGEST, guess_of, measure, random_rig, t
 
 from impact_damper_ros import InitialConditions, Rig
 from impact_damper_ros.fit.rig_fit import fit_rig
+from impact_damper_ros.fit.unknowns import CONSTANTS
 
 #: Draws the seeds of the rigs.
 SEED = 1005904592
@@ -117,8 +118,15 @@ def right_case(seed: int, kind: Kind) -> dict[str, Any]:
     ).record
     if kind.quantity == 'acceleration':
         record = record._replace(motion=record.motion + OFFSET)
-    also = ('bias',) if kind.quantity == 'acceleration' else ()
-    return fitted({'seed': seed, **kind._asdict()}, record, guess_of(rig, rng), rig, also)
+    guess, off = guess_of(rig, rng), rng.normal(size=2)
+    guess = guess.replace(
+        damper_mass=guess.damper_mass * (1.0 + CONSTANTS['damper_mass'].uncertainty * off[0]),
+        force_amplitudes=tuple(
+            force * (1.0 + CONSTANTS['force_amplitudes'].uncertainty * off[1])
+            for force in guess.force_amplitudes
+        ),
+    )
+    return fitted({'seed': seed, **kind._asdict()}, record, guess, rig)
 
 
 def wrong_case(seed: int, kind: str) -> dict[str, Any]:
@@ -148,18 +156,16 @@ def wrong_case(seed: int, kind: str) -> dict[str, Any]:
             'force by rms': {'force_amplitudes': (force / 2.0**0.5,)},
         }.get(kind, {})
     )
-    row = fitted({'seed': seed, 'wrong': kind}, record, guess, rig, ())
+    row = fitted({'seed': seed, 'wrong': kind}, record, guess, rig)
     first = row.get('reasons') or ['']
     return row | {'named': any(word in first[0] for word in WRONG[kind])}
 
 
-def fitted(
-    row: dict[str, Any], record: Any, guess: Any, rig: Any, also: tuple[str, ...]
-) -> dict[str, Any]:
+def fitted(row: dict[str, Any], record: Any, guess: Any, rig: Any) -> dict[str, Any]:
     """Return a row with the result of a fit."""
     began = process_time()
     try:
-        fit = fit_rig(record, guess, also=also)
+        fit = fit_rig(record, guess)
     except Exception as error:  # a crash is a result
         return row | {'error': repr(error), 'cpu': process_time() - began, 'accepted': False}
     row |= {'cpu': process_time() - began, 'accepted': fit.accepted, 'reasons': fit.reasons}

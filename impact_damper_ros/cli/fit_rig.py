@@ -46,7 +46,11 @@ if TYPE_CHECKING:
     from impact_damper_ros.fit.structure import StructureFit
 
 #: What may be fitted besides, see `fit.rig_fit.FURTHER`.
-_FURTHER = ('restitution_2', 'bias', 'force_delay')
+_FURTHER = ('restitution_2', 'bias', 'force_delay', 'damper_mass', 'primary_mass')
+#: Constants whose uncertainty may be given, see `fit.unknowns.CONSTANTS`.
+_UNCERTAIN = ('damper_mass', 'primary_mass', 'force_amplitudes', 'base_amplitudes')
+#: Largest uncertainty that is no guess of the constant, %.
+_MOST_UNCERTAIN = 30.0
 
 _DESCRIPTION = """\
 Fit a rig to the measured motion of M: stiffness, damping, restitution, friction and gap, each with
@@ -71,6 +75,7 @@ NEEDS = (
     *(('--set', '--rig'), ('--node', '--rig')),
     *(('--seconds', '--topic'), ('--seconds', 'no FILE')),
     ('--also', 'no --structure'),
+    ('--uncertain', 'no --structure'),
     ('--unit', '--column'),
     *((option, 'FILE') for option in ('--column', '--time', '--base-column', '--force-column')),
     (
@@ -79,6 +84,21 @@ NEEDS = (
         '--impact-deviation --saturation --topic --joint --seconds --from --to',
     ),
 )
+
+
+def _uncertainty(text: str) -> tuple[str, float]:
+    """Return a constant and its relative standard deviation."""
+    name, _, percent = text.partition('=')
+    try:
+        value = float(percent.strip().removesuffix('%'))
+    except ValueError:
+        value = math.nan
+    if name not in _UNCERTAIN or not 0.0 <= value <= _MOST_UNCERTAIN:
+        raise argparse.ArgumentTypeError(
+            f'{text!r}: give one of {", ".join(_UNCERTAIN)}, =, and 0 to {_MOST_UNCERTAIN:g} %, '
+            'as in damper_mass=2%'
+        )
+    return name, value / 100.0
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -107,8 +127,18 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         choices=_FURTHER,
         default=[],
-        help='what to fit besides: restitution of stop 2, offset of the sensor, delay of the '
-        'force; may be repeated',
+        help='what to fit besides: restitution of stop 2, offset of the sensor (always, of an '
+        'acceleration), delay of the force, or a mass; may be repeated',
+    )
+    parser.add_argument(
+        '--uncertain',
+        action='append',
+        type=_uncertainty,
+        metavar='NAME=PERCENT',
+        default=[],
+        help='standard deviation of a constant of the file, such as damper_mass=2%%; may be '
+        'repeated [damper_mass=0.5%%, force_amplitudes=1%%, base_amplitudes=1%%, '
+        'primary_mass=0%%]',
     )
     data = parser.add_argument_group('the data')
     add_path_option(
@@ -320,7 +350,7 @@ def _rig(arguments: argparse.Namespace, command: str) -> int:
         )
     hint('fit_rig', start)
     with long_work('fit_rig', 'still fitting; Ctrl-C ends it'):
-        found = fit_rig(data, start, also=arguments.also)
+        found = fit_rig(data, start, also=arguments.also, uncertain=dict(arguments.uncertain))
     write_json(arguments.json, fit_report.rig_fit_json(found, data))
     if arguments.report is not None:
         page = fit_report.write_rig_report(found, data, start, arguments.report, command)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .alternatives import Alternative
+from .candidates import Candidate
 from .contradictions import MOST_GAIN
 from .estimate import Estimate
 from .first_course import LEAST_IMPACTS
@@ -47,12 +47,18 @@ class Judgement(NamedTuple):
 def judged(
     revised: Revised,
     chi: float,
-    checks: list[Alternative],
+    checks: list[Candidate],
     parameters: dict[str, Estimate],
     correlations: Correlations,
 ) -> Judgement:
     """Apply the rule of acceptance."""
-    reasons: list[str] = []
+    # Of a course that is mostly a wrong one they say nothing
+    reasons = [
+        f'{check.meaning}: {check.name} {check.value:.3g} ± {check.standard_deviation:.2g}'
+        f'{" " + check.unit if check.unit else ""}, {abs(check.z):.0f} standard deviations from 0'
+        for check in checks
+        if abs(check.z) > MOST_Z and 2 * int(revised.course.flies.sum()) > len(revised.course) - 1
+    ]
     course = revised.course
     flights, used = len(course) - 1, int(course.flies.sum())
     if used < LEAST_FLIGHTS:
@@ -90,13 +96,6 @@ def judged(
         )
     if revised.solution.broken > EXACT:
         reasons.append('no motion of the fitted rig obeys all laws of the damper')
-    reasons += [
-        f'{check.meaning}: {check.name} {check.value:.3g} ± {check.standard_deviation:.2g}'
-        f'{" " + check.unit if check.unit else ""}, {abs(check.z):.0f} standard deviations from 0'
-        for check in checks
-        # Of a course that is mostly a wrong one they say nothing
-        if abs(check.z) > MOST_Z and 2 * used > flights
-    ]
     deviations = [estimate.standard_deviation for estimate in parameters.values()]
     if not all(math.isfinite(deviation) and deviation > 0.0 for deviation in deviations):
         reasons.append('the record does not determine every parameter')

@@ -21,6 +21,13 @@ PENALTY, _PENALTY_MEASURED, _SOUGHT = 24.0, 6.0, 0.5
 _ROUNDS = 4
 #: Phases of the force that are tried, and stiffnesses, in that of the start.
 _PHASES, _STIFFNESSES = 16, (0.96, 0.98, 1.0, 1.02, 1.04)
+#: Stiffnesses and dampings that are tried where the phase is known, in those of the start, at so
+#: many samples per period.
+_GRID = np.linspace(0.95, 1.05, 9), np.array([0.6, 0.77, 1.0, 1.29, 1.67])
+COARSE = np.linspace(0.95, 1.05, 5), np.ones(1)
+_SAMPLES = 40
+#: How near to the frequency of M + m one must be, relative, so that m moves with M.
+_STUCK = 0.2
 #: Least first guess of the gap, in the swing of M at impacts.
 _LEAST_GAP = 1e-2
 #: Changes of K, and of C, after which the impacts are looked for again.
@@ -42,6 +49,19 @@ def check_impacts(count: int) -> None:
             f'the record has {counted(count, "impact")}, and a fit needs {LEAST_IMPACTS}: '
             'record a motion in which the damper hits its stops, for longer; a record without the '
             'damper is one for --structure'
+        )
+
+
+def _check_loose(record: Record, rig: RigParameters, damping: float, deviation: float) -> None:
+    """Raise `UnfitRecordError` if M without impacts is as slow as M and m together."""
+    whole = np.array([0, len(record.time)])
+    alone, _ = fit_vibration(record, rig, whole, (rig.stiffness, damping), deviation)
+    share = rig.damper_mass / (rig.primary_mass + rig.damper_mass)
+    slower = 1.0 - alone / rig.stiffness
+    if abs(slower / share - 1.0) < _STUCK:
+        raise UnfitRecordError(
+            f'the natural frequency is {50.0 * slower:.2g} % lower than that of the file, as that '
+            'of M and m together is: m moves with M; free it, or shake harder than friction holds'
         )
 
 
@@ -69,6 +89,28 @@ def _penalties(record: Record, measured: Array, deviation: float) -> Array:
     return cuts
 
 
+def _cost(record: Record, vibration: Vibration, deviation: float) -> float:
+    """Return the sum of squares that the fewest free vibrations leave, and what they cost."""
+    edges = partition(record, vibration, deviation, PENALTY)
+    left = free_vibrations(record, vibration, edges).residual
+    return float(left @ left) / deviation**2 + PENALTY * len(edges)
+
+
+def scanned(
+    record: Record,
+    rig: RigParameters,
+    start: tuple[float, float],
+    deviation: float,
+    grid: tuple[Array, Array] = _GRID,
+) -> tuple[float, tuple[float, float]]:
+    """Return the least cost on a grid of K and C, in those of a start, and these."""
+    step = 2.0 * np.pi / rig.omega / _SAMPLES / float(np.median(np.diff(record.time)))
+    part = slice(None, None, max(1, round(step)))
+    fewer = Record(record.time[part], record.motion[part], record.weight[part], record.order)
+    tried = [(start[0] * k, start[1] * c) for k in grid[0].tolist() for c in grid[1].tolist()]
+    return min((_cost(fewer, Vibration.of(rig, *one), deviation), one) for one in tried)
+
+
 def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float, float]:
     """
     Return by how much the force comes later than described, and the stiffness, by trial.
@@ -81,10 +123,7 @@ def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float,
 
     def cost(tried: tuple[float, float]) -> float:
         delay, stiffness = tried
-        vibration = Vibration.of(rig, stiffness, damping, delay)
-        edges = partition(record, vibration, deviation, PENALTY)
-        left = free_vibrations(record, vibration, edges).residual
-        return float(left @ left) / deviation**2 + PENALTY * len(edges)
+        return _cost(record, Vibration.of(rig, stiffness, damping, delay), deviation)
 
     parts = np.arange(_PHASES) / _PHASES
     delays = period * np.where(parts > 0.5, parts - 1.0, parts)
@@ -108,9 +147,13 @@ def first_course(
     deviation: float,
     measured: Array,
     impact_deviation: float,
+    *,
+    scan: bool = False,
 ) -> Course:
     """
-    Return the course that partition and regression find.
+    Return the course that partition and regression find; `scan` looks for K and C on a grid first.
+
+    Near resonance free vibrations imitate the response to the force, and a grid may mislead.
 
     Raises
     ------
@@ -126,6 +169,8 @@ def first_course(
     if force_delay >= 0:
         late, stiffness = _delay(record, rig, deviation)
         rig = later(rig, late)
+    elif scan:
+        _, (stiffness, damping) = scanned(record, rig, (stiffness, damping), deviation)
     cuts = _penalties(record, measured, impact_deviation)
     for _ in range(_ROUNDS):
         vibration = Vibration.of(rig, stiffness, damping)
@@ -140,6 +185,8 @@ def first_course(
     vibration = Vibration.of(rig, stiffness, damping)
     edges = partition(record, vibration, deviation, cuts)
     jumps = jumps_between(record, vibration, edges, measured)
+    if len(jumps.time) < LEAST_IMPACTS:
+        _check_loose(record, rig, damping, deviation)
     check_impacts(len(jumps.time))
     stops = np.where(jumps.jump >= 0.0, 1, -1)
     if (crossings := int((np.diff(stops) != 0).sum())) < _LEAST_CROSSINGS:

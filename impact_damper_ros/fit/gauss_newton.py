@@ -144,10 +144,16 @@ class System:
         deviations: Array = np.sqrt(np.maximum(variances, 0.0))
         return deviations
 
-    def information(self, residual_rate: Array, condition_rate: Array) -> float:
-        """Return what the data say of a further unknown, the others being fitted again."""
-        right = np.concatenate([self._rates.T @ residual_rate, condition_rate])
-        return float(residual_rate @ residual_rate - right @ self._solve(right))
+    def profile(self, residual_rates: Array, condition_rates: Array) -> tuple[Array, Array]:
+        """
+        Return what the data say of further unknowns, the others being fitted again.
+
+        Their information matrix, and by how much all others change with them.
+        """
+        right = np.vstack([self._rates.T @ residual_rates, condition_rates])
+        found = self._solve(right)
+        information: Array = residual_rates.T @ residual_rates - right.T @ found
+        return information, -found[: self._size] / self.scale[:, None]
 
     def released(self, rows: NDArray[np.int64]) -> Array:
         """Return the block of the inverse system that belongs to some conditions."""

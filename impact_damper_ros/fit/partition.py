@@ -38,6 +38,8 @@ _ROWS = 256
 _LEAST_DIFFERENCES = 30
 #: Residuals beyond this many standard deviations count less in the fit of K and C.
 _ROBUST = 3.0
+#: Most change of the logarithms of K and C from where they are fitted.
+_WIDEST = np.array([0.2, 3.0])
 
 
 class Record(NamedTuple):
@@ -197,7 +199,9 @@ def fit_vibration(
         scaled: Array = np.arcsinh(left / (_ROBUST * deviation))
         return scaled
 
-    found = least_squares(residuals, np.log(start), diff_step=1e-5, max_nfev=30)
+    middle = np.log(start)
+    bounds = middle - _WIDEST, middle + _WIDEST
+    found = least_squares(residuals, middle, diff_step=1e-5, max_nfev=30, bounds=bounds)
     stiffness, damping = np.exp(found.x)
     return float(stiffness), float(damping)
 

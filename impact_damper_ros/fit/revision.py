@@ -26,10 +26,10 @@ from .vibration import Array
 #: Rounds of a pass, and passes.
 _MOST_ROUNDS, _MOST_PASSES = 6, 3
 #: Steps in which what alternates is left out at the end.
-_MOST_SETTLED = 4
-#: Least part of the flights that must be used, and that below which nothing helps after so many
-#: rounds. In fits that leave out more, the course of m is often a wrong one.
-LEAST_USED, _HOPELESS, _EARLY = 0.93, 0.5, 2
+_MOST_SETTLED = 10
+#: Least part of the flights that must be used, that from which on no other pass is made, and that
+#: below which nothing helps after so many rounds.
+LEAST_USED, _ENOUGH, _HOPELESS, _EARLY = 0.75, 0.93, 0.5, 2
 #: Least part of the flights of a pass that another pass may improve.
 _PROMISING = 0.75
 #: Largest law, in standard deviations of the data, that counts as exact.
@@ -132,7 +132,7 @@ def revised(course: Course, problem: Problem) -> Revised:
     for _ in range(_MOST_PASSES - 1):
         used = int(found.course.flies.sum())
         part = used / (len(found.course) - 1)
-        if part < _PROMISING or (found.unchanged and part >= LEAST_USED):
+        if part < _PROMISING or (found.unchanged and part >= _ENOUGH):
             break
         rounds += found.rounds
         again = _passed(found.course, problem)
@@ -141,7 +141,7 @@ def revised(course: Course, problem: Problem) -> Revised:
         found = again
     found = found._replace(rounds=rounds + found.rounds)
     for _ in range(_MOST_SETTLED):
-        if found.unchanged:
+        if found.unchanged or found.course.flies.mean() < _HOPELESS:
             break
         found = _settled(found, problem)
     return found

@@ -13,7 +13,7 @@ Intervals are those of the linearised model with the noise that the residuals sh
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .acceptance import WRONG_RIG, judged
-from .alternatives import Alternative, alternatives
+from .acceptance import MOST_CHI, WRONG_RIG, judged
+from .candidates import Candidate, candidates, constants_of, misreading
 from .course import Course
 from .estimate import Estimate
 from .excitation import ExcitationError, excited
@@ -34,13 +34,16 @@ from .parameter_estimates import Correlations, estimates_of
 from .partition import Record, noise_between, noise_of
 from .record_check import faults_of
 from .relaxation import relaxed
-from .revision import Revised, chi_of, revised
+from .revision import LEAST_USED, Revised, revised
 from .shooting import Shooting
-from .unknowns import EXTRAS, Unknowns, later
+from .unknowns import CONSTANTS, EXTRAS, Unknowns, later, scaled_constant
 from .vibration import ORDERS, Array
 
 #: What may be fitted beside K, C, one restitution, friction and gap.
-FURTHER = ('restitution_2', *EXTRAS)
+FURTHER = ('restitution_2', *EXTRAS, 'damper_mass', 'primary_mass')
+#: Most steps of the constants of a file; they end below this part of a standard deviation. After
+#: a change of one by this part the course is revised again.
+_MOST_CONSTANTS, _SMALL, _MOVED = 6, 0.05, 0.01
 #: Samples closer to an impact than this (s), or this many samples, are not used of a velocity or
 #: an acceleration, which jumps there.
 _CONTACT, _AROUND = 1e-3, 0.75
@@ -127,7 +130,7 @@ class RigFit(NamedTuple):
         is NaN where none was.
     flights : list of FittedFlight
         Those between them.
-    checks : list of Alternative
+    checks : list of Candidate
         Further parameters that the model does not have, and whether the data ask for them.
     motion, residuals : ndarray, shape (n,)
         The fitted signal at the instants of the record, and the record less that; NaN where no
@@ -147,7 +150,7 @@ class RigFit(NamedTuple):
     deviation: float
     impacts: NDArray[np.void]
     flights: list[FittedFlight]
-    checks: list[Alternative]
+    checks: list[Candidate]
     motion: Array
     residuals: Array
     rig: RigParameters | None
@@ -162,6 +165,7 @@ def fit_rig(
     start: RigParameters,
     *,
     also: Sequence[str] = (),
+    uncertain: Mapping[str, float] | None = None,
 ) -> RigFit:
     """
     Fit a rig to its measured motion.
@@ -176,7 +180,13 @@ def fit_rig(
         does not count.
     also : sequence of str, optional
         What to fit besides: 'restitution_2' for a restitution of its own of stop 2, 'bias' of
-        the sensor, 'force_delay' of the force.
+        the sensor, 'force_delay' of the force, 'damper_mass' or 'primary_mass'. The bias of an
+        acceleration is always fitted.
+    uncertain : mapping of str to float, optional
+        Relative standard deviations of constants of the rig: `damper_mass` (0.005 if not given),
+        `primary_mass` (0: it is the measure of all masses and forces), `force_amplitudes` and
+        `base_amplitudes` (0.01). What the record says of them counts, too: the fitted rig has what
+        both say, and what is left goes into all intervals.
 
     Returns
     -------
@@ -186,11 +196,20 @@ def fit_rig(
     Raises
     ------
     FitOptionError
-        If a name in `also` is none of `FURTHER`.
+        If a name in `also` is none of `FURTHER`, or one in `uncertain` none of `CONSTANTS`.
     """
-    for name in also:
-        if name not in FURTHER:
-            raise FitOptionError(f'{name!r} cannot be fitted: give names of {", ".join(FURTHER)}')
+    for what, names, allowed in (
+        ('fitted', also, FURTHER),
+        ('uncertain', uncertain or {}, tuple(CONSTANTS)),
+    ):
+        for name in names:
+            if name not in allowed:
+                raise FitOptionError(
+                    f'{name!r} cannot be {what}: give names of {", ".join(allowed)}'
+                )
+    asked = dict(uncertain or {}) | {name: math.inf for name in also if name in CONSTANTS}
+    if measured.quantity == 'acceleration':
+        also = [*also, 'bias']
     try:
         start, remarks = excited(measured, start)
     except ExcitationError as error:
@@ -198,7 +217,7 @@ def fit_rig(
     began = float(measured.time[0])
     if abs(began) < _FAR or start.multisine_level:
         began = 0.0
-    found = _fitted(_earlier(measured, began), later(start, -began), also)
+    found = _fitted(_earlier(measured, began), later(start, -began), also, asked)
     found = found._replace(remarks=[*remarks, *found.remarks])
     return _on_clock(found, began) if began else found
 
@@ -225,13 +244,18 @@ def _on_clock(found: RigFit, began: float) -> RigFit:
     return found._replace(impacts=impacts, flights=flights, rig=rig)
 
 
-def _fitted(measured: MeasuredMotion, start: RigParameters, also: Sequence[str]) -> RigFit:
-    """Fit a rig whose excitation is known."""
+def _fitted(
+    measured: MeasuredMotion,
+    start: RigParameters,
+    also: Sequence[str],
+    uncertain: Mapping[str, float],
+) -> RigFit:
+    """Fit a rig whose excitation is known, or say what may be wrong."""
     faults = faults_of(measured, start, also)
     if faults:
         return _refused(measured, faults)
     extras = tuple(name for name in EXTRAS if name in also)
-    unknowns = Unknowns(start, 'restitution_2' in also, extras)
+    unknowns = Unknowns(start, 'restitution_2' in also, extras, uncertain)
     record = Record(
         np.asarray(measured.time, float),
         np.where(measured.used, measured.motion, 0.0),
@@ -243,6 +267,48 @@ def _fitted(measured: MeasuredMotion, start: RigParameters, also: Sequence[str])
     times = times[inside]
     least = _LEAST_NOISE * float(np.std(record.motion[measured.used]))
     noise = max(noise_of(record.motion[measured.used]), least)
+
+    def attempt(*, scan: bool) -> RigFit:
+        try:
+            return _fitted_record(measured, record, unknowns, times, noise, least, scan=scan)
+        except UnfitRecordError as error:
+            return _refused(measured, [str(error)])
+        except ParameterError as error:
+            return _refused(measured, [f'no such rig moves like that (its {error}): {WRONG_RIG}'])
+        except (RuntimeError, np.linalg.LinAlgError) as error:
+            # A matrix without an inverse, or a flight that the engine cannot compute
+            return _refused(
+                measured, [f'the equations of the fit have no unique solution ({error})']
+            )
+
+    found = attempt(scan=False)
+    if found.accepted or _converged(found):
+        return found
+    if cause := misreading(record, start, noise):
+        return found._replace(reasons=[cause, *found.reasons])
+    if 'force_delay' in extras:
+        return found
+    again = attempt(scan=True)
+    return again if again.accepted or _converged(again) else found
+
+
+def _converged(found: RigFit) -> bool:
+    """Return whether a fit describes enough of the record to say what is wrong with the model."""
+    used = sum(flight.used for flight in found.flights)
+    return used >= LEAST_USED * max(len(found.flights), 1) and found.chi_squared < MOST_CHI**2
+
+
+def _fitted_record(
+    measured: MeasuredMotion,
+    record: Record,
+    unknowns: Unknowns,
+    times: Array,
+    noise: float,
+    least: float,
+    *,
+    scan: bool = False,
+) -> RigFit:
+    """Fit a rig to samples that can be fitted; noise is at least as large as given."""
     rough = noise
     step = float(np.median(np.diff(record.time)))
     masked = max(_CONTACT, _AROUND * step) if record.order else 0.0
@@ -250,31 +316,45 @@ def _fitted(measured: MeasuredMotion, start: RigParameters, also: Sequence[str])
     def problem(course: Course) -> Shooting:
         return Shooting(record, noise, unknowns, course, times, measured.impact_deviation, masked)
 
-    try:
-        course = first_course(record, unknowns, noise, times, measured.impact_deviation)
-        course = relaxed(course, problem, timed=len(times) > 0)
-        noise = max(_noise(problem(course), rough), least)
-        found = revised(course, problem)
-    except UnfitRecordError as error:
-        return _refused(measured, [str(error)])
-    except ParameterError as error:
-        return _refused(measured, [f'no such rig moves like that (its {error}): {WRONG_RIG}'])
-    except (RuntimeError, np.linalg.LinAlgError) as error:
-        # A matrix without an inverse, or a flight that the engine cannot compute
-        return _refused(measured, [f'the equations of the fit have no unique solution ({error})'])
-    if not found.course.flies.any():
-        return _refused(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
+    def solved(found: Revised, course: Course | None = None) -> Revised:
+        shooting = problem(course or found.course)
+        solution = solve(shooting, shooting.start())
+        return found._replace(
+            course=shooting.course_of(solution.unknowns), shooting=shooting, solution=solution
+        )
+
+    course = first_course(record, unknowns, noise, times, measured.impact_deviation, scan=scan)
+    course = relaxed(course, problem, timed=len(times) > 0)
+    noise = max(_noise(problem(course), rough), least)
+    found = revised(course, problem)
     chi = found.chi
     chi *= noise / max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
     found = found.without_doubtful()
+    if not found.course.flies.any():
+        return _refused(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
     # Weights of data and of impact times by the noise that the residuals show
     noise = max(noise * found.chi, _ROUNDING * least / _LEAST_NOISE)
-    shooting = problem(found.course)
-    solution = solve(shooting, shooting.start())
-    found = found._replace(
-        course=shooting.course_of(solution.unknowns), shooting=shooting, solution=solution
-    )
-    return _result(measured, found, chi)
+    found = solved(found)
+    scale = _scale(measured, found)
+    checks = candidates(found.shooting, found.solution, scale)
+    moved: dict[str, float] = {}
+    for again in (False, True):
+        if again:
+            if max(map(abs, moved.values()), default=0.0) < _MOVED:
+                break
+            # Flights were left out by constants that are others now
+            found = solved(revised(found.course, problem).without_doubtful())
+        known = Knowledge.of(found, scale, moved)
+        for _ in range(_MOST_CONSTANTS):
+            if not known.moves or 2 * int(found.course.flies.sum()) < len(found.course) - 1:
+                break
+            moved = {name: moved.get(name, 0.0) + step for name, step in known.steps.items()}
+            unknowns = unknowns._replace(rig=known.rig)
+            found = solved(found, found.shooting.course_of(known.unknowns))
+            known = Knowledge.of(found, scale, moved)
+    # What is fitted is no reason against the model
+    checks = [check for check in checks if check.name not in unknowns.uncertain]
+    return _result(measured, found, chi, checks, known)
 
 
 def _noise(shooting: Shooting, otherwise: float) -> float:
@@ -307,18 +387,90 @@ def _refused(measured: MeasuredMotion, reasons: list[str]) -> RigFit:
     )
 
 
-def _result(measured: MeasuredMotion, found: Revised, chi: float) -> RigFit:
+class Knowledge(NamedTuple):
+    """
+    What the record and the file together say of the constants, by one step from a solution.
+
+    Attributes
+    ----------
+    names : list of str
+        The constants that are not exact.
+    covariance : ndarray
+        Of the shared unknowns and then of relative changes of the constants.
+    steps : dict
+        By which part each of the constants is to be changed.
+    moves : bool
+        Whether that is more than a small part of its deviation.
+    rig : RigParameters
+        With the changes.
+    unknowns : ndarray
+        All unknowns with them.
+    """
+
+    names: list[str]
+    covariance: Array
+    steps: dict[str, float]
+    moves: bool
+    rig: RigParameters
+    unknowns: Array
+
+    @classmethod
+    def of(cls, found: Revised, scale: float, moved: Mapping[str, float]) -> Knowledge:
+        """Return it for constants that were changed by parts since the file."""
+        shooting, solution = found.shooting, found.solution
+        equations, count = solution.equations, shooting.count
+        system = System(equations, 1e-11)
+        own = system.covariance(np.arange(count)) * scale**2
+        columns = [one for one in constants_of(shooting, solution) if one.uncertainty > 0.0]
+        rig, names = shooting.unknowns.rig, [one.name for one in columns]
+        if not columns:
+            return cls(names, own, {}, False, rig, solution.unknowns)
+        residual = np.stack([one.residual for one in columns], axis=1)
+        condition = np.stack([one.condition for one in columns], axis=1)
+        information, changes = system.profile(residual, condition)
+        _, multipliers = system.step(equations)
+        before = np.array([1.0 / one.uncertainty**2 for one in columns])
+        since = np.array([moved.get(name, 0.0) for name in names])
+        gradient = -(residual.T @ equations.residual + condition.T @ multipliers) / scale**2
+        covariance = np.linalg.pinv(information / scale**2 + np.diag(before), hermitian=True)
+        step = covariance @ (gradient - before * since)
+        shared = changes[:count]
+        joint = np.block(
+            [
+                [own + shared @ covariance @ shared.T, shared @ covariance],
+                [covariance @ shared.T, covariance],
+            ]
+        )
+        for name, part in zip(names, step.tolist(), strict=True):
+            rig = scaled_constant(rig, name, part) or rig
+        return cls(
+            names,
+            joint,
+            dict(zip(names, step.tolist(), strict=True)),
+            bool((np.abs(step) > _SMALL * np.sqrt(np.diag(covariance))).any()),
+            rig,
+            solution.unknowns + changes @ step,
+        )
+
+
+def _scale(measured: MeasuredMotion, found: Revised) -> float:
+    """Return the deviation of the residuals over that of the noise, at least of rounding."""
+    swing = float(np.std(measured.motion[measured.used]))
+    return max(found.chi, _ROUNDING * swing / found.shooting.deviation)
+
+
+def _result(
+    measured: MeasuredMotion,
+    found: Revised,
+    chi: float,
+    checks: list[Candidate],
+    known: Knowledge,
+) -> RigFit:
     shooting, solution = found.shooting, found.solution
     unknowns, u = shooting.unknowns, solution.unknowns
     shared, _ = shooting.parts(u)
-    swing = float(np.std(measured.motion[measured.used]))
-    rounding = _ROUNDING * swing / shooting.deviation
-    chi_now = chi_of(shooting, solution)
-    scale = max(chi_now, rounding)
-    columns = np.arange(shooting.count)
-    covariance = System(solution.equations, 1e-11).covariance(columns) * scale**2
-    parameters, correlations = estimates_of(unknowns, shared, covariance)
-    checks = alternatives(shooting, solution, scale)
+    scale = _scale(measured, found)
+    parameters, correlations = estimates_of(unknowns, shared, known.covariance, known.names)
     judgement = judged(found, chi, checks, parameters, correlations)
     motion, counts = shooting.motion(u)
     residuals = np.where(counts, measured.motion - motion, np.nan)
@@ -333,7 +485,7 @@ def _result(measured: MeasuredMotion, found: Revised, chi: float) -> RigFit:
         correlations=correlations,
         chi_squared=chi * chi,
         fit_percent=100.0 * (1.0 - float(np.linalg.norm(used)) / size) if size else 0.0,
-        whiteness=_whiteness(used) if chi_now > rounding else math.nan,
+        whiteness=_whiteness(used) if scale == found.chi else math.nan,
         deviation=shooting.deviation * scale,
         impacts=_impacts(shooting, u),
         flights=_flights(found, residuals, shooting.deviation * scale),

@@ -9,6 +9,7 @@ comes from an approach at alpha J. Friction enters as an acceleration gamma g co
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,32 @@ from .vibration import Array
 
 #: What may be fitted beside the rig: the offset of the sensor, and by how much the force is late.
 EXTRAS = ('bias', 'force_delay')
+
+
+class Constant(NamedTuple):
+    """A constant of the file: its relative standard deviation, and what another value says."""
+
+    uncertainty: float
+    meaning: str
+
+
+#: Constants of the file that are not fitted unless asked for. All masses and forces may be larger
+#: by one factor, so that M is the measure of the others.
+CONSTANTS = {
+    'damper_mass': Constant(0.005, 'm is not that of the file, which --also damper_mass fits'),
+    'primary_mass': Constant(0.0, 'M is not that of the file, which --also primary_mass fits'),
+    'force_amplitudes': Constant(0.01, 'the force is not as large as described'),
+    'base_amplitudes': Constant(0.01, 'the base does not move as far as described'),
+}
+
+
+def scaled_constant(rig: RigParameters, name: str, part: float) -> RigParameters | None:
+    """Return a rig with a constant that is larger by a part; None where it is zero."""
+    value = getattr(rig, name)
+    if not np.any(value):
+        return None
+    larger = np.multiply(value, 1.0 + part)
+    return rig.replace(**{name: tuple(larger.tolist()) if np.ndim(value) else float(larger)})
 
 
 def later(rig: RigParameters, delay: float) -> RigParameters:
@@ -50,11 +77,15 @@ class Unknowns(NamedTuple):
         Whether each stop has a restitution of its own.
     extras : tuple of str
         Further ones, of `EXTRAS`.
+    uncertain : mapping
+        Relative standard deviations of constants that are not those of `CONSTANTS`; infinite for
+        one that is fitted.
     """
 
     rig: RigParameters
     separate: bool
     extras: tuple[str, ...]
+    uncertain: Mapping[str, float] = {}
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -257,7 +257,7 @@ def write_rig_report(
         tables=tables if found.parameters else [],
         origin='Between impacts M vibrates freely under its force, and m flies: both in closed '
         'form. The parameters make the record most likely; each flight was computed again by the '
-        'exact engine. Masses and force are those of the start file.',
+        'exact engine. M is that of the start file.',
         facts=_facts(data, command, start),
     )
     return write_page(directory, page, rig_fit_json(found, data))

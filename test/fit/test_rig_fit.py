@@ -10,11 +10,11 @@ from impact_damper_ros.fit.rig_fit import FitOptionError, fit_rig
 from .random_rigs import errors, guess_of, measure, random_rig, true_values
 
 
-def fitted(seed, also=(), **options):
+def fitted(seed, also=(), uncertain=None, **options):
     rng = np.random.default_rng(seed)
     rig = random_rig(rng)
     record = measure(rig, rng, **options).record
-    return rig, record, fit_rig(record, guess_of(rig, rng), also=also)
+    return rig, record, fit_rig(record, guess_of(rig, rng), also=also, uncertain=uncertain)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_a_rig_is_found_from_its_motion(seed, options):
         assert low < estimate.value < high
         assert high - estimate.value == pytest.approx(1.96 * estimate.standard_deviation, rel=1e-3)
         if name not in ('friction', 'damping'):
-            assert estimate.value == pytest.approx(value, rel=0.03)
+            assert estimate.value == pytest.approx(value, rel=0.05)
     assert 0.9 < np.sqrt(fit.chi_squared) < 1.1
     assert fit.fit_percent > 97.0
     # The rig that was found hits its stops as the record has it
@@ -95,8 +95,34 @@ def test_a_flight_that_begins_at_an_impact_nobody_measured_does_not_count():
 
 
 def test_names_that_cannot_be_fitted_are_refused():
-    with pytest.raises(FitOptionError, match='restitution_2, bias, force_delay'):
+    with pytest.raises(FitOptionError, match='restitution_2, bias, force_delay, damper_mass'):
         fitted(105, impacts=10, also=('mass',))
+    with pytest.raises(
+        FitOptionError, match="'gap' cannot be uncertain: give names of damper_mass"
+    ):
+        fitted(105, impacts=10, uncertain={'gap': 0.1})
+
+
+@pytest.mark.parametrize(
+    ('also', 'uncertain'),
+    [(('damper_mass',), {}), (('primary_mass',), {}), ((), {'damper_mass': 0.1})],
+)
+def test_a_mass_that_is_not_that_of_the_file(also, uncertain):
+    """It is named, and found where it is asked for or said to be uncertain."""
+    rng = np.random.default_rng(105)
+    rig = random_rig(rng)
+    record = measure(rig, rng, impacts=60).record
+    (name,) = also or uncertain
+    wrong = guess_of(rig, rng).replace(**{name: 1.05 * getattr(rig, name)})
+    refused = fit_rig(record, wrong)
+    assert not refused.accepted
+    assert f'--also {name} fits' in refused.reasons[0]
+    fit = fit_rig(record, wrong, also=also, uncertain=uncertain)
+    assert fit.accepted, fit.reasons
+    for one in (name, *true_values(rig)):
+        estimate = fit.parameters[one]
+        assert abs(estimate.value - getattr(rig, one)) < 4.0 * estimate.standard_deviation, one
+    assert getattr(fit.rig, name) == fit.parameters[name].value
 
 
 def test_sensor_clocks_and_both_stops_are_fitted_where_asked_for():
@@ -140,4 +166,5 @@ def test_inclined_and_vertical_rigs_and_a_base_that_moves(changes):
     vertical = rig.angle > 1.0
     assert ('friction' in fit.parameters) != vertical
     for name, estimate in fit.parameters.items():
-        assert abs(estimate.value - getattr(rig, name)) < 4.0 * estimate.standard_deviation, name
+        true = np.ravel(getattr(rig, name))[0]
+        assert abs(estimate.value - true) < 4.0 * estimate.standard_deviation, name
