@@ -58,6 +58,8 @@ LIBRARY = {
     'events': ('Events and samples', 'impact_damper_ros', 'motion'),
     'laws': ('Gap control', 'impact_damper_ros', 'control'),
     'orbits': ('Periodic motions', 'impact_damper_ros', 'orbits'),
+    'fit': ('Fits', 'impact_damper_ros', 'fit'),
+    'design': ('Dampers by design', 'impact_damper_ros', 'design'),
     'sweeps': ('Sweeps', 'impact_damper_ros.sweep'),
     'bags': ('Recordings', 'impact_damper_ros.bag'),
     'replay': ('Replay', 'impact_damper_ros.replay'),

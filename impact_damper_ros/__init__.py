@@ -14,6 +14,19 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from .control.own_law import LawError as LawError, LawInput as LawInput, OwnLaw as OwnLaw
     from .control.record import Action as Action, ControlRecord as ControlRecord
+    from .design.damper_design import (
+        Design as Design,
+        best_design as best_design,
+        designs as designs,
+    )
+    from .fit.estimate import Estimate as Estimate
+    from .fit.measured_motion import (
+        MeasuredMotion as MeasuredMotion,
+        ReadingOptions as ReadingOptions,
+    )
+    from .fit.recorded_motion import read_motion as read_motion
+    from .fit.rig_fit import RigFit as RigFit, fit_rig as fit_rig
+    from .fit.structure import StructureFit as StructureFit, fit_structure as fit_structure
     from .motion.event import (
         EVENT_TYPE as EVENT_TYPE,
         SAMPLE_TYPE as SAMPLE_TYPE,

@@ -223,10 +223,14 @@ def _read(
     arguments: argparse.Namespace, options: ReadingOptions, recorded: TopicMessages | None
 ) -> tuple[MeasuredMotion, RigParameters | None]:
     """Return the data, and the rig that their recording names."""
-    from impact_damper_ros.fit.recorded_motion import motion_of_messages, read_motion, recorded_rig
+    from impact_damper_ros.fit.recorded_motion import (
+        motion_of_messages,
+        read_motion_and_rig,
+        recorded_rig,
+    )
 
     if recorded is None:
-        return read_motion(arguments.data, options)
+        return read_motion_and_rig(arguments.data, options)
     return motion_of_messages(recorded, options), recorded_rig(recorded)
 
 

@@ -25,7 +25,7 @@ from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.search import carried_over, find_orbits
 from impact_damper_ros.orbits.settled_motion import settle
 from impact_damper_ros.orbits.solved_orbits import flights_of, orbit_at
-from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 from impact_damper_ros.rig.rig import Rig
 
 from .runs_from_rest import Array, Flags, largest_from_rest, widest_hit
@@ -300,7 +300,22 @@ def best_design(rig: RigParameters) -> Design | None:
     -------
     Design or None
         None if no stable motion of two impacts per cycle was found.
+
+    Raises
+    ------
+    TypeError
+        If the rig is none.
+    OrbitError
+        If the theory of periodic motion does not apply to it, as where no force acts.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import RigParameters
+    >>> design = best_design(RigParameters(gravity=0.0))
+    >>> round(design.rig.gap, 1), round(design.orbit.x_max, 2), design.reached_from_rest
+    (58.1, 2.71, False)
     """
+    check_rig('rig', rig)
     motions = [(b, branch) for branch in _branches(rig) if (b := _best_to_build(branch))]
     if not motions:
         return None

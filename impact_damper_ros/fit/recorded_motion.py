@@ -22,7 +22,13 @@ from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.command import Command, parameters_of, read_command
 
-from .measured_motion import MeasuredMotion, ReadingOptions, prepared, read_table_motion
+from .measured_motion import (
+    NO_OPTIONS,
+    MeasuredMotion,
+    ReadingOptions,
+    prepared,
+    read_table_motion,
+)
 
 Array = NDArray[np.float64]
 
@@ -203,7 +209,43 @@ def _named(names: Sequence[str], name: str, found: TopicColumns) -> int:
     raise ValueError(f'{given} among {held}: name one with --joint')
 
 
-def read_motion(
+def read_motion(path: str | Path, options: ReadingOptions = NO_OPTIONS) -> MeasuredMotion:
+    r"""
+    Read a measured motion of M from a file of columns or from a bag.
+
+    Parameters
+    ----------
+    path : str or Path
+        A table (CSV, text, universal file, MAT, WAV, ...) or a bag of ROS 2.
+    options : ReadingOptions, optional
+        Columns or topic, units, and which part is read; what the file says, if not given.
+
+    Returns
+    -------
+    MeasuredMotion
+        In SI units, for `fit_rig` and `fit_structure`.
+
+    Raises
+    ------
+    ValueError
+        If the file is none of these, or several of its columns may be the motion; the message
+        says what to give.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import mkdtemp
+    >>> rows = [f'{k / 200},{2.0 * 0.98**k}' for k in range(400)]
+    >>> file = Path(mkdtemp(), 'run.csv')
+    >>> _ = file.write_text('\n'.join(['time (s),x (mm)', *rows]))
+    >>> motion = read_motion(file)
+    >>> motion.quantity, len(motion.time), float(motion.motion[0])
+    ('displacement', 400, 0.002)
+    """
+    return read_motion_and_rig(Path(path), options)[0]
+
+
+def read_motion_and_rig(
     path: Path, options: ReadingOptions
 ) -> tuple[MeasuredMotion, RigParameters | None]:
     """Read a measured motion from a file of columns, or from a bag with the rig that it names."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import counted, shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .flights import Machine, machine_of
@@ -106,12 +106,17 @@ def period_of_force(parameters: RigParameters, longest: int) -> int:
     return longest
 
 
-def check_stops(parameters: RigParameters, stops: Sequence[int]) -> None:
-    """Raise `OrbitError` if a rig cannot have a stop sequence."""
-    text = ','.join(map(str, stops))
-    if not stops or set(stops) - {1, 2}:
+def check_stops(parameters: RigParameters, stops: Sequence[int]) -> tuple[int, ...]:
+    """Return a stop sequence; raise `OrbitError` if a rig cannot have it."""
+    try:
+        sequence = tuple(stops)
+        odd = not sequence or bool(set(sequence) - {1, 2})
+    except TypeError:
+        sequence, odd = (), True
+    text = ','.join(map(str, sequence)) or shown(stops)
+    if odd:
         raise OrbitError(
-            f'stop sequence {text or "()"}: give the stops hit in one period, in order, each 1 '
+            f'stop sequence {text}: give the stops hit in one period, in order, each 1 '
             '(the lower) or 2, such as 1,2'
         )
     if parameters.one_sided and 2 in stops:
@@ -119,6 +124,7 @@ def check_stops(parameters: RigParameters, stops: Sequence[int]) -> None:
             f'stop sequence {text}: the rig is one-sided and has no stop 2, give stop 1 only, or '
             'one_sided: false'
         )
+    return sequence
 
 
 def pressed_to(machine: Machine, stop: int) -> bool:

@@ -10,7 +10,7 @@ from enum import Enum
 from functools import cached_property
 from itertools import groupby
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 from impact_damper_ros.parameters.quoting import counted, shown, similar_names
 
@@ -200,21 +200,39 @@ class Branch:
             first, *others = steps
             yield status, slice(first, first + len(others) + 2)
 
-    def at(self, values: Sequence[float | str]) -> list[tuple[PeriodicOrbit, ...]]:
+    @overload
+    def at(self, values: float | str) -> tuple[PeriodicOrbit, ...]: ...
+
+    @overload
+    def at(self, values: Sequence[float | str]) -> list[tuple[PeriodicOrbit, ...]]: ...
+
+    def at(
+        self, values: float | str | Sequence[float | str]
+    ) -> tuple[PeriodicOrbit, ...] | list[tuple[PeriodicOrbit, ...]]:
         """
-        Return the motions of the branch at some values of the parameter.
+        Return the motions of the branch at a value of the parameter, or at several.
 
         Parameters
         ----------
-        values : sequence of float or str
+        values : float or str, or sequence of them
             The values, in SI units or with one, as ``'20 mm'``.
 
         Returns
         -------
-        list of tuple of PeriodicOrbit
+        tuple of PeriodicOrbit, or list of them
             For each value the motions there, in order along the branch: none where it does not
             reach, several where it turns.
+
+        Examples
+        --------
+        >>> from impact_damper_ros import RigParameters, find_orbits, follow
+        >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2))[0]
+        >>> (there,) = follow(orbit, 'gap', 30.0, 40.0).at(37.0)
+        >>> round(there.x_max, 4) == round(orbit.x_max, 4)
+        True
         """
+        if isinstance(values, float | int | str):
+            return self.at([values])[0]
         motions: list[tuple[PeriodicOrbit, ...]] = []
         for value in (number_of(self.name, value) for value in values):
             at_value: list[PeriodicOrbit] = []
@@ -227,6 +245,44 @@ class Branch:
                     at_value.append(point.orbit)
             motions.append(tuple(at_value))
         return motions
+
+    def to_frame(self) -> Any:
+        """
+        Return the points of the branch as a table of pandas.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row for each point: the parameter, largest |X| (m), stability, viability, the
+            largest modulus of the multipliers, and the kind of a special point, or an empty text.
+
+        Raises
+        ------
+        ImportError
+            Without pandas (extra ``sweep``).
+
+        Examples
+        --------
+        >>> from impact_damper_ros import RigParameters, find_orbits, follow
+        >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2))[0]
+        >>> table = follow(orbit, 'gap', 30.0, 40.0).to_frame()
+        >>> list(table)
+        ['gap', 'x_max', 'stability', 'viable', 'modulus', 'special']
+        """
+        import pandas as pd
+
+        special = {one.value: one.kind.value for one in self.special}
+        return pd.DataFrame(
+            {
+                self.name: self.values,
+                **{
+                    name: [getattr(orbit, name) for orbit in self.orbits]
+                    for name in ('x_max', 'stability', 'viable')
+                },
+                'modulus': [abs(orbit.multipliers[0]) for orbit in self.orbits],
+                'special': [special.get(value, '') for value in self.values],
+            }
+        )
 
     def best(
         self, measure: str | Callable[[PeriodicOrbit], float] = 'x_max'

@@ -20,6 +20,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     PARAMETER_SPECS,
     InitialConditions,
     RigParameters,
+    check_rig,
 )
 from impact_damper_ros.rig.rig import Outcome, Rig
 
@@ -107,6 +108,18 @@ class OrbitSearch:
 
     orbits: tuple[PeriodicOrbit, ...]
     report: StartReport
+
+    def __len__(self) -> int:
+        """Return the number of motions."""
+        return len(self.orbits)
+
+    def __getitem__(self, place: int) -> PeriodicOrbit:
+        """Return a motion by its place."""
+        return self.orbits[place]
+
+    def __iter__(self) -> Iterator[PeriodicOrbit]:
+        """Return an iterator over the motions."""
+        return iter(self.orbits)
 
 
 def _hits(solution: Solution) -> bool:
@@ -396,15 +409,19 @@ def find_orbits(
     ------
     OrbitError
         If the search does not apply to the rig or to the arguments.
+    TypeError
+        If the rig is none.
 
     Examples
     --------
-    >>> found = find_orbits(RigParameters(gravity=0.0), (1, 2))
-    >>> [round(phase, 6) for phase in found.orbits[0].phases]
+    >>> search = find_orbits(RigParameters(gravity=0.0), (1, 2))
+    >>> [round(phase, 6) for phase in search[0].phases]
     [0.733784, 0.233784]
+    >>> [orbit.stable for orbit in search]
+    [True, False]
     """
-    stops = tuple(stops)
-    check_stops(parameters, stops)
+    check_rig('parameters', parameters)
+    stops = check_stops(parameters, stops)
     cycles = whole_number('cycles', cycles, 1, MOST_CYCLES)
     if starts is not None:
         starts = whole_number('starts', starts, 0, 10_000_000)

@@ -809,6 +809,15 @@ class NodeSettings(ParameterTable):
 PARAMETER_SPECS: dict[str, ParameterSpec] = specs_of(RigParameters)
 
 
+def check_rig(name: str, value: object) -> None:
+    """Raise a TypeError if an argument is no rig."""
+    if not isinstance(value, RigParameters):
+        raise TypeError(
+            f'{name} is {shown(value)}: give RigParameters, such as '
+            "load_parameters('bench_rig')[0]"
+        )
+
+
 def checked_number(name: str, value: Any) -> float:
     """Return the checked number of a parameter of the rig."""
     return float(PARAMETER_SPECS[name].checked(value))  # type: ignore[arg-type]

@@ -47,6 +47,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     GapControlParameters,
     InitialConditions,
     RigParameters,
+    check_rig,
 )
 
 from .loop import run_compiled
@@ -254,6 +255,8 @@ def run_ensemble(
 
     Raises
     ------
+    TypeError
+        If the rig is none.
     ParameterError
         If a value is out of range, or varies something that all share.
     ValueError
@@ -270,6 +273,7 @@ def run_ensemble(
     >>> result.samples.shape, int(result.outcomes.max())
     ((5, 1), 0)
     """
+    check_rig('parameters', parameters)
     if parameters.sweep_mode != 'off':
         raise ParameterError(
             'sweep_mode',

@@ -85,6 +85,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     GapControlParameters,
     InitialConditions,
     RigParameters,
+    check_rig,
 )
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, REMEDY, RunawayError
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot
@@ -382,6 +383,8 @@ class Rig:
 
     Raises
     ------
+    TypeError
+        If the parameters are no `RigParameters`.
     ParameterError
         If m would not start between the stops.
     ValueError
@@ -429,6 +432,7 @@ class Rig:
         records: Sequence[MeasuredRecord] = (),
     ) -> None:
         """Start the rig."""
+        check_rig('parameters', parameters)
         start = as_float(time)
         if not -LATEST <= start <= LATEST:
             raise ValueError(

@@ -8,12 +8,9 @@ from rosbags.typesys import Stores, get_typestore
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.fit.measured_motion import ReadingOptions
-from impact_damper_ros.fit.recorded_motion import read_motion as motion_and_rig
-
-
-def read_motion(path, options):
-    return motion_and_rig(path, options)[0]
-
+from impact_damper_ros.fit.recorded_motion import (
+    read_motion,
+)
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TIME = np.arange(300) / 100.0
