@@ -14,11 +14,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from .control.own_law import LawError as LawError, LawInput as LawInput, OwnLaw as OwnLaw
     from .control.record import Action as Action, ControlRecord as ControlRecord
-    from .design.damper_design import (
-        Design as Design,
-        best_design as best_design,
-        designs as designs,
-    )
+    from .design.damper_design import Design as Design, best_design as best_design
     from .fit.estimate import Estimate as Estimate
     from .fit.measured_motion import (
         MeasuredMotion as MeasuredMotion,
