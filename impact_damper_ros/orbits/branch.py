@@ -201,7 +201,9 @@ class Branch:
             yield status, slice(first, first + len(others) + 2)
 
     @overload
-    def at(self, values: float | str) -> tuple[PeriodicOrbit, ...]: ...
+    def at(  # type: ignore[overload-overlap]
+        self, values: float | str
+    ) -> tuple[PeriodicOrbit, ...]: ...
 
     @overload
     def at(self, values: Sequence[float | str]) -> list[tuple[PeriodicOrbit, ...]]: ...
