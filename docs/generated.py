@@ -381,7 +381,7 @@ def draw() -> None:
 
 def pages() -> dict[Path, str]:
     """Return the pages with generated parts."""
-    made = {GALLERY / 'index.md': gallery(), interfaces.FILE: interfaces.text()}
+    made = {GALLERY / 'index.md': gallery(), **interfaces.files()}
     made |= {DOCS / 'reference' / 'python' / f'{stem}.md': library(stem) for stem in LIBRARY}
     fill = {
         'reference/commands.md': commands,

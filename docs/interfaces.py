@@ -172,10 +172,16 @@ def interfaces() -> dict[str, Any]:
     }
 
 
-def text() -> str:
-    """Return the text of the file."""
-    return json.dumps(interfaces(), indent=1, ensure_ascii=False) + '\n'
+def files() -> dict[Path, str]:
+    """Return the file with its text, and that of the museum of a version that has no date yet."""
+    text = json.dumps(interfaces(), indent=1, ensure_ascii=False) + '\n'
+    version = re.escape(OUTPUTS.parent.name)
+    changelog = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    if re.search(rf'^{version}\.\d+ \(', changelog, re.MULTILINE):
+        return {FILE: text}
+    return {FILE: text, OUTPUTS.with_name(FILE.name): text}
 
 
 if __name__ == '__main__':
-    FILE.write_text(text(), encoding='utf-8')
+    for path, text in files().items():
+        path.write_text(text, encoding='utf-8')

@@ -138,7 +138,7 @@ class System:
     def deviations(self, rates: sparse.csr_array) -> Array:
         """Return standard deviations of quantities, whose derivatives are rows of a matrix."""
         right = np.zeros((self._size + self._count, rates.shape[0]))
-        right[: self._size] = (rates @ sparse.diags_array(1.0 / self.scale)).toarray().T
+        right[: self._size] = rates.multiply(1.0 / self.scale).toarray().T
         found = self._solve(right)
         variances: Array = (right * found).sum(0)
         deviations: Array = np.sqrt(np.maximum(variances, 0.0))

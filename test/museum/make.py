@@ -223,10 +223,8 @@ def make():
             measure(scratch)
             given = 'measured.csv', '--rig', 'bench_rig', '--rig-out', twin
             assert command('fit_rig', *given, cwd=scratch)[0] == 0
-    if not (PLACE / 'interfaces.json').exists():
-        # Keys and columns there are those of the outputs above.
-        subprocess.run([sys.executable, DOCS / 'interfaces.py'], check=True)
-        shutil.copy(DOCS / 'reference' / 'interfaces.json', PLACE)
+    # Keys and columns there are those of the outputs above.
+    subprocess.run([sys.executable, DOCS / 'interfaces.py'], check=True)
     about = PLACE / 'made_with.json'
     if not about.exists():
         numbers = {'arithmetic': ARITHMETIC, 'mathematics': mathematics()}
