@@ -151,8 +151,8 @@ class RigParameters(ParameterTable):
     sweep_spacing: str = text(
         'linear',
         ('linear', 'logarithmic'),
-        'Spacing of the frequencies of the sweep: equal steps, or equal ratios, the first one '
-        'from sweep_low on by sweep_step.',
+        'Spacing of the frequencies of the sweep: equal steps, or equal ratios; the first '
+        'step from sweep_low is sweep_step.',
     )
     sweep_rate: float = number(
         0.0,
@@ -580,7 +580,7 @@ class GapControlParameters(ParameterTable):
         0.0,
         2.0,
         '',
-        'Part of the way to that instant by which a stop is moved at each impact.',
+        'Share of the way to the wanted instant by which a stop is moved at each impact.',
     )
     gap_control_smoothing: float = number(
         0.3, 1e-3, 1.0, '', 'Weight of the last half cycle in the estimate of the amplitude of X.'
@@ -691,8 +691,8 @@ class NodeSettings(ParameterTable):
     )
     publish_clock: bool = flag(
         False,
-        'Publish /clock, and count stamps from 0 instead of from the system time. So it is in '
-        'any case if real_time_factor is not 1 at the start.',
+        'Publish /clock, and count stamps from 0 instead of from the system time. This '
+        'also happens if real_time_factor is not 1 at the start.',
         effect='start',
     )
     real_time_priority: int = number(
@@ -701,7 +701,7 @@ class NodeSettings(ParameterTable):
         99,
         '',
         'Real-time priority of the thread that moves the rig, where the system permits it; '
-        'that of the others is one less. 0 for ordinary scheduling.',
+        'the other threads have one less. 0 for ordinary scheduling.',
         effect='start',
     )
     measurement_rate: float = number(
@@ -747,8 +747,8 @@ class NodeSettings(ParameterTable):
     lock_step: str = text(
         'off',
         ('off', 'stop_commands', 'force_command', 'both'),
-        'Whether an external controlled rig waits at each measurement for the command with its '
-        'stamp, and of which topics; stamps count from 0 then, and /clock is published.',
+        'Topics whose command, with the stamp of the measurement, an externally controlled rig '
+        'waits for at each measurement; stamps count from 0 then, and /clock is published.',
         effect='start',
     )
     lock_step_timeout: float = number(
