@@ -53,7 +53,7 @@ LEFT_OUT = {
         ),
     },
     'Control': {'as_dict', 'restored', 'unpacked'},
-    '_Tables': {'room', 'wrote', 'events'},
+    'RunTables': {'room', 'wrote', 'events'},
     'OwnLaw': ALL,
     'MeasuredRecord': ALL,
 }

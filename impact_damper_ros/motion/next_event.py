@@ -12,9 +12,10 @@ from collections.abc import MutableSequence
 from math import inf
 
 from .compiled import kernel
-from .first_event import search_on, search_passage
+from .first_event import search_on
 from .flight import NO_EVENT
 from .state import Moving, Run
+from .zero_passage import search_passage
 
 #: The instant was reached.
 DONE = 0

@@ -30,7 +30,6 @@ from .event import (
     write_event,
     write_quiet,
 )
-from .first_event import set_side
 from .flight import (
     ARRIVAL,
     CHATTER_END,
@@ -69,6 +68,7 @@ from .state import (
     place,
     stop_under,
 )
+from .zero_passage import set_side
 
 #: A chatter is completed in closed form once the relative acceleration that drives it can change
 #: by at most this fraction until its end, and

@@ -49,7 +49,6 @@ from impact_damper_ros.motion.event import (
     view_at,
     write_passage,
 )
-from impact_damper_ros.motion.first_event import pass_zero, set_side
 from impact_damper_ros.motion.flight import Motion, motion_at, move_to, places_after
 from impact_damper_ros.motion.next_event import (
     COMMANDS_FULL,
@@ -69,6 +68,7 @@ from impact_damper_ros.motion.next_event import (
 )
 from impact_damper_ros.motion.state import Moving, Run, carried_to
 from impact_damper_ros.motion.transition import begin_from, move_stops, report_support, resolve
+from impact_damper_ros.motion.zero_passage import pass_zero, set_side
 
 #: Each `Action` as a number, for the kernels.
 _COMMAND, _ARRIVED, _TOUCHED, _CROSSING, _STARTED, _ = map(int, Action)

@@ -5,11 +5,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from enum import IntEnum
 from itertools import chain, repeat
 from math import ceil, inf, nan
 from operator import attrgetter
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +32,6 @@ from impact_damper_ros.control.state import Control, Measurement
 from impact_damper_ros.measured.record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.motion.compiled import copied, dtype_of, has_numba, packed_rows, unpack
 from impact_damper_ros.motion.event import (
-    EVENT_TYPE,
     ROWS_AT_ONCE,
     SAMPLE_TYPE,
     Event,
@@ -42,22 +40,17 @@ from impact_damper_ros.motion.event import (
     Sample,
     View,
     events_of,
-    events_of_table,
     sample_at,
-    table_of_events,
     view_at,
 )
-from impact_damper_ros.motion.first_event import set_side
 from impact_damper_ros.motion.flight import begin_flight, move_to, oscillator_of
 from impact_damper_ros.motion.next_event import (
     ALL_STEPS,
     COMMANDS_FULL,
-    DONE,
     FULL,
     LAW_FAILED,
     PAUSED,
     RUNAWAY,
-    SPENT,
     STEP_DUE,
     count_modes,
 )
@@ -78,16 +71,17 @@ from impact_damper_ros.motion.transition import (
     place_stops_at_gap,
     report_support,
 )
+from impact_damper_ros.motion.zero_passage import set_side
 from impact_damper_ros.parameters.base_motion import angles_after, wait_for_change
 from impact_damper_ros.parameters.parameter_spec import ParameterError, as_float, whole_number
-from impact_damper_ros.parameters.quoting import counted, shown
+from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import (
     GapControlParameters,
     InitialConditions,
     RigParameters,
     check_rig,
 )
-from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, REMEDY, RunawayError
+from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot
 from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at, sweep_of
 
@@ -105,26 +99,26 @@ from .loop import (
 )
 from .order import Order
 from .playback import Playback
+from .run_result import (
+    FIRST_ROWS,
+    Events as Events,
+    Outcome as Outcome,
+    RunResult as RunResult,
+    RunTables,
+)
 
 #: Steps of a search between two calls of `interrupted`; few flights take more. Compiled code takes
 #: longer to begin than for thousands.
 _STRETCH, _COMPILED_STRETCH = 4, 20_000
 #: Rows that plain kernels write between two looks at their tables.
 _PLAIN_ROWS = 64
-#: Initial rows of the table of a run; rows of 4 MB, and most rows allotted beyond twice the size.
-_ROWS = 4096
-_LARGE = 2**22 // EVENT_TYPE.itemsize + 1
-_MOST_AHEAD = 1_000_000
 #: More events than any run has.
 _MOST = 2**62
 _FARTHEST = 1e9
 _SLOWEST = 1e-9
 
-Events = npt.NDArray[np.void]
-_row_fields = attrgetter(*EventRow.__dataclass_fields__)
 _act_fields = attrgetter(*ActRow.__dataclass_fields__)
 _NO_INSTANTS: npt.NDArray[np.float64] = np.empty(0)
-_NO_ROWS = np.empty(0, dtype_of(EventRow))
 
 
 def waves_after(before: RigParameters, waves: Sequence[Wave], after: RigParameters) -> list[Wave]:
@@ -148,81 +142,6 @@ def waves_after(before: RigParameters, waves: Sequence[Wave], after: RigParamete
         for angle, _ in zip(chain(groups.get(name, []), repeat(0.0)), amplitudes, strict=False)
     ]
     return list(map(Wave, angles))
-
-
-class Outcome(IntEnum):
-    """How a run ended."""
-
-    #: The requested time was reached.
-    COMPLETE = DONE
-    #: The most events were reached; the rig may go on.
-    TOO_MANY_EVENTS = SPENT
-    #: The rig has more events in one period of the fastest of spring and force than it may have.
-    RUNAWAY = RUNAWAY
-
-    def reason(self, happened: int, since: float, time: float, mode: str) -> str:
-        """Return why a run ended before its time, and the remedy; empty if it did not."""
-        if self is Outcome.COMPLETE:
-            return ''
-        if self is Outcome.TOO_MANY_EVENTS:
-            return (
-                f'{happened} events from {since!r} s to {time!r} s, the last of them in mode '
-                f'{mode}: allow more events, or make the stops less elastic'
-            )
-        return (
-            f'the rig had {happened} events from {since:.9g} s to {time:.9g} s, the last in mode '
-            f'{mode}: {REMEDY}'
-        )
-
-
-class RunResult(NamedTuple):
-    """
-    Result of a run.
-
-    Attributes
-    ----------
-    outcome : Outcome
-        Whether the requested time was reached.
-    reason : str
-        If not, why, and the remedy; else empty.
-    time : float
-        Time reached, s.
-    samples : ndarray of SAMPLE_TYPE
-        Motion at each of the requested instants that were reached.
-    events : ndarray of EVENT_TYPE
-        Events in order; empty if they were not recorded.
-    event_count : int
-        Number of transitions, recorded or not; an impact that ends in rest is one.
-    time_in_mode : ndarray of float, shape (8,)
-        Time spent in each `Mode`, s.
-    """
-
-    outcome: Outcome
-    reason: str
-    time: float
-    samples: npt.NDArray[np.void]
-    events: Events
-    event_count: int
-    time_in_mode: npt.NDArray[np.float64]
-
-    def __repr__(self) -> str:
-        """Return what it holds in a line."""
-        reached = 'complete' if not self.reason else self.reason
-        return (
-            f'<RunResult: {reached} at {self.time:.9g} s, {counted(len(self.samples), "sample")}, '
-            f'{counted(self.event_count, "event")}>'
-        )
-
-    def impacts(self, stop: int = 0) -> Events:
-        """Return the impacts among the events; those with one stop, if one is given."""
-        chosen = self.events['kind'] == EventKind.IMPACT
-        if stop:
-            chosen &= self.events['stop'] == stop
-        if chosen.all():
-            return self.events
-        # Ten times as fast as an index by booleans, with rows of this size
-        impacts: Events = self.events.take(np.flatnonzero(chosen))
-        return impacts
 
 
 def most_of(most_events: float, name: str = 'most_events') -> int:
@@ -286,73 +205,6 @@ def _check_target(one_sided: bool, stop: int, target: float, speed: float) -> No
 def own_law_of(law: Law | None) -> OwnLaw | None:
     """Return a law of the user's own, with its name."""
     return law if law is None or isinstance(law, OwnLaw) else OwnLaw(law)
-
-
-class _Tables:
-    """
-    The events, and the acts of the control, of a run from `since` to `end`, s, if `keep`.
-
-    Of plain kernels the events are a list at once, if `listed`.
-    """
-
-    def __init__(self, *, keep: bool, since: float, end: float, listed: bool = False) -> None:
-        self.keep, self._since, self._end = keep, since, end
-        self._rows: Any = _NO_ROWS
-        self._written = 0
-        self._list: list[Event] | None = [] if listed else None
-        #: The acts so far, as rows
-        self.acts: list[tuple[Any, ...]] = []
-
-    @property
-    def events(self) -> Events:
-        """The events so far."""
-        events: Events = self._rows[: self._written].view(EVENT_TYPE)
-        return events
-
-    def listed(self) -> list[Event]:
-        """Return the events so far as a list."""
-        if self._list is not None:
-            return self._list
-        return events_of_table(self._rows[: self._written]) if self._written else []
-
-    def add(self, *events: Event) -> None:
-        """Add events."""
-        if self._list is not None:
-            self._list += events
-        elif self.keep and events:
-            self.room(events[-1].time, len(events))[: len(events)] = table_of_events(events)
-            self._written += len(events)
-
-    def take(self, rows: Sequence[EventRow], count: int) -> None:
-        """Add the first rows of another table."""
-        if self._list is not None:
-            self._list += events_of(rows, count)
-        elif self.keep and count:
-            self.room(rows[count - 1].time, count)[:count] = list(map(_row_fields, rows[:count]))
-            self._written += count
-
-    def wrote(self, count: int) -> None:
-        """Count rows that have been written into the room."""
-        self._written += count if self.keep else 0
-
-    def take_acts(self, acts: list[tuple[Any, ...]]) -> None:
-        """Add acts; the last one of the previous table may be repeated as the first one."""
-        self.acts += acts[self.acts[-1:] == acts[:1] :]
-
-    def room(self, now: float, least: int = ROWS_AT_ONCE) -> Any:
-        """Return the free rows, some at least."""
-        if self.keep and self._written + least > len(self._rows):
-            done = now - self._since
-            wanted = 1.1 * self._written * (self._end - self._since) / done if done > 0.0 else inf
-            double = max(2 * len(self._rows), self._written + least, _ROWS)
-            size = int(min(max(wanted if self._written else 0.0, double), double + _MOST_AHEAD))
-            # numpy asks for large pages from 4 MB on; small ones cost as much as the run.
-            if size > _LARGE // 8:
-                size = max(size, _LARGE)
-            larger = np.empty(size, dtype_of(EventRow))
-            larger[: self._written] = self._rows[: self._written]
-            self._rows = larger
-        return self._rows[self._written :]
 
 
 class Rig:
@@ -658,7 +510,7 @@ class Rig:
             self._run.now, self._records = time, []
             count_modes(self._run, [0.0] * len(Mode))
             return []
-        tables = _Tables(keep=True, since=self.time, end=time, listed=not self.compiled)
+        tables = RunTables(keep=True, since=self.time, end=time, listed=not self.compiled)
         status, _ = self._run_to(time, tables, most_in_period=most, interrupted=interrupted)
         events = tables.listed()
         if status == RUNAWAY:
@@ -683,7 +535,7 @@ class Rig:
     def _run_to(
         self,
         time: float,
-        tables: _Tables,
+        tables: RunTables,
         *,
         most: int = _MOST,
         most_in_period: int = MOST_IN_PERIOD,
@@ -818,7 +670,7 @@ class Rig:
         when = times_between(since, time, instants)
         samples = np.empty((len(when), len(Sample._fields)))
         in_mode = np.zeros(len(Mode))
-        tables = _Tables(keep=record, since=since, end=time)
+        tables = RunTables(keep=record, since=since, end=time)
         status, happened = self._run_to(
             time, tables, most=most, when=when, samples=samples, in_mode=in_mode
         )
@@ -833,7 +685,9 @@ class Rig:
             in_mode,
         )
 
-    def _run_compiled(self, in_mode: Any, schedule: Schedule, end: float, tables: _Tables) -> int:
+    def _run_compiled(
+        self, in_mode: Any, schedule: Schedule, time: float, tables: RunTables
+    ) -> int:
         """Run the loop compiled; the rig changes at the end only."""
         run, control, controlled = self._run, self._control, self.acts
         if self._packed is None:
@@ -844,9 +698,9 @@ class Rig:
         rows, acts = tables.room(run.now), NO_ACTS
         if not tables.keep and (controlled or self._playbacks):
             # What the stops do, and the number of events at a step, is read from the events.
-            rows = np.empty(_ROWS, dtype_of(EventRow))
+            rows = np.empty(FIRST_ROWS, dtype_of(EventRow))
         elif controlled:
-            acts = np.empty(_ROWS, dtype_of(ActRow))
+            acts = np.empty(FIRST_ROWS, dtype_of(ActRow))
         self._open_tables(len(rows), len(acts))
         state, waves = packed_rows([run], Run), packed_rows(self._waves, Wave)
         acting = packed_control(control) if controlled else None
@@ -857,7 +711,7 @@ class Rig:
             rows,
             in_mode[np.newaxis],
             acting,
-            end,
+            time,
             schedule.instants,
             outcomes,
             np.reshape(schedule.samples, (1, -1, len(Sample._fields))),

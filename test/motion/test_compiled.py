@@ -16,6 +16,7 @@ from running import until
 
 import impact_damper_ros.rig.loop as loop_module
 import impact_damper_ros.rig.rig as rig_module
+import impact_damper_ros.rig.run_result as run_result
 from impact_damper_ros import Rig
 from impact_damper_ros.motion import compiled
 from impact_damper_ros.motion.flight import motion_at
@@ -147,7 +148,8 @@ def test_compiling_and_damage_are_reported_and_loading_is_not(caplog, monkeypatc
 def test_more_events_than_the_first_table_takes(code, monkeypatch):
     if code:
         pytest.importorskip('numba')
-    monkeypatch.setattr(rig_module, '_ROWS', 16)
+    for module in (rig_module, run_result):
+        monkeypatch.setattr(module, 'FIRST_ROWS', 16)
     run, rig = Rig(HORIZONTAL, compiled=code), Rig(HORIZONTAL)
     table = run.run(600.0).events
     assert len(table) > 100

@@ -8,6 +8,7 @@ from control.controlled_rigs import TRIAL, control
 from rigs import HORIZONTAL
 
 import impact_damper_ros.rig.rig as rig_module
+import impact_damper_ros.rig.run_result as run_result
 from impact_damper_ros import (
     EventKind,
     GapControlParameters,
@@ -143,7 +144,8 @@ def test_a_run_has_the_acts_of_its_control(monkeypatch):
     rigs[1].run(200.0)
     assert rigs[1].records == acts
     if has_numba():
-        monkeypatch.setattr(rig_module, '_ROWS', 32)
+        for module in (rig_module, run_result):
+            monkeypatch.setattr(module, 'FIRST_ROWS', 32)
         rigs[2].compiled = True
         rigs[2].run(200.0)
         assert rigs[2].records == acts
